@@ -1,0 +1,1 @@
+"""Machine model of a hydraulic manipulator with booster modules; knows no ROS."""

@@ -1,0 +1,38 @@
+"""The machine's numbers as flat arrays, the form in which numba kernels take them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mhsb_model.types import FloatArray, IntArray
+
+
+class MachineArrays(NamedTuple):
+    """Numbers of a machine with n joints; SI units."""
+
+    link_length: FloatArray  # [n] m
+    link_mass: FloatArray  # [n] kg
+    link_center: FloatArray  # [n] m, centre of mass from the link's joint
+    link_inertia: FloatArray  # [n] kg m², about the centre of mass
+    joint_min: FloatArray  # [n] rad
+    joint_max: FloatArray  # [n] rad
+    linkage: FloatArray  # [n, LINKAGE_WIDTH]
+    cap_area: FloatArray  # [n] m²
+    rod_area: FloatArray  # [n] m², annulus on the rod side
+    modules_per_mode: IntArray  # [3]
+    module_count: int
+    payload: float  # kg
+    gravity: float  # m/s²
+    min_x: float  # m
+    min_radius: float  # m
+    max_radius: float  # m
+    supply_pressure: float  # Pa
+    tank_pressure: float  # Pa
+    max_boost_pressure: float  # Pa
+    boost_margin: float  # Pa
+    main_pump_flow: float  # m³/s
+    servo_pump_flow: float  # m³/s
+    servo_pump_efficiency: float
+    valve_coefficient: float  # m³/(s √Pa), one edge
+    leakage_flow: float  # m³/s, one valve
+    max_piston_speed: float  # m/s

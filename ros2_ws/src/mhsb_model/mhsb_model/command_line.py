@@ -1,0 +1,215 @@
+"""The frame in which every command of the suite runs: arguments, errors, exit codes.
+
+A command is a function, or a dataclass with a method `run`; its parameters, their types and
+their documentation are the command line. Whatever goes wrong by the user's doing is told in one
+sentence on standard error:
+
+    exit code  0    done (or what the command itself returns)
+               1    the command failed
+               2    the arguments cannot be used
+               130  interrupted, and 141 where the reader of the output went away: both silent
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import tyro
+
+# The events of a failed parse are not yet public in tyro; its version is pinned for that reason.
+from tyro import _errors as parse_errors
+
+from mhsb_model.errors import MhsbError
+
+FAILED = 1
+USAGE = 2
+INTERRUPTED = 130
+READER_GONE = 141
+
+
+class UsageError(MhsbError):
+    """The arguments of a command cannot be used."""
+
+
+class Command(Protocol):
+    """A dataclass whose fields are the arguments of a command."""
+
+    def run(self) -> int | None:
+        """Do it; the exit code, or None for 0."""
+
+
+def run(
+    command: Callable[..., int | None] | type[Command],
+    arguments: Sequence[str] | None = None,
+    *,
+    name: str | None = None,
+    node: bool = False,
+) -> int:
+    """Run a command on its arguments (default: the process's own) and return its exit code.
+
+    `name` is what usage and errors call it (default: how it was started). With `node`,
+    `--ros-args ...` are left to rclpy, which reads them from the process's arguments.
+    `--help` prints the help and ends the process with code 0.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    name = name or Path(sys.argv[0]).stem
+    try:
+        if node:
+            arguments = without_ros_arguments(arguments)
+        code = _parse(command, arguments, name)() or 0
+        sys.stdout.flush()  # so that a reader who went away is noticed here
+        return code
+    except UsageError as error:
+        return _fail(name, error, USAGE)
+    except MhsbError as error:
+        return _fail(name, error, FAILED)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing left to flush
+        return READER_GONE
+    except OSError as error:
+        if error.filename is None:  # not about a file that somebody named
+            raise
+        return _fail(name, f"{error.filename}: {error.strerror}", FAILED)
+
+
+def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
+    """The arguments less what stands between `--ros-args` and `--` (or the end)."""
+    own = []
+    inside = False
+    for argument in arguments:
+        if argument == "--ros-args":
+            inside = True
+        elif inside:
+            inside = argument != "--"
+        else:
+            own.append(argument)
+    return own
+
+
+def _fail(name: str, error: MhsbError | str, code: int) -> int:
+    print(f"{name}: {_one_line(str(error))}", file=sys.stderr)
+    return code
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _parse(
+    command: Callable[..., int | None] | type[Command], arguments: list[str], name: str
+) -> Callable[[], int | None]:
+    """The command with its arguments filled in, ready to be called."""
+
+    def refuse(event: parse_errors.ParseErrorEvent) -> None:
+        sentence = _sentence(event, arguments).rstrip(".")
+        raise UsageError(f"{sentence}; see {name} --help")
+
+    if isinstance(command, type):
+        target: Callable[..., Any] = command
+    else:
+        # Parsing calls its target; binding keeps errors of the command apart from those of parsing.
+        @functools.wraps(command)
+        def target(*values: Any, **named: Any) -> Callable[[], int | None]:
+            return functools.partial(command, *values, **named)
+
+    with parse_errors.on_parse_error(refuse):
+        parsed: Any = tyro.cli(
+            target,
+            prog=name,
+            args=arguments,
+            config=(tyro.conf.FlagCreatePairsOff,),
+            registry=_REGISTRY,
+        )
+    return parsed.run if isinstance(command, type) else parsed
+
+
+# --- Sentences about arguments -------------------------------------------------------------------
+
+
+def _sentence(event: parse_errors.ParseErrorEvent, arguments: list[str]) -> str:
+    match event:
+        case parse_errors.MissingArgs():
+            missing = ", ".join(_label(each.arg) for each in event.missing_arguments)
+            return f"missing {missing}"
+        case parse_errors.UnrecognizedArgs():
+            return f"not an argument of this command: {' '.join(event.tokens)}"
+        case parse_errors.InvalidChoice():
+            choices = ", ".join(event.choices)
+            return f"{_label(event.argument)} takes one of {choices}, not '{event.value}'"
+        case parse_errors.BadValue():
+            return _bad_value(event.argument, "", arguments)
+        case parse_errors.InstantiationFailure() if event.argument is not None:
+            return _bad_value(event.argument, event.message, arguments)
+        case parse_errors.InstantiationFailure():
+            return event.message
+    return "these arguments do not go together"
+
+
+def _bad_value(argument: Any, message: str, arguments: list[str]) -> str:
+    """What an argument takes, and what it was given."""
+    quoted = re.findall(r"'([^']*)'", message)
+    given = _tokens_after(argument.lowered.name_or_flags, arguments) or quoted[-1:]
+    found = f"not '{' '.join(given)}'" if given else "but nothing was given"
+    return f"{_label(argument)} takes {_values(argument)}, {found}"
+
+
+def _label(argument: Any) -> str:
+    """How an argument is called on the command line."""
+    if argument.is_positional():
+        return str(argument.field.extern_name).upper()
+    return str(argument.lowered.name_or_flags[0])
+
+
+def _values(argument: Any) -> str:
+    """What values an argument takes, with the words of its help."""
+    metavar = str(argument.lowered.metavar).replace("{None}|", "").strip("{}")
+    text = argument.field.helptext
+    meaning = _one_line((text() if callable(text) else text) or "").rstrip(".")
+    return f"{metavar} ({meaning})" if meaning else metavar
+
+
+def _tokens_after(flags: Sequence[str], arguments: list[str]) -> list[str]:
+    """The words that follow the last use of a flag, up to the next flag."""
+    places = [index for index, word in enumerate(arguments) if word in flags]
+    if not places:
+        return []
+    words = arguments[places[-1] + 1 :]
+    end = next((index for index, word in enumerate(words) if word.startswith("--")), len(words))
+    return words[:end]
+
+
+# --- Numbers -------------------------------------------------------------------------------------
+
+_REGISTRY = tyro.constructors.ConstructorRegistry()
+
+
+def _finite(words: list[str]) -> float:
+    number = float(words[0])
+    if not math.isfinite(number):
+        raise ValueError(f"'{words[0]}' is not a finite number")
+    return number
+
+
+@_REGISTRY.primitive_rule
+def _finite_numbers(
+    kind: tyro.constructors.PrimitiveTypeInfo,
+) -> tyro.constructors.PrimitiveConstructorSpec[float] | None:
+    """Every float on a command line is a finite number."""
+    if kind.type is not float:
+        return None
+    return tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="NUMBER",
+        instance_from_str=_finite,
+        is_instance=lambda value: isinstance(value, (int, float)),
+        str_from_instance=lambda value: [str(value)],
+    )

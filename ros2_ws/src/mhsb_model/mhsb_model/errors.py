@@ -1,0 +1,28 @@
+"""One failure language: every error that a user can cause derives from `MhsbError`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class MhsbError(Exception):
+    """Base of all errors of the suite; its text is one sentence for the user."""
+
+
+class MachineFileError(MhsbError):
+    """A machine file cannot be used; `problems` lists everything that is wrong, by path."""
+
+    def __init__(self, source: str, problems: Sequence[str]) -> None:
+        self.source = source
+        self.problems = tuple(problems)
+        super().__init__(f"machine file {source}: " + "; ".join(self.problems))
+
+
+class OutOfWorkspaceError(MhsbError):
+    """A tip position lies outside the region in which the arm may be asked to work."""
+
+    def __init__(self, x: float, z: float, limit: str) -> None:
+        self.x = x
+        self.z = z
+        self.limit = limit
+        super().__init__(f"the tip position ({x:.4g}, {z:.4g}) m is outside the workspace: {limit}")

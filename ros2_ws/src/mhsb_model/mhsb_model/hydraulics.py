@@ -1,0 +1,100 @@
+"""Quasi-static limits of a valve-controlled single-rod cylinder.
+
+F > 0 resists extension: F = p_A A − p_B a, with the cap-side area A and the rod-side area a.
+K is the flow coefficient of one metering edge, Q = K √Δp. Speeds are of the piston, positive in
+extension. Source: paper, Section 2.1, with the asymmetric cylinder worked out.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from mhsb_model.arrays import MachineArrays
+
+
+@njit(cache=True, nogil=True)
+def extension_speed(
+    k: float, cap: float, rod: float, supply: float, tank: float, force: float
+) -> float:
+    """v = K √((A p_S − a p_T − F)/(A³ + a³)) [m/s]; 0 where the supply cannot extend."""
+    drive = cap * supply - rod * tank - force
+    if drive <= 0.0:
+        return 0.0
+    return k * math.sqrt(drive / (cap**3 + rod**3))
+
+
+@njit(cache=True, nogil=True)
+def retraction_speed(
+    k: float, cap: float, rod: float, supply: float, tank: float, force: float
+) -> float:
+    """v = K √((a p_S − A p_T + F)/(A³ + a³)) [m/s], as a magnitude; 0 where it cannot retract."""
+    drive = rod * supply - cap * tank + force
+    if drive <= 0.0:
+        return 0.0
+    return k * math.sqrt(drive / (cap**3 + rod**3))
+
+
+@njit(cache=True, nogil=True)
+def load_pressure(cap: float, rod: float, tank: float, force: float, direction: float) -> float:
+    """p_L = (F + a p_T)/A extending (direction > 0), (−F + A p_T)/a retracting [Pa]."""
+    if direction > 0.0:
+        return (force + rod * tank) / cap
+    return (-force + cap * tank) / rod
+
+
+@njit(cache=True, nogil=True)
+def valve_margin(k: float, cap: float, rod: float, speed: float) -> float:
+    """m(v) = v² (A³ + a³)/(K² A) extending (v > 0), over K² a retracting [Pa].
+
+    The supply pressure beyond p_L that the fully open valve needs to reach the speed v [m/s].
+    """
+    inlet = cap if speed > 0.0 else rod
+    return speed * speed * (cap**3 + rod**3) / (k * k * inlet)
+
+
+@njit(cache=True, nogil=True)
+def opposes_motion(force: float, direction: float) -> bool:
+    """Whether the load acts against a motion in `direction` (> 0 extension)."""
+    return force * direction > 0.0
+
+
+@njit(cache=True, nogil=True)
+def cavitates(
+    cap: float, rod: float, supply: float, tank: float, force: float, direction: float
+) -> bool:
+    """Whether an overrunning load empties the inlet chamber through a matched valve.
+
+    F < −a³ p_S/A² − a p_T extending, F > A³ p_S/a² + A p_T retracting, at any speed.
+    """
+    if direction > 0.0:
+        return force < -(rod**3) * supply / cap**2 - rod * tank
+    return force > cap**3 * supply / rod**2 + cap * tank
+
+
+@njit(cache=True, nogil=True)
+def inlet_area(cap: float, rod: float, direction: float) -> float:
+    """A_dir: the area that the supply fills, A extending, a retracting [m²]."""
+    return cap if direction > 0.0 else rod
+
+
+@njit(cache=True, nogil=True)
+def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
+    """p_L + m(v) + margin [Pa]: supply pressure at which actuator j moves its load.
+
+    force [N] of cylinder j, speed [m/s] of its piston; speed 0 is judged as a hold against the
+    load (extension where force > 0, retraction otherwise), with no drop over the valve.
+    """
+    cap, rod = m.cap_area[j], m.rod_area[j]
+    direction = speed if speed != 0.0 else force
+    pressure = load_pressure(cap, rod, m.tank_pressure, force, direction)
+    return pressure + valve_margin(m.valve_coefficient, cap, rod, speed) + m.boost_margin
+
+
+@njit(cache=True, nogil=True)
+def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
+    """Whether actuator j moves (or holds) against its load and P_S is not enough for it."""
+    if speed != 0.0 and not opposes_motion(force, speed):
+        return False
+    return required_pressure(m, j, force, speed) > m.supply_pressure

@@ -1,0 +1,254 @@
+"""The machine: a validated, frozen description with its kinematics, statics and limits."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from pydantic import ValidationError
+
+from mhsb_model import inverse_kinematics_3r, kinematics, linkage, statics
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
+from mhsb_model.modes import mode_patterns
+from mhsb_model.schema import SMALLEST_ARM_RATIO, MachineConfig, problems_across
+from mhsb_model.types import FloatArray, ModeArray, frozen
+
+MACHINE_FILE = "mhsb_arm3.yaml"
+PLANNING_SECTIONS = {"circuit", "servo", "simulation"}
+"""Sections that do not concern the planner and so leave a posture table valid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A manipulator with n joints, each driven by one actuator.
+
+    Vectors over joints are float64[n]: angles in rad, torques in N m, forces in N, lengths in m.
+    """
+
+    config: MachineConfig
+    arrays: MachineArrays = field(repr=False)
+
+    @classmethod
+    def from_config(cls, config: MachineConfig, source: str = "(in memory)") -> Machine:
+        """Machine of a configuration; raises MachineFileError with every broken rule."""
+        problems = problems_across(config)
+        if not problems:
+            problems = _moment_arm_problems(config)
+        if problems:
+            raise MachineFileError(source, problems)
+        return cls(config, _arrays(config))
+
+    @property
+    def name(self) -> str:
+        """Name given in the machine file."""
+        return self.config.name
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n, and of actuators."""
+        return len(self.config.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """`joint_1` … in the order of the machine file."""
+        return tuple(f"joint_{i + 1}" for i in range(self.joint_count))
+
+    @property
+    def actuator_names(self) -> tuple[str, ...]:
+        """`actuator_1` … in the order of the machine file."""
+        return tuple(f"actuator_{i + 1}" for i in range(self.joint_count))
+
+    @cached_property
+    def patterns(self) -> ModeArray:
+        """All mode patterns within the module budget, uint8[patterns, n]."""
+        modules = self.config.hydraulics.modules
+        return mode_patterns(self.joint_count, modules.count, modules.per_mode)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 over everything that planning depends on."""
+        content = self.config.model_dump(mode="json", exclude=PLANNING_SECTIONS)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def changed(
+        self,
+        *,
+        payload: float | None = None,
+        supply_pressure: float | None = None,
+        max_piston_speed: float | None = None,
+    ) -> Machine:
+        """The same machine with another payload [kg], supply pressure [Pa] or V_max [m/s].
+
+        Raises MachineFileError where a value is out of its range.
+        """
+        content = self.config.model_dump()
+        if payload is not None:
+            content["payload"]["mass"] = payload
+        if supply_pressure is not None:
+            content["hydraulics"]["main_pump"]["pressure"] = supply_pressure
+        if max_piston_speed is not None:
+            content["motion"]["max_piston_speed"] = max_piston_speed
+        return _validated(content, f"{self.name} with changes")
+
+    def tip_position(self, q: FloatArray) -> FloatArray:
+        """Tip (x, z) at the joint angles q, float64[2]."""
+        return np.array(kinematics.tip_position(self.arrays.link_length, q))
+
+    def jacobian(self, q: FloatArray) -> FloatArray:
+        """∂(x, z)/∂q, float64[2, n]."""
+        return kinematics.tip_jacobian(self.arrays.link_length, q)
+
+    def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
+        """All postures within limits at (x, z) for the end-link angles psi, float64[found, 3]."""
+        return inverse_kinematics_3r.postures(self.arrays, x, z, np.asarray(psi, dtype=float))
+
+    def gravity_torque(self, q: FloatArray) -> FloatArray:
+        """Torques that hold the arm and its payload."""
+        torque = np.empty(self.joint_count)
+        statics.gravity_torque(self.arrays, q, torque)
+        return torque
+
+    def piston_forces(self, q: FloatArray) -> FloatArray:
+        """Cylinder forces that hold the arm and its payload, positive resists extension."""
+        force = np.empty(self.joint_count)
+        statics.piston_forces(self.arrays, q, force)
+        return force
+
+    def mass_matrix(self, q: FloatArray) -> FloatArray:
+        """Mass matrix of links and payload, float64[n, n] kg m²."""
+        return statics.mass_matrix(self.arrays, q)
+
+    def moment_arms(self, q: FloatArray) -> FloatArray:
+        """Signed moment arms r = dL/dq."""
+        rows = self.arrays.linkage
+        return np.array([linkage.moment_arm(rows[j], q[j]) for j in range(self.joint_count)])
+
+    def cylinder_lengths(self, q: FloatArray) -> FloatArray:
+        """Distances between each cylinder's pins."""
+        rows = self.arrays.linkage
+        return np.array([linkage.cylinder_length(rows[j], q[j]) for j in range(self.joint_count)])
+
+    def check_in_workspace(self, x: float, z: float) -> None:
+        """Raise OutOfWorkspaceError where the tip may not be asked to go to (x, z)."""
+        area = self.config.workspace
+        radius = math.hypot(x, z)
+        rounding = 1e-9
+        if x < area.min_x - rounding:
+            raise OutOfWorkspaceError(x, z, f"x must be at least {area.min_x:g} m")
+        if radius < area.min_radius - rounding or radius > area.max_radius + rounding:
+            raise OutOfWorkspaceError(
+                x,
+                z,
+                f"its distance {radius:.4g} m from the base must be within "
+                f"{area.min_radius:g} … {area.max_radius:g} m",
+            )
+
+
+def default_machine_path() -> Path:
+    """The machine file that comes with the suite: of the installation, else of the source tree."""
+    try:
+        from ament_index_python.packages import get_package_share_directory
+
+        installed = Path(get_package_share_directory("mhsb_model")) / "config" / MACHINE_FILE
+        if installed.is_file():
+            return installed
+    except (ImportError, LookupError):
+        pass
+    for folder in Path(__file__).resolve().parents:
+        candidate = folder / "config" / MACHINE_FILE
+        if candidate.is_file():
+            return candidate
+    raise MachineFileError(MACHINE_FILE, ["not found beside the source or in the installation"])
+
+
+def load_machine(path: str | Path | None = None) -> Machine:
+    """Machine of a YAML file, or the suite's own; raises MachineFileError with all problems."""
+    file = Path(path) if path else default_machine_path()
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is not text in UTF-8"
+        raise MachineFileError(str(file), [f"cannot be read: {reason}"]) from error
+    except yaml.YAMLError as error:
+        raise MachineFileError(
+            str(file), ["is not YAML: " + " ".join(str(error).split())]
+        ) from error
+    return _validated(content, str(file))
+
+
+def _validated(content: Any, source: str) -> Machine:
+    try:
+        config = MachineConfig.model_validate(content)
+    except ValidationError as error:
+        problems = [
+            ".".join(str(part) for part in item["loc"]) + f": {_sentence(item)}"
+            for item in error.errors()
+        ]
+        raise MachineFileError(source, problems) from error
+    return Machine.from_config(config, source)
+
+
+def _sentence(item: Any) -> str:
+    value = item.get("input")
+    shown = f" (is {value!r})" if isinstance(value, str | int | float | bool) else ""
+    return str(item["msg"]).lower() + shown
+
+
+def _moment_arm_problems(config: MachineConfig) -> list[str]:
+    problems = []
+    for index, joint in enumerate(config.joints):
+        row = linkage.linkage_row(joint.linkage)
+        lower, upper = joint.limits.lower, joint.limits.upper
+        least, largest = linkage.moment_arm_range(row, lower, upper)
+        weakest = 0.0 if least * largest <= 0 else min(abs(least), abs(largest))
+        needed = SMALLEST_ARM_RATIO * max(abs(least), abs(largest))
+        if weakest < needed:
+            problems.append(
+                f"joints.{index}.limits: the moment arm falls to {weakest:.4g} m within "
+                f"[{lower:g}, {upper:g}] rad, it must stay above {needed:.4g} m: "
+                "narrow the limits or move the pins"
+            )
+    return problems
+
+
+def _arrays(config: MachineConfig) -> MachineArrays:
+    joints = config.joints
+    oil = config.hydraulics
+    bore = np.array([joint.cylinder.bore for joint in joints])
+    rod = np.array([joint.cylinder.rod for joint in joints])
+    return MachineArrays(
+        link_length=frozen(np.array([joint.link.length for joint in joints])),
+        link_mass=frozen(np.array([joint.link.mass for joint in joints])),
+        link_center=frozen(np.array([joint.link.center_of_mass for joint in joints])),
+        link_inertia=frozen(np.array([joint.link.inertia for joint in joints])),
+        joint_min=frozen(np.array([joint.limits.lower for joint in joints])),
+        joint_max=frozen(np.array([joint.limits.upper for joint in joints])),
+        linkage=frozen(np.array([linkage.linkage_row(joint.linkage) for joint in joints])),
+        cap_area=frozen(np.pi / 4 * bore**2),
+        rod_area=frozen(np.pi / 4 * (bore**2 - rod**2)),
+        modules_per_mode=frozen(np.array(oil.modules.per_mode, dtype=np.int64)),
+        module_count=oil.modules.count,
+        payload=config.payload.mass,
+        gravity=config.gravity,
+        min_x=config.workspace.min_x,
+        min_radius=config.workspace.min_radius,
+        max_radius=config.workspace.max_radius,
+        supply_pressure=oil.main_pump.pressure,
+        tank_pressure=oil.tank_pressure,
+        max_boost_pressure=oil.servo_pump.max_boost_pressure,
+        boost_margin=oil.boost_margin,
+        main_pump_flow=oil.main_pump.max_flow,
+        servo_pump_flow=oil.servo_pump.max_flow,
+        servo_pump_efficiency=oil.servo_pump.efficiency,
+        valve_coefficient=oil.valve.rated_flow / math.sqrt(oil.valve.rated_pressure_drop_per_land),
+        leakage_flow=oil.valve.leakage_flow,
+        max_piston_speed=config.motion.max_piston_speed,
+    )

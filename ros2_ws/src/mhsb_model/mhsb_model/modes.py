@@ -1,0 +1,79 @@
+"""Hydraulic operating modes, mode patterns and the budget of booster modules.
+
+A mode pattern names one mode per actuator. Modules in use by a pattern:
+sum over actuators of `modules_per_mode[mode]`, at most the number of modules fitted
+(paper, Section 3: four modules give 23 patterns of three joints).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from enum import IntEnum
+
+import numpy as np
+
+from mhsb_model.types import IntArray, ModeArray
+
+
+class Mode(IntEnum):
+    """Operating mode of one actuator."""
+
+    N = 0  # normal: the main pump feeds through the check valve
+    DB = 1  # decoupled boost: the actuator's own servo pump raises its supply pressure
+    SB = 2  # shared boost: the flows of several servo pumps are summed
+
+
+def modules_in_use(pattern: Sequence[int] | ModeArray, modules_per_mode: Sequence[int]) -> int:
+    """Number of booster modules that a mode pattern occupies."""
+    return sum(modules_per_mode[mode] for mode in pattern)
+
+
+def mode_patterns(
+    actuator_count: int, module_count: int, modules_per_mode: Sequence[int]
+) -> ModeArray:
+    """All patterns within the module budget, uint8[patterns, actuators], all-N first.
+
+    The order is lexicographic in the mode codes, so an index is stable for a given budget.
+    """
+    allowed = [
+        pattern
+        for pattern in itertools.product(sorted(Mode), repeat=actuator_count)
+        if modules_in_use(pattern, modules_per_mode) <= module_count
+    ]
+    patterns = np.array(allowed, dtype=np.uint8)
+    patterns.setflags(write=False)
+    return patterns
+
+
+def assign_modules(
+    pattern: Sequence[int] | ModeArray, module_count: int, modules_per_mode: Sequence[int]
+) -> IntArray:
+    """Which actuator each module serves, int64[module_count], -1 where the module is idle.
+
+    Module j belongs to actuator j, those beyond the actuators are spare. A boosted actuator
+    takes its own module, then the spares, then the modules of actuators that leave theirs
+    idle, in order. Raises ValueError where the pattern needs more modules than there are.
+    """
+    actuator_count = len(pattern)
+    needed = [modules_per_mode[mode] for mode in pattern]
+    if sum(needed) > module_count:
+        raise ValueError(
+            f"mode pattern {pattern_name(pattern)} needs {sum(needed)} modules, "
+            f"{module_count} are fitted"
+        )
+    serves = np.full(module_count, -1, dtype=np.int64)
+    for actuator, count in enumerate(needed):
+        if count > 0 and actuator < module_count:
+            serves[actuator] = actuator
+    spares_first = [*range(actuator_count, module_count), *range(min(actuator_count, module_count))]
+    for actuator, count in enumerate(needed):
+        missing = count - int(np.sum(serves == actuator))
+        for module in [m for m in spares_first if serves[m] < 0][:missing]:
+            serves[module] = actuator
+    return serves
+
+
+def pattern_name(pattern: Sequence[int] | ModeArray) -> str:
+    """Short name of a pattern, for instance `SB-DB-N`."""
+    return "-".join(Mode(int(mode)).name for mode in pattern)

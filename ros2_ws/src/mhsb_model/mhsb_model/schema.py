@@ -1,0 +1,322 @@
+"""Schema of a machine file: names, units, ranges and meaning of every parameter.
+
+All values are SI. Unknown keys and non-finite numbers are refused. Rules that concern several
+values stand below, each as a named function, and are all checked before anything is reported.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
+
+SMALLEST_ARM_RATIO = 0.25
+"""A joint's limits must keep its moment arm above this share of the largest one: the velocity
+polytope grows without bound as the arm vanishes, and would draw postures there."""
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, nothing unknown, nothing infinite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Link(Section):
+    """A rigid link, from its joint to the next one (or to the tip)."""
+
+    length: Positive = Field(le=20, description="joint to next joint [m]")
+    mass: NonNegative = Field(description="[kg]")
+    center_of_mass: NonNegative = Field(description="distance from the link's joint [m]")
+    inertia: NonNegative = Field(description="about the centre of mass, in the plane [kg m²]")
+
+
+class Pin(Section):
+    """A cylinder pin in polar coordinates about the joint's axis."""
+
+    radius: Positive = Field(le=5, description="distance from the joint's axis [m]")
+    angle: Angle = Field(description="from the x axis of the frame the pin is fixed in [rad]")
+
+
+class SliderCrank(Section):
+    """Cylinder between two pins: L² = u² + v² − 2 u v cos θ, r = dL/dq = ±u v sin θ / L.
+
+    θ is the angle between the pins as seen from the joint's axis. The parent pin's frame is the
+    parent link's (x along it; the world's for joint 1), the child pin's is the joint's own link.
+    The child pin ahead of the parent pin makes extension turn the joint positively.
+    """
+
+    kind: Literal["slider_crank"]
+    parent_pin: Pin
+    child_pin: Pin
+
+
+Linkage = SliderCrank
+
+
+class Cylinder(Section):
+    """Single-rod cylinder."""
+
+    bore: Positive = Field(le=1, description="piston diameter [m]")
+    rod: Positive = Field(le=1, description="rod diameter [m]")
+
+
+class Limits(Section):
+    """Range of a joint."""
+
+    lower: Angle = Field(description="[rad]")
+    upper: Angle = Field(description="[rad]")
+
+
+class Joint(Section):
+    """A revolute joint, its link, its linkage and the cylinder that drives it."""
+
+    link: Link
+    limits: Limits
+    linkage: Linkage
+    cylinder: Cylinder
+
+
+class Payload(Section):
+    """Point mass at the tip."""
+
+    mass: NonNegative = Field(le=10_000, description="[kg]")
+
+
+class Workspace(Section):
+    """Where the tip may be asked to go; distances are from joint 1."""
+
+    min_x: float = Field(description="least horizontal coordinate [m]")
+    min_radius: NonNegative = Field(description="[m]")
+    max_radius: Positive = Field(description="[m]")
+
+
+class MainPump(Section):
+    """Pump at constant pressure that feeds all actuators (MP)."""
+
+    pressure: Positive = Field(ge=1e5, le=5e7, description="supply pressure P_S [Pa]")
+    max_flow: Positive = Field(le=0.1, description="[m³/s]")
+
+
+class ServoPump(Section):
+    """Pump of one booster module (SP)."""
+
+    max_flow: Positive = Field(le=0.01, description="[m³/s]")
+    efficiency: float = Field(gt=0, le=1, description="hydraulic power out over power in [-]")
+    max_boost_pressure: Positive = Field(le=5e7, description="highest boosted supply pressure [Pa]")
+
+
+class Modules(Section):
+    """Booster modules and how many of them each mode occupies."""
+
+    count: int = Field(ge=0, le=64, description="modules fitted [-]")
+    per_mode: tuple[int, int, int] = Field(description="modules used by N, DB, SB [-]")
+
+
+class Valve(Section):
+    """Servo valve with one metering edge per land; each edge's drop gives its flow."""
+
+    rated_flow: Positive = Field(le=0.1, description="through one edge at the rated drop [m³/s]")
+    rated_pressure_drop_per_land: Positive = Field(le=5e7, description="over one edge [Pa]")
+    leakage_flow: NonNegative = Field(le=0.01, description="supply to tank, per valve [m³/s]")
+
+
+class Hydraulics(Section):
+    """Everything between the tank and the cylinders that the planner needs to know."""
+
+    tank_pressure: NonNegative = Field(le=1e6, description="[Pa]")
+    boost_margin: NonNegative = Field(
+        le=5e6, description="pressure kept in reserve beyond the valve's own drop [Pa]"
+    )
+    main_pump: MainPump
+    servo_pump: ServoPump
+    modules: Modules
+    valve: Valve
+
+
+class Motion(Section):
+    """Limits of planned motion."""
+
+    max_piston_speed: Positive = Field(le=1, description="V_max of the quasi-static plan [m/s]")
+
+
+class CircuitDynamics(Section):
+    """What the simulated circuit needs beyond the planner's view."""
+
+    bulk_modulus: Positive = Field(description="effective, oil and hoses [Pa]")
+    chamber_dead_volume: Positive = Field(description="each side of a cylinder, at its end [m³]")
+    line_volume: Positive = Field(description="supply line of one actuator [m³]")
+    rail_volume: Positive = Field(description="rail that shared boost uses [m³]")
+    manifold_volume: Positive = Field(description="between the main pump and the modules [m³]")
+    laminar_pressure: Positive = Field(
+        description="pressure drop below which orifices become laminar [Pa]"
+    )
+    main_pump_droop: Positive = Field(
+        description="how far the main pump's pressure sinks up to full flow [Pa]"
+    )
+    check_valve_flow: Positive = Field(description="at its rated drop [m³/s]")
+    check_valve_pressure_drop: Positive = Field(description="rated drop [Pa]")
+    switching_valve_flow: Positive = Field(description="at its rated drop [m³/s]")
+    switching_valve_pressure_drop: Positive = Field(description="rated drop [Pa]")
+    switching_valve_time: Positive = Field(description="time constant of opening and closing [s]")
+    valve_frequency: Positive = Field(description="natural frequency of the servo valve's spool [Hz]")
+    valve_damping: Positive = Field(description="damping ratio of the spool [-]")
+    servo_pump_lag: Positive = Field(description="time constant of the servo pump's speed [s]")
+    servo_pump_flow_reserve: NonNegative = Field(
+        description="flow beyond max_flow that covers the valve's leakage and compression [m³/s]"
+    )
+    servo_pump_slew: Positive = Field(description="fastest change of a servo pump's flow [m³/s²]")
+    servo_pump_power: Positive = Field(description="most that a servo pump's motor gives [W]")
+    rail_bleed_flow: NonNegative = Field(description="rail to tank at 10 MPa [m³/s]")
+    line_relief_pressure: Positive = Field(description="[Pa]")
+    chamber_relief_pressure: Positive = Field(description="[Pa]")
+    relief_flow_gain: Positive = Field(description="flow per pressure above the setting [m³/(s Pa)]")
+    anti_cavitation_flow: Positive = Field(description="tank to chamber at its rated drop [m³/s]")
+    anti_cavitation_pressure_drop: Positive = Field(description="rated drop [Pa]")
+    coulomb_friction: NonNegative = Field(description="of a cylinder [N]")
+    viscous_friction: NonNegative = Field(description="of a cylinder [N s/m]")
+    friction_speed: Positive = Field(
+        description="piston speed at which 3/4 of the Coulomb friction acts [m/s]"
+    )
+
+
+class Servo(Section):
+    """Gains of the servo and the noise of its sensors."""
+
+    position_gain: Positive = Field(description="piston speed per position error [1/s]")
+    force_bandwidth: Positive = Field(description="of the cylinder force loop [rad/s]")
+    force_bias_time: Positive = Field(
+        description="time in which unknown forces are taken over into the force reference [s]"
+    )
+    pressure_gain: Positive = Field(description="of the servo pumps' pressure loop [1/s]")
+    pressure_integral_gain: NonNegative = Field(
+        description="of the servo pumps' pressure loop, independent controller [1/s²]"
+    )
+    pressure_rate: Positive = Field(description="fastest change of a boosted pressure [Pa/s]")
+    supply_margin: NonNegative = Field(description="boosted beyond what the plan needs [Pa]")
+    pump_lead: Annotated[float, Field(ge=1, le=10)] = Field(
+        description="how many times faster than its lag a servo pump is driven [-]"
+    )
+    preview: NonNegative = Field(
+        le=1, description="how long before a boost its line is charged [s]"
+    )
+    join_pressure: Positive = Field(
+        description="difference below which a line is joined to the rail fully [Pa]"
+    )
+    join_flow: Positive = Field(description="let through until then [m³/s]")
+    pressure_noise: NonNegative = Field(description="standard deviation of a sensor [Pa]")
+    length_noise: NonNegative = Field(description="standard deviation of a sensor [m]")
+
+
+class Simulation(Section):
+    """How the simulator runs."""
+
+    step: Annotated[float, Field(ge=1e-5, le=5e-3)] = Field(
+        description="of the mechanics and the control [s]"
+    )
+    circuit_substeps: int = Field(ge=1, le=100, description="of the circuit in one step [-]")
+    start_posture: tuple[Angle, ...] = Field(description="joint angles at the start [rad]")
+    stop_time: Positive = Field(le=10, description="from the stop command to standstill [s]")
+
+
+class MachineConfig(Section):
+    """A whole machine file."""
+
+    schema_version: Literal[1]
+    name: str = Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")
+    gravity: NonNegative = Field(le=100, description="downwards [m/s²]")
+    payload: Payload
+    workspace: Workspace
+    joints: tuple[Joint, ...] = Field(min_length=1)
+    hydraulics: Hydraulics
+    motion: Motion
+    circuit: CircuitDynamics
+    servo: Servo
+    simulation: Simulation
+
+
+
+def problems_across(config: MachineConfig) -> list[str]:
+    """Every rule across fields that the configuration breaks, as `path: sentence`."""
+    problems = _workspace_problems(config) + _hydraulic_problems(config)
+    problems += _start_problems(config)
+    for index, joint in enumerate(config.joints):
+        problems += _joint_problems(f"joints.{index}", joint)
+    return problems
+
+
+def _workspace_problems(config: MachineConfig) -> list[str]:
+    area = config.workspace
+    reach = sum(joint.link.length for joint in config.joints)
+    problems = []
+    if area.min_radius >= area.max_radius:
+        problems.append(
+            f"workspace.min_radius: {area.min_radius:g} m must be below "
+            f"max_radius {area.max_radius:g} m"
+        )
+    if area.max_radius > reach * (1 + 1e-9):
+        problems.append(
+            f"workspace.max_radius: {area.max_radius:g} m is beyond the reach {reach:g} m"
+        )
+    return problems
+
+
+def _hydraulic_problems(config: MachineConfig) -> list[str]:
+    oil = config.hydraulics
+    problems = []
+    if oil.tank_pressure >= oil.main_pump.pressure:
+        problems.append(
+            f"hydraulics.tank_pressure: {oil.tank_pressure:g} Pa must be below the supply "
+            f"pressure {oil.main_pump.pressure:g} Pa"
+        )
+    if oil.modules.per_mode[0] != 0 or min(oil.modules.per_mode) < 0:
+        problems.append(
+            f"hydraulics.modules.per_mode: {oil.modules.per_mode} must be 0 for N "
+            "and not negative"
+        )
+    leakage = len(config.joints) * oil.valve.leakage_flow
+    if leakage >= oil.main_pump.max_flow:
+        problems.append(
+            f"hydraulics.valve.leakage_flow: all valves leak {leakage:g} m³/s, the main pump "
+            f"gives {oil.main_pump.max_flow:g} m³/s"
+        )
+    return problems
+
+
+def _start_problems(config: MachineConfig) -> list[str]:
+    start = config.simulation.start_posture
+    if len(start) != len(config.joints):
+        return [
+            f"simulation.start_posture: has {len(start)} angles, "
+            f"the machine has {len(config.joints)} joints"
+        ]
+    return [
+        f"simulation.start_posture.{j}: {q:g} rad is outside the joint's limits "
+        f"[{joint.limits.lower:g}, {joint.limits.upper:g}] rad"
+        for j, (q, joint) in enumerate(zip(start, config.joints, strict=True))
+        if not joint.limits.lower <= q <= joint.limits.upper
+    ]
+
+
+def _joint_problems(path: str, joint: Joint) -> list[str]:
+    problems = []
+    if joint.limits.lower >= joint.limits.upper:
+        problems.append(
+            f"{path}.limits.lower: {joint.limits.lower:g} rad must be below "
+            f"upper {joint.limits.upper:g} rad"
+        )
+    if joint.cylinder.rod >= joint.cylinder.bore:
+        problems.append(
+            f"{path}.cylinder.rod: {joint.cylinder.rod:g} m must be below "
+            f"bore {joint.cylinder.bore:g} m"
+        )
+    if joint.link.center_of_mass > joint.link.length:
+        problems.append(
+            f"{path}.link.center_of_mass: {joint.link.center_of_mass:g} m is beyond the "
+            f"link's length {joint.link.length:g} m"
+        )
+    return problems

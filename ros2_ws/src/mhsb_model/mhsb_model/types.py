@@ -1,0 +1,17 @@
+"""Array types used throughout the suite."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+ModeArray = NDArray[np.uint8]
+
+
+def frozen(array: NDArray) -> NDArray:
+    """The same data as a read-only, contiguous array of its own."""
+    copy = np.array(array, order="C")
+    copy.setflags(write=False)
+    return copy

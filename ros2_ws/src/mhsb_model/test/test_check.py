@@ -1,0 +1,42 @@
+"""The check command: text about a machine, and clean refusals."""
+
+import re
+import subprocess
+import sys
+
+from mhsb_model import check
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "mhsb_model.check", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_the_report_accounts_for_every_point_of_the_workspace(machine):
+    text = "\n".join(check.report(machine))
+    held, boosted, heavy, none = (
+        int(re.search(rf"(\d+) {words}", text)[1])
+        for words in ("are held", "need boost", "are beyond", "have no posture")
+    )
+    assert held + boosted + heavy + none == 642
+    assert held > 0
+    assert boosted > 0
+
+
+def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
+    text = "\n".join(check.report(machine))
+    assert "157.3" in text
+    assert "23 mode patterns" in text
+
+
+def test_the_command_prints_the_report_of_the_suites_arm():
+    result = run()
+    assert result.returncode == 0
+    assert result.stdout.startswith("mhsb_arm3: 3 joints")
+
+
+def test_a_missing_file_is_one_sentence_and_a_failure():
+    result = run("nowhere.yaml")
+    assert result.returncode != 0
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "nowhere.yaml" in result.stderr

@@ -1,0 +1,167 @@
+"""The frame of commands: arguments, one sentence for each problem, exit codes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+import tyro
+
+from mhsb_model.command_line import run, without_ros_arguments
+from mhsb_model.errors import MhsbError
+
+
+@dataclass
+class Move:
+    """Move somewhere."""
+
+    goal: Annotated[tuple[float, float], tyro.conf.arg(metavar="X Z")]
+    """tip position [m]"""
+    search: Literal["exact", "published"] = "exact"
+    """which search"""
+    jobs: int = 1
+    """processes to use"""
+    json: bool = False
+    """print JSON"""
+
+    def run(self) -> int | None:
+        print(self.goal, self.search, self.jobs, self.json)
+        return None
+
+
+def send(x: tyro.conf.Positional[float], z: tyro.conf.Positional[float]) -> int:
+    """Send a goal.
+
+    Args:
+        x: horizontal [m]
+        z: vertical [m]
+    """
+    print(x, z)
+    return 7
+
+
+def test_a_dataclass_command_gets_typed_arguments(capsys):
+    assert run(Move, ["--goal", "0.5", "0.25", "--jobs", "3", "--json"]) == 0
+    assert capsys.readouterr().out == "(0.5, 0.25) exact 3 True\n"
+
+
+def test_negative_numbers_are_values_of_options(capsys):
+    assert run(Move, ["--goal", "-0.5", "-1e-3"]) == 0
+    assert capsys.readouterr().out.startswith("(-0.5, -0.001)")
+
+
+def test_negative_numbers_are_positional_values_and_the_exit_code_is_the_commands(capsys):
+    assert run(send, ["-0.55", "-.6"]) == 7
+    assert capsys.readouterr().out == "-0.55 -0.6\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "sentence"),
+    [
+        (Move, ["--goal", "1"], "--goal takes X Z (tip position [m]), not '1'"),
+        (Move, ["--goal", "1", "x"], "--goal takes X Z (tip position [m]), not '1 x'"),
+        (Move, ["--goal", "1", "nan"], "--goal takes X Z (tip position [m]), not '1 nan'"),
+        (Move, [], "missing --goal"),
+        (
+            Move,
+            ["--goal", "1", "2", "--jobs"],
+            "--jobs takes INT (processes to use), but nothing was given",
+        ),
+        (
+            Move,
+            ["--goal", "1", "2", "--jobs", "1.5"],
+            "--jobs takes INT (processes to use), not '1.5'",
+        ),
+        (
+            Move,
+            ["--goal", "1", "2", "--search", "quick"],
+            "--search takes one of exact, published, not 'quick'",
+        ),
+        (Move, ["--goal", "1", "2", "--gaol"], "not an argument of this command: --gaol"),
+        (send, ["1"], "missing Z"),
+        (send, ["a", "2"], "X takes NUMBER (horizontal [m]), not 'a'"),
+        (send, ["inf", "2"], "X takes NUMBER (horizontal [m]), not 'inf'"),
+        (send, ["1", "2", "3"], "not an argument of this command: 3"),
+    ],
+)
+def test_a_bad_argument_is_told_in_one_sentence(capsys, command, arguments, sentence):
+    assert run(command, arguments, name="move") == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err == f"move: {sentence}; see move --help\n"
+
+
+def test_help_shows_meaning_and_unit_of_every_argument(capsys):
+    with pytest.raises(SystemExit) as end:
+        run(Move, ["--help"])
+    assert end.value.code == 0
+    printed = capsys.readouterr().out
+    assert "--goal X Z" in printed
+    assert "tip position [m]" in printed
+
+
+def test_an_error_of_the_suite_is_told_in_one_line_and_fails(capsys):
+    def fall() -> None:
+        raise MhsbError("the pressure 12 MPa is above\n  10 MPa; lower it")
+
+    assert run(fall, [], name="fall") == 1
+    assert capsys.readouterr().err == "fall: the pressure 12 MPa is above 10 MPa; lower it\n"
+
+
+def test_a_file_that_cannot_be_opened_is_named(capsys, tmp_path):
+    def read() -> None:
+        (tmp_path / "missing.yaml").read_text()
+
+    assert run(read, [], name="read") == 1
+    assert capsys.readouterr().err == f"read: {tmp_path}/missing.yaml: No such file or directory\n"
+
+
+def test_a_mistake_in_the_program_is_not_hidden_as_bad_usage():
+    def slip() -> None:
+        raise ValueError("shapes differ")
+
+    with pytest.raises(ValueError, match="shapes differ"):
+        run(slip, [])
+
+
+def test_ros_arguments_are_left_to_ros():
+    words = ["1", "--ros-args", "-r", "__ns:=/left", "-p", "seed:=-3", "--", "2"]
+    assert without_ros_arguments(words) == ["1", "2"]
+    assert run(send, words, node=True) == 7
+
+
+def test_a_command_without_a_node_refuses_ros_arguments(capsys):
+    assert run(send, ["1", "2", "--ros-args"], name="send") == 2
+    assert "not an argument of this command: --ros-args" in capsys.readouterr().err
+
+
+def run_script(tmp_path: Path, body: str) -> subprocess.Popen[str]:
+    script = tmp_path / "count.py"
+    script.write_text(
+        "import sys\nfrom mhsb_model.command_line import run\n\n"
+        f"def count() -> None:\n{body}\n\nsys.exit(run(count))\n"
+    )
+    return subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def test_an_interrupt_ends_quietly_with_130(tmp_path):
+    child = run_script(tmp_path, "    raise KeyboardInterrupt")
+    assert child.communicate(timeout=30) == ("", "")
+    assert child.returncode == 130
+
+
+def test_a_reader_who_goes_away_ends_the_command_quietly(tmp_path):
+    body = "    for number in range(10**6):\n        print(number)"
+    child = run_script(tmp_path, body)
+    assert child.stdout is not None
+    assert child.stderr is not None
+    child.stdout.readline()
+    child.stdout.close()
+    assert child.stderr.read() == ""
+    assert child.wait(timeout=30) == 141

@@ -1,0 +1,87 @@
+"""Limits of a valve-controlled cylinder, against orifice equations solved by SciPy."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from mhsb_model import hydraulics
+
+K, CAP, ROD = 1.78e-8, 490.9e-6, 377.8e-6
+SUPPLY, TANK = 4e6, 1e5
+forces = st.floats(-800.0, 1500.0)
+
+
+def force_of_the_open_valve(v: float) -> float:
+    """Cylinder force at the piston speed v through the fully open valve: orifices in series."""
+    if v > 0:
+        cap_pressure = SUPPLY - (v * CAP / K) ** 2
+        rod_pressure = TANK + (v * ROD / K) ** 2
+    else:
+        rod_pressure = SUPPLY - (v * ROD / K) ** 2
+        cap_pressure = TANK + (v * CAP / K) ** 2
+    return cap_pressure * CAP - rod_pressure * ROD
+
+
+@given(forces)
+def test_extension_speed_balances_the_orifices(force):
+    v = hydraulics.extension_speed(K, CAP, ROD, SUPPLY, TANK, force)
+    solved = brentq(lambda v: force_of_the_open_valve(v) - force, 1e-9, 1.0)
+    assert v == pytest.approx(solved, rel=1e-6)
+
+
+@given(forces)
+def test_retraction_speed_balances_the_orifices(force):
+    v = hydraulics.retraction_speed(K, CAP, ROD, SUPPLY, TANK, force)
+    solved = brentq(lambda v: force_of_the_open_valve(-v) - force, 1e-9, 1.0)
+    assert v == pytest.approx(solved, rel=1e-6)
+
+
+def test_a_load_beyond_the_supply_leaves_a_one_sided_range():
+    assert hydraulics.extension_speed(K, CAP, ROD, SUPPLY, TANK, 2000.0) == 0.0
+    assert hydraulics.retraction_speed(K, CAP, ROD, SUPPLY, TANK, 2000.0) > 0.0
+    assert hydraulics.retraction_speed(K, CAP, ROD, SUPPLY, TANK, -2000.0) == 0.0
+
+
+@given(forces, st.floats(0.001, 0.05))
+def test_load_pressure_and_valve_margin_are_the_supply_that_just_reaches_a_speed(force, v):
+    for speed, limit in ((v, hydraulics.extension_speed), (-v, hydraulics.retraction_speed)):
+        supply = hydraulics.load_pressure(CAP, ROD, TANK, force, speed)
+        supply += hydraulics.valve_margin(K, CAP, ROD, speed)
+        assert limit(K, CAP, ROD, supply, TANK, force) == pytest.approx(v, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("direction", "untanked_force", "inlet", "outlet"),
+    [(1.0, -895, CAP, ROD), (-1.0, 3315, ROD, CAP)],
+)
+def test_inlet_empties_at_the_overrunning_load_that_the_orifices_give(
+    direction, untanked_force, inlet, outlet
+):
+    v = K * np.sqrt(SUPPLY) / inlet
+    throttled = -direction * outlet * (v * outlet / K) ** 2
+    assert throttled == pytest.approx(untanked_force, abs=1)
+    limit_force = throttled - direction * outlet * TANK
+    for force, empties in ((limit_force * 1.01, True), (limit_force * 0.99, False)):
+        assert hydraulics.cavitates(CAP, ROD, SUPPLY, TANK, force, direction) is empties
+
+
+def test_boost_is_needed_only_against_the_load(machine):
+    force = 2500.0
+    assert hydraulics.needs_boost(machine.arrays, 0, force, 0.012)
+    assert not hydraulics.needs_boost(machine.arrays, 0, force, -0.012)
+    assert hydraulics.needs_boost(machine.arrays, 0, force, 0.0)
+    assert not hydraulics.needs_boost(machine.arrays, 0, 500.0, 0.012)
+
+
+def test_required_pressure_adds_load_valve_and_margin(machine):
+    arrays = machine.arrays
+    force, speed = 1000.0, 0.012
+    by_hand = (force + arrays.rod_area[0] * 1e5) / arrays.cap_area[0]
+    by_hand += (speed * arrays.cap_area[0] / arrays.valve_coefficient) ** 2
+    by_hand += (speed * arrays.rod_area[0] / arrays.valve_coefficient) ** 2 * (
+        arrays.rod_area[0] / arrays.cap_area[0]
+    )
+    by_hand += arrays.boost_margin
+    assert hydraulics.required_pressure(arrays, 0, force, speed) == pytest.approx(by_hand)

@@ -1,0 +1,157 @@
+"""Machine files: what is read, what is refused and how it is said."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
+from mhsb_model.machine import default_machine_path, load_machine
+
+
+@pytest.fixture
+def load(content, tmp_path):
+    """Loads the content of a machine file after a change to it."""
+
+    def load_changed(change):
+        change(content)
+        file = tmp_path / "machine.yaml"
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return load_machine(file)
+
+    return load_changed
+
+
+def test_every_value_of_the_machine_file_says_where_it_comes_from():
+    lines = Path(default_machine_path()).read_text(encoding="utf-8").splitlines()
+    values = [line for line in lines if re.search(r":\s*[^\s#]", line.split("#")[0])]
+    unmarked = [
+        line
+        for line in values
+        if not re.search(r"# (paper|inferred|assumption): \S", line)
+        and not re.match(r"\s*(schema_version|name):", line)
+    ]
+    assert len(values) > 60
+    assert unmarked == []
+
+
+def test_the_arm_has_the_papers_numbers(machine):
+    arrays = machine.arrays
+    assert arrays.link_length.tolist() == [0.45, 0.40, 0.179]
+    assert arrays.cap_area == pytest.approx(490.9e-6, abs=5e-8)
+    assert arrays.rod_area == pytest.approx(377.8e-6, abs=5e-8)
+    assert arrays.servo_pump_flow / arrays.cap_area[0] == pytest.approx(8.2e-3, abs=5e-5)
+    assert arrays.servo_pump_flow / arrays.rod_area[0] == pytest.approx(10.7e-3, abs=5e-5)
+    assert len(machine.patterns) == 23
+
+
+def test_the_valve_coefficient_reproduces_the_rated_flow_over_one_land(machine):
+    valve = machine.config.hydraulics.valve
+    flow = machine.arrays.valve_coefficient * np.sqrt(valve.rated_pressure_drop_per_land)
+    assert flow == pytest.approx(valve.rated_flow)
+
+
+def test_the_hash_follows_what_the_planner_depends_on_and_nothing_else(load, machine):
+    def stiffer_oil(content):
+        content["circuit"]["bulk_modulus"] = 2e9
+
+    def heavier_link(content):
+        content["joints"][0]["link"]["mass"] += 1
+
+    assert load(stiffer_oil).hash == machine.hash
+    assert load(heavier_link).hash != machine.hash
+
+
+def test_changes_give_another_machine_and_leave_the_first(machine):
+    other = machine.changed(payload=3.0, supply_pressure=5e6, max_piston_speed=0.02)
+    assert other.arrays.payload == 3.0
+    assert other.arrays.supply_pressure == 5e6
+    assert other.arrays.max_piston_speed == 0.02
+    assert machine.arrays.payload == 10.0
+    with pytest.raises(MachineFileError, match=r"payload\.mass: .*greater than or equal to 0"):
+        machine.changed(payload=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "sentence"),
+    [
+        (["hydraulics", "colour"], "red", r"hydraulics\.colour: extra inputs are not permitted"),
+        (["joints", 0, "link", "length"], 450.0, r"joints\.0\.link\.length: .*less than or equal"),
+        (["joints", 1, "limits", "lower"], 1.0, r"joints\.1\.limits\.lower: 1 rad must be below"),
+        (["joints", 2, "cylinder", "rod"], 0.025, r"joints\.2\.cylinder\.rod: 0\.025 m must be"),
+        (["joints", 0, "link", "mass"], -5.0, r"joints\.0\.link\.mass: .*\(is -5\.0\)"),
+        (["payload", "mass"], float("nan"), r"payload\.mass: .*(finite|nan)"),
+        (["joints", 0, "limits", "upper"], 1.9, r"joints\.0\.limits: the moment arm falls to"),
+        (["workspace", "max_radius"], 1.2, r"max_radius: 1\.2 m is beyond the reach 1\.029 m"),
+        (["workspace", "min_radius"], 1.1, r"min_radius: 1\.1 m must be below"),
+        (["hydraulics", "tank_pressure"], 5e5, None),
+        (["hydraulics", "main_pump", "pressure"], 1e5, r"tank_pressure: 100000 Pa must be below"),
+        (["hydraulics", "modules", "per_mode"], [1, 1, 2], r"per_mode: .* must be 0 for N"),
+        (["hydraulics", "valve", "leakage_flow"], 2e-5, r"all valves leak 6e-05 m³/s"),
+        (["joints", 0, "link", "center_of_mass"], 0.5, r"beyond the link's length 0\.45 m"),
+        (["joints", 0, "linkage", "kind"], "wheel", r"linkage\.kind: input should be"),
+    ],
+)
+def test_a_spoiled_value_is_refused_by_its_path_with_value_and_limit(load, keys, value, sentence):
+    def change(content):
+        place = content
+        for key in keys[:-1]:
+            place = place[key]
+        place[keys[-1]] = value
+
+    if sentence is None:
+        load(change)
+        return
+    with pytest.raises(MachineFileError, match=sentence):
+        load(change)
+
+
+def test_all_problems_are_reported_at_once(load):
+    def spoil(content):
+        content["joints"][0]["cylinder"]["bore"] = -1
+        content["gravity"] = "strong"
+        del content["motion"]
+
+    with pytest.raises(MachineFileError) as caught:
+        load(spoil)
+    assert len(caught.value.problems) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (b"a: [", "is not YAML"),
+        (b"\xff\xfe\x00", "not text|is not YAML"),
+        (b"", "valid dictionary"),
+    ],
+)
+def test_a_file_that_is_no_machine_is_refused_with_one_sentence(tmp_path, text, sentence):
+    file = tmp_path / "machine.yaml"
+    file.write_bytes(text)
+    with pytest.raises(MachineFileError, match=sentence):
+        load_machine(file)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(MachineFileError, match=r"nowhere\.yaml: cannot be read: No such file"):
+        load_machine(tmp_path / "nowhere.yaml")
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "sentence"),
+    [
+        (-0.1, 0.5, "x must be at least 0 m"),
+        (0.1, 0.1, r"0\.1414 m from the base must be within 0\.25 … 1\.029 m"),
+        (1.0, 1.0, r"1\.414 m from the base"),
+    ],
+)
+def test_tip_positions_outside_the_workspace_are_refused(machine, x, z, sentence):
+    with pytest.raises(OutOfWorkspaceError, match=sentence):
+        machine.check_in_workspace(x, z)
+
+
+def test_the_rim_of_the_workspace_belongs_to_it(machine):
+    machine.check_in_workspace(1.029, 0.0)
+    machine.check_in_workspace(0.0, 0.25)

@@ -1,0 +1,41 @@
+"""Mode schedules: zero-order hold over integer times."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.mode_schedule import ModeSchedule
+
+SCHEDULE = ModeSchedule(100, [0, 10, 30], [[0, 0], [1, 0], [2, 1]])
+
+
+@pytest.mark.parametrize(
+    ("time", "modes"),
+    [(0, [0, 0]), (100, [0, 0]), (109, [0, 0]), (110, [1, 0]), (130, [2, 1]), (10**12, [2, 1])],
+)
+def test_a_row_is_in_force_from_its_time_until_the_next(time, modes):
+    assert SCHEDULE.modes_at(time).tolist() == modes
+    assert SCHEDULE.modes_at_many(np.array([time]))[0].tolist() == modes
+
+
+def test_switches_count_every_actuator_that_changes():
+    assert SCHEDULE.switches == 3
+
+
+def test_shifting_moves_all_times():
+    assert SCHEDULE.shifted(5).modes_at(114).tolist() == [0, 0]
+    assert SCHEDULE.shifted(5).end_ns == SCHEDULE.end_ns + 5
+
+
+@pytest.mark.parametrize(
+    ("offset", "modes", "sentence"),
+    [
+        ([], [], "at least one row"),
+        ([5], [[0]], "start at 0"),
+        ([0, 0], [[0], [1]], "increase strictly"),
+        ([0], [[0], [1]], "one row of actuators for each time"),
+        ([0], [[3]], "must be 0 .N., 1 .DB. or 2 .SB."),
+    ],
+)
+def test_a_malformed_schedule_is_refused_with_a_sentence(offset, modes, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        ModeSchedule(0, offset, modes)

@@ -1,0 +1,46 @@
+"""Mode patterns and the module budget, against the paper and by enumeration."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.modes import Mode, assign_modules, mode_patterns, modules_in_use, pattern_name
+
+PER_MODE = (0, 1, 2)
+
+
+def test_three_joints_and_four_modules_have_the_23_patterns_of_the_paper():
+    patterns = mode_patterns(3, 4, PER_MODE)
+    names = {pattern_name(pattern) for pattern in patterns}
+    assert len(names) == 23
+    assert not names & {"SB-SB-SB", "SB-SB-DB", "SB-DB-SB", "DB-SB-SB"}
+    assert pattern_name(patterns[0]) == "N-N-N"
+
+
+def test_patterns_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        mode_patterns(3, 4, PER_MODE)[0, 0] = 1
+
+
+@pytest.mark.parametrize("pattern", list(mode_patterns(3, 4, PER_MODE)))
+def test_every_pattern_gets_its_modules_and_no_module_serves_two(pattern):
+    serves = assign_modules(pattern, 4, PER_MODE)
+    for actuator, mode in enumerate(pattern):
+        assert np.sum(serves == actuator) == PER_MODE[mode]
+        assert mode == Mode.N or serves[actuator] == actuator
+    assert modules_in_use(pattern, PER_MODE) == np.sum(serves >= 0)
+
+
+def test_shared_boost_takes_its_own_module_then_the_spare_then_idle_ones():
+    assert assign_modules((2, 0, 0), 4, PER_MODE).tolist() == [0, -1, -1, 0]
+    assert assign_modules((2, 2, 0), 4, PER_MODE).tolist() == [0, 1, 1, 0]
+    assert assign_modules((2, 0, 2), 4, PER_MODE).tolist() == [0, 2, 2, 0]
+
+
+def test_a_pattern_beyond_the_budget_is_refused_with_the_numbers():
+    with pytest.raises(ValueError, match="SB-SB-SB needs 6 modules, 4 are fitted"):
+        assign_modules((2, 2, 2), 4, PER_MODE)
+
+
+def test_fewer_modules_than_actuators_are_shared_as_far_as_they_go():
+    assert assign_modules((0, 0, 1), 2, PER_MODE).tolist() == [2, -1]
+    assert len(mode_patterns(3, 0, PER_MODE)) == 1

@@ -1,0 +1,91 @@
+"""Trajectories, against SciPy's Hermite interpolation."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import BPoly
+
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+
+START = 1_700_000_000 * SECOND_NS
+
+
+def example(points: int = 6, joints: int = 3) -> Trajectory:
+    rng = np.random.default_rng(1)
+    offset = np.concatenate([[0], np.cumsum(rng.integers(5_000_000, 30_000_000, points - 1))])
+    q, qd, qdd = (rng.normal(size=(points, joints)) for _ in range(3))
+    return Trajectory(START, offset, q, qd, qdd)
+
+
+def test_samples_equal_scipys_quintic_through_the_same_points():
+    trajectory = example()
+    seconds = trajectory.offset_ns / SECOND_NS
+    ends = np.stack([trajectory.position, trajectory.velocity, trajectory.acceleration], axis=1)
+    oracle = BPoly.from_derivatives(seconds, ends)
+    times = np.linspace(0, trajectory.duration_ns, 333).astype(np.int64)
+    q, qd, qdd = trajectory.sample_many(START + times)
+    assert q == pytest.approx(oracle(times / SECOND_NS), abs=1e-10)
+    assert qd == pytest.approx(oracle.derivative()(times / SECOND_NS), abs=1e-8)
+    assert qdd == pytest.approx(oracle.derivative(2)(times / SECOND_NS), abs=1e-5)
+
+
+def test_after_the_end_the_last_position_is_held_at_rest():
+    trajectory = example()
+    state = trajectory.sample(trajectory.end_ns + 1)
+    assert state.position == pytest.approx(trajectory.position[-1])
+    assert not state.velocity.any()
+    assert not state.acceleration.any()
+    assert trajectory.sample(trajectory.end_ns).velocity == pytest.approx(trajectory.velocity[-1])
+
+
+def test_before_the_start_the_first_point_stands():
+    trajectory = example()
+    assert trajectory.sample(START - SECOND_NS).position == pytest.approx(trajectory.position[0])
+
+
+def test_a_single_point_is_a_hold():
+    hold = Trajectory(0, [0], [[1.0, 2.0]], [[0.0, 0.0]], [[0.0, 0.0]])
+    assert hold.sample(123).position.tolist() == [1.0, 2.0]
+    assert hold.duration_ns == 0
+
+
+def test_shifting_moves_the_curve_in_time():
+    trajectory = example()
+    later = trajectory.shifted(777)
+    assert later.sample(START + 1_000_777).position == pytest.approx(
+        trajectory.sample(START + 1_000_000).position, abs=0
+    )
+
+
+def test_the_arrays_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        example().position[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"offset_ns": []}, "at least one point"),
+        ({"offset_ns": [1, 2]}, "start at 0"),
+        ({"offset_ns": [0, 0]}, "increase strictly"),
+        ({"position": [[0.0]]}, "one row of joints for each point"),
+        ({"velocity": [[0.0, 0.0], [0.0, 0.0]]}, "as many joints as position"),
+        ({"acceleration": [[0.0], [np.nan]]}, "finite"),
+    ],
+)
+def test_a_malformed_trajectory_is_refused_with_a_sentence(change, sentence):
+    good = {
+        "stamp_ns": 0,
+        "offset_ns": [0, 10],
+        "position": [[0.0], [1.0]],
+        "velocity": [[0.0], [0.0]],
+        "acceleration": [[0.0], [0.0]],
+    }
+    Trajectory(**good)
+    with pytest.raises(ValueError, match=sentence):
+        Trajectory(**{**good, **change})
+
+
+def test_a_state_at_rest_has_neither_velocity_nor_acceleration():
+    state = MotionState.at_rest(np.array([1.0, 2.0]))
+    assert not state.velocity.any()
+    assert not state.acceleration.any()
