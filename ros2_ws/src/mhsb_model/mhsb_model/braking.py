@@ -6,11 +6,10 @@ whose start has to reverse.
 
 from __future__ import annotations
 
-
 import numpy as np
 
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, IntArray
 
 DECELERATION = 0.05
@@ -33,7 +32,7 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
     """
     start = trajectory.sample(at_ns)
     if not (start.velocity.any() or start.acceleration.any()):
-        return _single_point(at_ns, start)
+        return standstill(start.position, at_ns)
     duration_ns = _braking_ns(machine, start)
     left_ns = trajectory.end_ns - at_ns
     if left_ns < SHORTEST_BRAKING_NS:
@@ -41,6 +40,7 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
     if left_ns <= duration_ns:
         offset = _offsets(left_ns)
         q, qd, qdd = trajectory.sample_many(at_ns + offset)
+        qd[-1] = 0.0
         return Trajectory(at_ns, offset, q, qd, qdd)
     offset = _offsets(duration_ns)
     t, duration = offset / SECOND_NS, duration_ns / SECOND_NS
@@ -62,7 +62,7 @@ def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
     `SHORTEST_BRAKING_NS`, until joint limits and workspace hold. The result's stamp is `at_ns`.
     """
     if not (state.velocity.any() or state.acceleration.any()):
-        return _single_point(at_ns, state)
+        return standstill(state.position, at_ns)
     duration_ns = _braking_ns(machine, state)
     braking = _joint_braking(state, at_ns, duration_ns)
     while duration_ns > SHORTEST_BRAKING_NS and not _within(machine, braking.position):
@@ -109,8 +109,3 @@ def _offsets(duration_ns: int) -> IntArray:
     """Evenly spaced times from 0 to the duration, at most POINT_SPACING_NS apart."""
     count = max(1, -(-duration_ns // POINT_SPACING_NS))
     return np.rint(np.linspace(0.0, duration_ns, count + 1)).astype(np.int64)
-
-
-def _single_point(at_ns: int, state: MotionState) -> Trajectory:
-    still = np.zeros((1, len(state.position)))
-    return Trajectory(at_ns, np.array([0]), state.position[None, :], still, still)

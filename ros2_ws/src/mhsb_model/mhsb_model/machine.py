@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from mhsb_model import inverse_kinematics_3r, kinematics, linkage, statics
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.modes import mode_patterns
 from mhsb_model.schema import SMALLEST_ARM_RATIO, MachineConfig, problems_across
@@ -152,26 +153,9 @@ class Machine:
             )
 
 
-def default_machine_path() -> Path:
-    """The machine file that comes with the suite: of the installation, else of the source tree."""
-    try:
-        from ament_index_python.packages import get_package_share_directory
-
-        installed = Path(get_package_share_directory("mhsb_model")) / "config" / MACHINE_FILE
-        if installed.is_file():
-            return installed
-    except (ImportError, LookupError):
-        pass
-    for folder in Path(__file__).resolve().parents:
-        candidate = folder / "config" / MACHINE_FILE
-        if candidate.is_file():
-            return candidate
-    raise MachineFileError(MACHINE_FILE, ["not found beside the source or in the installation"])
-
-
 def load_machine(path: str | Path | None = None) -> Machine:
     """Machine of a YAML file, or the suite's own; raises MachineFileError with all problems."""
-    file = Path(path) if path else default_machine_path()
+    file = Path(path) if path else config_file(MACHINE_FILE)
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -184,6 +184,18 @@ class CircuitDynamics(Section):
     )
 
 
+class IndependentServo(Section):
+    """Gains of the `independent` controller alone."""
+
+    nominal_valve_drop: Positive = Field(
+        description="drop over an edge for which the valve's gain is taken [Pa]"
+    )
+    pressure_gain: Positive = Field(description="of the servo pumps' pressure loop [1/s]")
+    pressure_integral_gain: NonNegative = Field(
+        description="of the servo pumps' pressure loop [1/s²]"
+    )
+
+
 class Servo(Section):
     """Gains of the servo and the noise of its sensors."""
 
@@ -193,13 +205,10 @@ class Servo(Section):
         description="time in which unknown forces are taken over into the force reference [s]"
     )
     pressure_gain: Positive = Field(description="of the servo pumps' pressure loop [1/s]")
-    pressure_integral_gain: NonNegative = Field(
-        description="of the servo pumps' pressure loop, independent controller [1/s²]"
-    )
     pressure_rate: Positive = Field(description="fastest change of a boosted pressure [Pa/s]")
     supply_margin: NonNegative = Field(description="boosted beyond what the plan needs [Pa]")
-    pump_lead: Annotated[float, Field(ge=1, le=10)] = Field(
-        description="how many times faster than its lag a servo pump is driven [-]"
+    pump_response: Positive = Field(
+        description="time constant to which a servo pump with a longer lag is driven [s]"
     )
     preview: NonNegative = Field(
         le=1, description="how long before a boost its line is charged [s]"
@@ -210,6 +219,7 @@ class Servo(Section):
     join_flow: Positive = Field(description="let through until then [m³/s]")
     pressure_noise: NonNegative = Field(description="standard deviation of a sensor [Pa]")
     length_noise: NonNegative = Field(description="standard deviation of a sensor [m]")
+    independent: IndependentServo
 
 
 class Simulation(Section):
@@ -220,7 +230,6 @@ class Simulation(Section):
     )
     circuit_substeps: int = Field(ge=1, le=100, description="of the circuit in one step [-]")
     start_posture: tuple[Angle, ...] = Field(description="joint angles at the start [rad]")
-    stop_time: Positive = Field(le=10, description="from the stop command to standstill [s]")
 
 
 class MachineConfig(Section):

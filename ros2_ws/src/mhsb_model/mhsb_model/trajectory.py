@@ -125,6 +125,12 @@ class Trajectory:
         return q, qd, qdd
 
 
+def standstill(position: FloatArray, time_ns: int = 0) -> Trajectory:
+    """The trajectory of one point that stays at `position` float64[n] rad from `time_ns` on."""
+    still = np.zeros((1, len(position)))
+    return Trajectory(time_ns, np.array([0]), np.asarray(position)[None, :], still, still)
+
+
 def quintic_hermite(
     s: FloatArray,
     h: FloatArray,

@@ -1,11 +1,11 @@
 """The suite's own arm, for the tests of the model."""
 
-from pathlib import Path
 
 import pytest
 import yaml
 
-from mhsb_model.machine import Machine, default_machine_path, load_machine
+from mhsb_model.config_files import config_file
+from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
 
 
 @pytest.fixture(scope="session")
@@ -16,4 +16,4 @@ def machine() -> Machine:
 @pytest.fixture
 def content() -> dict:
     """Content of the suite's machine file, free to be spoiled."""
-    return yaml.safe_load(Path(default_machine_path()).read_text(encoding="utf-8"))
+    return yaml.safe_load(config_file(MACHINE_FILE).read_text(encoding="utf-8"))

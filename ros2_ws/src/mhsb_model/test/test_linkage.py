@@ -56,3 +56,18 @@ def test_moment_arm_range_spans_the_arms_between_the_limits():
     sampled = [linkage.moment_arm(row, q) for q in np.linspace(-0.84, 1.52, 7777)]
     assert least == pytest.approx(min(sampled), abs=1e-7)
     assert largest == pytest.approx(max(sampled), abs=1e-7)
+
+
+@pytest.mark.parametrize("child_angle", [1.2, -1.2])
+@pytest.mark.parametrize("guess", [-0.9, 0.9])
+def test_the_joint_angle_of_a_length_is_found_from_either_end(child_angle, guess):
+    row = linkage.linkage_row(crank(0.25, 0.1, 0.05, child_angle + 0.1))
+    for q in np.linspace(-0.9, 0.9, 19):
+        length = linkage.cylinder_length(row, q)
+        assert linkage.joint_angle(row, length, -0.9, 0.9, guess) == pytest.approx(q, abs=1e-12)
+
+
+def test_the_joint_angle_of_a_length_beyond_the_limits_is_the_limit():
+    row = linkage.linkage_row(crank(0.25, 0.1, 0.05, 1.3))
+    too_long = linkage.cylinder_length(row, 0.9) + 1e-3
+    assert linkage.joint_angle(row, too_long, -0.9, 0.9, 0.0) == 0.9

@@ -1,14 +1,14 @@
 """Machine files: what is read, what is refused and how it is said."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
-from mhsb_model.machine import default_machine_path, load_machine
+from mhsb_model.machine import MACHINE_FILE, load_machine
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def load(content, tmp_path):
 
 
 def test_every_value_of_the_machine_file_says_where_it_comes_from():
-    lines = Path(default_machine_path()).read_text(encoding="utf-8").splitlines()
+    lines = config_file(MACHINE_FILE).read_text(encoding="utf-8").splitlines()
     values = [line for line in lines if re.search(r":\s*[^\s#]", line.split("#")[0])]
     unmarked = [
         line

@@ -1,0 +1,164 @@
+"""What the tests of all packages share: a ROS domain of their own and child processes.
+
+Each test run holds a lock on one ROS domain, so that runs side by side, and a user's own nodes
+in the default domain, do not hear each other.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import random
+import re
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile("mhsb", deadline=None, derandomize=True)
+settings.load_profile("mhsb")
+
+HIGHEST_DOMAIN = 101  # above, the ports of a domain can meet those that Linux hands out
+
+
+@pytest.fixture(scope="session")
+def ros_domain() -> Iterator[int]:
+    """A ROS domain held by this test run alone, set for this process and its children."""
+    folder = Path(tempfile.gettempdir()) / f"mhsb_test_domains_{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    domains = list(range(1, HIGHEST_DOMAIN + 1))
+    random.SystemRandom().shuffle(domains)
+    for domain in domains:
+        with (folder / f"{domain}.lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
+            os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+            yield domain
+            return
+    pytest.fail(f"all {HIGHEST_DOMAIN} ROS domains are in use by other test runs ({folder})")
+
+
+@pytest.fixture
+def ros_context(ros_domain: int) -> Iterator[object]:
+    """A fresh `rclpy.Context` in the domain of this run, shut down afterwards."""
+    import rclpy
+
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    yield context
+    rclpy.try_shutdown(context=context)
+
+
+class Child:
+    """A child process, in a session of its own; what it prints is kept."""
+
+    def __init__(self, command: list[str], environment: dict[str, str] | None = None) -> None:
+        self.name = Path(command[0]).name
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **(environment or {})},
+        )
+        self._lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._lines.append(line)
+
+    @property
+    def output(self) -> str:
+        """Everything printed so far, both streams."""
+        return "".join(self._lines)
+
+    def wait_for(self, pattern: str, timeout: float = 30.0) -> re.Match[str]:
+        """Wait until the output matches the regular expression `pattern`; fails on time-out [s]."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            ended = self.process.poll() is not None
+            if ended:
+                self._reader.join(1.0)
+            if found := re.search(pattern, self.output):
+                return found
+            if ended:
+                break
+            time.sleep(0.02)
+        raise AssertionError(f"{self.name} did not print {pattern!r}, but:\n{self.output}")
+
+    def wait(self, timeout: float = 60.0) -> int:
+        """Wait for the end [s]; returns the exit code."""
+        code = self.process.wait(timeout)
+        self._reader.join(1.0)
+        return code
+
+    def stop(self, signal_number: int = signal.SIGINT, timeout: float = 20.0) -> int:
+        """Send a signal, wait for the end [s]; returns the exit code."""
+        self.process.send_signal(signal_number)
+        return self.wait(timeout)
+
+    def kill_if_alive(self) -> None:
+        """End what a test has left running."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+@pytest.fixture
+def start_process(ros_domain: int) -> Iterator[Callable[..., Child]]:
+    """Function (command..., environment=None) that starts a `Child` in the domain of this run."""
+    children: list[Child] = []
+
+    def start(*command: object, environment: dict[str, str] | None = None) -> Child:
+        children.append(Child([str(word) for word in command], environment))
+        return children[-1]
+
+    yield start
+    for child in children:
+        child.kill_if_alive()
+
+
+@pytest.fixture
+def start(start_process: Callable[..., Child]) -> Callable[..., Child]:
+    """Function (package, executable, arguments...) that starts what `ros2 run` would start."""
+
+    def run(package: str, executable: str, *arguments: object, **options: object) -> Child:
+        return start_process(installed_executable(package, executable), *arguments, **options)
+
+    return run
+
+
+def installed_executable(package: str, executable: str) -> Path:
+    """Path of an executable in the sourced workspace, where `ros2 run` finds it."""
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        path = Path(prefix) / "lib" / package / executable
+        if path.exists():
+            return path
+    raise AssertionError(f"no executable {executable} of {package}; is scripts/env.sh sourced?")
+
+
+@pytest.fixture
+def eventually() -> Callable[..., None]:
+    """Function (condition, timeout=10 s) that polls until `condition()` is true, or fails."""
+
+    def wait(condition: Callable[[], bool], timeout: float = 10.0) -> None:
+        deadline = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < deadline, f"not so after {timeout} s"
+            time.sleep(0.02)
+
+    return wait

@@ -1,0 +1,41 @@
+# shellcheck shell=bash
+# Sets up MHSB where needed and enters its environment. To be sourced by bash:
+#   source scripts/env.sh
+# PYTHON, MHSB_VENV and MHSB_NUMPY choose what it is made of; see scripts/setup.
+
+_mhsb_source_workspace() {  # colcon's file reads unset variables: lift the caller's `set -u` meanwhile
+  local nounset=0
+  case $- in *u*) nounset=1; set +u ;; esac
+  # shellcheck disable=SC1091  # made by colcon
+  source "$1/install/setup.bash"
+  if [ "$nounset" = 1 ]; then set -u; fi
+}
+
+_mhsb_enter() {
+  local root venv workspace middleware
+  root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd) || return 1
+  # One line each: the venv, the folder of the colcon workspace's products, where ROS comes from.
+  { read -r venv; read -r workspace; read -r middleware; } < <("$root/scripts/setup")
+  if [ -z "$middleware" ]; then return 1; fi  # setup has said why
+
+  # shellcheck disable=SC1091  # made by venv
+  source "$venv/bin/activate" || return 1
+  if [ "$middleware" = wheels ]; then export AMENT_PREFIX_PATH="$VIRTUAL_ENV"; fi
+  _mhsb_source_workspace "$workspace" || return 1
+  export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+  export NUMBA_CACHE_DIR="$VIRTUAL_ENV/numba_cache"  # compiled kernels belong to one NumPy
+
+  unset -f ros2
+  if ! type -P ros2 >/dev/null; then
+    # shellcheck source=scripts/ros2_run.sh
+    source "$root/scripts/ros2_run.sh"
+  fi
+}
+
+_mhsb_enter
+_mhsb_status=$?
+unset -f _mhsb_enter _mhsb_source_workspace
+case $_mhsb_status in
+  0) unset _mhsb_status ;;
+  *) unset _mhsb_status; return 1 ;;
+esac

@@ -1,0 +1,23 @@
+# shellcheck shell=bash
+# Stands in for the `ros2` command where no ROS installation provides it: knows `run` alone.
+# Sourced by env.sh.
+
+ros2() {
+  if [ "${1:-}" != run ] || [ $# -lt 3 ]; then
+    echo "Here 'ros2' knows only 'ros2 run PACKAGE EXECUTABLE [ARGUMENTS]'; the rest needs a ROS 2 installation." >&2
+    return 2
+  fi
+  local package=$2 executable=$3 prefix
+  shift 3
+  local IFS=:
+  for prefix in $AMENT_PREFIX_PATH; do
+    if [ -x "$prefix/lib/$package/$executable" ]; then
+      unset IFS
+      "$prefix/lib/$package/$executable" "$@"
+      return
+    fi
+  done
+  echo "No executable '$executable' in a package '$package'; see ros2_ws/src/*/setup.py for those there are." >&2
+  return 1
+}
+export -f ros2
