@@ -1,0 +1,21 @@
+"""What is raised when a message cannot be used."""
+
+from __future__ import annotations
+
+from mhsb_model.errors import MhsbError
+from mhsb_msgs_py.status import Verdict
+
+
+class MessageError(MhsbError):
+    """A message breaks its contract; the text names the value, the limit and what to do."""
+
+
+class GoalError(MessageError):
+    """A goal pose cannot be used; carries the verdict's code and the goal as it was read."""
+
+    def __init__(self, code: Verdict, sentence: str, stamp_ns: int, x: float, z: float) -> None:
+        self.code = code
+        self.stamp_ns = stamp_ns
+        self.x = x
+        self.z = z
+        super().__init__(sentence)

@@ -1,0 +1,35 @@
+"""Codec: the modes in force, uint8[actuators], as std_msgs/UInt8MultiArray."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
+
+from mhsb_model.modes import Mode
+from mhsb_model.types import ModeArray
+from mhsb_msgs_py.errors import MessageError
+
+
+def encode(modes: ModeArray) -> UInt8MultiArray:
+    """Message of the modes of n actuators."""
+    count = len(modes)
+    layout = MultiArrayLayout(dim=[MultiArrayDimension(label="actuator", size=count, stride=count)])
+    return UInt8MultiArray(layout=layout, data=array("B", modes.astype(np.uint8).tolist()))
+
+
+def decode(message: UInt8MultiArray, actuator_count: int) -> ModeArray:
+    """Modes of n actuators; MessageError where their number or a code is not right."""
+    modes = np.asarray(message.data, dtype=np.uint8)
+    if len(modes) != actuator_count:
+        raise MessageError(
+            f"modes has {len(modes)} values; give one for each of {actuator_count} actuators"
+        )
+    wrong = ~np.isin(modes, list(Mode))
+    if np.any(wrong):
+        raise MessageError(
+            f"the mode of actuator {int(np.argmax(wrong)) + 1} is {modes[wrong][0]}; "
+            "give 0 (N), 1 (DB) or 2 (SB)"
+        )
+    return modes

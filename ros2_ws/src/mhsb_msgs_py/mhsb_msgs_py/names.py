@@ -1,0 +1,47 @@
+"""Names on the ROS graph: nodes, topics, frames, joints and actuators.
+
+Topic names are relative, so that namespaces and remaps work; only /clock and /diagnostics are
+where all of ROS has them.
+"""
+
+from __future__ import annotations
+
+PLANNER_NODE = "mhsb_planner"
+SIM_NODE = "mhsb_sim"
+
+GOAL_POSE = "goal_pose"
+PLAN_STATUS = "plan_status"
+JOINT_STATES = "joint_states"
+REFERENCE = "reference"
+PLAN_IN_FORCE = "plan_in_force"
+JOINT_TRAJECTORY = "joint_trajectory"
+MODE_COMMANDS = "mode_commands"
+MODES = "modes"
+ACTUATOR_STATES = "actuator_states"
+PLANNED_PATH = "planned_path"
+PLANNED_PATH_FLAT = "work_plane/planned_path"
+MARKERS = "markers"
+DIAGNOSTICS = "/diagnostics"
+CLOCK = "/clock"
+
+STOP_SERVICE = "~/stop"
+RESET_SERVICE = "~/reset"
+CLEAR_FAULTS_SERVICE = "~/clear_faults"
+
+BASE_FRAME = "base_link"  # x forward, y to the left, z up
+WORK_PLANE_FRAME = "work_plane"  # the arm's plane laid flat: x forward, y up
+
+
+def joint_names(count: int) -> tuple[str, ...]:
+    """`joint_1`, `joint_2`, ... of a machine with `count` joints."""
+    return tuple(f"joint_{number}" for number in range(1, count + 1))
+
+
+def actuator_names(count: int) -> tuple[str, ...]:
+    """`actuator_1`, ... in the order of the joints that they drive."""
+    return tuple(f"actuator_{number}" for number in range(1, count + 1))
+
+
+def frame_name(name: str, prefix: str = "") -> str:
+    """A frame's name below a prefix, as robot_state_publisher's `frame_prefix` makes it."""
+    return prefix + name

@@ -1,0 +1,106 @@
+"""How every node of the suite lives: start, spin, and a clean end on SIGINT or SIGTERM."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.node import Node
+
+from mhsb_model.errors import MhsbError
+
+NodeType = TypeVar("NodeType", bound=Node)
+
+
+class RosArgumentsError(MhsbError):
+    """What follows `--ros-args` cannot be used."""
+
+
+def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
+    """Make a node and serve it until it is asked to end; returns the exit code 0.
+
+    `arguments` are the process's own by default; rclpy takes what stands after `--ros-args`.
+    The executor is the single-threaded one: the others starve timers or lose messages.
+    Raises RosArgumentsError for arguments that rclpy or the node's parameters refuse.
+    """
+    try:
+        with ros_running(arguments), serving(make_node) as (executor, _):
+            executor.spin()
+    except ParameterException as error:
+        raise RosArgumentsError(f"after --ros-args: {error}") from error
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    return 0
+
+
+@contextmanager
+def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
+    """rclpy for the length of a block.
+
+    Raises RosArgumentsError as `spin_node` does, and ExternalShutdownException where a signal
+    has shut ROS down meanwhile.
+    """
+    _initialize(arguments)
+    try:
+        yield
+    except MhsbError:
+        raise
+    except Exception:
+        if rclpy.ok():
+            raise
+        # A signal shuts ROS down at any moment; whichever call comes next fails in its own way.
+        raise ExternalShutdownException from None
+    finally:
+        rclpy.try_shutdown()
+
+
+@contextmanager
+def serving(make_node: Callable[[], NodeType]) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
+    """An executor and the node that it serves, for the length of a block.
+
+    The executor comes first: rclpy cannot make one, nor drop it silently, after a shutdown.
+    """
+    executor = SingleThreadedExecutor()
+    try:
+        node = make_node()
+        try:
+            executor.add_node(node)
+            yield executor, node
+        finally:
+            node.destroy_node()
+    finally:
+        executor.shutdown()
+
+
+def spin_until(
+    executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout: float
+) -> bool:
+    """Serve until the condition holds; False where it does not within `timeout` s."""
+    end = time.monotonic() + timeout
+    while not condition():
+        left = end - time.monotonic()
+        if left <= 0:
+            return False
+        executor.spin_once(timeout_sec=min(left, 0.05))
+    return True
+
+
+def _initialize(arguments: list[str] | None) -> None:
+    """`rclpy.init`, which otherwise tells of bad arguments in a log line and a traceback."""
+    set_logger_level("rcl", LoggingSeverity.FATAL)
+    try:
+        rclpy.init(args=arguments)
+    except RuntimeError as error:
+        reason = re.sub(r", at \S+:\d+", "", str(error)).removeprefix("failed to initialize rcl: ")
+        if reason.startswith("["):  # nothing but a list of what is not known
+            reason = f"unknown arguments {reason}"
+        raise RosArgumentsError(f"after --ros-args: {reason}") from error
+    finally:
+        set_logger_level("rcl", LoggingSeverity.UNSET)

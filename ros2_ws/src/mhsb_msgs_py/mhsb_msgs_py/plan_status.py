@@ -1,0 +1,166 @@
+"""Codec: `GoalVerdict` and `ExecutionReport` as statuses of diagnostic_msgs/DiagnosticArray."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from std_msgs.msg import Header
+
+from mhsb_msgs_py import stamps
+from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.names import PLANNER_NODE
+from mhsb_msgs_py.status import Outcome, Verdict
+from mhsb_msgs_py.status_values import StatusValues, status
+
+GOAL_STATUS = "goal"
+EXECUTION_STATUS = "execution"
+
+
+@dataclass(frozen=True)
+class PlanSummary:
+    """What an accepted goal will cost.
+
+    plan_stamp_ns    stamp of the plan's messages, ns; 0 where nothing had to be published
+    energy_j         in the planner's energy reading, J
+    energy_series_j  in the series reading, J
+    duration_s       s
+    switches         mode changes
+    plan_ms          from goal received to plan published, ms
+    lower_bound_j    no plan to this goal needs less, J
+    """
+
+    plan_stamp_ns: int
+    energy_j: float
+    energy_series_j: float
+    duration_s: float
+    switches: int
+    plan_ms: float
+    lower_bound_j: float
+
+
+@dataclass(frozen=True)
+class GoalVerdict:
+    """What became of a goal, which is named by its stamp [ns] and was at x, z [m].
+
+    `sentence` tells a person. Accepted goals have a plan, others None; anything else is a
+    ValueError.
+    """
+
+    code: Verdict
+    sentence: str
+    goal_stamp_ns: int
+    goal_x: float
+    goal_z: float
+    plan: PlanSummary | None = None
+
+    def __post_init__(self) -> None:
+        if self.code.accepted != (self.plan is not None):
+            raise ValueError(f"a verdict {self.code} and a plan {self.plan} do not go together")
+
+
+@dataclass(frozen=True)
+class ExecutionReport:
+    """How the execution of an accepted goal ended; stamps of goal and plan in ns."""
+
+    outcome: Outcome
+    sentence: str
+    goal_stamp_ns: int
+    plan_stamp_ns: int
+
+
+Report = GoalVerdict | ExecutionReport
+Code = TypeVar("Code", Verdict, Outcome)
+
+
+def encode(report: Report, stamp_ns: int) -> DiagnosticArray:
+    """Message with one verdict or execution report, sent at `stamp_ns`."""
+    encoded = _goal(report) if isinstance(report, GoalVerdict) else _execution(report)
+    return DiagnosticArray(header=Header(stamp=stamps.to_time(stamp_ns)), status=[encoded])
+
+
+def decode(message: DiagnosticArray) -> list[Report]:
+    """All verdicts and execution reports of a message, in their order.
+
+    Raises MessageError for an unknown status or code, and for missing or unreadable values.
+    """
+    return [_decode_status(each) for each in message.status]
+
+
+def _goal(verdict: GoalVerdict) -> DiagnosticStatus:
+    values = {
+        "code": verdict.code.value,
+        "goal_stamp": stamps.to_text(verdict.goal_stamp_ns),
+        "goal_x": repr(float(verdict.goal_x)),
+        "goal_z": repr(float(verdict.goal_z)),
+    }
+    if verdict.plan is not None:
+        plan = verdict.plan
+        values |= {
+            "plan_stamp": stamps.to_text(plan.plan_stamp_ns),
+            "energy_j": repr(float(plan.energy_j)),
+            "energy_series_j": repr(float(plan.energy_series_j)),
+            "duration_s": repr(float(plan.duration_s)),
+            "switches": str(int(plan.switches)),
+            "plan_ms": repr(float(plan.plan_ms)),
+            "lower_bound_j": repr(float(plan.lower_bound_j)),
+        }
+    return status(
+        GOAL_STATUS, verdict.code.level, verdict.sentence, PLANNER_NODE, values
+    )
+
+
+def _execution(report: ExecutionReport) -> DiagnosticStatus:
+    values = {
+        "code": report.outcome.value,
+        "goal_stamp": stamps.to_text(report.goal_stamp_ns),
+        "plan_stamp": stamps.to_text(report.plan_stamp_ns),
+    }
+    return status(
+        EXECUTION_STATUS, report.outcome.level, report.sentence, PLANNER_NODE, values
+    )
+
+
+def _decode_status(message: DiagnosticStatus) -> Report:
+    values = StatusValues(message)
+    if message.name == GOAL_STATUS:
+        code = _code(Verdict, values.text("code"))
+        return GoalVerdict(
+            code,
+            message.message,
+            values.time("goal_stamp"),
+            values.number("goal_x"),
+            values.number("goal_z"),
+            _plan(values) if code.accepted else None,
+        )
+    if message.name == EXECUTION_STATUS:
+        return ExecutionReport(
+            _code(Outcome, values.text("code")),
+            message.message,
+            values.time("goal_stamp"),
+            values.time("plan_stamp"),
+        )
+    raise MessageError(
+        f"the status '{message.name}' is unknown; it must be {GOAL_STATUS} or {EXECUTION_STATUS}"
+    )
+
+
+def _plan(values: StatusValues) -> PlanSummary:
+    return PlanSummary(
+        values.time("plan_stamp"),
+        values.number("energy_j"),
+        values.number("energy_series_j"),
+        values.number("duration_s"),
+        values.count("switches"),
+        values.number("plan_ms"),
+        values.number("lower_bound_j"),
+    )
+
+
+def _code(codes: type[Code], text: str) -> Code:
+    try:
+        return codes(text)
+    except ValueError:
+        known = ", ".join(code.value for code in codes)
+        raise MessageError(f"the code '{text}' is unknown; it must be one of {known}") from None

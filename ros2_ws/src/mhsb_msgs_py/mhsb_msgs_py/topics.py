@@ -1,0 +1,67 @@
+"""The suite's topics: name, message type and QoS, in one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt8MultiArray
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from mhsb_msgs_py import names, qos
+
+
+@dataclass(frozen=True, eq=False)
+class Topic:
+    """One topic; `node.create_publisher(topic.message, topic.name, topic.qos)` uses it."""
+
+    name: str
+    message: type[Any]
+    qos: QoSProfile
+
+    @property
+    def type_name(self) -> str:
+        """The message type as ROS writes it: `std_msgs/msg/String`."""
+        package = self.message.__module__.partition(".")[0]
+        return f"{package}/msg/{self.message.__name__}"
+
+
+GOAL_POSE = Topic(names.GOAL_POSE, PoseStamped, qos.DEFAULT)
+PLAN_STATUS = Topic(names.PLAN_STATUS, DiagnosticArray, qos.STATUS)
+JOINT_STATES = Topic(names.JOINT_STATES, JointState, qos.DEFAULT)
+REFERENCE = Topic(names.REFERENCE, JointTrajectory, qos.DEFAULT)
+PLAN_IN_FORCE = Topic(names.PLAN_IN_FORCE, Time, qos.LATCHED)
+JOINT_TRAJECTORY = Topic(names.JOINT_TRAJECTORY, JointTrajectory, qos.DEFAULT)
+MODE_COMMANDS = Topic(names.MODE_COMMANDS, JointTrajectory, qos.DEFAULT)
+MODES = Topic(names.MODES, UInt8MultiArray, qos.LATCHED)
+ACTUATOR_STATES = Topic(names.ACTUATOR_STATES, JointState, qos.DEFAULT)
+PLANNED_PATH = Topic(names.PLANNED_PATH, Path, qos.LATCHED)
+PLANNED_PATH_FLAT = Topic(names.PLANNED_PATH_FLAT, Path, qos.LATCHED)
+MARKERS = Topic(names.MARKERS, MarkerArray, qos.LATCHED)
+DIAGNOSTICS = Topic(names.DIAGNOSTICS, DiagnosticArray, qos.DEFAULT)
+CLOCK = Topic(names.CLOCK, Clock, qos.CLOCK)
+
+SUITE_TOPICS = (
+    GOAL_POSE,
+    PLAN_STATUS,
+    JOINT_STATES,
+    REFERENCE,
+    PLAN_IN_FORCE,
+    JOINT_TRAJECTORY,
+    MODE_COMMANDS,
+    MODES,
+    ACTUATOR_STATES,
+    PLANNED_PATH,
+    PLANNED_PATH_FLAT,
+    MARKERS,
+    DIAGNOSTICS,
+    CLOCK,
+)

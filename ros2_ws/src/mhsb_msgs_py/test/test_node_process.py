@@ -1,0 +1,66 @@
+"""The life of a node's process: a clean end on signals, one sentence on bad ROS arguments."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+import pytest
+
+BODY = """
+import sys
+import rclpy
+from mhsb_model.command_line import run
+from mhsb_msgs_py.node_process import spin_node
+
+def make_node():
+    node = rclpy.create_node("idle")
+    node.declare_parameter("seed", 1)
+    print("ready as", node.get_fully_qualified_name(), flush=True)
+    return node
+
+def idle() -> int:
+    return spin_node(make_node)
+
+sys.exit(run(idle, node=True))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_node_with_code_0_and_without_a_word(start_process, tmp_path, number):
+    script = tmp_path / "idle.py"
+    script.write_text(BODY)
+    child = start_process(sys.executable, script, "--ros-args", "-r", "__ns:=/left")
+    child.wait_for("ready as /left/idle")
+    assert child.stop(number) == 0
+    assert child.output == "ready as /left/idle\n"
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_a_signal_before_the_node_is_served_ends_it_just_as_well(start_process, tmp_path, number):
+    script = tmp_path / "idle.py"
+    at_once = f"    import os, signal; os.kill(os.getpid(), signal.{number})\n    return node"
+    script.write_text(BODY.replace("    return node", at_once))
+    child = start_process(sys.executable, script)
+    assert child.wait() == 0
+    assert child.output == "ready as /idle\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["-r", "nonsense"], "Couldn't parse remap rule: '-r nonsense'. Error: "),
+        (["--unheard-of"], "unknown arguments ['--unheard-of']"),
+        (["-p", "seed:=high"], "seed"),
+    ],
+)
+def test_ros_arguments_that_cannot_be_used_are_told_in_one_line(
+    start_process, tmp_path, arguments, sentence
+):
+    script = tmp_path / "idle.py"
+    script.write_text(BODY)
+    child = start_process(sys.executable, script, "--ros-args", *arguments)
+    assert child.wait() == 1
+    assert child.output.startswith("idle: after --ros-args: ")
+    assert sentence in child.output
+    assert len(child.output.splitlines()) == 1
