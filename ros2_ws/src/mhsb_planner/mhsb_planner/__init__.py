@@ -1,0 +1,1 @@
+"""Motion planner: posture table, search over path and modes, trajectory, mode schedule."""

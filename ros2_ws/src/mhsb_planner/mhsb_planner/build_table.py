@@ -1,0 +1,102 @@
+"""`build_table`: computes the posture table of a machine and stores it."""
+
+from __future__ import annotations
+
+import json as json_format
+import sys
+import time
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.machine import load_machine
+from mhsb_planner import s1_global_search, s1_slsqp
+from mhsb_planner.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.posture_table_cache import cached_table_path
+from mhsb_planner.s1_global_search import build_posture_table
+from mhsb_planner.s1_posture_table import PostureTable
+
+SOLVERS = {"global": s1_global_search.search_globally, "slsqp": s1_slsqp.search_by_slsqp}
+
+
+def build_table(
+    machine: Path | None = None,
+    output: Path | None = None,
+    solver: Literal["global", "slsqp"] = "global",
+    spacing: float = PAPER_SPACING,
+    jobs: int | None = None,
+    json: bool = False,
+) -> None:
+    """Compute the posture table: for every node of the grid and every mode pattern the posture of
+    largest end-effector velocity polytope.
+
+    Args:
+        machine: Machine file (YAML, SI units); the suite's own arm when left out.
+        output: File to write (npz); the user's cache, where the planner looks, when left out.
+        solver: How the largest polytope is found: global searches all postures, slsqp is the
+            paper's sequential quadratic programming from random starts, for comparison.
+        spacing: Distance of the grid's nodes [m].
+        jobs: Number of threads; one for each processor when left out.
+        json: Print the result as JSON.
+    """
+    arm = load_machine(machine)
+    total = len(grid_nodes(arm, spacing))
+    s1_global_search.warm_up(arm)
+    began = time.perf_counter()
+    with tqdm(total=total, unit="node", desc="posture table") as bar:
+        table = build_posture_table(
+            arm,
+            spacing,
+            jobs,
+            progress=lambda done, _: bar.update(done - bar.n),
+            solver=SOLVERS[solver],
+        )
+    seconds = time.perf_counter() - began
+    path = output or cached_table_path(arm, spacing, solver)
+    table.save(path)
+    if json:
+        print(json_format.dumps(_facts(table, path, solver, seconds)))
+    else:
+        print(_text(table, path, seconds))
+
+
+def _facts(table: PostureTable, path: Path, solver: str, seconds: float) -> dict[str, object]:
+    infeasible = table.nodes[~table.feasible] * table.spacing
+    return {
+        "machine": table.machine_name,
+        "machine_hash": table.machine_hash,
+        "output": str(path),
+        "solver": solver,
+        "spacing_m": table.spacing,
+        "nodes": len(table.nodes),
+        "patterns": len(table.patterns),
+        "entries": table.entries,
+        "infeasible_nodes_m": np.round(infeasible, 9).tolist(),
+        "seconds": seconds,
+    }
+
+
+def _text(table: PostureTable, path: Path, seconds: float) -> str:
+    missing = table.nodes[~table.feasible] * table.spacing
+    lines = [
+        f"{table.machine_name}: {len(table.nodes)} nodes, {len(table.patterns)} mode patterns, "
+        f"{table.entries} entries in {seconds:.2f} s",
+        f"{len(missing)} nodes have no posture within the joint limits"
+        + (", at (x, z) m:" if len(missing) else ""),
+    ]
+    for x in np.unique(missing[:, 0]):
+        heights = ", ".join(f"{z:.4g}" for z in missing[missing[:, 0] == x, 1])
+        lines.append(f"  x = {x:.4g}: z = {heights}")
+    return "\n".join([*lines, f"written to {path}"])
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_planner build_table`."""
+    return command_line.run(build_table)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

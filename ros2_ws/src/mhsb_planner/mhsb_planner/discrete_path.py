@@ -1,0 +1,73 @@
+"""A discrete path: the result of the search over postures and modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.types import FloatArray, ModeArray, frozen
+
+
+@dataclass(frozen=True)
+class SearchStatistics:
+    """What a search took: states expanded, states generated (steps looked at), seconds."""
+
+    expanded: int
+    generated: int
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class DiscretePath:
+    """k steps of an arm with n joints, each at constant piston speeds and in one mode pattern.
+
+    tip            float64[k + 1, 2], (x, z) m
+    posture        float64[k + 1, n], rad
+    modes          uint8[k, n], mode of every actuator during each step
+    duration       float64[k], s
+    energy         float64[k], J, reading `paper`
+    energy_series  float64[k], J, reading `series`
+    cost           w₁ Σ E + w₂ Σ T + w₃ switches, the first step's switches included
+    start_modes    uint8[n], in force before the first step
+    lower_bound    J, what any plan to one of the admissible goal postures must at least take
+    statistics     of the search
+    """
+
+    tip: FloatArray
+    posture: FloatArray
+    modes: ModeArray
+    duration: FloatArray
+    energy: FloatArray
+    energy_series: FloatArray
+    cost: float
+    start_modes: ModeArray
+    lower_bound: float
+    statistics: SearchStatistics
+
+    def __post_init__(self) -> None:
+        for name in ("tip", "posture", "duration", "energy", "energy_series"):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=float)))
+        for name in ("modes", "start_modes"):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=np.uint8)))
+
+    @property
+    def steps(self) -> int:
+        """Number of steps k."""
+        return len(self.duration)
+
+    @property
+    def switches(self) -> int:
+        """How often an actuator changes its mode, from the modes in force at the start on."""
+        sequence = np.vstack([self.start_modes[None, :], self.modes]).astype(np.int64)
+        return int(np.count_nonzero(np.diff(sequence, axis=0)))
+
+    @property
+    def time(self) -> FloatArray:
+        """Time at each posture, from 0, float64[k + 1] s."""
+        return np.concatenate([[0.0], np.cumsum(self.duration)])
+
+    @property
+    def length(self) -> float:
+        """Length of the tip's path as a polygon [m]."""
+        return float(np.sum(np.hypot(*np.diff(self.tip, axis=0).T)))

@@ -1,0 +1,69 @@
+"""What can go wrong in planning; each error is one sentence and carries its data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mhsb_model.errors import MhsbError
+
+
+class InfeasibleGoalError(MhsbError):
+    """No posture within the joint limits puts the tip at the goal."""
+
+    def __init__(self, x: float, z: float, psi: float | None = None) -> None:
+        self.x = x
+        self.z = z
+        self.psi = psi
+        with_psi = "" if psi is None else f" with the end link at {psi:.4g} rad"
+        super().__init__(
+            f"no posture within the joint limits puts the tip at ({x:.4g}, {z:.4g}) m{with_psi}"
+        )
+
+
+class NoPathError(MhsbError):
+    """Goal and start are each feasible, but no sequence of steps joins them."""
+
+    def __init__(self, start: tuple[float, float], goal: tuple[float, float]) -> None:
+        self.start = start
+        self.goal = goal
+        super().__init__(
+            f"no sequence of admissible steps leads from ({start[0]:.4g}, {start[1]:.4g}) m "
+            f"to ({goal[0]:.4g}, {goal[1]:.4g}) m"
+        )
+
+
+class DeadlineError(MhsbError):
+    """Planning did not end within its budget."""
+
+    def __init__(self, budget: float, expanded: int) -> None:
+        self.budget = budget
+        self.expanded = expanded
+        super().__init__(
+            f"planning did not end within {budget:.4g} s ({expanded} states were expanded)"
+        )
+
+
+class PlanningCancelledError(MhsbError):
+    """Whoever asked for the work no longer wants it."""
+
+    def __init__(self, work: str) -> None:
+        self.work = work
+        super().__init__(f"{work} was cancelled")
+
+
+class RequestError(MhsbError):
+    """A value in a planning request is out of its range."""
+
+    def __init__(self, name: str, value: object, rule: str) -> None:
+        self.name = name
+        self.value = value
+        super().__init__(f"{name} {rule} (is {value})")
+
+
+class TableError(MhsbError):
+    """A posture table cannot be read, written or used for this machine."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"posture table {path}: {reason}")

@@ -1,0 +1,70 @@
+"""What every plan between two postures must at least take, whatever its path and modes.
+
+Cylinder strokes add up to no less than the distance between start and goal, each litre costs at
+least P_S, and leakage flows for as long as the motion must last:
+
+    T_lb = max( max_j |ΔL_j| / V_max , Σ_j A_dir |ΔL_j| / (Q_MP − n q_leak) )
+    E_lb = P_S [ Σ_j A_dir |ΔL_j| + n q_leak T_lb ]
+
+Both hold step by step for the costs of `s2_step`, since boosted oil never costs less than P_S
+there; so w₁ E_lb + w₂ T_lb is also a consistent estimate of the cost that remains in the search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.s2_step import circuit_of
+
+
+@njit(cache=True, nogil=True)
+def least_cost(
+    area: FloatArray,
+    pace: FloatArray,
+    shared_flow: float,
+    leakage: float,
+    start: FloatArray,
+    goal: FloatArray,
+    volume_weight: float,
+    time_weight: float,
+) -> float:
+    """Least cost from cylinder lengths start[n] to goal[n] [m].
+
+    area, pace, shared_flow  see `s2_step.Circuit`
+    leakage                  of all valves [m³/s]
+    volume_weight            w₁ P_S [1/m³]
+    time_weight              w₂ [1/s]
+    """
+    duration = 0.0
+    volume = 0.0
+    for j in range(len(start)):
+        delta = goal[j] - start[j]
+        d = 0 if delta > 0.0 else 1
+        duration = max(duration, abs(delta) * pace[j, 0, d])
+        volume += area[j, d] * abs(delta)
+    duration = max(duration, volume / shared_flow)
+    return volume_weight * (volume + leakage * duration) + time_weight * duration
+
+
+def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
+    """E_lb [J] from the posture start[n] to the cheapest of the postures goals[goals, n] [rad]."""
+    circuit = circuit_of(machine.arrays, machine.patterns)
+    length = machine.cylinder_lengths(np.asarray(start, dtype=np.float64))
+    return min(
+        float(
+            least_cost(
+                circuit.area,
+                circuit.pace,
+                circuit.shared_flow,
+                machine.joint_count * circuit.leakage_flow,
+                length,
+                machine.cylinder_lengths(goal),
+                circuit.supply_pressure,
+                0.0,
+            )
+        )
+        for goal in np.atleast_2d(np.asarray(goals, dtype=np.float64))
+    )

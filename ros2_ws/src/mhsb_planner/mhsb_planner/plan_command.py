@@ -1,0 +1,168 @@
+"""`plan`: one plan, offline, without a ROS graph."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from mhsb_model import command_line
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.modes import pattern_name
+from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_planner.errors import RequestError
+from mhsb_planner.paper_cases import paper_case
+from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlanOptions, warm_up
+from mhsb_planner.posture_table_cache import table_for
+from mhsb_planner.s1_global_search import postures_at
+from mhsb_planner.s2_search import Weights
+from mhsb_planner.s2_step import EnergyReading
+
+Point = tuple[float, float]
+
+
+def plan(
+    start: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
+    goal: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
+    case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    weights: Annotated[
+        tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3")
+    ] = None,
+    energy_reading: EnergyReading = "paper",
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
+    v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S")] = None,
+    goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Plan a motion from rest and print it: path, modes, energy, time.
+
+    Give --start and --goal, or --case for one of the paper's. The start posture is that of the
+    posture table in normal mode. Energies are in J, lengths in m, angles in rad, times in s.
+
+    Args:
+        start: Tip position at the start [m].
+        goal: Tip position at the goal [m].
+        case: One of the paper's cases, such as 1-1; it sets start, goal and weights.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        table: Posture table (npz); built and kept in the user's cache when left out.
+        weights: Of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
+        energy_reading: Price of boosted oil that the search minimises.
+        payload: Mass at the tip [kg]; the machine file's when left out.
+        supply_pressure: Of the main pump [Pa]; the machine file's when left out.
+        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out.
+        goal_psi: Angle of the end link at the goal [rad]; free when left out.
+        json_: Print one JSON object instead of text.
+    """
+    begin, end, chosen = _request(start, goal, case, weights)
+    base = load_machine(machine)
+    planner = Planner(base, table_for(base, table))
+    planner.change(
+        base.changed(
+            payload=payload, supply_pressure=supply_pressure, max_piston_speed=v_max
+        )
+    )
+    warm_up(planner)
+    began = time.perf_counter()
+    base.check_in_workspace(*begin)
+    posture = postures_at(planner.machine, *begin).posture[0]
+    options = PlanOptions(chosen, energy_reading, goal_psi)
+    made = planner.plan(end, MotionState.at_rest(posture), options=options)
+    seconds = {**made.seconds, "total": time.perf_counter() - began}
+    if json_:
+        print(json.dumps(as_json(planner.machine, made, seconds)))
+    else:
+        print("\n".join(as_text(made, seconds)))
+
+
+def _request(
+    start: Point | None,
+    goal: Point | None,
+    case: str | None,
+    weights: tuple[float, float, float] | None,
+) -> tuple[Point, Point, Weights]:
+    """Start, goal and weights: the case's where one is named, unless given themselves."""
+    if case is not None:
+        named = paper_case(case)
+        start, goal = start or named.start, goal or named.goal
+        fallback = named.weights
+    else:
+        fallback = ENERGY_OPTIMAL
+    if start is None or goal is None:
+        raise command_line.UsageError("give --start X Z and --goal X Z, or --case NAME")
+    try:
+        return start, goal, Weights(*weights) if weights is not None else fallback
+    except RequestError as error:
+        raise command_line.UsageError(f"--weights: {error}") from error
+
+
+def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str, Any]:
+    """Everything about a plan in plain types."""
+    path, motion = made.path, made.motion
+    return {
+        "machine": machine.name,
+        "energy_discrete_j": float(path.energy.sum()),
+        "energy_series_discrete_j": float(path.energy_series.sum()),
+        "energy_j": made.energy.paper,
+        "energy_series_j": made.energy.series,
+        "lower_bound_j": made.lower_bound,
+        "duration_discrete_s": float(path.duration.sum()),
+        "duration_s": motion.trajectory.duration_ns / SECOND_NS,
+        "switches": path.switches,
+        "switches_scheduled": motion.schedule.switches,
+        "cost": path.cost,
+        "path": path.tip.tolist(),
+        "modes": path.modes.tolist(),
+        "joint_path": path.posture.tolist(),
+        "fit": {
+            "method": motion.method.value,
+            "stretch": motion.stretch,
+            "speed_excess": motion.speed_excess,
+            "tip_deviation_m": motion.tip_deviation,
+            "joint_deviation_rad": motion.joint_deviation,
+            "refused": list(motion.refused),
+        },
+        "expanded": path.statistics.expanded,
+        "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
+    }
+
+
+def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
+    """A table of the steps and the sums."""
+    path, motion = made.path, made.motion
+    lines = ["step   tip x, z [m]      modes           time [s]   energy [J]"]
+    for k in range(path.steps):
+        x, z = path.tip[k + 1]
+        lines.append(
+            f"{k + 1:4d}   {x:6.3f} {z:7.3f}   {pattern_name(path.modes[k]):14s}"
+            f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}"
+        )
+    lines += [
+        f"discrete path: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
+        f"({path.energy_series.sum():.1f} J in series reading, at least "
+        f"{made.lower_bound:.1f} J), {path.switches} mode switches",
+        f"trajectory:    {motion.trajectory.duration_ns / SECOND_NS:.2f} s, "
+        f"{made.energy.paper:.1f} J ({made.energy.series:.1f} J in series reading), "
+        f"{motion.schedule.switches} mode switches",
+        f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
+        f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
+        f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
+        "planned in "
+        + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
+    ]
+    return lines
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_planner plan`."""
+    return command_line.run(plan, name="plan")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,185 @@
+"""Parameters of the planner node: declaration, ranges, and what a change is refused for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine, load_machine
+from mhsb_planner.planner import PlanOptions
+from mhsb_planner.s2_search import Weights
+from mhsb_planner.s2_step import EnergyReading
+
+PLANNERS = ("table",)
+READINGS = ("paper", "series")
+FREE_PSI = math.nan
+HIGHEST_PRESSURE = 5e7  # Pa
+HEAVIEST_PAYLOAD = 1e4  # kg
+FASTEST_PISTON = 1.0  # m/s
+LONGEST_BUDGET = 5.0  # s
+
+
+@dataclass(frozen=True)
+class PlannerParameters:
+    """What the parameters ask for; SI units.
+
+    weights          (w1, w2, w3) of energy, time and mode switches
+    energy_reading   price of boosted oil, `paper` or `series`
+    payload          kg
+    supply_pressure  Pa
+    v_max            m/s, piston speed
+    planning_budget  s, from the stamp of a plan to where it leaves the previous one
+    goal_psi         rad, angle of the end link at the goal; None leaves it free
+    """
+
+    weights: tuple[float, float, float]
+    energy_reading: EnergyReading
+    payload: float
+    supply_pressure: float
+    v_max: float
+    planning_budget: float
+    goal_psi: float | None
+
+    @property
+    def options(self) -> PlanOptions:
+        """What a plan is to be like; the search may take the whole planning budget."""
+        return PlanOptions(
+            Weights(*self.weights), self.energy_reading, self.goal_psi, self.planning_budget
+        )
+
+    def machine(self, base: Machine) -> Machine:
+        """The machine of the file with payload, supply pressure and V_max as asked for."""
+        return base.changed(
+            payload=self.payload,
+            supply_pressure=self.supply_pressure,
+            max_piston_speed=self.v_max,
+        )
+
+
+def declare_machine(node: Node) -> Machine:
+    """Declare `machine` and read the file that it names; raises MachineFileError."""
+    node.declare_parameter(
+        "machine",
+        "",
+        _described("machine file (YAML); empty for the suite's own arm", read_only=True),
+    )
+    return load_machine(node.get_parameter("machine").value or None)
+
+
+def declare_table_path(node: Node) -> Path | None:
+    """Declare `table`: a posture table's file, None for the one in the user's cache."""
+    node.declare_parameter(
+        "table",
+        "",
+        _described("posture table (npz); empty builds one and keeps it", read_only=True),
+    )
+    value = node.get_parameter("table").value
+    return Path(value) if value else None
+
+
+def declare_frame_prefix(node: Node) -> str:
+    """Declare `frame_prefix`: what stands before the frames' names."""
+    node.declare_parameter(
+        "frame_prefix", "", _described("put before base_link and work_plane", read_only=True)
+    )
+    return str(node.get_parameter("frame_prefix").value)
+
+
+def declare(node: Node, machine: Machine) -> None:
+    """Declare all parameters that can be changed between plans."""
+    arrays = machine.arrays
+    node.declare_parameter("planner", PLANNERS[0], _described(f"one of {', '.join(PLANNERS)}"))
+    node.declare_parameter(
+        "weights", [0.5, 0.0, 2.0], _described("of energy [1/J], time [1/s] and mode switches [-]")
+    )
+    node.declare_parameter(
+        "energy_reading", READINGS[0], _described(f"one of {', '.join(READINGS)}")
+    )
+    node.declare_parameter(
+        "payload", arrays.payload, _described("at the tip [kg]", (0.0, HEAVIEST_PAYLOAD))
+    )
+    node.declare_parameter(
+        "supply_pressure",
+        arrays.supply_pressure,
+        _described("of the main pump, P_S [Pa]", (1e5, HIGHEST_PRESSURE)),
+    )
+    node.declare_parameter(
+        "v_max",
+        arrays.max_piston_speed,
+        _described("piston speed of the discrete plan, V_max [m/s]", (1e-4, FASTEST_PISTON)),
+    )
+    node.declare_parameter(
+        "planning_budget",
+        0.1,
+        _described("from a plan's stamp to its first new motion [s]", (0.01, LONGEST_BUDGET)),
+    )
+    node.declare_parameter(
+        "goal_psi", FREE_PSI, _described("angle of the end link at the goal [rad]; .nan is free")
+    )
+
+
+def read(node: Node) -> PlannerParameters:
+    """The parameters as they are now."""
+    return _from_values({name: node.get_parameter(name).value for name in _CHANGEABLE})
+
+
+def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
+    """Why a set of changes cannot be made, in one sentence, or None where it can."""
+    values = {name: node.get_parameter(name).value for name in ("planner", *_CHANGEABLE)}
+    values |= {change.name: change.value for change in changes if change.name in values}
+    for name, allowed in (("planner", PLANNERS), ("energy_reading", READINGS)):
+        if values[name] not in allowed:
+            return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
+    weights = list(values["weights"])
+    if len(weights) != 3 or not all(math.isfinite(w) and w >= 0 for w in weights):
+        return f"weights {weights} must be three finite numbers that are not negative"
+    if math.isinf(values["goal_psi"]):
+        return "goal_psi must be an angle in rad, or .nan to leave it free"
+    try:
+        _from_values(values).machine(machine)
+    except MhsbError as error:
+        return str(error)
+    return None
+
+
+_CHANGEABLE = (
+    "weights",
+    "energy_reading",
+    "payload",
+    "supply_pressure",
+    "v_max",
+    "planning_budget",
+    "goal_psi",
+)
+
+
+def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
+    first, second, third = values["weights"]
+    return PlannerParameters(
+        weights=(first, second, third),
+        energy_reading=values["energy_reading"],
+        payload=values["payload"],
+        supply_pressure=values["supply_pressure"],
+        v_max=values["v_max"],
+        planning_budget=values["planning_budget"],
+        goal_psi=None if math.isnan(values["goal_psi"]) else values["goal_psi"],
+    )
+
+
+def _described(
+    text: str, limits: tuple[float, float] | None = None, *, read_only: bool = False
+) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=text, read_only=read_only)
+    if limits is not None:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=limits[0], to_value=limits[1], step=0.0)
+        ]
+    return descriptor

@@ -1,0 +1,146 @@
+"""The posture table: for every node of the grid and every mode pattern, the posture to take.
+
+Stored as one npz file: the arrays and a JSON header with the schema version, the machine's name
+and hash, and the spacing. A file is written beside its place and renamed, so that a table is
+there whole or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+import zlib
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_planner.errors import TableError
+
+SCHEMA_VERSION = 1
+ARRAY_NAMES = ("nodes", "patterns", "posture", "area")
+
+
+@dataclass(frozen=True, eq=False)
+class PostureTable:
+    """Postures of largest velocity polytope (paper, step S1) for n joints.
+
+    machine_name, machine_hash  whom the table was made for
+    spacing   grid spacing [m]
+    nodes     int64[nodes, 2], tip positions (x, z) in units of the spacing
+    patterns  uint8[patterns, n], mode codes
+    posture   float64[nodes, patterns, n], rad; NaN where a node has no posture within limits
+    area      float64[nodes, patterns], of the velocity polytope [m²/s²]; NaN likewise
+    """
+
+    machine_name: str
+    machine_hash: str
+    spacing: float
+    nodes: IntArray
+    patterns: ModeArray
+    posture: FloatArray
+    area: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ARRAY_NAMES:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def feasible(self) -> np.ndarray:
+        """Whether a node has a posture within limits, bool[nodes]."""
+        return np.isfinite(self.area[:, 0])
+
+    @property
+    def entries(self) -> int:
+        """Number of nodes times number of patterns."""
+        return int(self.area.size)
+
+    def save(self, path: str | Path) -> None:
+        """Write the table to a file, replacing it at once; raises TableError where it cannot."""
+        path = Path(path)
+        header = {"schema_version": SCHEMA_VERSION} | {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.name not in ARRAY_NAMES
+        }
+        arrays = {name: getattr(self, name) for name in ARRAY_NAMES}
+        temporary = None
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(
+                dir=path.parent, prefix=path.name, suffix=".part", delete=False
+            ) as file:
+                temporary = Path(file.name)
+                np.savez(file, header=np.array(json.dumps(header)), **arrays)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except OSError as error:
+            raise TableError(path, f"cannot be written: {error.strerror}") from error
+        finally:
+            if temporary is not None:
+                temporary.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: str | Path, machine: Machine, spacing: float | None = None) -> PostureTable:
+        """Table of a file, which must be for this machine and, if given, this spacing [m].
+
+        Raises TableError where the file is missing, damaged, of another schema, machine or
+        spacing; the sentence names which.
+        """
+        path = Path(path)
+        header, arrays = _read(path)
+        if header.get("schema_version") != SCHEMA_VERSION:
+            raise TableError(
+                path,
+                f"has schema version {header.get('schema_version')}, {SCHEMA_VERSION} is needed",
+            )
+        try:
+            table = cls(
+                machine_name=str(header["machine_name"]),
+                machine_hash=str(header["machine_hash"]),
+                spacing=float(header["spacing"]),
+                **arrays,
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise TableError(path, f"has no usable header ({error})") from error
+        table._check_for(path, machine, spacing)
+        return table
+
+    def _check_for(self, path: Path, machine: Machine, spacing: float | None) -> None:
+        if self.machine_hash != machine.hash:
+            raise TableError(
+                path,
+                f"was made for machine {self.machine_name} ({self.machine_hash[:12]}), "
+                f"not for {machine.name} ({machine.hash[:12]})",
+            )
+        if spacing is not None and self.spacing != spacing:
+            raise TableError(path, f"has a spacing of {self.spacing:g} m, not {spacing:g} m")
+        shapes = {
+            "nodes": (len(self.nodes), 2),
+            "patterns": machine.patterns.shape,
+            "posture": (len(self.nodes), *machine.patterns.shape),
+            "area": (len(self.nodes), len(machine.patterns)),
+        }
+        for name, shape in shapes.items():
+            found = getattr(self, name)
+            if found.shape != shape:
+                raise TableError(path, f"has {name} of shape {found.shape}, not {shape}")
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            header = json.loads(str(content["header"]))
+            return header, {name: content[name] for name in ARRAY_NAMES}
+    except FileNotFoundError as error:
+        raise TableError(path, "there is no such file") from error
+    except (KeyError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise TableError(path, "is damaged or not a posture table") from error
+    except OSError as error:
+        raise TableError(path, f"cannot be read: {error.strerror or error}") from error

@@ -1,0 +1,215 @@
+"""A* over (node, pattern): the kernel of the search, which can be stopped and taken up again.
+
+The estimate of the cost that remains, `lower_bound`, is consistent, so a state is final once it
+has been expanded; where rounding says otherwise, it is expanded again.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_planner.lower_bound import least_cost
+from mhsb_planner.s2_graph import Edges, StepGraph
+from mhsb_planner.s2_joining import NOWHERE, Steps
+from mhsb_planner.s2_step import DURATION, Circuit
+
+PAUSED, FOUND, EXHAUSTED = 0, 1, 2
+
+
+class Frontier(NamedTuple):
+    """State of a search that can be taken up again; the goal is one more state, the last."""
+
+    cost: FloatArray  # [states + 1] so far
+    estimate: FloatArray  # [states + 1] cost so far plus least cost to the goal
+    depth: IntArray  # [states + 1] steps so far
+    parent: IntArray  # [states + 1] state before; NOWHERE for the start
+    edge: IntArray  # [states + 1] step by which it was reached, in the list its parent implies
+    place: IntArray  # [states + 1] in the heap, NOWHERE where not there
+    heap: IntArray  # [states + 1]
+    remaining: FloatArray  # [postures] least cost to the goal, NaN where not yet computed
+    counts: IntArray  # [3] size of the heap, states expanded, steps looked at
+
+
+def empty_frontier(graph: StepGraph) -> Frontier:
+    """A search that has not begun."""
+    states = graph.layout.owner.size + 1
+    return Frontier(
+        cost=np.full(states, np.inf),
+        estimate=np.empty(states),
+        depth=np.zeros(states, dtype=np.int64),
+        parent=np.empty(states, dtype=np.int64),
+        edge=np.empty(states, dtype=np.int64),
+        place=np.full(states, NOWHERE),
+        heap=np.empty(states, dtype=np.int64),
+        remaining=np.full(len(graph.layout.posture), np.nan),
+        counts=np.zeros(3, dtype=np.int64),
+    )
+
+
+# The heap's functions take plain arrays: handing a tuple of arrays over costs more than they do.
+
+
+@njit(cache=True, nogil=True)
+def _before(estimate: FloatArray, depth: IntArray, a: int, b: int) -> bool:
+    if estimate[a] != estimate[b]:
+        return estimate[a] < estimate[b]
+    if depth[a] != depth[b]:
+        return depth[a] < depth[b]
+    return a < b
+
+
+@njit(cache=True, nogil=True)
+def _sift_up(
+    estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, i: int, state: int
+) -> None:
+    """Put a state into the heap at i or above."""
+    while i > 0:
+        above = (i - 1) // 2
+        if not _before(estimate, depth, state, heap[above]):
+            break
+        heap[i] = heap[above]
+        place[heap[i]] = i
+        i = above
+    heap[i] = state
+    place[state] = i
+
+
+@njit(cache=True, nogil=True)
+def _pop(estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, size: int) -> int:
+    """Take the first state out of a heap of `size`."""
+    top = heap[0]
+    place[top] = NOWHERE
+    size -= 1
+    if size == 0:
+        return top
+    state = heap[size]
+    i = 0
+    while True:
+        below = 2 * i + 1
+        if below >= size:
+            break
+        if below + 1 < size and _before(estimate, depth, heap[below + 1], heap[below]):
+            below += 1
+        if not _before(estimate, depth, heap[below], state):
+            break
+        heap[i] = heap[below]
+        place[heap[i]] = i
+        i = below
+    heap[i] = state
+    place[state] = i
+    return top
+
+
+@njit(cache=True, nogil=True)
+def expand(
+    f: Frontier,
+    c: Circuit,
+    edges: Edges,
+    switches: IntArray,
+    owner: IntArray,
+    length: FloatArray,
+    goal_length: FloatArray,
+    start_steps: Steps,
+    start_switches: IntArray,
+    goal_steps: Steps,
+    goal_first: IntArray,
+    weight: FloatArray,
+    column: int,
+    limit: int,
+) -> int:
+    """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED.
+
+    switches        int64[patterns, patterns], joints that change their mode between patterns
+    owner           int64[states], posture of a state
+    length          float64[postures, n]; goal_length likewise of the goal's postures [m]
+    start_steps     steps that leave the start, with their switches from the modes in force in
+                    start_switches[patterns]; the state NOWHERE is the goal
+    goal_first      int64[postures + 1], steps to the goal that leave posture i are
+                    first[i] … first[i + 1]
+    weight          float64[3] of energy, time, switches
+    column          of the energy reading in costs
+
+    Oracle: scipy.sparse.csgraph.dijkstra on the same graph.
+    """
+    so_far, estimate, depth, parent, edge = f.cost, f.estimate, f.depth, f.parent, f.edge
+    place, heap, remaining, counts = f.place, f.heap, f.remaining, f.counts
+    edge_first, edge_state, edge_pattern, edge_cost = edges
+    start_state, start_pattern = start_steps.state, start_steps.pattern
+    start_cost = start_steps.cost
+    goal_pattern, goal_cost = goal_steps.pattern, goal_steps.cost
+    area, pace = c.area, c.pace
+    leakage = len(area) * c.leakage_flow
+    w_energy, w_time, w_switch = weight
+    sink = len(so_far) - 1
+    fresh = counts[1] == 0
+    for _ in range(limit):
+        if fresh:
+            state, posture, own, so, steps = NOWHERE, NOWHERE, 0, 0.0, 1
+            begin, grid_end = 0, len(start_pattern)
+            end = grid_end
+        else:
+            if counts[0] == 0:
+                return EXHAUSTED
+            state = _pop(estimate, depth, heap, place, counts[0])
+            counts[0] -= 1
+            if state == sink:
+                return FOUND
+            posture, own = owner[state], state % len(switches)
+            so, steps = so_far[state], depth[state] + 1
+            begin, grid_end = edge_first[posture], edge_first[posture + 1]
+            end = grid_end + goal_first[posture + 1] - goal_first[posture]
+        counts[1] += 1
+        counts[2] += end - begin
+        for i in range(begin, end):
+            if fresh:
+                e, target = i, start_state[i]
+                cost = w_energy * start_cost[e, column] + w_time * start_cost[e, DURATION]
+                cost += w_switch * start_switches[start_pattern[e]]
+                if target == NOWHERE:
+                    target = sink
+            elif i < grid_end:
+                e, target = i, edge_state[i]
+                cost = w_energy * edge_cost[e, column] + w_time * edge_cost[e, DURATION]
+                cost += w_switch * switches[own, edge_pattern[e]]
+            else:
+                e, target = goal_first[posture] + i - grid_end, sink
+                cost = w_energy * goal_cost[e, column] + w_time * goal_cost[e, DURATION]
+                cost += w_switch * switches[own, goal_pattern[e]]
+            cost += so
+            if cost > so_far[target] or (cost == so_far[target] and steps >= depth[target]):
+                continue
+            least = 0.0
+            if target != sink:
+                at = owner[target]
+                if math.isnan(remaining[at]):
+                    remaining[at] = math.inf
+                    for k in range(len(goal_length)):
+                        bound = least_cost(
+                            area,
+                            pace,
+                            c.shared_flow,
+                            leakage,
+                            length[at],
+                            goal_length[k],
+                            w_energy * c.supply_pressure,
+                            w_time,
+                        )
+                        remaining[at] = min(remaining[at], bound)
+                least = remaining[at]
+            so_far[target] = cost
+            estimate[target] = cost + least
+            depth[target] = steps
+            parent[target] = state
+            edge[target] = e
+            slot = place[target]
+            if slot == NOWHERE:
+                slot = counts[0]
+                counts[0] += 1
+            _sift_up(estimate, depth, heap, place, slot, target)
+        fresh = False
+    return PAUSED

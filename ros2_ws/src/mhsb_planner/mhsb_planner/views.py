@@ -1,0 +1,118 @@
+"""What viewers are shown of a plan: the tip's path, coloured by mode, and the goal posture.
+
+Everything is drawn twice: in the arm's own plane (base_link) and in the same plane laid flat
+(work_plane), where tools that know only x and y can show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, PoseStamped, Vector3
+from nav_msgs.msg import Path
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mhsb_model import kinematics
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_msgs_py import stamps
+from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
+from mhsb_planner.departure import Command
+
+PATH_SPACING_NS = 50_000_000
+LINE_WIDTH = 0.006  # m
+GOAL_SIZE = 0.04  # m
+COLORS = ((0.2, 0.6, 0.3), (0.95, 0.6, 0.1), (0.85, 0.2, 0.2))
+"""Red, green, blue of a path whose most boosted actuator is in N, DB, SB."""
+
+GOAL_COLOR = (0.2, 0.3, 0.8)
+
+
+def paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
+    """The tip's path in base_link and in work_plane."""
+    _, tips = _tip_path(machine, command)
+    in_base, laid_flat = (
+        Path(
+            header=_header(command, frame, prefix),
+            poses=[
+                PoseStamped(
+                    header=_header(command, frame, prefix),
+                    pose=Pose(position=_point(tip, frame)),
+                )
+                for tip in tips
+            ],
+        )
+        for frame in (BASE_FRAME, WORK_PLANE_FRAME)
+    )
+    return in_base, laid_flat
+
+
+def markers(machine: Machine, command: Command, prefix: str) -> MarkerArray:
+    """Path, goal and goal posture, in both frames."""
+    return MarkerArray(
+        markers=[
+            marker
+            for frame in (BASE_FRAME, WORK_PLANE_FRAME)
+            for marker in _frame_markers(machine, command, frame, prefix)
+        ]
+    )
+
+
+def _frame_markers(
+    machine: Machine, command: Command, frame: str, prefix: str
+) -> Iterable[Marker]:
+    header = _header(command, frame, prefix)
+    times, tips = _tip_path(machine, command)
+    boosted = command.schedule.modes_at_many(times).max(axis=1)
+    line = _marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
+    line.points = [_point(tip, frame) for tip in tips]
+    line.colors = [_color(COLORS[mode]) for mode in boosted]
+    yield line
+    posture = _marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
+    joints = kinematics.joint_positions(
+        machine.arrays.link_length, command.trajectory.position[-1]
+    )
+    posture.points = [_point(joint, frame) for joint in joints]
+    posture.color = _color(GOAL_COLOR)
+    yield posture
+    goal = _marker(header, f"goal_{frame}", Marker.SPHERE, GOAL_SIZE)
+    goal.pose.position = _point(tips[-1], frame)
+    goal.color = _color(GOAL_COLOR)
+    yield goal
+
+
+def _tip_path(machine: Machine, command: Command) -> tuple[IntArray, FloatArray]:
+    """Absolute times [ns] and tip positions along the trajectory, its end included."""
+    trajectory = command.trajectory
+    times = np.append(
+        np.arange(trajectory.stamp_ns, trajectory.end_ns, PATH_SPACING_NS, dtype=np.int64),
+        trajectory.end_ns,
+    )
+    positions = trajectory.sample_many(times)[0]
+    return times, np.array([machine.tip_position(q) for q in positions])
+
+
+def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
+    return Marker(
+        header=header,
+        ns=namespace,
+        id=0,
+        type=kind,
+        action=Marker.ADD,
+        scale=Vector3(x=size, y=size, z=size),
+    )
+
+
+def _header(command: Command, frame: str, prefix: str) -> Header:
+    return Header(stamp=stamps.to_time(command.stamp_ns), frame_id=frame_name(frame, prefix))
+
+
+def _point(place: FloatArray, frame: str) -> Point:
+    x, z = float(place[0]), float(place[1])
+    return Point(x=x, y=z, z=0.0) if frame == WORK_PLANE_FRAME else Point(x=x, y=0.0, z=z)
+
+
+def _color(rgb: tuple[float, float, float]) -> ColorRGBA:
+    return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=1.0)

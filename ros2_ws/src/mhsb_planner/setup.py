@@ -1,0 +1,29 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "mhsb_planner"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Online motion planner for hydraulic manipulators",
+    license="Apache-2.0",
+    maintainer="MHSB maintainers",
+    maintainer_email="maintainers@mhsb.invalid",
+    packages=find_packages(exclude=["test"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "planner_node = mhsb_planner.planner_node:main",
+            "build_table = mhsb_planner.build_table:main",
+            "plan = mhsb_planner.plan_command:main",
+            "goal = mhsb_planner.goal_command:main",
+        ],
+    },
+)

@@ -1,0 +1,213 @@
+"""The suite's own arm with its table and graph, and what one step costs, worked out slowly."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mhsb_model.machine import Machine, load_machine
+from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.s1_global_search import build_posture_table
+from mhsb_planner.s1_posture_table import PostureTable
+from mhsb_planner.s2_graph import StepGraph
+from mhsb_planner.s2_step import step_costs
+
+
+@pytest.fixture(scope="session")
+def machine() -> Machine:
+    return load_machine()
+
+
+@pytest.fixture(scope="session")
+def table(machine: Machine) -> PostureTable:
+    return build_posture_table(machine)
+
+
+@pytest.fixture(scope="session")
+def graph(machine: Machine, table: PostureTable) -> StepGraph:
+    return StepGraph(machine, table)
+
+
+@pytest.fixture(scope="session")
+def slow_steps() -> Callable[..., dict[int, tuple[float, float, float]]]:
+    return steps_by_the_book
+
+
+def steps_by_the_book(machine, start, end_by_pattern):
+    """Admissible steps from a posture to a node, {pattern index: (T, E paper, E series)}.
+
+    The conventions of the discrete path in plain Python, from the machine file's own numbers;
+    `end_by_pattern` is the posture at the node for each of the machine's patterns.
+    """
+    found = {}
+    for index, (pattern, end) in enumerate(zip(machine.patterns, end_by_pattern, strict=True)):
+        found[index] = _step_by_the_book(machine, start, end, pattern)
+    for status in ("consistent", "without need"):
+        steps = {index: cost for index, (word, *cost) in found.items() if word == status}
+        if steps:
+            return {index: tuple(cost) for index, cost in steps.items()}
+    return {}
+
+
+def _step_by_the_book(machine, start, end, pattern):
+    oil, valve = machine.config.hydraulics, machine.config.hydraulics.valve
+    k = valve.rated_flow / math.sqrt(valve.rated_pressure_drop_per_land)
+    tank, supply = oil.tank_pressure, oil.main_pump.pressure
+    n = machine.joint_count
+    bore = np.array([joint.cylinder.bore for joint in machine.config.joints])
+    rod = np.array([joint.cylinder.rod for joint in machine.config.joints])
+    cap, ring = np.pi / 4 * bore**2, np.pi / 4 * (bore**2 - rod**2)
+    delta = machine.cylinder_lengths(end) - machine.cylinder_lengths(start)
+    extends = delta > 0
+    inlet, outlet = np.where(extends, cap, ring), np.where(extends, ring, cap)
+    modules = np.array([oil.modules.per_mode[mode] for mode in pattern])
+    boosted = modules > 0
+    fastest = np.full(n, machine.config.motion.max_piston_speed)
+    pumped = modules * oil.servo_pump.max_flow / inlet
+    fastest[boosted] = np.minimum(fastest, pumped)[boosted]
+    shared = oil.main_pump.max_flow - n * valve.leakage_flow
+    duration = max(np.max(np.abs(delta) / fastest), np.sum(inlet * np.abs(delta)) / shared)
+
+    held = np.abs(delta) <= 1e-6
+    speed = np.abs(delta) / duration
+    reserve = speed**2 * (cap**3 + ring**3) / (k**2 * inlet) + oil.boost_margin
+    need = np.zeros(n, dtype=bool)
+    for at in (0.0, 0.5, 1.0):
+        q = start + at * (end - start)
+        against = np.where(extends, 1, -1) * machine.gravity_torque(q) / machine.moment_arms(q)
+        load_pressure = (against + outlet * tank) / inlet
+        if at == 0.5:
+            middle = load_pressure
+        opposed = (against > 0) & ~held
+        if np.any(opposed & (load_pressure + reserve > oil.servo_pump.max_boost_pressure)):
+            return ("too heavy",)
+        need |= opposed & (load_pressure + reserve > supply)
+    if np.any(need & ~boosted):
+        return ("needs boost",)
+
+    rail = max([0.0, *(middle + reserve)[(pattern == 2) & ~held]])
+    energy = np.zeros(2)
+    for j in range(n):
+        price = np.array([supply, supply])
+        if boosted[j] and not held[j]:
+            p_supply = rail if pattern[j] == 2 else middle[j] + reserve[j]
+            price[0] = max(supply, middle[j] / oil.servo_pump.efficiency)
+            price[1] = supply + max(0.0, p_supply - supply) / oil.servo_pump.efficiency
+        energy += price * (inlet[j] * abs(delta[j]) + valve.leakage_flow * duration)
+    word = "without need" if np.any(boosted & ~need) else "consistent"
+    return (word, duration, *energy)
+
+
+@pytest.fixture(scope="session")
+def walk(machine: Machine) -> Callable[..., DiscretePath]:
+    """Function (random, steps, start=None, leap=0.2) that makes a discrete path of that length.
+
+    It wanders over neighbouring nodes, in the posture next to the last one or, in a share `leap`
+    of the steps, in any; every step is admissible and stays within the node set.
+    """
+
+    def stays_inside(start: np.ndarray, end: np.ndarray) -> bool:
+        line = start + np.linspace(0, 1, 33)[:, None] * (end - start)
+        tips = np.array([machine.tip_position(q) for q in line])
+        radius = np.hypot(*tips.T)
+        return bool(tips[:, 0].min() >= 0 and radius.min() >= 0.25 and radius.max() <= 1.029)
+
+    def next_step(random: np.random.Generator, q: np.ndarray, heading: int, leap: float):
+        x, z = machine.tip_position(q)
+        turn = heading * np.pi / 4
+        x, z = x + 0.05 * np.round(np.cos(turn)), z + 0.05 * np.round(np.sin(turn))
+        choice = machine.postures(x, z, random.uniform(-np.pi, np.pi, 60))
+        if len(choice) == 0:
+            return None
+        near = np.argmin(np.abs(choice - q).max(axis=1))
+        posture = choice[random.integers(len(choice)) if random.random() < leap else near]
+        costs = step_costs(machine, q, posture)
+        if not costs.admissible.any() or not stays_inside(q, posture):
+            return None
+        return posture, int(np.nanargmin(costs.energy)), costs
+
+    def make(
+        random: np.random.Generator,
+        steps: int,
+        start: np.ndarray | None = None,
+        leap: float = 0.2,
+    ) -> DiscretePath:
+        while start is None:
+            x, z = random.uniform(0.1, 0.95), random.uniform(-0.9, 0.9)
+            if 0.3 < np.hypot(x, z) < 1.0:
+                start = next(iter(machine.postures(x, z, random.uniform(-3, 3, 40))), None)
+        postures, taken = [start], []
+        heading = int(random.integers(8))
+        for _ in range(100 * steps):
+            found = next_step(random, postures[-1], heading, leap)
+            if found is None or random.random() < 0.2:
+                heading = int(random.integers(8))
+            if found is not None:
+                postures.append(found[0])
+                taken.append(found[1:])
+            if len(taken) == steps:
+                break
+        assert taken, "no step leads away from the start"
+        return DiscretePath(
+            tip=np.array([machine.tip_position(q) for q in postures]),
+            posture=np.array(postures),
+            modes=np.array([machine.patterns[p] for p, _ in taken]),
+            duration=np.array([costs.duration[p] for p, costs in taken]),
+            energy=np.array([costs.energy[p] for p, costs in taken]),
+            energy_series=np.array([costs.energy_series[p] for p, costs in taken]),
+            cost=0.0,
+            start_modes=np.zeros(3, dtype=np.uint8),
+            lower_bound=0.0,
+            statistics=SearchStatistics(0, 0, 0.0),
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def worst(machine: Machine) -> Callable[..., dict[str, float]]:
+    """Function (trajectory, schedule, machine=…) that measures a motion every millisecond.
+
+    An oracle in plain NumPy. Entries are excesses, at most 0 where a limit holds: `joint` rad,
+    `tip` m, `main_pump`, `servo_pump`, `valve` as shares of what these can give, `pressure` as
+    share of the pressure that the mode gives, `modules`.
+    """
+
+    def measure(trajectory, schedule, machine: Machine = machine) -> dict[str, float]:
+        m, stamp = machine.arrays, trajectory.stamp_ns
+        at = stamp + np.arange(0, trajectory.duration_ns + 1, 1_000_000)
+        q, qd, _ = trajectory.sample_many(at)
+        modes = schedule.modes_at_many(at)
+        force = np.array([machine.piston_forces(row) for row in q])
+        speed = np.array([machine.moment_arms(row) for row in q]) * qd
+        tip = np.array([machine.tip_position(row) for row in q])
+        extends = speed > 0
+        inlet = np.where(extends, m.cap_area, m.rod_area)
+        outlet = np.where(extends, m.rod_area, m.cap_area)
+        towards = np.where(extends, force, -force)
+        flow = inlet * np.abs(speed)
+        drop = (speed / m.valve_coefficient) ** 2 * (m.cap_area**3 + m.rod_area**3) / inlet
+        load = (towards + outlet * m.tank_pressure) / inlet
+        boosted = modes > 0
+        against = towards > 0
+        moving = np.abs(speed) > 2e-4
+        supply = np.where(boosted, m.max_boost_pressure, m.supply_pressure)
+        needed = np.where(against, load + drop + m.boost_margin, load + drop)
+        supply = np.where(against, supply, m.supply_pressure)
+        filling = m.valve_coefficient * np.sqrt(m.supply_pressure)
+        pumped = m.modules_per_mode[modes] * m.servo_pump_flow
+        radius = np.hypot(*tip.T)
+        outside = [m.min_x - tip[:, 0], m.min_radius - radius, radius - m.max_radius]
+        leakage = machine.joint_count * m.leakage_flow
+        return {
+            "joint": float(np.max(np.maximum(m.joint_min - q, q - m.joint_max))),
+            "tip": float(np.max(outside)),
+            "main_pump": float(flow.sum(axis=1).max() / (m.main_pump_flow - leakage) - 1),
+            "servo_pump": float(np.max(np.where(boosted, flow / np.maximum(pumped, 1e-9), 0)) - 1),
+            "valve": float(np.max(np.where(against, 0, flow / filling)) - 1),
+            "pressure": float(np.max(np.where(moving, needed / supply, 0)) - 1),
+            "modules": float(m.modules_per_mode[modes].sum(axis=1).max() - m.module_count),
+        }
+
+    return measure

@@ -1,0 +1,72 @@
+"""The command that builds the posture table."""
+
+import json
+
+import numpy as np
+import pytest
+
+from mhsb_model import command_line
+from mhsb_planner.build_table import build_table
+from mhsb_planner.posture_table_cache import cached_table_path
+from mhsb_planner.s1_posture_table import PostureTable
+
+
+def run(*arguments):
+    return command_line.run(build_table, [str(word) for word in arguments], name="build_table")
+
+
+def test_it_writes_a_table_and_prints_what_it_did(machine, tmp_path, capsys):
+    path = tmp_path / "table.npz"
+    assert run("--output", path, "--spacing", 0.1, "--jobs", 1) == 0
+    text = capsys.readouterr().out
+    table = PostureTable.load(path, machine, 0.1)
+    missing = table.nodes[~table.feasible]
+    assert f"{len(table.nodes)} nodes, 23 mode patterns, {table.entries} entries in" in text
+    assert f"{len(missing)} nodes have no posture within the joint limits" in text
+    assert f"written to {path}" in text
+
+
+def test_it_prints_json(machine, tmp_path, capsys):
+    path = tmp_path / "table.npz"
+    assert run("--output", path, "--spacing", 0.1, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    table = PostureTable.load(path, machine)
+    assert facts["machine_hash"] == machine.hash
+    assert facts["entries"] == table.entries
+    assert facts["solver"] == "global"
+    assert np.allclose(facts["infeasible_nodes_m"], table.nodes[~table.feasible] * 0.1)
+    assert facts["seconds"] > 0
+
+
+def test_it_knows_the_papers_solver_and_keeps_its_table_apart(
+    machine, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert run("--spacing", 0.5, "--solver", "slsqp", "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["solver"] == "slsqp"
+    assert facts["output"] == str(cached_table_path(machine, 0.5, "slsqp"))
+    assert not cached_table_path(machine, 0.5).exists()
+
+
+def test_by_default_it_writes_where_the_planner_looks(machine, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert run("--spacing", 0.1) == 0
+    assert PostureTable.load(cached_table_path(machine, 0.1), machine, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (("--spacing", "-0.05"), 1, "spacing must be above 0 and at most 1.029 m"),
+        (("--jobs", "0"), 1, "jobs must be at least 1"),
+        (("--solver", "guess"), 2, "global"),
+        (("--machine", "none.yaml"), 1, "none.yaml"),
+        (("--output", "/dev/null/table.npz"), 1, "cannot be written"),
+    ],
+)
+def test_bad_arguments_give_one_sentence(arguments, code, sentence, capsys):
+    assert run("--spacing", 0.2, *arguments) == code
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert sentence in last
+    assert last.startswith("build_table: ")

@@ -1,0 +1,38 @@
+"""Work over index ranges in threads."""
+
+from contextlib import closing
+
+import pytest
+
+from mhsb_planner.errors import RequestError
+from mhsb_planner.threads import over_ranges
+
+
+@pytest.mark.parametrize("jobs", [None, 1, 3])
+def test_ranges_cover_everything_once_and_come_in_order(jobs):
+    parts = list(over_ranges(lambda begin, end: list(range(begin, end)), 10, 3, jobs))
+    assert parts == [[0, 1, 2], [3, 4, 5], [6, 7, 8], [9]]
+
+
+def test_nothing_to_do_gives_nothing():
+    assert list(over_ranges(lambda begin, end: 1, 0, 3)) == []
+
+
+def test_closing_drops_what_has_not_begun():
+    begun = []
+    with closing(over_ranges(lambda begin, end: begun.append(begin), 1000, 1, 1)) as parts:
+        next(parts)
+    assert len(begun) < 1000
+
+
+def test_an_error_in_the_work_reaches_the_caller():
+    def fail(begin, end):
+        raise KeyError(begin)
+
+    with pytest.raises(KeyError):
+        list(over_ranges(fail, 10, 5))
+
+
+def test_no_thread_at_all_is_refused():
+    with pytest.raises(RequestError, match="jobs must be at least 1"):
+        list(over_ranges(lambda begin, end: None, 10, 5, 0))

@@ -1,0 +1,49 @@
+"""After the warm-up nothing is compiled any more: the first goal is answered as fast as the next."""
+
+import subprocess
+import sys
+
+SCRIPT = """
+import sys
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from mhsb_model.machine import load_machine
+from mhsb_planner.s1_posture_table import PostureTable
+from mhsb_planner.s2_graph import StepGraph
+from mhsb_planner.s2_search import search, warm_up
+
+def compiled():
+    return {
+        f"{name}.{key}": len(value.signatures)
+        for name, module in sys.modules.items()
+        if name.startswith("mhsb_")
+        for key, value in vars(module).items()
+        if isinstance(value, Dispatcher)
+    }
+
+machine = load_machine()
+table = PostureTable.load(sys.argv[1], machine)
+graph = StepGraph(machine, table)
+warm_up(graph)
+before = compiled()
+q = table.posture[graph.grid.node_at(0.55, 0.2), 0]
+modes = np.array([0, 1, 0], dtype=np.uint8)
+psi = float(machine.postures(0.61, 0.31, np.linspace(-3, 3, 99))[0].sum())
+search(graph, q, modes, (0.60, 0.30), (1, 0, 2))
+search(graph, q, list(modes), [0.61, 0.31], (0.5, 0.0, 2.0), "series")
+search(graph, q - 0.01, modes, (0.61, 0.31), (0.5, 0.0, 2.0), goal_psi=psi)
+search(graph, q, modes, (0.56, 0.21), (0.5, 0.0, 2.0))
+search(graph.changed(machine.changed(payload=2.0)), q, modes, (0.61, 0.31), (0.5, 0.0, 2.0))
+print({name: count for name, count in compiled().items() if count != before.get(name)})
+"""
+
+
+def test_no_kernel_is_compiled_by_the_first_plans(table, tmp_path):
+    table.save(tmp_path / "table.npz")
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(tmp_path / "table.npz")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.strip() == "{}", done.stderr
