@@ -1,0 +1,1 @@
+"""Simulator: mechanics, hydraulic circuit, servo; recorder and report."""

@@ -1,0 +1,91 @@
+"""Child processes of the suite's commands: started, waited for, and ended cleanly."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from types import TracebackType
+
+from mhsb_model.errors import MhsbError
+
+END_TIMEOUT = 10.0
+"""Time that a process is given to end by itself after SIGINT [s]."""
+
+LAST_LINES = 20
+
+
+class ChildEndedError(MhsbError):
+    """A process that a command depends on could not do its work."""
+
+
+class ChildProcess:
+    """One of the suite's executables as a child process, for the length of a `with` block."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        """Start `python -m module`; its output is kept, not shown."""
+        self.name = module.rpartition(".")[2]
+        self._process = subprocess.Popen(
+            [sys.executable, "-u", "-m", module, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for the command, which then ends its children
+        )
+        self._lines: deque[str] = deque(maxlen=LAST_LINES)
+        self._said = threading.Condition()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> ChildProcess:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.end()
+
+    def wait_for(self, word: str, timeout: float) -> None:
+        """Wait until a line with `word` was printed; ChildEndedError where it is not, in time."""
+        with self._said:
+            found = self._said.wait_for(
+                lambda: any(word in line for line in self._lines)
+                or self._process.poll() is not None,
+                timeout,
+            )
+        self.check()
+        if not found:
+            raise ChildEndedError(f"{self.name} did not say '{word}' within {timeout:g} s")
+
+    def check(self) -> None:
+        """Raise ChildEndedError, with its last line, where the process has ended."""
+        code = self._process.poll()
+        if code is not None:
+            self._reader.join(1.0)
+            last = self._lines[-1] if self._lines else "it printed nothing"
+            raise ChildEndedError(f"{self.name} ended with exit code {code}: {last}")
+
+    def end(self) -> int:
+        """End the process by SIGINT, by force where that does not do; its exit code."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_TIMEOUT)
+        if self._process.poll() is None:
+            self._process.kill()
+        return self._process.wait()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            with self._said:
+                self._lines.append(line.rstrip())
+                self._said.notify_all()
+        with self._said:
+            self._said.notify_all()

@@ -1,0 +1,186 @@
+"""The machine as a MuJoCo model: links, payload, and cylinders as spatial tendons with motors.
+
+A tendon between two sites is an inverted slider-crank: its length is the distance between the
+cylinder's pins, its moment about the joint is r = dL/dq, and a motor on it applies τ = r F. The
+plane is x (forward), z (up); joints turn about −y, so that a positive angle raises the tip.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+
+from mhsb_model.machine import Machine
+from mhsb_model.schema import Joint, Pin, SliderCrank
+
+RAISING_AXIS = (0.0, -1.0, 0.0)
+SLENDER = 1e-6
+"""Inertia of a link about its own axis [kg m²]: of no effect in the plane, but not zero."""
+
+STEEL = (0.30, 0.34, 0.40, 1.0)
+LINK_PAINT = (0.93, 0.68, 0.14, 1.0)
+ROD = (0.80, 0.82, 0.85, 1.0)
+LOAD = (0.55, 0.16, 0.14, 1.0)
+FLOOR = (0.80, 0.82, 0.84, 1.0)
+SKY = ((0.93, 0.95, 0.97), (0.72, 0.79, 0.87))
+FLOOR_HEIGHT = -1.2  # m
+BESIDE = -0.05  # m, y of the cylinders: next to the links, of no effect in the plane
+
+
+def build_model(machine: Machine) -> mujoco.MjModel:
+    """MuJoCo model of a machine: n hinge joints, n tendons and n motors, all in its order.
+
+    Control k is the force of cylinder k [N], positive in extension. MuJoCo's own reset after a
+    bad state is off: a diverged state stays where it can be seen.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = machine.name
+    spec.option.timestep = machine.config.simulation.step
+    spec.option.gravity = (0.0, 0.0, -machine.config.gravity)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1600, 1200
+    _add_surroundings(spec)
+    parent, offset = spec.worldbody, 0.0
+    for index, joint in enumerate(machine.config.joints):
+        body = _add_link(parent, offset, index, joint)
+        _add_cylinder(spec, parent, body, offset, index, joint)
+        parent, offset = body, joint.link.length
+    _add_payload(parent, offset, machine.config.payload.mass)
+    return spec.compile()
+
+
+def set_payload(model: mujoco.MjModel, mass: float) -> None:
+    """Hang another point mass [kg] on the tip of a model that may be running."""
+    model.body("payload").mass[0] = mass
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _add_surroundings(spec: mujoco.MjSpec) -> None:
+    world = spec.worldbody
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=SKY[0],
+        rgb2=SKY[1],
+        width=256,
+        height=256,
+    )
+    world.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=(0.0, 0.0, FLOOR_HEIGHT),
+        size=(6.0, 6.0, 0.1),
+        rgba=FLOOR,
+    )
+    for name, size, bottom in (
+        ("foot", (0.20, 0.16, 0.02), 0.0),
+        ("column", (0.05, 0.03, 0.6), 0.04),
+    ):
+        world.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=(0.0, 0.03, FLOOR_HEIGHT + bottom + size[2]),
+            size=size,
+            rgba=STEEL,
+        )
+    world.add_light(pos=(1.5, -2.5, 3.0), dir=(-0.4, 0.7, -0.8), diffuse=(0.45, 0.45, 0.45))
+    spec.visual.headlight.ambient = (0.45, 0.45, 0.45)
+    spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)
+
+
+def _add_link(parent: mujoco.MjsBody, offset: float, index: int, joint: Joint) -> mujoco.MjsBody:
+    link = joint.link
+    body = parent.add_body(
+        name=f"link_{index + 1}",
+        pos=(offset, 0.0, 0.0),
+        explicitinertial=True,
+        mass=link.mass,
+        ipos=(link.center_of_mass, 0.0, 0.0),
+        inertia=(SLENDER, link.inertia, link.inertia),
+    )
+    body.add_joint(
+        name=f"joint_{index + 1}",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=RAISING_AXIS,
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        range=(math.degrees(joint.limits.lower), math.degrees(joint.limits.upper)),
+    )
+    width = 0.06 * link.length + 0.015
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=(link.length / 2, 0.0, 0.0),
+        size=(link.length / 2, 0.018, width / 2),
+        rgba=LINK_PAINT,
+    )
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=(0.0, -0.03, 0.0, 0.0, 0.03, 0.0),
+        size=(0.022, 0.0, 0.0),
+        rgba=STEEL,
+    )
+    return body
+
+
+def _add_cylinder(
+    spec: mujoco.MjSpec,
+    parent: mujoco.MjsBody,
+    body: mujoco.MjsBody,
+    offset: float,
+    index: int,
+    joint: Joint,
+) -> None:
+    """Cylinder of one joint; a linkage with bodies of its own would add them here."""
+    _add_slider_crank(spec, parent, body, offset, index, joint.linkage)
+
+
+def _add_slider_crank(
+    spec: mujoco.MjSpec,
+    parent: mujoco.MjsBody,
+    body: mujoco.MjsBody,
+    offset: float,
+    index: int,
+    linkage: SliderCrank,
+) -> None:
+    name = f"actuator_{index + 1}"
+    for end, frame, start, pin in (
+        ("parent", parent, offset, linkage.parent_pin),
+        ("child", body, 0.0, linkage.child_pin),
+    ):
+        frame.add_site(
+            name=f"{name}_{end}_pin",
+            pos=_pin_position(start, pin),
+            size=(0.012, 0.0, 0.0),
+            rgba=STEEL,
+        )
+    tendon = spec.add_tendon(name=name, width=0.006, rgba=ROD)
+    tendon.wrap_site(f"{name}_parent_pin")
+    tendon.wrap_site(f"{name}_child_pin")
+    motor = spec.add_actuator(
+        name=name,
+        target=name,
+        trntype=mujoco.mjtTrn.mjTRN_TENDON,
+        ctrllimited=mujoco.mjtLimited.mjLIMITED_FALSE,
+    )
+    motor.set_to_motor()
+
+
+def _pin_position(offset: float, pin: Pin) -> tuple[float, float, float]:
+    x = offset + pin.radius * math.cos(pin.angle)
+    return (x, BESIDE, pin.radius * math.sin(pin.angle))
+
+
+def _add_payload(parent: mujoco.MjsBody, offset: float, mass: float) -> None:
+    payload = parent.add_body(
+        name="payload",
+        pos=(offset, 0.0, 0.0),
+        explicitinertial=True,
+        mass=mass,
+        ipos=(0.0, 0.0, 0.0),
+        inertia=(0.0, 0.0, 0.0),
+    )
+    payload.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.05, 0.0, 0.0), rgba=LOAD)
+    payload.add_site(name="tip", size=(0.005, 0.0, 0.0))

@@ -1,0 +1,123 @@
+"""The reference that the servo follows: a trajectory and its mode schedule, now and a bit ahead."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+
+
+class Reference:
+    """What the servo is to do now, and `preview` [s] later.
+
+    Evaluated into `values`, float64[2, 3, n]: now and ahead; position [rad], velocity [rad/s],
+    acceleration [rad/s²]. These and the modes are valid after `update`.
+    """
+
+    trajectory: Trajectory
+    schedule: ModeSchedule
+
+    def __init__(self, values: FloatArray, preview: float) -> None:
+        self._values = values
+        self._preview_ns = round(preview * SECOND_NS)
+        self._rows: IntArray = np.zeros(2, dtype=np.int64)
+
+    def follow(self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool) -> None:
+        """Follow a trajectory with its mode schedule from now on.
+
+        planned: whether it is a plan, which has a stamp while it is executed, or the simulator's
+        own way to stop or hold.
+        """
+        self.trajectory = trajectory
+        self.schedule = schedule
+        self._planned = planned
+        self._rows[:] = -1  # so that the next update reports the modes as changed
+
+    def hold(self, time_ns: int, position: FloatArray, modes: ModeArray) -> None:
+        """Stand still at `position` [rad] in `modes` from now on."""
+        schedule = ModeSchedule(time_ns, np.zeros(1, dtype=np.int64), np.atleast_2d(modes))
+        self.follow(standstill(position, time_ns), schedule, planned=False)
+
+    def executes_plan(self, time_ns: int) -> bool:
+        """Whether a plan is being executed, not ended, stopped or replaced by holding."""
+        return self._planned and time_ns <= self.trajectory.end_ns
+
+    def update(self, time_ns: int) -> bool:
+        """Evaluate the reference at `time_ns`; returns whether the modes now or ahead changed."""
+        path = self.trajectory
+        now, ahead = self._rows
+        evaluate(
+            path.offset_ns,
+            path.position,
+            path.velocity,
+            path.acceleration,
+            self.schedule.offset_ns,
+            time_ns - path.stamp_ns,
+            self._preview_ns,
+            self._values,
+            self._rows,
+        )
+        return bool(now != self._rows[0] or ahead != self._rows[1])
+
+    @property
+    def modes(self) -> ModeArray:
+        """Modes in force, uint8[n]."""
+        return self.schedule.modes[self._rows[0]]
+
+    @property
+    def modes_ahead(self) -> ModeArray:
+        """Modes in force `preview` later, uint8[n]."""
+        return self.schedule.modes[self._rows[1]]
+
+    @property
+    def state(self) -> MotionState:
+        """Reference position, velocity and acceleration now."""
+        position, velocity, acceleration = self._values[0].copy()
+        return MotionState(position, velocity, acceleration)
+
+
+@njit(cache=True, nogil=True)
+def evaluate(
+    offset_ns: IntArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    mode_offset_ns: IntArray,
+    since_ns: int,
+    preview_ns: int,
+    values: FloatArray,
+    rows: IntArray,
+) -> None:
+    """Reference now and ahead: the quintic Hermite between points, and rows of the modes.
+
+    since_ns: now, after the stamp of trajectory and schedule. Writes values float64[2, 3, n] and
+    rows int64[2]. Oracle: Trajectory.sample (test/test_reference.py).
+    """
+    last = len(offset_ns) - 1
+    for k in range(2):
+        time = since_ns + k * preview_ns
+        row = int(np.searchsorted(mode_offset_ns, time, "right")) - 1
+        rows[k] = max(0, row)
+        out = values[k]
+        if time > offset_ns[last] or last == 0:
+            for j in range(position.shape[1]):
+                out[0, j], out[1, j], out[2, j] = position[last, j], 0.0, 0.0
+            continue
+        time = max(time, 0)
+        i = min(int(np.searchsorted(offset_ns, time, "right")) - 1, last - 1)
+        h = (offset_ns[i + 1] - offset_ns[i]) / 1e9
+        s = (time - offset_ns[i]) / 1e9
+        for j in range(position.shape[1]):
+            v0, a0 = velocity[i, j], acceleration[i, j]
+            dq = position[i + 1, j] - position[i, j] - v0 * h - 0.5 * a0 * h**2
+            dv = velocity[i + 1, j] - v0 - a0 * h
+            da = acceleration[i + 1, j] - a0
+            c3 = (10 * dq - 4 * dv * h + 0.5 * da * h**2) / h**3
+            c4 = (-15 * dq + 7 * dv * h - da * h**2) / h**4
+            c5 = (6 * dq - 3 * dv * h + 0.5 * da * h**2) / h**5
+            out[0, j] = position[i, j] + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
+            out[1, j] = v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
+            out[2, j] = a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))

@@ -1,0 +1,177 @@
+"""The cascade that all controllers share: position → cylinder force → piston speed demand.
+
+In cylinder coordinates, with error e = L_ref − L and F = p_A A − p_B a (positive in extension):
+
+    F_ff  = (M q̈ + C q̇ + g)/r + friction(v_ref) + d     feed-forward
+    F_ref = F_ff + (k_p k_h/ω_F) e                         position loop
+    u     = v_ref + ω_F (F_ref − F)/k_h                    force loop
+
+u is the piston speed that the valve's flows are to amount to, k_h = β (A²/V_A + a²/V_B) the
+oil's stiffness [N/m], so that dF/dt = k_h (u − v). d takes unknown forces over slowly, hence
+the force loop damps oscillations without yielding to a load that is not in the model.
+Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.linkage import cylinder_length, moment_arm
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_sim.circuit_elements import friction_force
+from mhsb_sim.inverse_dynamics import inverse_dynamics
+from mhsb_sim.records import Record, Records
+
+GAINS = np.dtype(
+    [
+        (name, "f8")
+        for name in (
+            "step",  # s, likewise as in the machine file's `servo` below
+            "preview",
+            "position_gain",
+            "force_bandwidth",
+            "force_bias_time",
+            "pressure_gain",
+            "pressure_rate",
+            "supply_margin",
+            "pump_response",
+            "join_pressure",
+            "join_flow",
+            "gravity",  # m/s²
+            "boost_margin",  # Pa
+            "max_boost_pressure",  # Pa
+        )
+    ]
+)
+
+AXIS = np.dtype(
+    [
+        ("speed", "f8"),  # m/s, of the piston in the reference now
+        ("force", "f8"),  # N, feed-forward now
+        ("speed_ahead", "f8"),  # m/s, in the reference ahead
+        ("force_ahead", "f8"),  # N
+        ("bias", "f8"),  # N, d; NaN until the first step takes it over
+        ("stiffness", "f8"),  # N/m, k_h
+        ("cap_stiffness", "f8"),  # Pa/m³, β/V_A
+        ("rod_stiffness", "f8"),  # Pa/m³, β/V_B
+        ("demand", "f8"),  # m/s, u
+        ("supply_target", "f8"),  # Pa, line pressure to be kept up in boost
+        ("target_rate", "f8"),  # Pa/s
+        ("line_flow", "f8"),  # m³/s, what the line is about to give
+        ("joined", "f8"),  # 1 where the line has been joined to the rail
+    ]
+)
+
+
+def gain_record(machine: Machine) -> Records:
+    """Gains of a machine's servo, GAINS[1]."""
+    gains = np.zeros(1, GAINS)
+    servo = machine.config.servo.model_dump()
+    for name in GAINS.names or ():
+        if name in servo:
+            gains[name] = servo[name]
+    gains["step"] = machine.config.simulation.step
+    gains["gravity"] = machine.arrays.gravity
+    gains["boost_margin"] = machine.arrays.boost_margin
+    gains["max_boost_pressure"] = machine.arrays.max_boost_pressure
+    return gains
+
+
+def axis_records(machine: Machine) -> Records:
+    """The cascade's quantities at the start, AXIS[n]."""
+    axes = np.zeros(machine.joint_count, AXIS)
+    axes["bias"] = np.nan
+    return axes
+
+
+@njit(cache=True, nogil=True)
+def piston_demands(
+    reference: FloatArray,
+    sensors: Records,
+    linkage: FloatArray,
+    links: Records,
+    cylinders: Records,
+    constants: Records,
+    gains: Records,
+    scratch: FloatArray,
+    axes: Records,
+) -> None:
+    """Write the cascade's quantities of all axes, up to the speed demand u.
+
+    scratch: float64[n, SCRATCH_WIDTH + 1]; for the other shapes see ServoSignals and Circuit.
+    """
+    c, g = constants[0], gains[0]
+    torque = scratch[:, -1]
+    for k in range(1, -1, -1):
+        q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
+        inverse_dynamics(links, g.gravity, q, qd, qdd, scratch, torque)
+        for j in range(len(axes)):
+            axis = axes[j]
+            arm = moment_arm(linkage[j], q[j])
+            if k == 1:
+                axis.speed_ahead = arm * qd[j]
+                axis.force_ahead = torque[j] / arm
+            else:
+                axis.speed = arm * qd[j]
+                axis.force = torque[j] / arm
+    for j in range(len(axes)):
+        axis, cylinder, sensor = axes[j], cylinders[j], sensors[j]
+        cap, rod = cylinder.cap_area, cylinder.rod_area
+        axis.cap_stiffness = c.bulk_modulus / (
+            c.dead_volume + cap * (sensor.length - cylinder.min_length)
+        )
+        axis.rod_stiffness = c.bulk_modulus / (
+            c.dead_volume + rod * (cylinder.max_length - sensor.length)
+        )
+        axis.stiffness = cap * cap * axis.cap_stiffness + rod * rod * axis.rod_stiffness
+        friction = friction_force(
+            c.coulomb_friction, c.viscous_friction, c.friction_speed, axis.speed
+        )
+        known = axis.force + friction
+        force = sensor.cap_pressure * cap - sensor.rod_pressure * rod
+        if math.isnan(axis.bias):
+            axis.bias = force - known
+        axis.bias += (force - known - axis.bias) * g.step / g.force_bias_time
+        error = cylinder_length(linkage[j], reference[0, 0, j]) - sensor.length
+        pull = g.force_bandwidth / axis.stiffness
+        force_reference = known + axis.bias + g.position_gain / pull * error
+        axis.demand = axis.speed + pull * (force_reference - force)
+
+
+@njit(cache=True, nogil=True)
+def supply_need(axis: Record, cylinder: Record, constants: Records, gains: Records) -> float:
+    """Supply pressure [Pa] that actuator needs in boost: p_L + m(v) + margins.
+
+    The greatest of what holding the load, the motion now and the motion ahead need, by the law of
+    `mhsb_model.hydraulics.required_pressure`, plus the servo's own margin; within P_S and the
+    highest boost pressure.
+    """
+    c, g = constants[0], gains[0]
+    cap, rod = cylinder.cap_area, cylinder.rod_area
+    k_squared = c.valve_coefficient * c.valve_coefficient
+    need = 0.0
+    for k in range(3):
+        speed = 0.0 if k == 0 else (axis.speed if k == 1 else axis.speed_ahead)
+        force = axis.bias + (axis.force_ahead if k == 2 else axis.force)
+        direction = speed if speed != 0.0 else force
+        inlet = cap if direction > 0.0 else rod
+        outlet = rod if direction > 0.0 else cap
+        load = (force if direction > 0.0 else -force) + outlet * c.tank_pressure
+        valve = speed * speed * (cap**3 + rod**3) / (k_squared * inlet)
+        need = max(need, load / inlet + valve)
+    need += g.boost_margin + g.supply_margin
+    return max(c.supply_pressure, min(need, g.max_boost_pressure))
+
+
+@njit(cache=True, nogil=True)
+def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
+    """Whether actuator j draws on the rail: in SB, or served by a module of another line."""
+    draws = modes[j] == Mode.SB
+    for k in range(len(serves)):
+        draws = draws or (serves[k] == j and module_home[k] != j)
+    return draws

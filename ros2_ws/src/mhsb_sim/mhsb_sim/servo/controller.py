@@ -1,0 +1,59 @@
+"""What a servo controller is, and the signals that it works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_sim.circuit import Circuit
+from mhsb_sim.records import Records
+
+SENSOR = np.dtype(
+    [
+        ("length", "f8"),  # m, between the cylinder's pins
+        ("cap_pressure", "f8"),  # Pa
+        ("rod_pressure", "f8"),  # Pa
+        ("line_pressure", "f8"),  # Pa
+    ]
+)
+
+
+@dataclass
+class ServoSignals:
+    """What a controller reads and writes in each step.
+
+    reference      float64[2, 3, n]: now and `preview` later; q, q̇, q̈
+    sensors        SENSOR[n]
+    rail_pressure  float64[1], Pa, measured
+    modes          uint8[n], prepared modes: in force, or about to be where modules are free
+    serves         int64[m], actuator that each module serves, −1 where idle
+    circuit        its actuators' `valve_command`, `join_command` and its modules' `flow_command`,
+                   `lend` are what the controller writes; spools, pump flows and diverters may
+                   be read (they are measured in the components)
+    """
+
+    reference: FloatArray
+    sensors: Records
+    rail_pressure: FloatArray
+    modes: ModeArray
+    serves: IntArray
+    circuit: Circuit
+
+
+class Controller(Protocol):
+    """A servo: position reference in, valve openings and servo pump flows out."""
+
+    preview: float
+    """How far ahead of now it wants to see reference and modes [s]."""
+
+    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
+        """Bind to the signals that `update` will work on."""
+        ...
+
+    def update(self) -> None:
+        """Write all commands for the next step, from the signals as they are now."""
+        ...

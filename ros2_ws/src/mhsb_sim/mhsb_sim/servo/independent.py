@@ -1,0 +1,125 @@
+"""Independent control, as in the paper: valve and servo pumps each have a loop of their own.
+
+The valve turns the demanded piston speed into an opening through its nominal gain, at a fixed
+pressure drop. A PI loop per pump keeps its line's or the rail's pressure at what the load needs,
+without knowing what the valves take. Modes switch as they are commanded.
+Source: paper, Sections 2 and 4 (cascade based on pressure feedback).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, link_records
+from mhsb_sim.records import Records
+from mhsb_sim.servo.cascade import (
+    axis_records,
+    gain_record,
+    joins_rail,
+    piston_demands,
+    supply_need,
+)
+from mhsb_sim.servo.controller import ServoSignals
+
+GAINS = np.dtype(
+    [
+        ("nominal_valve_drop", "f8"),  # Pa
+        ("pressure_gain", "f8"),  # 1/s
+        ("pressure_integral_gain", "f8"),  # 1/s²
+    ]
+)
+
+
+class IndependentController:
+    """Valve and servo pumps apart; see the module's text."""
+
+    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
+        circuit = signals.circuit
+        self.preview = 0.0
+        own_gains = np.zeros(1, GAINS)
+        for name, value in machine.config.servo.independent.model_dump().items():
+            own_gains[name] = value
+        self._arguments = (
+            signals.reference,
+            signals.sensors,
+            machine.arrays.linkage,
+            link_records(machine),
+            circuit.cylinders,
+            circuit.constants,
+            gain_record(machine),
+            np.zeros((machine.joint_count, SCRATCH_WIDTH + 1)),
+            axis_records(machine),
+            signals.rail_pressure,
+            signals.modes,
+            signals.serves,
+            circuit.module_home,
+            circuit.actuators,
+            circuit.modules,
+            own_gains,
+            np.zeros(len(circuit.modules)),
+        )
+
+    def update(self) -> None:
+        """Write all commands for the next step."""
+        control(*self._arguments)
+
+
+@njit(cache=True, nogil=True)
+def control(
+    reference: FloatArray,
+    sensors: Records,
+    linkage: FloatArray,
+    links: Records,
+    cylinders: Records,
+    constants: Records,
+    gains: Records,
+    scratch: FloatArray,
+    axes: Records,
+    rail_pressure: FloatArray,
+    modes: ModeArray,
+    serves: IntArray,
+    module_home: IntArray,
+    actuators: Records,
+    modules: Records,
+    own_gains: Records,
+    integrals: FloatArray,
+) -> None:
+    """One step of the controller; shapes as in `piston_demands` and ServoSignals.
+
+    own_gains: GAINS[1]; integrals: float64[m], of the pumps' pressure loops [m³/s], held while a
+    pump saturates.
+    """
+    c, g = constants[0], own_gains[0]
+    piston_demands(reference, sensors, linkage, links, cylinders, constants, gains, scratch, axes)
+    nominal = c.valve_coefficient * math.sqrt(g.nominal_valve_drop)
+    rail_need = 0.0
+    for j in range(len(axes)):
+        axis, cylinder = axes[j], cylinders[j]
+        inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
+        actuators[j].valve_command = min(max(axis.demand * inlet / nominal, -1.0), 1.0)
+        axis.supply_target = supply_need(axis, cylinder, constants, gains)
+        axis.joined = 1.0 if joins_rail(j, modes, module_home, serves) else 0.0
+        actuators[j].join_command = axis.joined
+        if axis.joined > 0.0:
+            rail_need = max(rail_need, axis.supply_target)
+    for k in range(len(modules)):
+        module, user = modules[k], serves[k]
+        if user < 0:
+            module.flow_command, module.lend, integrals[k] = 0.0, 0.0, 0.0
+            continue
+        on_rail = axes[user].joined > 0.0
+        module.lend = 1.0 if module_home[k] != user else 0.0
+        error = axes[user].supply_target - sensors[user].line_pressure
+        capacity = c.line_capacity
+        if on_rail:
+            error = rail_need - rail_pressure[0]
+            capacity = c.rail_capacity
+        command = capacity * g.pressure_gain * error + integrals[k]
+        module.flow_command = min(max(command, 0.0), c.servo_pump_flow)
+        if command == module.flow_command:
+            integrals[k] += capacity * g.pressure_integral_gain * error * gains[0].step
