@@ -1,0 +1,172 @@
+"""Both nodes as processes, and a node that commands and observes them."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from mhsb_model.machine import load_machine
+from mhsb_msgs_py import reference, sim_status, stamps, topics
+from mhsb_msgs_py.node_process import ros_running, serving, spin_until
+from mhsb_msgs_py.plan_status import ExecutionReport, GoalVerdict
+from mhsb_msgs_py.reference import Reference
+from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
+from mhsb_planner.goal_sender import GoalSender
+
+READY_TIMEOUT = 180.0
+"""The first start of a node compiles its kernels [s]."""
+
+
+class Observer(GoalSender):
+    """Sends goals and keeps what both nodes say."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.executor_of_tests: Any = None
+        self.machine = load_machine()
+        self.hand_overs: list[HandOverReport] = []
+        self.simulator_reports: list[SimulatorReport] = []
+        self.references: list[Reference] = []
+        self.in_force_ns: int | None = None
+        for topic, callback in (
+            (topics.DIAGNOSTICS, self._on_diagnostics),
+            (topics.REFERENCE, self._on_reference),
+            (topics.PLAN_IN_FORCE, self._on_plan_in_force),
+        ):
+            self.create_subscription(topic.message, topic.name, callback, topic.qos)
+        self.goal_publisher = self._goals
+
+    def until(self, condition: Callable[[], bool], timeout: float = 15.0) -> None:
+        """Serve until the condition holds; fails where it does not in time [s]."""
+        assert spin_until(self.executor_of_tests, condition, timeout), f"not within {timeout} s"
+
+    def serve(self, duration: float) -> None:
+        """Serve for some time [s]."""
+        spin_until(self.executor_of_tests, lambda: False, duration)
+
+    def ask(self, x: float, z: float, timeout: float = 15.0) -> GoalVerdict:
+        """Send a goal and wait for its verdict."""
+        stamp_ns = self.send(x, z)
+        self.until(lambda: stamp_ns in self.verdicts, timeout)
+        return self.verdicts[stamp_ns]
+
+    def ask_message(self, message: PoseStamped) -> GoalVerdict:
+        """Send a goal message as it is and wait for its verdict."""
+        self.goal_publisher.publish(message)
+        stamp_ns = stamps.from_time(message.header.stamp)
+        self.until(lambda: stamp_ns in self.verdicts)
+        return self.verdicts[stamp_ns]
+
+    def ending_of(self, verdict: GoalVerdict, timeout: float = 40.0) -> ExecutionReport:
+        """Wait for the end of an accepted goal's execution."""
+        self.until(lambda: verdict.goal_stamp_ns in self.executions, timeout)
+        return self.executions[verdict.goal_stamp_ns]
+
+    def until_in_force(self, verdict: GoalVerdict) -> None:
+        """Wait until the arm executes an accepted goal's plan."""
+        assert verdict.plan is not None
+        stamp_ns = verdict.plan.plan_stamp_ns
+        self.until(lambda: self.in_force_ns == stamp_ns)
+
+    def call(self, service: str) -> Trigger.Response:
+        """Call a Trigger service, such as `mhsb_sim/stop`."""
+        client = self.create_client(Trigger, service)
+        self.until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done)
+        self.destroy_client(client)
+        return future.result()
+
+    def set_parameter(self, node: str, name: str, value: float) -> tuple[bool, str]:
+        """Set a floating-point parameter; whether it was taken, and the reason where not."""
+        client = self.create_client(SetParameters, f"{node}/set_parameters")
+        self.until(client.service_is_ready)
+        content = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=content)])
+        future = client.call_async(request)
+        self.until(future.done)
+        self.destroy_client(client)
+        result = future.result().results[0]
+        return result.successful, result.reason
+
+    def largest_reference_step(self) -> float:
+        """Largest |q(t + 10 ms) − q(t) − 10 ms (q̇(t) + q̇(t + 10 ms))/2| of the reference [rad].
+
+        A reference without jumps stays within what its acceleration allows, far below 1 mrad.
+        """
+        worst = 0.0
+        for before, after in zip(self.references, self.references[1:], strict=False):
+            h = (after.stamp_ns - before.stamp_ns) / 1e9
+            if 0.0 < h < 0.05:
+                mean = (before.state.velocity + after.state.velocity) / 2
+                step = after.state.position - before.state.position - h * mean
+                worst = max(worst, float(np.abs(step).max()))
+        return worst
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for report in sim_status.decode(message):
+            kept = self.hand_overs if isinstance(report, HandOverReport) else self.simulator_reports
+            kept.append(report)
+
+    def _on_reference(self, message: JointTrajectory) -> None:
+        self.references.append(reference.decode(message, self.machine.joint_names))
+
+    def _on_plan_in_force(self, message: Time) -> None:
+        self.in_force_ns = stamps.from_time(message)
+
+
+@pytest.fixture
+def observer(ros_domain: int) -> Iterator[Observer]:
+    """An observer in this run's ROS domain."""
+    with ros_running([]), serving(Observer) as (executor, node):
+        node.executor_of_tests = executor
+        yield node
+
+
+@pytest.fixture
+def start_planner(start: Callable[..., Any]) -> Callable[..., Any]:
+    """Function (arguments...) that starts a planner and waits until it is ready."""
+
+    def run(*arguments: object) -> Any:
+        child = start("mhsb_planner", "planner_node", *arguments)
+        child.wait_for("ready", READY_TIMEOUT)
+        return child
+
+    return run
+
+
+@pytest.fixture
+def start_simulator(start: Callable[..., Any]) -> Callable[..., Any]:
+    """Function (arguments...) that starts a simulator and waits until it is ready."""
+
+    def run(*arguments: object) -> Any:
+        child = start("mhsb_sim", "sim_node", *arguments)
+        child.wait_for("ready", READY_TIMEOUT)
+        return child
+
+    return run
+
+
+@pytest.fixture
+def arm(
+    observer: Observer, start_planner: Callable[..., Any], start_simulator: Callable[..., Any]
+) -> Iterator[Observer]:
+    """Both nodes running and heard; ended by SIGINT afterwards, which must be clean."""
+    children = [start_simulator(), start_planner()]
+    observer.until(lambda: observer.matched and len(observer.references) > 0)
+    yield observer
+    for child in children:
+        if child.process.poll() is None:
+            assert child.stop(signal.SIGINT) == 0, child.output
+            assert "Traceback" not in child.output

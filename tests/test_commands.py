@@ -1,0 +1,114 @@
+"""Every command: help with units, one sentence and a non-zero exit on bad arguments."""
+
+import json
+import re
+from itertools import pairwise
+
+import pytest
+
+COMMANDS = {
+    ("mhsb_model", "check"): "SI units",
+    ("mhsb_planner", "build_table"): "[m]",
+    ("mhsb_planner", "plan"): "[m]",
+    ("mhsb_planner", "goal"): "[m]",
+    ("mhsb_planner", "planner_node"): "unit",
+    ("mhsb_sim", "sim_node"): "unit",
+    ("mhsb_sim", "simulate"): "[m]",
+    ("mhsb_sim", "record"): "[s",
+    ("mhsb_sim", "report"): "BAG",
+    ("mhsb_sim", "demo"): "[m]",
+}
+
+BAD_ARGUMENTS = [
+    (("mhsb_model", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
+    (("mhsb_planner", "build_table", "--spacing", "-0.05"), "spacing"),
+    (("mhsb_planner", "build_table", "--solver", "guess"), "guess"),
+    (("mhsb_planner", "plan", "--start", "0.5"), "--start takes"),
+    (("mhsb_planner", "plan", "--start", "0.5", "0.1"), "--start X Z and --goal X Z"),
+    (("mhsb_planner", "plan", "--case", "9-9"), "must be one of 1-1"),
+    (("mhsb_planner", "plan", "--case", "1-1", "--weights", "-1", "0", "2"), "not negative"),
+    (("mhsb_planner", "plan", "--case", "1-1", "--payload", "-1"), "payload.mass"),
+    (("mhsb_planner", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
+    (("mhsb_planner", "goal", "0.5", "up"), "Z takes"),
+    (("mhsb_planner", "goal", "0.5"), "missing Z"),
+    (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "positive time"),
+    (("mhsb_planner", "planner_node", "--fast"), "--fast"),
+    (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/nowhere.yaml"), "nowhere"),
+    (("mhsb_planner", "planner_node", "--ros-args", "-p", "table:=/nowhere.npz"), "nowhere"),
+    (("mhsb_sim", "sim_node", "--ros-args", "-p", "controller:=magic"), "coordinated"),
+    (("mhsb_sim", "sim_node", "--ros-args", "-p", "real_time_factor:=2.0"), "publish_clock"),
+    (("mhsb_sim", "simulate", "--goal", "0.5", "0.1"), "--goal takes"),
+    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "-3"), "must be above 0"),
+    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--controller", "x"), "coordinated"),
+    (("mhsb_sim", "record"), "--output DIR"),
+    (("mhsb_sim", "record", "--output", "x", "--duration", "-1"), "above 0"),
+    (("mhsb_sim", "report", "nowhere", "--output", "x"), "nowhere"),
+    (("mhsb_sim", "demo"), "--output"),
+    (("mhsb_sim", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[1])
+def test_help_tells_the_units(start, command):
+    child = start(*command, "--help")
+    assert child.wait() == 0
+    assert COMMANDS[command] in child.output
+    assert "Traceback" not in child.output
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD_ARGUMENTS)
+def test_a_bad_argument_is_one_sentence_and_a_failure(
+    start, tmp_path, monkeypatch, arguments, words
+):
+    monkeypatch.chdir(tmp_path)
+    child = start(*arguments)
+    assert child.wait(120) != 0
+    assert words in child.output
+    assert len(child.output.strip().splitlines()) == 1, child.output
+
+
+def test_plan_takes_negative_numbers_and_prints_json(start):
+    child = start(
+        "mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60", "--json"
+    )
+    assert child.wait(180) == 0, child.output
+    plan = json.loads(child.output)
+    assert plan["path"][0] == pytest.approx([0.55, -0.05])
+    assert plan["path"][-1] == pytest.approx([0.55, -0.60])
+    assert len(plan["modes"]) == len(plan["joint_path"]) - 1 == len(plan["path"]) - 1
+    assert all(
+        max(abs(a[0] - b[0]), abs(a[1] - b[1])) < 0.0501 for a, b in pairwise(plan["path"])
+    )
+    assert plan["energy_discrete_j"] >= plan["lower_bound_j"] > 0
+    assert plan["energy_j"] > 0
+    assert plan["duration_s"] > 1
+    assert {"search", "fit", "total"} <= set(plan["timings_ms"])
+
+
+def test_a_case_of_the_paper_brings_its_weights(start):
+    hurried, saving = (
+        start("mhsb_planner", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
+    )
+    assert hurried.wait(180) == saving.wait(180) == 0
+    hurried, saving = json.loads(hurried.output), json.loads(saving.output)
+    assert hurried["duration_discrete_s"] <= saving["duration_discrete_s"]
+    assert hurried["energy_discrete_j"] >= saving["energy_discrete_j"]
+
+
+def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
+    arguments = ("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "2.0", "0.55", "-0.3", "3.0")
+    first = start(*arguments, "--output", tmp_path, "--audit")
+    second = start(*arguments, "--json")
+    assert first.wait(180) == 0, first.output
+    assert second.wait(180) == 0, second.output
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    again = json.loads(second.output)
+    for run in (summary, again):
+        del run["real_time_factor"]
+        for goal in run["goals"]:
+            del goal["plan_ms"]
+    assert summary == again
+    assert summary["reference_jump_max_rad"] <= 1e-6
+    gap = re.search(r"unaccounted for\s+(\S+)", first.output)[1]
+    assert abs(float(gap)) < 1e-3 * summary["energy_measured_j"]["mp"]
+    assert (tmp_path / "samples.csv").read_text().startswith("time,reference_1,reference_2")

@@ -1,0 +1,97 @@
+"""Nodes that die, freeze and come back: the next goal works, and the reference does not jump."""
+
+import signal
+import time
+
+import pytest
+
+from mhsb_msgs_py.status import Outcome, Verdict
+
+UP, DOWN = (0.55, 0.60), (0.55, -0.60)
+
+
+@pytest.fixture
+def pair(observer, start_planner, start_simulator):
+    children = {"simulator": start_simulator(), "planner": start_planner()}
+    observer.until(lambda: observer.matched and len(observer.references) > 0)
+    return children
+
+
+def test_a_planner_alone_says_that_it_knows_no_arm(observer, start_planner):
+    start_planner()
+    observer.until(lambda: observer.matched)
+    verdict = observer.ask(*UP)
+    assert verdict.code is Verdict.NO_STATE
+    assert "start the arm" in verdict.sentence
+
+
+def test_a_planner_restarted_under_a_moving_arm_plans_without_a_jump(
+    observer, pair, start_planner
+):
+    first = observer.ask(*UP)
+    observer.until_in_force(first)
+    observer.serve(1.0)
+    assert pair["planner"].stop(signal.SIGTERM) == 0
+    start_planner()
+    observer.until(lambda: observer.matched)
+    assert observer.references[-1].state.velocity.any()
+    observer.references.clear()
+    verdict = observer.ask(*DOWN)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    observer.until_in_force(verdict)
+    observer.serve(1.0)
+    assert observer.largest_reference_step() < 1e-3
+    assert observer.hand_overs[-1].outcome == "applied"
+    assert observer.hand_overs[-1].position_jump <= 1e-6
+
+
+def test_a_simulator_restarted_under_a_running_planner_is_planned_for_anew(
+    observer, pair, start_simulator
+):
+    first = observer.ask(*UP)
+    observer.until_in_force(first)
+    observer.serve(1.0)
+    pair["simulator"].process.kill()
+    pair["simulator"].wait()
+    start_simulator()
+    observer.references.clear()
+    observer.until(lambda: len(observer.references) > 5 and observer.in_force_ns == 0)
+    assert observer.ending_of(first).outcome is Outcome.ABORTED
+    verdict = observer.ask(*DOWN)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    observer.until_in_force(verdict)
+    assert observer.largest_reference_step() < 1e-3
+
+
+@pytest.mark.parametrize("frozen", ["simulator", "planner"])
+def test_a_node_that_was_frozen_goes_on(observer, pair, frozen):
+    first = observer.ask(*UP)
+    observer.until_in_force(first)
+    observer.serve(0.5)
+    pair[frozen].process.send_signal(signal.SIGSTOP)
+    time.sleep(1.5)
+    pair[frozen].process.send_signal(signal.SIGCONT)
+    observer.serve(0.5)
+    assert observer.in_force_ns == first.plan.plan_stamp_ns
+    verdict = observer.ask(*DOWN)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    observer.until_in_force(verdict)
+    assert observer.hand_overs[-1].position_jump <= 1e-6
+
+
+def test_simulated_time_can_run_faster_and_planning_follows_it(
+    observer, start_planner, start_simulator
+):
+    start_simulator(
+        "--ros-args", "-p", "publish_clock:=true", "-p", "real_time_factor:=3.0"
+    )
+    start_planner(
+        "--ros-args", "-p", "use_sim_time:=true", "-p", "planning_budget:=0.5"
+    )
+    observer.until(lambda: observer.matched and len(observer.references) > 0)
+    began = time.monotonic()
+    verdict = observer.ask(0.6, 0.1)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    assert verdict.plan.plan_stamp_ns < 600 * 10**9
+    assert observer.ending_of(verdict).outcome is Outcome.REACHED
+    assert time.monotonic() - began < verdict.plan.duration_s + 1.0
