@@ -53,11 +53,11 @@ def _send_and_wait(
     if not spin_until(executor, lambda: sender.matched, timeout):
         print(f"no planner was found within {timeout:g} s; is planner_node running?")
         return NO_ANSWER
-    stamp_ns = sender.send(*target)
-    if not spin_until(executor, lambda: stamp_ns in sender.verdicts, timeout):
+    verdict = sender.ask(executor, *target, timeout)
+    if verdict is None:
         print(f"the planner gave no answer within {timeout:g} s")
         return NO_ANSWER
-    verdict = sender.verdicts[stamp_ns]
+    stamp_ns = verdict.goal_stamp_ns
     print("\n".join(_verdict_lines(verdict)))
     if not verdict.code.accepted:
         return REFUSED

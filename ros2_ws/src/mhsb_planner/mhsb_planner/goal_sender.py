@@ -6,12 +6,19 @@ import os
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from mhsb_msgs_py import goal_pose, plan_status, topics
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.goal_pose import Goal
+from mhsb_msgs_py.node_process import spin_until
 from mhsb_msgs_py.plan_status import ExecutionReport, GoalVerdict
+
+SEND_AGAIN_AFTER = 3.0
+"""Time without an answer after which a goal is sent anew [s]; longer than a planner lets it wait.
+
+A match is known to each side on its own: the first message may still meet deaf ears."""
 
 
 class GoalSender(Node):
@@ -30,16 +37,31 @@ class GoalSender(Node):
     @property
     def matched(self) -> bool:
         """Whether a planner listens to goals and its verdicts can be heard."""
-        return (
-            self._goals.get_subscription_count() > 0
-            and self._status.get_publisher_count() > 0
-        )
+        return self.listeners > 0 and self._status.get_publisher_count() > 0
+
+    @property
+    def listeners(self) -> int:
+        """How many subscribers hear goals."""
+        return int(self._goals.get_subscription_count())
 
     def send(self, x: float, z: float) -> int:
         """Publish a goal (x, z) m in base_link; returns its stamp, a new one each time [ns]."""
         stamp_ns = time.time_ns()
         self._goals.publish(goal_pose.encode(Goal(stamp_ns, x, z)))
         return stamp_ns
+
+    def ask(
+        self, executor: SingleThreadedExecutor, x: float, z: float, timeout: float
+    ) -> GoalVerdict | None:
+        """Send a goal until the planner answers; its verdict, or None after `timeout` s."""
+        end = time.monotonic() + timeout
+        while (left := end - time.monotonic()) > 0:
+            stamp_ns = self.send(x, z)
+            if spin_until(
+                executor, lambda stamp=stamp_ns: stamp in self.verdicts, min(left, SEND_AGAIN_AFTER)
+            ):
+                return self.verdicts[stamp_ns]
+        return None
 
     def _on_status(self, message: DiagnosticArray) -> None:
         try:

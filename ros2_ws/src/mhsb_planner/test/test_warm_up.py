@@ -1,4 +1,4 @@
-"""After the warm-up nothing is compiled any more: the first goal is answered as fast as the next."""
+"""After the warm-up nothing is compiled any more: the first goal is answered like the next."""
 
 import subprocess
 import sys

@@ -250,9 +250,8 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
             pressure[-3] = max(pressure[-3], line)
         total = line + m.tank_pressure
         cap_pressure = (force[j] + rod * total) / (cap + rod)
-        lowest = max(m.tank_pressure, (force[j] + rod * m.tank_pressure) / cap)
-        highest = total - m.tank_pressure
-        cap_pressure = max(lowest, min(cap_pressure, max(highest, lowest)))
+        emptied = (force[j] + rod * m.tank_pressure) / cap
+        cap_pressure = max(cap_pressure, emptied, m.tank_pressure)
         pressure[3 * j] = cap_pressure
         pressure[3 * j + 1] = (cap_pressure * cap - force[j]) / rod
         pressure[3 * j + 2] = line

@@ -32,6 +32,9 @@ ANSWER_TIMEOUT = 10.0  # s
 REST = 2.0
 """Time at rest after a goal that was waited for [s]."""
 
+LISTENERS = 2
+"""Who has to hear goals: the planner and the recorder."""
+
 DISCOVERY = 1.0
 """Time to hear of nodes that run already [s]."""
 
@@ -148,8 +151,10 @@ def _record(
     """Send all goals to the running nodes while everything is recorded."""
     with ChildProcess("mhsb_sim.record_command", "--output", str(output / "bag")) as recorder:
         recorder.wait_for("ready", ANSWER_TIMEOUT)
-        if not spin_until(executor, lambda: sender.matched, ANSWER_TIMEOUT):
-            raise ChildEndedError("the planner is ready, but cannot be reached over ROS")
+        if not spin_until(
+            executor, lambda: sender.matched and sender.listeners >= LISTENERS, ANSWER_TIMEOUT
+        ):
+            raise ChildEndedError("planner or recorder is ready, but cannot be reached over ROS")
         for goal in tqdm(goals, desc="goals", unit="goal", disable=None):
             _send(sender, executor, goal)
             for process in (*nodes, recorder):
@@ -159,16 +164,15 @@ def _record(
 def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: TimedGoal) -> None:
     """Send a goal and wait as long as it says, or until the arm has come to rest."""
     began = time.monotonic()
-    stamp_ns = sender.send(goal.x, goal.z)
-    if not spin_until(executor, lambda: stamp_ns in sender.verdicts, ANSWER_TIMEOUT):
+    verdict = sender.ask(executor, goal.x, goal.z, ANSWER_TIMEOUT)
+    if verdict is None:
         raise ChildEndedError(f"the planner gave no answer within {ANSWER_TIMEOUT:g} s")
-    verdict = sender.verdicts[stamp_ns]
     tqdm.write(f"  ({goal.x:.3f}, {goal.z:.3f}) m: {verdict.code.value}, {verdict.sentence}")
     if goal.time is not None:
         spin_until(executor, lambda: False, goal.time - (time.monotonic() - began))
     elif verdict.plan is not None:
         longest = verdict.plan.duration_s + ANSWER_TIMEOUT
-        spin_until(executor, lambda: stamp_ns in sender.executions, longest)
+        spin_until(executor, lambda: verdict.goal_stamp_ns in sender.executions, longest)
         spin_until(executor, lambda: False, REST)
 
 

@@ -29,7 +29,7 @@ RESOLUTION = 120  # dots/in
 MOST_POINTS = 4000
 """Points of a line beyond which it is thinned; more than the picture has columns."""
 
-LEGEND_COLUMNS = 5
+LEGEND_COLUMNS = 4
 
 # The colours of Okabe and Ito, which colour-blind people can tell apart.
 BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"

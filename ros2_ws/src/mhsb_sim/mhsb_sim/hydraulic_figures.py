@@ -160,9 +160,7 @@ def draw_energy(run: RecordedRun, path: Path) -> None:
         legend_above(figure, upper)
 
 
-def _draw_power(
-    axes: Axes, time: FloatArray, measured: FloatArray, planned: list[Planned]
-) -> None:
+def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: list[Planned]) -> None:
     """Mean power between two reports; measured float64[2, k] J of the main pump and of all."""
     span = np.diff(time)
     main_pump, all_pumps = np.diff(measured) / span

@@ -96,6 +96,7 @@ def draw_tip_error(run: RecordedRun, path: Path) -> None:
         lower.axhline(
             PER_MM * REACHED_DISTANCE, color=GREEN, linestyle="-.", label="counts as reached"
         )
+        lower.set_ylim(LEAST_DISTANCE, 2.0 * PER_MM * run.machine.config.workspace.max_radius)
         lower.set_yscale("log")
         lower.set_ylabel("distance to goal [mm]")
         for each in (upper, lower):

@@ -182,14 +182,17 @@ class Simulator:
 
     @property
     def energies(self) -> dict[str, float]:
-        """Energies [J] since the start: delivered by `main_pump` and `servo_pumps`, and where
-        they went: all other names, but `friction`, which is part of `piston_work`."""
+        """Energies [J] since the start, by name.
+
+        `main_pump` and `servo_pumps` are delivered; all others are where it went, but for
+        `friction`, which is a part of `piston_work`.
+        """
         record = self._circuit.energy[0]
         return {name: float(record[name]) for name in ENERGY.names or ()}
 
     @property
     def energy_gap(self) -> float:
-        """Delivered less accounted for [J]: zero but for the step's discretisation."""
+        """Delivered less accounted for [J]: zero but for rounding."""
         return energy_gap(self.energies)
 
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
@@ -289,6 +292,11 @@ class Simulator:
             if not np.all(np.isfinite(values)) or np.any(np.abs(values) > 1e12):
                 return name
         return "the joint motion"
+
+
+def warm_up(machine: Machine, controller: str = "coordinated") -> None:
+    """Compile everything that a simulation runs through."""
+    Simulator(machine, controller).step()
 
 
 def holding_modes(machine: Machine, q: FloatArray) -> ModeArray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from mhsb_model.modes import Mode
 from mhsb_msgs_py.sim_status import APPLIED
-from mhsb_msgs_py.status import Verdict
+from mhsb_msgs_py.status import Outcome, Verdict
 from mhsb_sim.bag_reader import Recording
 from mhsb_sim.recorded_energy import EnergyRecord
 from mhsb_sim.recorded_goals import GoalRecord
@@ -51,7 +51,7 @@ def summary(run: RecordedRun) -> Summary:
         "real_time_factor": _real_time_factor(recording),
         "goals_sent": recording.goals_sent,
         "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
-        "goals_reached": sum(goal.distance_at_rest is not None for goal in run.goals),
+        "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
         "switches_in_motion": sum(goal.in_motion for goal in run.goals),
         **_tip_errors(run.tip, run.goals),
         **_jumps(recording),

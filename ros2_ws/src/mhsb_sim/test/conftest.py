@@ -14,6 +14,8 @@ from mhsb_model.modes import Mode, modules_in_use
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
+from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.simulator import warm_up
 
 POINT_SPACING = 0.02
 SWITCH_MARGIN = 7  # points by which a boost begins early and ends late
@@ -23,7 +25,11 @@ Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
 @pytest.fixture(scope="session")
 def machine() -> Machine:
-    return load_machine()
+    """The machine, with everything compiled, so that no test's time includes it."""
+    machine = load_machine()
+    for controller in CONTROLLERS:
+        warm_up(machine, controller)
+    return machine
 
 
 @pytest.fixture(scope="session")

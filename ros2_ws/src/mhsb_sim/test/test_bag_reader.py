@@ -19,6 +19,7 @@ from mhsb_msgs_py import (
     names,
     plan_status,
     reference,
+    sim_status,
     stamps,
     topics,
     trajectory,
@@ -47,6 +48,8 @@ MOVE = Trajectory(
 )
 SCHEDULE = ModeSchedule(40 * PERIOD, np.array([0, 5]), np.array([[2, 0], [0, 0]]))
 VERDICT = plan_status.GoalVerdict(Verdict.ZONE, "in a zone", 7, 0.5, 0.25)
+HAND_OVER = sim_status.HandOverReport("applied", "it continues", 40 * PERIOD, 1e-9, 2e-9)
+SIMULATOR = sim_status.SimulatorReport("running", False, 50 * PERIOD, 2.0, 30.0, 4.0)
 REPORT = plan_status.ExecutionReport(Outcome.REACHED, "there", 7, 40 * PERIOD)
 
 
@@ -82,6 +85,8 @@ def write(folder: Path, namespace: str = "") -> None:
         put(topics.MODES, 40 * PERIOD, modes_in_force.encode(np.array([2, 0])))
         put(topics.MODES, 40 * PERIOD + PERIOD // 2, modes_in_force.encode(np.array([0, 0])))
         put(topics.PLAN_STATUS, 50 * PERIOD, plan_status.encode(REPORT, 50 * PERIOD))
+        put(topics.DIAGNOSTICS, 40 * PERIOD, sim_status.encode(HAND_OVER, 40 * PERIOD))
+        put(topics.DIAGNOSTICS, 50 * PERIOD, sim_status.encode(SIMULATOR, 50 * PERIOD))
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +129,7 @@ def test_what_has_no_stamp_is_placed_in_ros_time(recording):
     assert (plan.time_ns, plan.value) == (40 * PERIOD, 40 * PERIOD)
     [goal] = recording.goals
     assert (goal.time_ns, goal.value) == (30 * PERIOD, goal_pose.Goal(7, 0.5, 0.25))
+    assert recording.goals_sent == 1
 
 
 def test_verdicts_and_reports_come_back(recording):
@@ -131,6 +137,12 @@ def test_verdicts_and_reports_come_back(recording):
         (31 * PERIOD, VERDICT),
         (50 * PERIOD, REPORT),
     ]
+
+
+def test_reports_of_the_simulator_come_back_by_their_kind(recording):
+    [hand_over], [simulator] = recording.hand_overs, recording.simulator_reports
+    assert (hand_over.time_ns, hand_over.value) == (40 * PERIOD, HAND_OVER)
+    assert (simulator.time_ns, simulator.value) == (50 * PERIOD, SIMULATOR)
 
 
 def test_topics_below_a_namespace_are_found_by_it(tmp_path):

@@ -29,7 +29,7 @@ from mhsb_sim.servo.cascade import (
 from mhsb_sim.servo.controller import ServoSignals
 
 SMALLEST_DROP = 2e4
-"""Pressure drop over an edge [Pa] below which its flow is not counted upon to be less."""
+"""Pressure drop [Pa] that an edge is taken to have at least, so that openings stay moderate."""
 
 IDLE_SHARE = 0.1
 """Share of a pump's flow below which its rail may be shut off."""

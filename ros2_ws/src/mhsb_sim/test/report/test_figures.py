@@ -1,0 +1,66 @@
+"""The figures are drawn, show something, and lose no peak."""
+
+from __future__ import annotations
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from mhsb_model.modes import Mode
+from mhsb_planner.posture_table_cache import table_for
+from mhsb_sim import figures
+from mhsb_sim.bag_reader import read_recording
+from mhsb_sim.figure_style import RESOLUTION, WIDTH, mode_spans, telling_rows
+from mhsb_sim.operating_regions import operating_regions
+from mhsb_sim.recorded_run import recorded_run
+
+NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.png", "workspace.png"]
+
+
+@pytest.fixture(scope="module")
+def drawn(run, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("figures")
+    regions = operating_regions(run.machine, table_for(run.machine))
+    assert sorted(path.name for path in figures.draw_all(run, regions, folder)) == NAMES
+    return folder
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_figure_has_its_size_and_is_not_blank(drawn, name):
+    picture = matplotlib.image.imread(drawn / name)[..., :3]
+    if name != "workspace.png":
+        assert picture.shape[1] == WIDTH * RESOLUTION
+    colors = np.unique((255 * picture).astype(np.uint8).reshape(-1, 3), axis=0)
+    assert len(colors) > 50
+    inside = picture[100:-100, 150:-150]
+    assert np.mean(np.any(inside < 0.99, axis=2)) > 0.01
+
+
+def test_nothing_half_written_is_left(drawn):
+    assert sorted(path.name for path in drawn.iterdir()) == NAMES
+
+
+def test_a_recording_without_plans_and_reports_is_drawn_all_the_same(idle_bag, machine, tmp_path):
+    idle = recorded_run(read_recording(idle_bag), machine)
+    regions = operating_regions(machine, table_for(machine))
+    assert len(figures.draw_all(idle, regions, tmp_path)) == len(NAMES)
+
+
+def test_thinning_keeps_every_peak():
+    values = np.sin(np.linspace(0.0, 20.0, 100_000))
+    values[[3_333, 77_777]] = 5.0, -5.0
+    rows = telling_rows(values, most=500)
+    assert len(rows) <= 500
+    assert {3_333, 77_777} <= set(rows.tolist())
+    assert np.all(np.diff(rows) > 0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 500])
+def test_few_points_are_all_drawn(count):
+    np.testing.assert_array_equal(telling_rows(np.zeros(count), most=500), np.arange(count))
+
+
+def test_spans_of_modes_cover_the_recording(run):
+    assert mode_spans(run, 0, Mode.N) == [(0.0, pytest.approx(10.0))]
+    assert mode_spans(run, 0, Mode.DB) == [(pytest.approx(10.0), pytest.approx(12.0))]
+    assert mode_spans(run, 0, Mode.SB) == []

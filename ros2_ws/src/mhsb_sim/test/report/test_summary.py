@@ -1,0 +1,108 @@
+"""The summary of a recording whose numbers are known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mhsb_sim.bag_reader import read_recording
+from mhsb_sim.recorded_run import recorded_run
+from mhsb_sim.summary import summary
+
+
+@pytest.fixture(scope="module")
+def numbers(run) -> dict:
+    return summary(run)
+
+
+def test_goals_are_counted_by_what_became_of_them(numbers):
+    assert numbers["goals_sent"] == 6
+    assert numbers["goals_accepted"] == 4
+    assert numbers["goals_reached"] == 2
+    assert numbers["switches_in_motion"] == 1
+
+
+def test_the_root_mean_square_of_a_sinus_is_that_of_its_amplitude(numbers, story):
+    # It swings in 8 of the 9 s from the first to the last motion.
+    expected = 1e3 * story.tip_swing * np.sqrt(8 / 9 / 2)
+    assert numbers["tip_error_rms_mm"] == pytest.approx(expected, rel=2e-3)
+    assert numbers["tip_error_max_mm"] == pytest.approx(1e3 * story.tip_swing, rel=2e-3)
+
+
+def test_the_error_at_rest_is_the_largest_of_the_goals_that_were_reached(numbers):
+    assert numbers["tip_error_rest_max_mm"] == pytest.approx(5.0, abs=1e-6)
+    at_rest = [goal["distance_at_rest_mm"] for goal in numbers["goals"]]
+    assert at_rest == [None, pytest.approx(2.0), None, None, pytest.approx(5.0), None]
+
+
+def test_jumps_are_those_of_applied_plans(numbers):
+    assert numbers["reference_jump_max_rad"] == 2e-7
+    assert numbers["reference_jump_max_rad_s"] == 4e-7
+    assert (numbers["plans_applied"], numbers["plans_refused"]) == (3, 2)
+
+
+def test_planned_energy_is_that_of_strokes_leakage_and_the_boosted_hold(numbers, story):
+    assert numbers["energy_planned_j"] == pytest.approx(story.energy(series=False), rel=1e-4)
+    assert numbers["energy_planned_series_j"] == pytest.approx(story.energy(series=True), rel=1e-4)
+    assert story.energy(series=False) > story.energy(series=True)
+
+
+def test_measured_energy_spans_the_same_time(numbers):
+    assert numbers["energy_measured_j"] == {"mp": 110.0, "sp": 22.0}
+    assert numbers["energy_span_s"] == 11.0
+
+
+def test_modes_are_counted_where_they_change(numbers):
+    assert numbers["mode_switches"] == 1
+    assert numbers["modes_used"] == ["N", "DB"]
+
+
+def test_pressures_are_the_highest_of_all_actuators(numbers):
+    assert numbers["max_supply_pressure_mpa"] == pytest.approx(9.25)
+    assert numbers["max_chamber_pressure_mpa"] == pytest.approx(7.5)
+    assert numbers["relief_exceeded"] is False
+
+
+@pytest.mark.parametrize("quantity", ["supply_pressure", "rod_pressure"])
+def test_a_pressure_beyond_relief_is_told(run, quantity):
+    actuators = run.recording.actuators
+    table = {**actuators.quantity, quantity: actuators.quantity[quantity] + 30e6}
+    recording = replace(run.recording, actuators=replace(actuators, quantity=table))
+    assert summary(replace(run, recording=recording))["relief_exceeded"] is True
+
+
+def test_replanning_times_leave_out_goals_that_needed_no_plan(numbers):
+    assert numbers["replan_ms"] == {"p50": 20.0, "p99": pytest.approx(29.8), "max": 30.0}
+
+
+def test_times_are_those_of_the_simulator(numbers):
+    assert numbers["duration_s"] == pytest.approx(12.0)
+    assert numbers["real_time_factor"] == pytest.approx(2.0)
+
+
+def test_each_goal_is_told(numbers):
+    codes = [goal["code"] for goal in numbers["goals"]]
+    assert codes == ["OK", "OK", "OUT_OF_WORKSPACE", "NOT_FINITE", "OK", "AT_GOAL"]
+    outcomes = [goal["outcome"] for goal in numbers["goals"]]
+    assert outcomes == ["replaced", "reached", None, None, "reached", None]
+    assert [goal["in_motion"] for goal in numbers["goals"]] == [False, True] + 4 * [False]
+    assert numbers["goals"][2]["x_m"] == 2.0
+    assert numbers["goals"][2]["plan_ms"] is None
+
+
+def test_what_is_not_a_number_is_null(numbers):
+    text = json.dumps(numbers, allow_nan=False)
+    assert json.loads(text)["goals"][3]["x_m"] is None
+
+
+def test_without_plans_and_reports_the_numbers_are_null(idle_bag, machine):
+    numbers = summary(recorded_run(read_recording(idle_bag), machine))
+    json.dumps(numbers, allow_nan=False)
+    assert numbers["goals_sent"] == numbers["goals_accepted"] == 0
+    for key in ("tip_error_rest_max_mm", "energy_planned_j", "real_time_factor"):
+        assert numbers[key] is None
+    assert numbers["energy_measured_j"] == {"mp": None, "sp": None}
+    assert numbers["replan_ms"] == {"p50": None, "p99": None, "max": None}
