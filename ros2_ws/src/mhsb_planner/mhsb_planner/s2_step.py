@@ -7,7 +7,7 @@ Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀), all cylinders in the same t
 
 A cylinder that moves against its load needs boost where p_L + m(v) + margin exceeds P_S at the
 start, middle or end of the step. A pattern is self-consistent if it boosts exactly the joints
-that need it. Where, among the patterns that lead to a node, none is, boosting a joint without
+that need it. A move on which the tip leaves the workspace is no step. Where, among the patterns that lead to a node, none is, boosting a joint without
 need is allowed; beyond the highest boost pressure a step is not possible. A cylinder that moves
 by no more than `HELD` is held by its closed valve and needs nothing.
 
@@ -35,6 +35,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_model.workspace import stays_inside
 
 HELD = 1e-6
 """A cylinder that moves by no more than this is held by its closed valve [m]."""
@@ -47,6 +48,9 @@ DURATION, ENERGY_PAPER, ENERGY_SERIES = 0, 1, 2
 """Columns of a step's cost: s, J, J."""
 
 SHARED = int(Mode.SB)
+
+NO_PATTERN = -1
+"""As a set of joints that must be boosted: more than any pattern boosts."""
 
 EnergyReading = Literal["paper", "series"]
 ENERGY_COLUMN: dict[str, int] = {"paper": ENERGY_PAPER, "series": ENERGY_SERIES}
@@ -247,7 +251,7 @@ def steps_to_node(
 
     first, count  the node's postures: first … first + count − 1 of `end`
     owner         int64[patterns], the one of them in which a step in that pattern ends
-    middle_force  float64[count, n], cylinder forces at the middle of the moves [N]
+    middle_force  float64[count, n] as `middle_forces` gives them [N]
 
     Writes s.cost and s.status; the steps with the status returned may be taken, none where it
     is INADMISSIBLE. Oracle: the formulas above in plain NumPy.
@@ -257,7 +261,7 @@ def steps_to_node(
     end_length, end_force = end.length, end.force
     cost, status, move, must, may = s
     for k in range(count):
-        must[k] = 0
+        must[k] = NO_PATTERN if math.isnan(middle_force[k, 0]) else 0
         may[k] = 0
         for j in range(patterns.shape[1]):
             delta = end_length[first + k, j] - start_length[i, j]
@@ -299,9 +303,15 @@ def steps_to_node(
 def middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
-    """Cylinder forces half-way from start[n] to end[first …], written to force[count, n] [N]."""
+    """Cylinder forces half-way from start[n] to end[first …], written to force[count, n] [N].
+
+    Not a number where the tip leaves the workspace on the way: such a move is no step.
+    """
     middle = np.empty(len(start))
     for k in range(len(force)):
+        if not stays_inside(m, start, end[first + k]):
+            force[k] = math.nan
+            continue
         for j in range(len(start)):
             middle[j] = 0.5 * (start[j] + end[first + k, j])
         piston_forces(m, middle, force[k])

@@ -30,9 +30,10 @@ from mhsb_model.modes import Mode
 from mhsb_model.statics import piston_forces
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.workspace import node_set_excess
 
-JOINT_TOLERANCE = 1e-8  # rad, rounding of the interpolation
-TIP_TOLERANCE = 1e-6  # m, rounding of the node set's border
+JOINT_TOLERANCE = 1e-6  # rad, rounding of table and interpolation
+TIP_TOLERANCE = 1e-4  # m, what a step of the search may do between the instants it is looked at
 DEAD_BAND = 2e-4
 """Piston speed below which a cylinder counts as held by its valve [m/s]."""
 
@@ -44,8 +45,8 @@ CHECK_SPACING = 1e-3
 CLEAR_ANGLE = 2e-3  # rad
 CLEAR_DISTANCE = 2e-3  # m
 CLEAR_USAGE = 0.95
-CLEAR_PRESSURE = 0.97
-
+CLEAR_PRESSURE = 0.999
+"""A lower share of the pressure leaves enough for the valve at the least speeds."""
 
 NORMAL = int(Mode.N)
 
@@ -145,13 +146,6 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def node_set_excess(m: MachineArrays, x: float, z: float) -> float:
-    """How far the tip lies outside the node set [m]; negative within it."""
-    radius = math.hypot(x, z)
-    return max(m.min_x - x, max(m.min_radius - radius, radius - m.max_radius))
-
-
-@njit(cache=True, nogil=True)
 def _modules(m: MachineArrays, modes: ModeArray) -> int:
     used = 0
     for mode in modes:
@@ -160,28 +154,49 @@ def _modules(m: MachineArrays, modes: ModeArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _is_tight(m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray) -> bool:
-    """Whether a load that a cylinder moves against, or holds, takes nearly all of its pressure."""
+def _pressure_share(
+    m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray
+) -> float:
+    """Largest share of its pressure that the load of a cylinder takes which may be lifting it.
+
+    Far below the dead band it does not: the valve is closed.
+    """
+    worst = 0.0
     for j in range(len(speed)):
-        if abs(speed[j]) <= DEAD_BAND or opposes_motion(force[j], speed[j]):
+        lifts = abs(speed[j]) <= DEAD_BAND or opposes_motion(force[j], speed[j])
+        if lifts and abs(speed[j]) > 0.25 * DEAD_BAND:
             supply = m.supply_pressure if modes[j] == NORMAL else m.max_boost_pressure
-            if required_pressure(m, j, force[j], 0.0) > CLEAR_PRESSURE * supply:
-                return True
-    return False
+            worst = max(worst, required_pressure(m, j, force[j], 0.0) / supply)
+    return worst
 
 
 @njit(cache=True, nogil=True)
 def _judge(
     m: MachineArrays, q: FloatArray, qd: FloatArray, modes: ModeArray, work: FloatArray
-) -> tuple[float, float, bool]:
-    """Node set excess [m], usage and tightness at one state; work is float64[2, n]."""
+) -> tuple[float, float, float]:
+    """Node set excess [m], usage and pressure share at one state; work is float64[2, n]."""
     speed, force = work[0], work[1]
     piston_forces(m, q, force)
     for j in range(len(q)):
         speed[j] = moment_arm(m.linkage[j], q[j]) * qd[j]
     x, z = tip_position(m.link_length, q)
-    tight = _is_tight(m, speed, force, modes)
-    return node_set_excess(m, x, z), usage(m, speed, force, modes), tight
+    outside = node_set_excess(m, x, z)
+    return outside, usage(m, speed, force, modes), _pressure_share(m, speed, force, modes)
+
+
+@njit(cache=True, nogil=True)
+def _highest(
+    left: tuple[float, float, float],
+    middle: tuple[float, float, float],
+    right: tuple[float, float, float],
+    i: int,
+) -> float:
+    """Bound on entry i all over an interval, from its ends and its middle.
+
+    A parabola exceeds the highest of the three by a quarter of the middle's bow at most.
+    """
+    bow = abs(middle[i] - 0.5 * (left[i] + right[i]))
+    return max(left[i], middle[i], right[i]) + bow
 
 
 @njit(cache=True, nogil=True)
@@ -203,25 +218,34 @@ def _first_violation(
     work = np.empty((2, n))
     q = np.empty(n)
     qd = np.empty(n)
-    right = (0.0, 0.0, False)
+    right = (0.0, 0.0, 0.0)
     for i in range(rows - 1):
-        used = 0
-        for j in range(n):
-            used += m.modules_per_mode[modes[i, j]]
+        used = _modules(m, modes[i])
         if used > m.module_count:
             return MODULES, time[i], float(used - m.module_count)
         if i == 0 or (modes[i] != modes[i - 1]).any():
             right = _judge(m, position[i], velocity[i], modes[i], work)
         left = right
         right = _judge(m, position[i + 1], velocity[i + 1], modes[i], work)
+        h = time[i + 1] - time[i]
+        clear_rest = (
+            max(left[0], right[0]) < -CLEAR_DISTANCE
+            and max(left[1], right[1]) < CLEAR_USAGE
+            and max(left[2], right[2]) < CLEAR_USAGE
+        )
+        if not clear_rest:
+            for j in range(n):
+                _hermite(position, velocity, acceleration, i, j, h, 0.5 * h, q, qd)
+            middle = _judge(m, q, qd, modes[i], work)
+            clear_rest = (
+                _highest(left, middle, right, 0) < 0.0
+                and _highest(left, middle, right, 1) < 1.0
+                and _highest(left, middle, right, 2) < CLEAR_PRESSURE
+            )
         excess = max(joint_excess(m, position[i]), joint_excess(m, position[i + 1]))
         clear_joints = excess < -CLEAR_ANGLE
-        outside, share = max(left[0], right[0]), max(left[1], right[1])
-        tight = left[2] or right[2]
-        clear_rest = outside < -CLEAR_DISTANCE and share < CLEAR_USAGE and not tight
         if clear_joints and clear_rest:
             continue
-        h = time[i + 1] - time[i]
         count = int(math.ceil(h / spacing))
         for part in range(count + 1):
             s = h * part / count
@@ -232,7 +256,7 @@ def _first_violation(
                 return JOINT, time[i] + s, excess
             if clear_rest:
                 continue
-            outside, share, tight = _judge(m, q, qd, modes[i], work)
+            outside, share, _ = _judge(m, q, qd, modes[i], work)
             if outside > TIP_TOLERANCE:
                 return NODE_SET, time[i] + s, outside
             if share > 1.0:
@@ -270,8 +294,8 @@ def first_violation(
 ) -> Violation | None:
     """The first limit that a trajectory breaks under its mode schedule, or None.
 
-    Looks at every millisecond, except inside intervals whose both ends are well clear of all
-    limits. Mode changes are expected at the trajectory's points, as S4 makes them.
+    Looks at every millisecond, except inside intervals that ends and middle show to be clear of
+    all limits. Mode changes are expected at the trajectory's points, as S4 makes them.
     """
     limit, time, amount = _first_violation(
         machine.arrays,

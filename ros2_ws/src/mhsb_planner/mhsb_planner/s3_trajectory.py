@@ -29,6 +29,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_model.workspace import node_set_excess
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.energy import motion_energy
 from mhsb_planner.motion_profile import MotionProfile, motion_profile
@@ -37,7 +38,6 @@ from mhsb_planner.s3_limits import (
     Limit,
     first_violation,
     joint_excess,
-    node_set_excess,
 )
 from mhsb_planner.s3_piecewise import smoothed_path, stepped_path
 from mhsb_planner.s3_polynomial import fit_polynomial, node_times

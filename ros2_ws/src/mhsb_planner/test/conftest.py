@@ -50,7 +50,19 @@ def steps_by_the_book(machine, start, end_by_pattern):
     return {}
 
 
+def leaves_the_workspace(machine, start, end):
+    """Whether the tip leaves the region of goals on the way, by more than at both ends."""
+    area = machine.config.workspace
+    tips = np.array([machine.tip_position(start + s * (end - start)) for s in np.linspace(0, 1, 200)])
+    radius = np.hypot(*tips.T)
+    outside = np.maximum(area.min_x - tips[:, 0], area.min_radius - radius)
+    outside = np.maximum(outside, radius - area.max_radius)
+    return outside.max() > max(0.0, outside[0], outside[-1]) + 1e-5
+
+
 def _step_by_the_book(machine, start, end, pattern):
+    if leaves_the_workspace(machine, start, end):
+        return ("left",)
     oil, valve = machine.config.hydraulics, machine.config.hydraulics.valve
     k = valve.rated_flow / math.sqrt(valve.rated_pressure_drop_per_land)
     tank, supply = oil.tank_pressure, oil.main_pump.pressure

@@ -1,0 +1,45 @@
+"""The region in which the tip may be asked to work: x ≥ x_min, r_min ≤ √(x² + z²) ≤ r_max."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.kinematics import tip_position
+from mhsb_model.types import FloatArray
+
+INSIDE_TOLERANCE = 1e-5
+"""By how much the tip may leave the region on a straight joint move [m]; rounding."""
+
+LOOKS = 8
+"""Instants at which a straight joint move is looked at, between its ends."""
+
+
+@njit(cache=True, nogil=True)
+def node_set_excess(m: MachineArrays, x: float, z: float) -> float:
+    """How far the tip at (x, z) m lies outside the region [m]; negative within it."""
+    radius = math.hypot(x, z)
+    return max(m.min_x - x, max(m.min_radius - radius, radius - m.max_radius))
+
+
+@njit(cache=True, nogil=True)
+def stays_inside(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
+    """Whether the tip stays in the region while all joints move in proportion, start[n] to end[n].
+
+    Where an end lies outside itself, the way between may be as far outside, and no farther.
+    """
+    q = np.empty(len(start))
+    allowed = INSIDE_TOLERANCE
+    for ends in (start, end):
+        x, z = tip_position(m.link_length, ends)
+        allowed = max(allowed, node_set_excess(m, x, z) + INSIDE_TOLERANCE)
+    for look in range(1, LOOKS + 1):
+        for j in range(len(q)):
+            q[j] = start[j] + (end[j] - start[j]) * look / (LOOKS + 1)
+        x, z = tip_position(m.link_length, q)
+        if node_set_excess(m, x, z) > allowed:
+            return False
+    return True
