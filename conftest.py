@@ -1,4 +1,4 @@
-"""What the tests of all packages share: a ROS domain of their own and child processes.
+"""What the tests of all packages share: a ROS domain, child processes, a machine of four-bars.
 
 Each test run holds a lock on one ROS domain, so that runs side by side, and a user's own nodes
 in the default domain, do not hear each other.
@@ -19,12 +19,61 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import settings
+
+from mhsb_model.config_files import config_file
+from mhsb_model.machine import MACHINE_FILE, Machine
+from mhsb_model.schema import MachineConfig
 
 settings.register_profile("mhsb", deadline=None, derandomize=True)
 settings.load_profile("mhsb")
 
 HIGHEST_DOMAIN = 101  # above, the ports of a domain can meet those that Linux hands out
+
+FOUR_BARS = yaml.safe_load("""
+- limits: {lower: -1.571, upper: 2.269}
+  linkage:
+    kind: four_bar
+    rocker_pivot: {radius: 0.0522, angle: 2.1243}
+    rocker_length: 0.0968
+    rocker_side: left
+    coupler_length: 0.0776
+    child_pin: {radius: 0.0603, angle: -1.8112}
+    parent_pin: {radius: 0.3241, angle: -1.8675}
+- limits: {lower: -2.706, upper: -0.087}
+  linkage:
+    kind: four_bar
+    rocker_pivot: {radius: 0.0300, angle: 0.9921}
+    rocker_length: 0.0711
+    rocker_side: left
+    coupler_length: 0.0536
+    child_pin: {radius: 0.0359, angle: -1.5621}
+    parent_pin: {radius: 0.2384, angle: 3.2289}
+- limits: {lower: -2.618, upper: 0.0}
+  linkage:
+    kind: four_bar
+    rocker_pivot: {radius: 0.0435, angle: 1.0688}
+    rocker_length: 0.0861
+    rocker_side: left
+    coupler_length: 0.0689
+    child_pin: {radius: 0.0300, angle: -1.5513}
+    parent_pin: {radius: 0.1739, angle: 3.0892}
+""")
+"""Joints of the suite's arm on four-bars, with which it reaches every point of its workspace.
+
+Found by `docs/four_bar_search.py` for arms of 45, 36 and 28 mm.
+"""
+
+
+@pytest.fixture(scope="session")
+def four_bar_machine() -> Machine:
+    """The suite's arm, each joint on a four-bar."""
+    content = yaml.safe_load(config_file(MACHINE_FILE).read_text(encoding="utf-8"))
+    content["name"] = "four_bar_arm3"
+    for joint, change in zip(content["joints"], FOUR_BARS, strict=True):
+        joint.update(change)
+    return Machine.from_config(MachineConfig.model_validate(content))
 
 
 @pytest.fixture(scope="session")

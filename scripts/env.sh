@@ -23,7 +23,6 @@ _mhsb_enter() {
   if [ "$middleware" = wheels ]; then export AMENT_PREFIX_PATH="$VIRTUAL_ENV"; fi
   _mhsb_source_workspace "$workspace" || return 1
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-  export NUMBA_CACHE_DIR="$VIRTUAL_ENV/numba_cache"  # compiled kernels belong to one NumPy
 
   unset -f ros2
   if ! type -P ros2 >/dev/null; then

@@ -42,7 +42,8 @@ def report(machine: Machine) -> list[str]:
 
 def _joint_lines(machine: Machine) -> list[str]:
     lines = [
-        "joint   range [deg]      moment arm [mm]   stroke [mm]   straight out: [N m]  p_L [MPa]"
+        "joint  linkage        range [deg]      moment arm [mm]   stroke [mm]   "
+        "straight out: [N m]  p_L [MPa]"
     ]
     straight = np.zeros(machine.joint_count)
     torque = machine.gravity_torque(straight)
@@ -60,7 +61,8 @@ def _joint_lines(machine: Machine) -> list[str]:
             )
             shown = f"{torque[j]:10.1f} {pressure / 1e6:16.2f}"
         lines.append(
-            f"{j + 1:5d}  {math.degrees(lower):7.1f} …{math.degrees(upper):6.1f}"
+            f"{j + 1:5d}  {joint.linkage.kind:12s} "
+            f"{math.degrees(lower):7.1f} …{math.degrees(upper):6.1f}"
             f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
             f"  {1e3 * (max(lengths) - min(lengths)):12.1f}  {shown}"
         )

@@ -18,8 +18,9 @@ from mhsb_model import inverse_kinematics_3r, kinematics, linkage, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
+from mhsb_model.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
-from mhsb_model.schema import SMALLEST_ARM_RATIO, MachineConfig, problems_across
+from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
@@ -42,7 +43,7 @@ class Machine:
         """Machine of a configuration; raises MachineFileError with every broken rule."""
         problems = problems_across(config)
         if not problems:
-            problems = _moment_arm_problems(config)
+            problems = linkage_problems(config)
         if problems:
             raise MachineFileError(source, problems)
         return cls(config, _arrays(config))
@@ -172,35 +173,20 @@ def _validated(content: Any, source: str) -> Machine:
     try:
         config = MachineConfig.model_validate(content)
     except ValidationError as error:
-        problems = [
-            ".".join(str(part) for part in item["loc"]) + f": {_sentence(item)}"
-            for item in error.errors()
-        ]
+        problems = [f"{_path(item)}: {_sentence(item)}" for item in error.errors()]
         raise MachineFileError(source, problems) from error
     return Machine.from_config(config, source)
+
+
+def _path(item: Any) -> str:
+    """Where in the file, without the kind of linkage that pydantic puts in between."""
+    return ".".join(str(part) for part in item["loc"] if part not in LINKAGE_KINDS)
 
 
 def _sentence(item: Any) -> str:
     value = item.get("input")
     shown = f" (is {value!r})" if isinstance(value, str | int | float | bool) else ""
     return str(item["msg"]).lower() + shown
-
-
-def _moment_arm_problems(config: MachineConfig) -> list[str]:
-    problems = []
-    for index, joint in enumerate(config.joints):
-        row = linkage.linkage_row(joint.linkage)
-        lower, upper = joint.limits.lower, joint.limits.upper
-        least, largest = linkage.moment_arm_range(row, lower, upper)
-        weakest = 0.0 if least * largest <= 0 else min(abs(least), abs(largest))
-        needed = SMALLEST_ARM_RATIO * max(abs(least), abs(largest))
-        if weakest < needed:
-            problems.append(
-                f"joints.{index}.limits: the moment arm falls to {weakest:.4g} m within "
-                f"[{lower:g}, {upper:g}] rad, it must stay above {needed:.4g} m: "
-                "narrow the limits or move the pins"
-            )
-    return problems
 
 
 def _arrays(config: MachineConfig) -> MachineArrays:

@@ -15,10 +15,6 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
 
-SMALLEST_ARM_RATIO = 0.25
-"""A joint's limits must keep its moment arm above this share of the largest one: the velocity
-polytope grows without bound as the arm vanishes, and would draw postures there."""
-
 
 class Section(BaseModel):
     """Base of all sections: frozen, nothing unknown, nothing infinite."""
@@ -36,7 +32,7 @@ class Link(Section):
 
 
 class Pin(Section):
-    """A cylinder pin in polar coordinates about the joint's axis."""
+    """A pin of a linkage in polar coordinates about the joint's axis."""
 
     radius: Positive = Field(le=5, description="distance from the joint's axis [m]")
     angle: Angle = Field(description="from the x axis of the frame the pin is fixed in [rad]")
@@ -55,7 +51,26 @@ class SliderCrank(Section):
     child_pin: Pin
 
 
-Linkage = SliderCrank
+class FourBar(Section):
+    """The cylinder turns a rocker on the parent link, a coupler from its tip turns the child link.
+
+    The rod is pinned to the rocker's tip, together with the coupler. Rocker pivot and parent pin
+    are fixed in the parent link's frame, the child pin in the joint's own link (as for the
+    slider-crank). Of the two ways to assemble it, `rocker_side` tells which: the rocker's tip is
+    to the left or to the right when looking from the rocker's pivot to the child pin.
+    """
+
+    kind: Literal["four_bar"]
+    rocker_pivot: Pin
+    rocker_length: Positive = Field(le=5, description="pivot to tip [m]")
+    rocker_side: Literal["left", "right"] = Field(description="of pivot → child pin")
+    coupler_length: Positive = Field(le=5, description="rocker's tip to child pin [m]")
+    child_pin: Pin = Field(description="of the coupler")
+    parent_pin: Pin = Field(description="of the cylinder")
+
+
+Linkage = Annotated[SliderCrank | FourBar, Field(discriminator="kind")]
+LINKAGE_KINDS = ("slider_crank", "four_bar")
 
 
 class Cylinder(Section):
@@ -163,7 +178,7 @@ class CircuitDynamics(Section):
     switching_valve_flow: Positive = Field(description="at its rated drop [m³/s]")
     switching_valve_pressure_drop: Positive = Field(description="rated drop [Pa]")
     switching_valve_time: Positive = Field(description="time constant of opening and closing [s]")
-    valve_frequency: Positive = Field(description="natural frequency of the servo valve's spool [Hz]")
+    valve_frequency: Positive = Field(description="of the servo valve's spool [Hz]")
     valve_damping: Positive = Field(description="damping ratio of the spool [-]")
     servo_pump_lag: Positive = Field(description="time constant of the servo pump's speed [s]")
     servo_pump_flow_reserve: NonNegative = Field(
@@ -174,7 +189,7 @@ class CircuitDynamics(Section):
     rail_bleed_flow: NonNegative = Field(description="rail to tank at 10 MPa [m³/s]")
     line_relief_pressure: Positive = Field(description="[Pa]")
     chamber_relief_pressure: Positive = Field(description="[Pa]")
-    relief_flow_gain: Positive = Field(description="flow per pressure above the setting [m³/(s Pa)]")
+    relief_flow_gain: Positive = Field(description="flow per excess pressure [m³/(s Pa)]")
     anti_cavitation_flow: Positive = Field(description="tank to chamber at its rated drop [m³/s]")
     anti_cavitation_pressure_drop: Positive = Field(description="rated drop [Pa]")
     coulomb_friction: NonNegative = Field(description="of a cylinder [N]")
@@ -184,11 +199,40 @@ class CircuitDynamics(Section):
     )
 
 
-class IndependentServo(Section):
-    """Gains of the `independent` controller alone."""
+class CascadeGains(Section):
+    """Gains that every controller has of its own, relative to what the machine can do."""
+
+    position_gain: Positive = Field(
+        description="piston speed per position error, in natural frequencies of arm and oil [-]"
+    )
+    force_bandwidth: Positive = Field(
+        description="of the cylinder force loop, in natural frequencies of the servo valve [-]"
+    )
+
+
+class CoordinatedServo(CascadeGains):
+    """Gains of the `coordinated` controller."""
+
+    pressure_gain: Positive = Field(
+        description="of the servo pumps' pressure loop, per lag of the pumps [-]"
+    )
+    preview: Positive = Field(
+        le=1, description="how long before a boost its line is charged [s]"
+    )
+    allowed_rise: NonNegative = Field(
+        description="above the needed pressure while a servo pump coasts [Pa]"
+    )
+    pump_response: Positive = Field(
+        description="time constant to which a servo pump with a longer lag is driven, in times "
+        "that it takes to full flow at its slew [-]"
+    )
+
+
+class IndependentServo(CascadeGains):
+    """Gains of the `independent` controller."""
 
     nominal_valve_drop: Positive = Field(
-        description="drop over an edge for which the valve's gain is taken [Pa]"
+        description="drop over an edge for which the valve's gain is taken, of P_S [-]"
     )
     pressure_gain: Positive = Field(description="of the servo pumps' pressure loop [1/s]")
     pressure_integral_gain: NonNegative = Field(
@@ -197,28 +241,15 @@ class IndependentServo(Section):
 
 
 class Servo(Section):
-    """Gains of the servo and the noise of its sensors."""
+    """The servo's gains and the noise of its sensors."""
 
-    position_gain: Positive = Field(description="piston speed per position error [1/s]")
-    force_bandwidth: Positive = Field(description="of the cylinder force loop [rad/s]")
     force_bias_time: Positive = Field(
         description="time in which unknown forces are taken over into the force reference [s]"
     )
-    pressure_gain: Positive = Field(description="of the servo pumps' pressure loop [1/s]")
-    pressure_rate: Positive = Field(description="fastest change of a boosted pressure [Pa/s]")
     supply_margin: NonNegative = Field(description="boosted beyond what the plan needs [Pa]")
-    pump_response: Positive = Field(
-        description="time constant to which a servo pump with a longer lag is driven [s]"
-    )
-    preview: NonNegative = Field(
-        le=1, description="how long before a boost its line is charged [s]"
-    )
-    join_pressure: Positive = Field(
-        description="difference below which a line is joined to the rail fully [Pa]"
-    )
-    join_flow: Positive = Field(description="let through until then [m³/s]")
     pressure_noise: NonNegative = Field(description="standard deviation of a sensor [Pa]")
     length_noise: NonNegative = Field(description="standard deviation of a sensor [m]")
+    coordinated: CoordinatedServo
     independent: IndependentServo
 
 

@@ -7,8 +7,10 @@ trajectory evaluate the very same curve.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numba.extending import register_jitable
 
 from mhsb_model.types import FloatArray, IntArray, frozen
 
@@ -131,16 +133,21 @@ def standstill(position: FloatArray, time_ns: int = 0) -> Trajectory:
     return Trajectory(time_ns, np.array([0]), np.asarray(position)[None, :], still, still)
 
 
+Number = TypeVar("Number", float, FloatArray)
+
+
+@register_jitable
 def quintic_hermite(
-    s: FloatArray,
-    h: FloatArray,
-    start: tuple[FloatArray, FloatArray, FloatArray],
-    end: tuple[FloatArray, FloatArray, FloatArray],
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    s: Number,
+    h: Number,
+    start: tuple[Number, Number, Number],
+    end: tuple[Number, Number, Number],
+) -> tuple[Number, Number, Number]:
     """Quintic through both ends' position, velocity and acceleration, at time s of h [s].
 
     q(s) = q0 + v0 s + a0 s²/2 + c3 s³ + c4 s⁴ + c5 s⁵, the last three from the end
-    conditions. Arrays broadcast; returns q, dq/ds, d²q/ds².
+    conditions. For arrays, which broadcast, and for single numbers in kernels; returns q, dq/ds,
+    d²q/ds².
     """
     q0, v0, a0 = start
     q1, v1, a1 = end

@@ -31,11 +31,19 @@ def stays_inside(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
 
     Where an end lies outside itself, the way between may be as far outside, and no farther.
     """
-    q = np.empty(len(start))
-    allowed = INSIDE_TOLERANCE
+    outermost = -math.inf
     for ends in (start, end):
         x, z = tip_position(m.link_length, ends)
-        allowed = max(allowed, node_set_excess(m, x, z) + INSIDE_TOLERANCE)
+        outermost = max(outermost, node_set_excess(m, x, z))
+    allowed = max(0.0, outermost) + INSIDE_TOLERANCE
+    # On its way the tip is never farther from the nearer end than the links' half turns take it.
+    turn, farthest = 0.0, 0.0
+    for j in range(len(start)):
+        turn += end[j] - start[j]
+        farthest += 0.5 * m.link_length[j] * abs(turn)
+    if outermost + farthest <= allowed:
+        return True
+    q = np.empty(len(start))
     for look in range(1, LOOKS + 1):
         for j in range(len(q)):
             q[j] = start[j] + (end[j] - start[j]) * look / (LOOKS + 1)

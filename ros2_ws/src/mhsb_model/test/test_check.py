@@ -29,6 +29,17 @@ def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
     assert "23 mode patterns" in text
 
 
+def test_the_report_tells_each_joints_kind_of_linkage(machine, four_bar_machine):
+    for arm, kind in ((machine, "slider_crank"), (four_bar_machine, "four_bar")):
+        text = "\n".join(check.report(arm))
+        assert re.findall(r"^ +[123]  (\w+) ", text, re.MULTILINE) == 3 * [kind]
+
+
+def test_four_bars_leave_no_point_of_the_workspace_without_a_posture(four_bar_machine):
+    text = "\n".join(check.report(four_bar_machine))
+    assert "  0 have no posture" in text
+
+
 def test_the_command_prints_the_report_of_the_suites_arm():
     result = run()
     assert result.returncode == 0

@@ -1,4 +1,4 @@
-"""Cylinder length and moment arm, against pin positions and finite differences."""
+"""Length and moment arm of the slider-crank, and what holds for every kind of linkage."""
 
 import math
 
@@ -71,3 +71,14 @@ def test_the_joint_angle_of_a_length_beyond_the_limits_is_the_limit():
     row = linkage.linkage_row(crank(0.25, 0.1, 0.05, 1.3))
     too_long = linkage.cylinder_length(row, 0.9) + 1e-3
     assert linkage.joint_angle(row, too_long, -0.9, 0.9, 0.0) == 0.9
+
+
+def test_the_joint_angle_is_found_where_the_moment_arm_changes_much():
+    """Newton's steps alone would jump to and fro between the flanks."""
+    row = linkage.linkage_row(crank(0.25, -1.57, 0.05, -0.26))
+    lower, upper = -1.25, 1.75
+    for q in np.linspace(lower, upper, 41):
+        for guess in (lower, 0.0, upper):
+            length = linkage.cylinder_length(row, q)
+            found = linkage.joint_angle(row, length, lower, upper, guess)
+            assert linkage.cylinder_length(row, found) == pytest.approx(length, abs=1e-14)

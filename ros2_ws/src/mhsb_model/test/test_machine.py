@@ -91,7 +91,7 @@ def test_changes_give_another_machine_and_leave_the_first(machine):
         (["hydraulics", "modules", "per_mode"], [1, 1, 2], r"per_mode: .* must be 0 for N"),
         (["hydraulics", "valve", "leakage_flow"], 2e-5, r"all valves leak 6e-05 m³/s"),
         (["joints", 0, "link", "center_of_mass"], 0.5, r"beyond the link's length 0\.45 m"),
-        (["joints", 0, "linkage", "kind"], "wheel", r"linkage\.kind: input should be"),
+        (["joints", 0, "linkage", "kind"], "wheel", r"joints\.0\.linkage: input tag .wheel. found"),
     ],
 )
 def test_a_spoiled_value_is_refused_by_its_path_with_value_and_limit(load, keys, value, sentence):
@@ -117,6 +117,17 @@ def test_all_problems_are_reported_at_once(load):
     with pytest.raises(MachineFileError) as caught:
         load(spoil)
     assert len(caught.value.problems) == 3
+
+
+def test_problems_of_a_four_bar_are_told_by_their_path_in_the_file(load):
+    def spoil(content):
+        content["joints"][1]["linkage"] |= {"kind": "four_bar", "rocker_length": -0.1}
+
+    with pytest.raises(MachineFileError) as caught:
+        load(spoil)
+    paths = [problem.split(":")[0] for problem in caught.value.problems]
+    assert "joints.1.linkage.rocker_length" in paths
+    assert "joints.1.linkage.coupler_length" in paths
 
 
 @pytest.mark.parametrize(

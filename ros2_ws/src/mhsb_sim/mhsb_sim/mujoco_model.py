@@ -1,8 +1,9 @@
-"""The machine as a MuJoCo model: links, payload, and cylinders as spatial tendons with motors.
+"""The machine as a MuJoCo model: links and payload, and a motor for each cylinder's torque.
 
-A tendon between two sites is an inverted slider-crank: its length is the distance between the
-cylinder's pins, its moment about the joint is r = dL/dq, and a motor on it applies τ = r F. The
-plane is x (forward), z (up); joints turn about −y, so that a positive angle raises the tip.
+Linkages have no mass: a cylinder acts on its joint alone, by τ = r(q) F with the moment arm of
+`mhsb_model.linkage`, which holds for every kind and is exact. (Rocker and coupler as bodies of
+50 g, closed by an equality constraint, are 4e-4 of the torque off and double the time of a step.)
+The plane is x (forward), z (up); joints turn about −y, so that a positive angle raises the tip.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 import mujoco
 
 from mhsb_model.machine import Machine
-from mhsb_model.schema import Joint, Pin, SliderCrank
+from mhsb_model.schema import FourBar, Joint, Linkage, Pin
 
 RAISING_AXIS = (0.0, -1.0, 0.0)
 SLENDER = 1e-6
@@ -20,19 +21,18 @@ SLENDER = 1e-6
 
 STEEL = (0.30, 0.34, 0.40, 1.0)
 LINK_PAINT = (0.93, 0.68, 0.14, 1.0)
-ROD = (0.80, 0.82, 0.85, 1.0)
 LOAD = (0.55, 0.16, 0.14, 1.0)
 FLOOR = (0.80, 0.82, 0.84, 1.0)
 SKY = ((0.93, 0.95, 0.97), (0.72, 0.79, 0.87))
 FLOOR_HEIGHT = -1.2  # m
-BESIDE = -0.05  # m, y of the cylinders: next to the links, of no effect in the plane
+BESIDE = -0.05  # m, y of the linkages: next to the links, of no effect in the plane
 
 
 def build_model(machine: Machine) -> mujoco.MjModel:
-    """MuJoCo model of a machine: n hinge joints, n tendons and n motors, all in its order.
+    """MuJoCo model of a machine: n hinge joints and n motors on them, in its order.
 
-    Control k is the force of cylinder k [N], positive in extension. MuJoCo's own reset after a
-    bad state is off: a diverged state stays where it can be seen.
+    Control k is the torque of cylinder k about joint k [N m]. MuJoCo's own reset after a bad
+    state is off: a diverged state stays where it can be seen.
     """
     spec = mujoco.MjSpec()
     spec.modelname = machine.name
@@ -46,7 +46,8 @@ def build_model(machine: Machine) -> mujoco.MjModel:
     parent, offset = spec.worldbody, 0.0
     for index, joint in enumerate(machine.config.joints):
         body = _add_link(parent, offset, index, joint)
-        _add_cylinder(spec, parent, body, offset, index, joint)
+        _add_pins(parent, body, offset, index, joint.linkage)
+        _add_motor(spec, index)
         parent, offset = body, joint.link.length
     _add_payload(parent, offset, machine.config.payload.mass)
     return spec.compile()
@@ -125,44 +126,30 @@ def _add_link(parent: mujoco.MjsBody, offset: float, index: int, joint: Joint) -
     return body
 
 
-def _add_cylinder(
-    spec: mujoco.MjSpec,
-    parent: mujoco.MjsBody,
-    body: mujoco.MjsBody,
-    offset: float,
-    index: int,
-    joint: Joint,
+def _add_pins(
+    parent: mujoco.MjsBody, body: mujoco.MjsBody, offset: float, index: int, linkage: Linkage
 ) -> None:
-    """Cylinder of one joint; a linkage with bodies of its own would add them here."""
-    _add_slider_crank(spec, parent, body, offset, index, joint.linkage)
-
-
-def _add_slider_crank(
-    spec: mujoco.MjSpec,
-    parent: mujoco.MjsBody,
-    body: mujoco.MjsBody,
-    offset: float,
-    index: int,
-    linkage: SliderCrank,
-) -> None:
-    name = f"actuator_{index + 1}"
-    for end, frame, start, pin in (
-        ("parent", parent, offset, linkage.parent_pin),
-        ("child", body, 0.0, linkage.child_pin),
-    ):
+    """Pins that are fixed in a link, as sites `actuator_k_…`; pictures draw the rest by them."""
+    pins = [
+        ("parent_pin", parent, offset, linkage.parent_pin),
+        ("child_pin", body, 0.0, linkage.child_pin),
+    ]
+    if isinstance(linkage, FourBar):
+        pins.append(("rocker_pivot", parent, offset, linkage.rocker_pivot))
+    for name, frame, start, pin in pins:
         frame.add_site(
-            name=f"{name}_{end}_pin",
+            name=f"actuator_{index + 1}_{name}",
             pos=_pin_position(start, pin),
             size=(0.012, 0.0, 0.0),
             rgba=STEEL,
         )
-    tendon = spec.add_tendon(name=name, width=0.006, rgba=ROD)
-    tendon.wrap_site(f"{name}_parent_pin")
-    tendon.wrap_site(f"{name}_child_pin")
+
+
+def _add_motor(spec: mujoco.MjSpec, index: int) -> None:
     motor = spec.add_actuator(
-        name=name,
-        target=name,
-        trntype=mujoco.mjtTrn.mjTRN_TENDON,
+        name=f"actuator_{index + 1}",
+        target=f"joint_{index + 1}",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
         ctrllimited=mujoco.mjtLimited.mjLIMITED_FALSE,
     )
     motor.set_to_motor()

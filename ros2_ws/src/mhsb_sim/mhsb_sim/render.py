@@ -16,17 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from mhsb_model import linkage
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
+from mhsb_sim.linkage_shapes import Bar, linkage_bars
 
 BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
 """MUJOCO_GL names and the libraries they need, in the order they are tried."""
 
 GHOST_OPACITY = 0.3
-BARREL_SHARE = 0.85
-BARREL_RADIUS = 0.016  # m
-BARREL_PAINT = (0.16, 0.35, 0.55, 1.0)
 README_POSTURES = ((0.30, -1.40, -1.50), (0.75, -0.95, -0.85), (0.95, -0.45, -0.35))
 
 
@@ -71,7 +68,7 @@ def save_arm_picture(
     if pixels is None:
         return False
     file.parent.mkdir(parents=True, exist_ok=True)
-    picture = Image.fromarray(pixels).quantize(128, method=Image.Quantize.MEDIANCUT)
+    picture = Image.fromarray(pixels).quantize(256, method=Image.Quantize.FASTOCTREE)
     picture.save(file, optimize=True)
     return True
 
@@ -93,8 +90,8 @@ def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: 
             data.qpos[:] = posture
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, camera)
-            for start, end in _barrels(machine, model, data):
-                _add_barrel(renderer.scene, start, end)
+            for bar in linkage_bars(machine, data):
+                _add_bar(renderer.scene, bar)
             layers.append(renderer.render().astype(np.float64))
     picture = layers[-1]
     for ghost in layers[:-1]:
@@ -102,22 +99,7 @@ def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: 
     return picture.astype(np.uint8)
 
 
-def _barrels(machine: Machine, model: Any, data: Any) -> list[tuple[FloatArray, FloatArray]]:
-    """Both ends of each cylinder's barrel: from the parent pin, as long as the rod lets it be."""
-    ends = []
-    for j, name in enumerate(machine.actuator_names):
-        parent = data.site(f"{name}_parent_pin").xpos.copy()
-        child = data.site(f"{name}_child_pin").xpos.copy()
-        lengths = [
-            linkage.cylinder_length(machine.arrays.linkage[j], q)
-            for q in (machine.arrays.joint_min[j], machine.arrays.joint_max[j])
-        ]
-        along = (child - parent) / np.linalg.norm(child - parent)
-        ends.append((parent, parent + BARREL_SHARE * min(lengths) * along))
-    return ends
-
-
-def _add_barrel(scene: Any, start: FloatArray, end: FloatArray) -> None:
+def _add_bar(scene: Any, bar: Bar) -> None:
     import mujoco
 
     geom = scene.geoms[scene.ngeom]
@@ -127,9 +109,9 @@ def _add_barrel(scene: Any, start: FloatArray, end: FloatArray) -> None:
         np.zeros(3),
         np.zeros(3),
         np.zeros(9),
-        np.array(BARREL_PAINT, dtype=np.float32),
+        np.array(bar.paint, dtype=np.float32),
     )
-    mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, BARREL_RADIUS, start, end)
+    mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, bar.radius, bar.start, bar.end)
     scene.ngeom += 1
 
 

@@ -10,12 +10,12 @@ from mhsb_sim.mujoco_model import build_model, set_payload
 
 MACHINE = load_machine()
 MODEL = build_model(MACHINE)
-postures = st.tuples(
-    *(
-        st.floats(lower, upper)
-        for lower, upper in zip(MACHINE.arrays.joint_min, MACHINE.arrays.joint_max, strict=True)
-    )
-).map(np.array)
+shares = st.tuples(*MACHINE.joint_count * [st.floats(0.0, 1.0)]).map(np.array)
+
+
+def posture(machine: Machine, share: FloatArray) -> FloatArray:
+    lower, upper = machine.arrays.joint_min, machine.arrays.joint_max
+    return lower + share * (upper - lower)
 
 
 def at_rest(model: mujoco.MjModel, q: FloatArray) -> mujoco.MjData:
@@ -33,32 +33,43 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
     return columns.T
 
 
-def moment_arms(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
-    data.ctrl[:] = 1.0
-    mujoco.mj_fwdActuation(model, data)
-    return data.qfrc_actuator.copy()
+@given(shares)
+def test_mass_matrix_and_gravity_equal_the_analytic_ones(
+    four_bar_machine: Machine, share: FloatArray
+) -> None:
+    for machine, model in ((MACHINE, MODEL), (four_bar_machine, build_model(four_bar_machine))):
+        q = posture(machine, share)
+        data = at_rest(model, q)
+        np.testing.assert_allclose(mass_matrix(model, data), machine.mass_matrix(q), atol=1e-9)
+        np.testing.assert_allclose(data.qfrc_bias, machine.gravity_torque(q), atol=1e-9)
 
 
-@given(postures)
-def test_mass_matrix_and_gravity_equal_the_analytic_ones(q: FloatArray) -> None:
-    data = at_rest(MODEL, q)
-    np.testing.assert_allclose(mass_matrix(MODEL, data), MACHINE.mass_matrix(q), atol=1e-9)
-    np.testing.assert_allclose(data.qfrc_bias, MACHINE.gravity_torque(q), atol=1e-9)
-
-
-@given(postures)
-def test_cylinders_have_the_analytic_lengths_and_moment_arms(q: FloatArray) -> None:
-    data = at_rest(MODEL, q)
-    np.testing.assert_allclose(data.ten_length, MACHINE.cylinder_lengths(q), atol=1e-9)
-    np.testing.assert_allclose(moment_arms(MODEL, data), MACHINE.moment_arms(q), atol=1e-9)
-
-
-@given(postures)
-def test_the_tip_is_where_kinematics_says_and_positive_angles_raise_it(q: FloatArray) -> None:
+@given(shares)
+def test_the_tip_is_where_kinematics_says_and_positive_angles_raise_it(share: FloatArray) -> None:
+    q = posture(MACHINE, share)
     data = at_rest(MODEL, q)
     x, y, z = data.site("tip").xpos
     np.testing.assert_allclose((x, z), MACHINE.tip_position(q), atol=1e-9)
     assert y == pytest.approx(0.0, abs=1e-12)
+
+
+def test_pins_are_where_the_machine_file_puts_them(four_bar_machine: Machine) -> None:
+    q = posture(four_bar_machine, np.array([0.3, 0.5, 0.8]))
+    data = at_rest(build_model(four_bar_machine), q)
+    bars = four_bar_machine.config.joints[1].linkage
+    elbow = 0.45 * np.array([np.cos(q[0]), np.sin(q[0])])
+    for name, turned in (("rocker_pivot", q[0]), ("parent_pin", q[0]), ("child_pin", q[0] + q[1])):
+        pin = getattr(bars, name)
+        angle = pin.angle + turned
+        expected = elbow + pin.radius * np.array([np.cos(angle), np.sin(angle)])
+        np.testing.assert_allclose(data.site(f"actuator_2_{name}").xpos[[0, 2]], expected)
+
+
+def test_controls_are_torques_on_the_joints(machine: Machine) -> None:
+    data = at_rest(MODEL, posture(machine, np.full(3, 0.5)))
+    data.ctrl[:] = 10.0, -20.0, 30.0
+    mujoco.mj_fwdActuation(MODEL, data)
+    np.testing.assert_allclose(data.qfrc_actuator, [10.0, -20.0, 30.0])
 
 
 @pytest.mark.parametrize("payload", [0.0, 3.0, 13.0])
@@ -75,18 +86,19 @@ def test_another_payload_takes_effect_at_run_time(payload: float) -> None:
 def test_a_cylinder_force_extends_its_cylinder(machine: Machine) -> None:
     model = build_model(machine)
     data = at_rest(model, np.array([0.4, -1.0, -0.7]))
-    before = data.ten_length.copy()
-    data.ctrl[:] = machine.piston_forces(data.qpos) + np.array([2e3, 0.0, 0.0])
+    before = machine.cylinder_lengths(data.qpos)
+    pushed = machine.piston_forces(data.qpos) + np.array([2e3, 0.0, 0.0])
+    data.ctrl[:] = machine.moment_arms(data.qpos) * pushed
     for _ in range(20):
         mujoco.mj_step(model, data)
-    assert data.ten_length[0] > before[0] + 1e-4
+    assert machine.cylinder_lengths(data.qpos)[0] > before[0] + 1e-4
 
 
 def test_joint_limits_are_end_stops(machine: Machine) -> None:
     model = build_model(machine)
     upper = machine.arrays.joint_max
     data = at_rest(model, upper - 0.01)
-    data.ctrl[:] = machine.piston_forces(data.qpos) + np.array([0.0, 0.0, 500.0])
+    data.ctrl[:] = machine.gravity_torque(data.qpos) + np.array([0.0, 0.0, 10.0])
     for _ in range(500):
         mujoco.mj_step(model, data)
     assert upper[2] - 0.02 < data.qpos[2] < upper[2] + 0.02
