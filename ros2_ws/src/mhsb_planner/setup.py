@@ -24,6 +24,7 @@ setup(
             "build_table = mhsb_planner.build_table:main",
             "plan = mhsb_planner.plan_command:main",
             "goal = mhsb_planner.goal_command:main",
+            "reproduce = mhsb_planner.reproduce_command:main",
         ],
     },
 )

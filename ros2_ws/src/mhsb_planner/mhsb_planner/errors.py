@@ -43,6 +43,14 @@ class DeadlineError(MhsbError):
         )
 
 
+class ExpansionLimitError(MhsbError):
+    """A search did not end within the number of states it may expand."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        super().__init__(f"the search did not end within {limit} expanded states")
+
+
 class PlanningCancelledError(MhsbError):
     """Whoever asked for the work no longer wants it."""
 

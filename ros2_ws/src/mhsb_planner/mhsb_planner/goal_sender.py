@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
@@ -57,9 +58,8 @@ class GoalSender(Node):
         end = time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0:
             stamp_ns = self.send(x, z)
-            if spin_until(
-                executor, lambda stamp=stamp_ns: stamp in self.verdicts, min(left, SEND_AGAIN_AFTER)
-            ):
+            answered = partial(self.verdicts.__contains__, stamp_ns)
+            if spin_until(executor, answered, min(left, SEND_AGAIN_AFTER)):
                 return self.verdicts[stamp_ns]
         return None
 

@@ -17,7 +17,7 @@ from numba import njit
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.s2_step import circuit_of
+from mhsb_planner.s2_step import Circuit, Postures, circuit_of, describe
 
 
 @njit(cache=True, nogil=True)
@@ -51,20 +51,24 @@ def least_cost(
 
 def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
     """E_lb [J] from the posture start[n] to the cheapest of the postures goals[goals, n] [rad]."""
-    circuit = circuit_of(machine.arrays, machine.patterns)
-    length = machine.cylinder_lengths(np.asarray(start, dtype=np.float64))
-    return min(
-        float(
-            least_cost(
-                circuit.area,
-                circuit.pace,
-                circuit.shared_flow,
-                machine.joint_count * circuit.leakage_flow,
-                length,
-                machine.cylinder_lengths(goal),
-                circuit.supply_pressure,
-                0.0,
-            )
+    arrays = machine.arrays
+    one, many = (describe(arrays, np.atleast_2d(np.asarray(q, float))) for q in (start, goals))
+    circuit = circuit_of(arrays, machine.patterns)
+    return float(_energy_between_lengths(circuit, one.length[0], many.length))
+
+
+def energy_bound_between(circuit: Circuit, start: Postures, goals: Postures) -> float:
+    """The same from the only posture of `start` to the cheapest of `goals`, lengths known [J]."""
+    return float(_energy_between_lengths(circuit, start.length[0], goals.length))
+
+
+@njit(cache=True, nogil=True)
+def _energy_between_lengths(c: Circuit, start: FloatArray, goals: FloatArray) -> float:
+    least = np.inf
+    leakage = len(start) * c.leakage_flow
+    for goal in goals:
+        bound = least_cost(
+            c.area, c.pace, c.shared_flow, leakage, start, goal, c.supply_pressure, 0.0
         )
-        for goal in np.atleast_2d(np.asarray(goals, dtype=np.float64))
-    )
+        least = min(least, bound)
+    return least

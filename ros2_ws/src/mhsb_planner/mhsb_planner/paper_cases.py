@@ -1,4 +1,4 @@
-"""The paper's cases (Table 2): where they start and end, and what they weigh."""
+"""The paper's cases (Table 2): where they start and end, what they weigh, how they are planned."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from dataclasses import dataclass
 import yaml
 
 from mhsb_model.config_files import config_file
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
+from mhsb_planner.fixed_j3 import fixed_j3_posture
+from mhsb_planner.planner import PlannerKind, PlanOptions
+from mhsb_planner.s1_global_search import postures_at
 from mhsb_planner.s2_search import Weights
 
 CASES_FILE = "paper_cases.yaml"
@@ -15,12 +20,31 @@ CASES_FILE = "paper_cases.yaml"
 
 @dataclass(frozen=True)
 class PaperCase:
-    """A case: tip positions (x, z) [m] at start and goal, and the weights of its cost."""
+    """A case: tip positions (x, z) [m] at start and goal, weights of the cost, and the planner.
+
+    initial_j3 [rad] is where the conventional method (`fixed`) keeps joint 3; None keeps it where
+    the posture table has it at the start.
+    """
 
     name: str
     start: tuple[float, float]
     goal: tuple[float, float]
     weights: Weights
+    planner: PlannerKind = "table"
+    initial_j3: float | None = None
+
+    def start_posture(self, machine: Machine) -> FloatArray:
+        """Posture at rest from which the case is planned [rad]: in N, or with the initial J3."""
+        if self.planner == "fixed" and self.initial_j3 is not None:
+            return fixed_j3_posture(machine, *self.start, self.initial_j3)
+        return postures_at(machine, *self.start).posture[0]
+
+    @property
+    def options(self) -> PlanOptions:
+        """What the case's plan is to be like."""
+        return PlanOptions(
+            weights=self.weights, planner=self.planner, initial_j3=self.initial_j3
+        )
 
 
 def paper_cases() -> dict[str, PaperCase]:
@@ -28,7 +52,12 @@ def paper_cases() -> dict[str, PaperCase]:
     content = yaml.safe_load(config_file(CASES_FILE).read_text(encoding="utf-8"))
     return {
         name: PaperCase(
-            name, tuple(case["start"]), tuple(case["goal"]), Weights(*case["weights"])
+            name=name,
+            start=tuple(case["start"]),
+            goal=tuple(case["goal"]),
+            weights=Weights(*case["weights"]),
+            planner=case.get("planner", "table"),
+            initial_j3=case.get("initial_j3"),
         )
         for name, case in content.items()
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,11 +16,11 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.errors import RequestError
-from mhsb_planner.paper_cases import paper_case
-from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlanOptions, warm_up
+from mhsb_planner.paper_cases import PaperCase, paper_case
+from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
 from mhsb_planner.posture_table_cache import table_for
-from mhsb_planner.s1_global_search import postures_at
-from mhsb_planner.s2_search import Weights
+from mhsb_planner.s2_published import DEFAULT_HEURISTIC_SCALE
+from mhsb_planner.s2_search import SearchMethod, Weights
 from mhsb_planner.s2_step import EnergyReading
 
 Point = tuple[float, float]
@@ -34,6 +35,12 @@ def plan(
     weights: Annotated[
         tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3")
     ] = None,
+    planner: PlannerKind | None = None,
+    initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
+    search: SearchMethod = "exact",
+    heuristic_scale: Annotated[
+        float, tyro.conf.arg(metavar="PER_M")
+    ] = DEFAULT_HEURISTIC_SCALE,
     energy_reading: EnergyReading = "paper",
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
     supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
@@ -44,15 +51,23 @@ def plan(
     """Plan a motion from rest and print it: path, modes, energy, time.
 
     Give --start and --goal, or --case for one of the paper's. The start posture is that of the
-    posture table in normal mode. Energies are in J, lengths in m, angles in rad, times in s.
+    posture table in normal mode, or the one with the initial angle of joint 3 if that is fixed.
+    Energies are in J, lengths in m, angles in rad, times in s.
 
     Args:
         start: Tip position at the start [m].
         goal: Tip position at the goal [m].
-        case: One of the paper's cases, such as 1-1; it sets start, goal and weights.
+        case: One of the paper's cases, such as 1-1; it sets start, goal, weights and planner.
         machine: Machine file (YAML); the suite's own arm when left out.
         table: Posture table (npz); built and kept in the user's cache when left out.
         weights: Of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
+        planner: Where postures come from: table takes those of the posture table, fixed keeps
+            joint 3 and changes it by 1 degree at a time where the others have no solution; table
+            when left out.
+        initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture
+            table at the start when left out.
+        search: The exact search, or the published one with one label for each node.
+        heuristic_scale: Of the published search, cost per distance from the goal [1/m].
         energy_reading: Price of boosted oil that the search minimises.
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Of the main pump [Pa]; the machine file's when left out.
@@ -60,23 +75,29 @@ def plan(
         goal_psi: Angle of the end link at the goal [rad]; free when left out.
         json_: Print one JSON object instead of text.
     """
-    begin, end, chosen = _request(start, goal, case, weights)
+    asked = _request(start, goal, case, weights, planner, initial_j3)
     base = load_machine(machine)
-    planner = Planner(base, table_for(base, table))
-    planner.change(
+    suite = Planner(base, table_for(base, table))
+    suite.change(
         base.changed(
             payload=payload, supply_pressure=supply_pressure, max_piston_speed=v_max
         )
     )
-    warm_up(planner)
+    warm_up(suite)
     began = time.perf_counter()
-    base.check_in_workspace(*begin)
-    posture = postures_at(planner.machine, *begin).posture[0]
-    options = PlanOptions(chosen, energy_reading, goal_psi)
-    made = planner.plan(end, MotionState.at_rest(posture), options=options)
+    base.check_in_workspace(*asked.start)
+    posture = asked.start_posture(suite.machine)
+    options = replace(
+        asked.options,
+        energy_reading=energy_reading,
+        goal_psi=goal_psi,
+        search=search,
+        heuristic_scale=heuristic_scale,
+    )
+    made = suite.plan(asked.goal, MotionState.at_rest(posture), options=options)
     seconds = {**made.seconds, "total": time.perf_counter() - began}
     if json_:
-        print(json.dumps(as_json(planner.machine, made, seconds)))
+        print(json.dumps(as_json(suite.machine, made, seconds)))
     else:
         print("\n".join(as_text(made, seconds)))
 
@@ -86,20 +107,28 @@ def _request(
     goal: Point | None,
     case: str | None,
     weights: tuple[float, float, float] | None,
-) -> tuple[Point, Point, Weights]:
-    """Start, goal and weights: the case's where one is named, unless given themselves."""
-    if case is not None:
-        named = paper_case(case)
-        start, goal = start or named.start, goal or named.goal
-        fallback = named.weights
-    else:
-        fallback = ENERGY_OPTIMAL
+    planner: PlannerKind | None,
+    initial_j3: float | None,
+) -> PaperCase:
+    """What is asked for: the case where one is named, with what is given itself in its place."""
+    named = paper_case(case) if case is not None else None
+    start = start or (named.start if named else None)
+    goal = goal or (named.goal if named else None)
     if start is None or goal is None:
         raise command_line.UsageError("give --start X Z and --goal X Z, or --case NAME")
+    base = named or PaperCase("", start, goal, ENERGY_OPTIMAL)
     try:
-        return start, goal, Weights(*weights) if weights is not None else fallback
+        chosen = Weights(*weights) if weights is not None else base.weights
     except RequestError as error:
         raise command_line.UsageError(f"--weights: {error}") from error
+    return replace(
+        base,
+        start=start,
+        goal=goal,
+        weights=chosen,
+        planner=planner or base.planner,
+        initial_j3=base.initial_j3 if initial_j3 is None else initial_j3,
+    )
 
 
 def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str, Any]:

@@ -10,18 +10,21 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState, Trajectory, standstill
-from mhsb_planner import s2_search, s3_trajectory
+from mhsb_model.types import FloatArray
+from mhsb_planner import fixed_j3, s2_search, s3_trajectory
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.energy import Energy, motion_energy
 from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s2_graph import StepGraph
-from mhsb_planner.s2_search import Weights, search
+from mhsb_planner.s2_published import DEFAULT_HEURISTIC_SCALE
+from mhsb_planner.s2_search import SearchMethod, Weights, search
 from mhsb_planner.s2_step import EnergyReading
 from mhsb_planner.s3_trajectory import FittedMotion, fit_braking, fit_trajectory
 from mhsb_planner.s4_mode_schedule import StartModes
@@ -30,20 +33,34 @@ ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
 
+PlannerKind = Literal["table", "fixed"]
+PLANNER_KINDS: tuple[PlannerKind, ...] = ("table", "fixed")
+
+
 @dataclass(frozen=True)
 class PlanOptions:
     """What a plan is to be like.
 
-    weights         of energy, time and mode switches
-    energy_reading  `paper` or `series`
-    goal_psi        rad, end-link angle at the goal; None leaves it free
-    budget          s, for the search; None takes what it needs
+    weights          of energy, time and mode switches
+    energy_reading   `paper` or `series`
+    goal_psi         rad, end-link angle at the goal; None leaves it free
+    budget           s, for the search; None takes what it needs
+    planner          where postures come from: the posture `table`, or J3 `fixed` (`fixed_j3`)
+    initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
+    search           `exact` or `published`
+    heuristic_scale  of the published search [1/m]
+    max_expansions   of the search; None takes what it needs
     """
 
     weights: Weights = ENERGY_OPTIMAL
     energy_reading: EnergyReading = "paper"
     goal_psi: float | None = None
     budget: float | None = None
+    planner: PlannerKind = "table"
+    initial_j3: float | None = None
+    search: SearchMethod = "exact"
+    heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
+    max_expansions: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +118,19 @@ class Planner:
         options = options or PlanOptions()
         modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
         began = time.perf_counter()
+        departure = start.position if brake is None else brake.position[-1]
         path = search(
-            self.graph,
-            start.position if brake is None else brake.position[-1],
+            self._graph_for(departure, options),
+            departure,
             modes.modes,
             goal,
             options.weights,
             options.energy_reading,
+            method=options.search,
+            heuristic_scale=options.heuristic_scale,
             goal_psi=options.goal_psi,
             budget=options.budget,
+            max_expansions=options.max_expansions,
         )
         searched = time.perf_counter()
         if path.steps > 0:
@@ -125,8 +146,17 @@ class Planner:
         }
         return Plan(path, motion, total, MappingProxyType(seconds))
 
+    def _graph_for(self, posture: FloatArray, options: PlanOptions) -> StepGraph:
+        """The steps to choose from; those with J3 fixed depend on the start and are made for it."""
+        if options.planner == "table":
+            return self.graph
+        j3 = float(posture[2]) if options.initial_j3 is None else options.initial_j3
+        elbow = fixed_j3.elbow_side(self.machine, posture)
+        return fixed_j3.fixed_j3_graph(self.machine, self.graph.table, j3, elbow)
+
 
 def warm_up(planner: Planner) -> None:
     """Compile everything that a plan runs through."""
     s2_search.warm_up(planner.graph)
+    fixed_j3.warm_up(planner.graph)
     s3_trajectory.warm_up(planner.machine)

@@ -14,11 +14,10 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
-from mhsb_planner.planner import PlanOptions
+from mhsb_planner.planner import PLANNER_KINDS, PlannerKind, PlanOptions
 from mhsb_planner.s2_search import Weights
 from mhsb_planner.s2_step import EnergyReading
 
-PLANNERS = ("table",)
 READINGS = ("paper", "series")
 FREE_PSI = math.nan
 HIGHEST_PRESSURE = 5e7  # Pa
@@ -31,6 +30,7 @@ LONGEST_BUDGET = 5.0  # s
 class PlannerParameters:
     """What the parameters ask for; SI units.
 
+    planner          where postures come from, `table` or `fixed`
     weights          (w1, w2, w3) of energy, time and mode switches
     energy_reading   price of boosted oil, `paper` or `series`
     payload          kg
@@ -40,6 +40,7 @@ class PlannerParameters:
     goal_psi         rad, angle of the end link at the goal; None leaves it free
     """
 
+    planner: PlannerKind
     weights: tuple[float, float, float]
     energy_reading: EnergyReading
     payload: float
@@ -52,7 +53,11 @@ class PlannerParameters:
     def options(self) -> PlanOptions:
         """What a plan is to be like; the search may take the whole planning budget."""
         return PlanOptions(
-            Weights(*self.weights), self.energy_reading, self.goal_psi, self.planning_budget
+            weights=Weights(*self.weights),
+            energy_reading=self.energy_reading,
+            goal_psi=self.goal_psi,
+            budget=self.planning_budget,
+            planner=self.planner,
         )
 
     def machine(self, base: Machine) -> Machine:
@@ -96,7 +101,14 @@ def declare_frame_prefix(node: Node) -> str:
 def declare(node: Node, machine: Machine) -> None:
     """Declare all parameters that can be changed between plans."""
     arrays = machine.arrays
-    node.declare_parameter("planner", PLANNERS[0], _described(f"one of {', '.join(PLANNERS)}"))
+    node.declare_parameter(
+        "planner",
+        PLANNER_KINDS[0],
+        _described(
+            f"one of {', '.join(PLANNER_KINDS)}: postures of the posture table, or joint 3 kept "
+            "as it is at the start"
+        ),
+    )
     node.declare_parameter(
         "weights", [0.5, 0.0, 2.0], _described("of energy [1/J], time [1/s] and mode switches [-]")
     )
@@ -133,9 +145,9 @@ def read(node: Node) -> PlannerParameters:
 
 def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
     """Why a set of changes cannot be made, in one sentence, or None where it can."""
-    values = {name: node.get_parameter(name).value for name in ("planner", *_CHANGEABLE)}
+    values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
     values |= {change.name: change.value for change in changes if change.name in values}
-    for name, allowed in (("planner", PLANNERS), ("energy_reading", READINGS)):
+    for name, allowed in (("planner", PLANNER_KINDS), ("energy_reading", READINGS)):
         if values[name] not in allowed:
             return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
     weights = list(values["weights"])
@@ -151,6 +163,7 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
 
 
 _CHANGEABLE = (
+    "planner",
     "weights",
     "energy_reading",
     "payload",
@@ -164,6 +177,7 @@ _CHANGEABLE = (
 def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
     first, second, third = values["weights"]
     return PlannerParameters(
+        planner=values["planner"],
         weights=(first, second, third),
         energy_reading=values["energy_reading"],
         payload=values["payload"],

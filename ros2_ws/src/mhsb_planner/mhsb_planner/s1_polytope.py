@@ -196,16 +196,44 @@ def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
     return float(_posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
 
 
-def polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
-    """Corners of the polytope, counter-clockwise, float64[corners, 2] (ẋ, ż) [m/s].
+@njit(cache=True, nogil=True)
+def _posture_areas(
+    m: MachineArrays, posture: FloatArray, patterns: ModeArray, area: FloatArray
+) -> None:
+    n = posture.shape[1]
+    limit = np.empty((n, 3, 2))
+    cross = np.empty((n, n))
+    scale = flow_scale(m)
+    flow = shared_flow(m)
+    for i in range(len(posture)):
+        if math.isnan(posture[i, 0]):
+            area[i] = math.nan
+            continue
+        flow_limits(m, posture[i], limit)
+        cross_products(tip_columns(m, posture[i]), cross)
+        for p in range(len(patterns)):
+            area[i, p] = projected_area(cross, scale, limit, patterns[p], flow)
 
-    The hull of C v over all 2ⁿ orthants and all n! orders in which the joints take flow.
+
+def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -> FloatArray:
+    """Areas of `posture` float64[k, n] [rad] under each pattern, float64[k, patterns] [m²/s²].
+
+    NaN for a posture that is not a number.
+    """
+    area = np.empty((len(posture), len(patterns)))
+    _posture_areas(machine.arrays, frozen(posture), frozen(patterns), area)
+    return area
+
+
+def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
+    """Corners of the body of admissible piston speeds in posture q [rad], float64[corners, n] m/s.
+
+    One for each of the 2ⁿ orthants and the n! orders in which the joints take flow; some coincide.
     """
     q = np.array(q, dtype=np.float64)
     n = len(q)
     limit = np.empty((n, MODE_COUNT, 2))
     flow_limits(machine.arrays, q, limit)
-    columns = tip_columns(machine.arrays, q)
     scale = flow_scale(machine.arrays)
     corners = []
     for direction in itertools.product((0, 1), repeat=n):
@@ -216,8 +244,17 @@ def polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> Fl
                 taken = min(limit[j, pattern[j], direction[j]], rest)
                 rest -= taken
                 speed[j] = taken * scale[j, direction[j]]
-            corners.append(columns @ speed)
-    return _hull(np.array(corners))
+            corners.append(speed)
+    return np.array(corners)
+
+
+def polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
+    """Corners of the polytope, counter-clockwise, float64[corners, 2] (ẋ, ż) [m/s].
+
+    The hull of C v over the corners of the body of admissible piston speeds.
+    """
+    columns = tip_columns(machine.arrays, np.array(q, dtype=np.float64))
+    return _hull(piston_speed_corners(machine, q, pattern) @ columns.T)
 
 
 def _hull(points: FloatArray) -> FloatArray:

@@ -1,7 +1,9 @@
-"""A* over (node, pattern): the kernel of the search, which can be stopped and taken up again.
+"""The exact search: A* over (node, pattern), which can be stopped and taken up again.
 
-The estimate of the cost that remains, `lower_bound`, is consistent, so a state is final once it
-has been expanded; where rounding says otherwise, it is expanded again.
+States are (node, pattern of arrival), so that a step's cost depends on nothing but the state it
+leaves and the state it reaches. The estimate of the cost that remains, `lower_bound`, is
+consistent, so a state is final once it has been expanded; where rounding says otherwise, it is
+expanded again.
 """
 
 from __future__ import annotations
@@ -16,9 +18,8 @@ from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.lower_bound import least_cost
 from mhsb_planner.s2_graph import Edges, StepGraph
 from mhsb_planner.s2_joining import NOWHERE, Steps
+from mhsb_planner.s2_query import EXHAUSTED, FOUND, PAUSED, Link, Query
 from mhsb_planner.s2_step import DURATION, Circuit
-
-PAUSED, FOUND, EXHAUSTED = 0, 1, 2
 
 
 class Frontier(NamedTuple):
@@ -213,3 +214,67 @@ def expand(
             _sift_up(estimate, depth, heap, place, slot, target)
         fresh = False
     return PAUSED
+
+
+class ExactSearch:
+    """The search for the cheapest path; of equally cheap ones that with the fewest steps."""
+
+    portion = 2000
+
+    def __init__(self, query: Query) -> None:
+        self._query = query
+        self._frontier = empty_frontier(query.graph)
+
+    @property
+    def expanded(self) -> int:
+        """States expanded so far."""
+        return int(self._frontier.counts[1])
+
+    @property
+    def generated(self) -> int:
+        """Steps looked at so far."""
+        return int(self._frontier.counts[2])
+
+    @property
+    def cost(self) -> float:
+        """Cost of the path found."""
+        return float(self._frontier.cost[-1])
+
+    def expand(self, limit: int) -> int:
+        """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED."""
+        query, graph = self._query, self._query.graph
+        return int(
+            expand(
+                self._frontier,
+                graph.circuit,
+                graph.edges,
+                graph.switches,
+                graph.layout.owner.ravel(),
+                graph.postures.length,
+                query.goal.postures.length,
+                query.from_start,
+                query.start_switches,
+                query.to_goal,
+                query.goal_first,
+                query.weight,
+                query.column,
+                limit,
+            )
+        )
+
+    def links(self) -> list[Link]:
+        """The path found, from the start on."""
+        frontier = self._frontier
+        state = sink = len(frontier.cost) - 1
+        links = []
+        while state != NOWHERE:
+            parent = int(frontier.parent[state])
+            links.append(
+                Link(
+                    None if parent == NOWHERE else parent,
+                    None if state == sink else state,
+                    int(frontier.edge[state]),
+                )
+            )
+            state = parent
+        return links[::-1]

@@ -20,6 +20,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.grid import Grid
+from mhsb_planner.s1_global_search import postures_at
 from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s2_step import (
     INADMISSIBLE,
@@ -34,6 +35,15 @@ from mhsb_planner.s2_step import (
 from mhsb_planner.threads import Result, over_ranges
 
 POSTURES_PER_TASK = 128
+
+PostureRule = Callable[[Machine, float, float], FloatArray]
+"""Posture for each pattern at a tip position (x, z) m, float64[patterns, n] [rad]; raises
+InfeasibleGoalError where there is none."""
+
+
+def largest_polytope(machine: Machine, x: float, z: float) -> FloatArray:
+    """The rule of the posture table."""
+    return postures_at(machine, x, z).posture
 
 
 class Layout(NamedTuple):
@@ -181,6 +191,7 @@ class StepGraph:
     postures  these postures with cylinder lengths and forces
     edges     the steps
     switches  int64[patterns, patterns], actuators that change their mode between two patterns
+    resolve   the rule by which the table's postures were chosen, for points off the grid
     """
 
     def __init__(
@@ -189,11 +200,13 @@ class StepGraph:
         table: PostureTable,
         jobs: int | None = None,
         like: StepGraph | None = None,
+        resolve: PostureRule = largest_polytope,
     ) -> None:
         """Graph of a machine; `like`, a graph on the same table, saves what they share."""
         self.machine = machine
         self.table = table
         self.jobs = jobs
+        self.resolve: PostureRule = like.resolve if like else resolve
         self.grid: Grid = like.grid if like else Grid(table.nodes, table.spacing)
         self.layout: Layout = like.layout if like else _layout(table, self.grid)
         self._loads: tuple[FloatArray, FloatArray] = like._loads if like else self._middle_loads()

@@ -1,7 +1,7 @@
 """Start and goal of a search, and the steps that join them to the grid.
 
-Neither need lie on the grid. The start is the actual posture; the goal is the posture of largest
-velocity polytope at that very point, for every pattern its own, or all postures with a given
+Neither need lie on the grid. The start is the actual posture; the goal is the posture that the
+graph's rule gives at that very point, for every pattern its own, or all postures with a given
 end-link angle. Both are joined to the corners of the cells they lie in, and to each other within
 one cell.
 """
@@ -17,7 +17,6 @@ from numba import njit
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.errors import InfeasibleGoalError
-from mhsb_planner.s1_global_search import postures_at
 from mhsb_planner.s2_graph import Layout, StepGraph
 from mhsb_planner.s2_step import (
     INADMISSIBLE,
@@ -45,12 +44,14 @@ class Goal:
     """Where a search may end.
 
     tip       (x, z) m
+    node      of the graph whose postures these are, None where there is none
     postures  the admissible ones
     first     int64[groups + 1]: postures first[g] … first[g + 1] are alternatives by pattern
     owner     int64[groups, patterns], posture in which a step in that pattern ends
     """
 
     tip: tuple[float, float]
+    node: int | None
     postures: Postures
     first: IntArray
     owner: IntArray
@@ -75,12 +76,13 @@ def start_at(graph: StepGraph, posture: FloatArray) -> Start:
 def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> Goal:
     """A search's goal at (x, z) m.
 
-    Without psi, for every pattern the posture of largest velocity polytope; with psi [rad],
-    all postures with that end-link angle, in any pattern. Raises OutOfWorkspaceError,
-    InfeasibleGoalError.
+    Without psi, for every pattern the posture by the graph's rule, for the posture table that of
+    largest velocity polytope; with psi [rad], all postures with that end-link angle, in any
+    pattern. Raises OutOfWorkspaceError, InfeasibleGoalError.
     """
     machine = graph.machine
     machine.check_in_workspace(x, z)
+    node = None
     if psi is not None:
         postures = machine.postures(x, z, np.array([psi]))
         if len(postures) == 0:
@@ -88,16 +90,20 @@ def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> G
         first = np.arange(len(postures) + 1)
         owner = np.repeat(first[:-1, None], len(machine.patterns), axis=1)
     else:
-        postures, owner = np.unique(_by_pattern(graph, x, z), axis=0, return_inverse=True)
+        node = graph.grid.node_at(x, z)
+        postures, owner = np.unique(postures_by_rule(graph, x, z), axis=0, return_inverse=True)
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
-    return Goal((x, z), describe(machine.arrays, postures), first, owner)
+    return Goal((x, z), node, describe(machine.arrays, postures), first, owner)
 
 
-def _by_pattern(graph: StepGraph, x: float, z: float) -> FloatArray:
-    """Postures of largest polytope, float64[patterns, n]; the table's on a node."""
+def postures_by_rule(graph: StepGraph, x: float, z: float) -> FloatArray:
+    """Posture for each pattern at (x, z) m, float64[patterns, n] [rad]; the table's on a node.
+
+    Raises InfeasibleGoalError.
+    """
     node = graph.grid.node_at(x, z)
     if node is None:
-        return postures_at(graph.machine, x, z).posture
+        return graph.resolve(graph.machine, x, z)
     if not graph.table.feasible[node]:
         raise InfeasibleGoalError(x, z)
     return graph.table.posture[node]
@@ -131,11 +137,31 @@ def steps_to_goal(graph: StepGraph, goal: Goal, rings: int = 0) -> tuple[Steps, 
     """
     first = graph.layout.first
     around = np.sort(graph.grid.around(*goal.tip, rings))
-    origins = [np.arange(first[node], first[node + 1]) for node in around]
     nothing = np.empty(0, dtype=np.int64)
-    steps = _to_goal(graph, graph.postures, np.concatenate([nothing, *origins]), goal)
+    origins = np.concatenate(
+        [nothing, *(np.arange(first[node], first[node + 1]) for node in around)]
+    )
+    if goal.node is not None and rings == 0:
+        steps = _steps_to_goal_on_node(graph, goal.node, origins, goal.owner[0])
+    else:
+        steps = _to_goal(graph, graph.postures, origins, goal)
     leaving = np.bincount(steps.origin, minlength=len(graph.layout.posture))
     return steps, np.concatenate([[0], np.cumsum(leaving)])
+
+
+def _steps_to_goal_on_node(
+    graph: StepGraph, node: int, origins: IntArray, owner: IntArray
+) -> Steps:
+    """Steps to a goal that is a node: the graph's own to that node's states."""
+    edges, patterns = graph.edges, len(graph.table.patterns)
+    begin, count = edges.first[origins], edges.first[origins + 1] - edges.first[origins]
+    before = np.cumsum(count) - count
+    edge = np.arange(count.sum()) + np.repeat(begin - before, count)
+    arriving = edges.state[edge] // patterns == node
+    edge, origin = edge[arriving], np.repeat(origins, count)[arriving]
+    pattern = edges.pattern[edge]
+    nowhere = np.full(len(edge), NOWHERE)
+    return Steps(origin, nowhere, owner[pattern], pattern, edges.cost[edge])
 
 
 def _to_goal(graph: StepGraph, start: Postures, origins: IntArray, goal: Goal) -> Steps:

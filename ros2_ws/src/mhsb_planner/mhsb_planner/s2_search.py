@@ -1,17 +1,17 @@
-"""Exact search for the cheapest discrete path and its modes (paper, step S2).
+"""Search for the discrete path and its modes (paper, step S2): `exact` or as `published`.
 
-States are (node, pattern of arrival), so that a step's cost depends on nothing but the state it
-leaves and the state it reaches, and A* with the consistent estimate of `lower_bound` is exact.
-Among equally cheap paths that with the fewest steps is taken, then the lowest state index.
+The exact search (`s2_astar`) finds the cheapest path; the published one (`s2_published`) keeps
+one label per node, which may miss it.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -19,33 +19,22 @@ from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.errors import (
     DeadlineError,
+    ExpansionLimitError,
     NoPathError,
     PlanningCancelledError,
     RequestError,
 )
 from mhsb_planner.lower_bound import energy_lower_bound
 from mhsb_planner.s1_global_search import postures_at
-from mhsb_planner.s2_astar import FOUND, PAUSED, empty_frontier, expand
+from mhsb_planner.s2_astar import ExactSearch
 from mhsb_planner.s2_graph import StepGraph
-from mhsb_planner.s2_joining import (
-    NOWHERE,
-    Goal,
-    Start,
-    goal_at,
-    start_at,
-    steps_from_start,
-    steps_to_goal,
-)
-from mhsb_planner.s2_step import (
-    DURATION,
-    ENERGY_COLUMN,
-    ENERGY_PAPER,
-    ENERGY_SERIES,
-    EnergyReading,
-)
+from mhsb_planner.s2_joining import Goal, Start, goal_at, start_at
+from mhsb_planner.s2_published import DEFAULT_HEURISTIC_SCALE, PublishedSearch
+from mhsb_planner.s2_query import FOUND, PAUSED, Query, Search
+from mhsb_planner.s2_step import ENERGY_COLUMN, EnergyReading
 
-EXPANSIONS_PER_LOOK = 2000
-"""Budget and cancellation are looked at after so many expansions, every millisecond or two."""
+SearchMethod = Literal["exact", "published"]
+SEARCH_METHODS: tuple[SearchMethod, ...] = ("exact", "published")
 
 RINGS = (0, 1)
 """Start and goal are joined to the corners of their cells; where this leads nowhere, because
@@ -78,15 +67,24 @@ def search(
     weights: Weights | Sequence[float],
     energy_reading: EnergyReading = "paper",
     *,
+    method: SearchMethod = "exact",
+    heuristic_scale: float = DEFAULT_HEURISTIC_SCALE,
     goal_psi: float | None = None,
     budget: float | None = None,
+    max_expansions: int | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> DiscretePath:
-    """Cheapest discrete path from a posture [rad] and the modes in force to a tip position [m].
+    """Discrete path from a posture [rad] and the modes in force to a tip position [m].
 
-    goal_psi asks for that end-link angle at the goal [rad]; budget is in s; cancelled() is
-    asked now and then. A start at the goal gives a path without steps. Raises
-    OutOfWorkspaceError, InfeasibleGoalError, NoPathError, DeadlineError,
+    method           `exact`, the cheapest path, or `published`, one label per node
+    heuristic_scale  of the published search, cost per distance from the goal [1/m]
+    goal_psi         end-link angle asked for at the goal [rad]
+    budget           s, after which a search that has not ended is given up
+    max_expansions   states after whose expansion likewise
+    cancelled        asked now and then whether anybody still wants the path
+
+    A start at the goal gives a path without steps. Raises OutOfWorkspaceError,
+    InfeasibleGoalError, NoPathError, DeadlineError, ExpansionLimitError,
     PlanningCancelledError and, for useless values, RequestError.
     """
     began = time.perf_counter()
@@ -99,19 +97,43 @@ def search(
     start, goal = start_at(graph, posture), goal_at(graph, x, z, goal_psi)
     if _is_at(start, posture, goal, goal_psi):
         return _no_steps(start, modes, time.perf_counter() - began)
+    weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
+    expanded = 0
     for rings in RINGS:
-        query = _Query(graph, start, modes, goal, weights, energy_reading, rings)
+        query = Query.joined(
+            graph, start, modes, goal, weight, ENERGY_COLUMN[energy_reading], rings
+        )
+        under_way = _begun(query, method, heuristic_scale)
         status = PAUSED
         while status == PAUSED:
-            status = query.expand()
+            status = under_way.expand(_portion(under_way, max_expansions, expanded))
             seconds = time.perf_counter() - began
             if status == FOUND:
-                return query.path(seconds)
+                return query.path(under_way, seconds)
             if cancelled is not None and cancelled():
                 raise PlanningCancelledError("planning")
             if budget is not None and seconds > budget:
-                raise DeadlineError(budget, query.expanded)
+                raise DeadlineError(budget, expanded + under_way.expanded)
+        expanded += under_way.expanded
     raise NoPathError(start.tip, goal.tip)
+
+
+def _begun(query: Query, method: str, heuristic_scale: float) -> Search:
+    if method == "exact":
+        return ExactSearch(query)
+    if method == "published":
+        return PublishedSearch(query, heuristic_scale)
+    raise RequestError("search method", method, f"must be one of {', '.join(SEARCH_METHODS)}")
+
+
+def _portion(under_way: Search, max_expansions: int | None, before: int) -> int:
+    """How many states to expand until the next look; `before` were expanded by other searches."""
+    if max_expansions is None:
+        return under_way.portion
+    rest = max_expansions - before - under_way.expanded
+    if rest <= 0:
+        raise ExpansionLimitError(max_expansions)
+    return min(under_way.portion, rest)
 
 
 def _checked_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
@@ -145,111 +167,16 @@ def _no_steps(start: Start, modes: ModeArray, seconds: float) -> DiscretePath:
     )
 
 
-class _Query:
-    """One search: the graph extended by its start and its goal."""
-
-    def __init__(
-        self,
-        graph: StepGraph,
-        start: Start,
-        start_modes: ModeArray,
-        goal: Goal,
-        weights: Weights,
-        energy_reading: EnergyReading,
-        rings: int,
-    ) -> None:
-        self.graph = graph
-        self.start = start
-        self.start_modes = start_modes
-        self.goal = goal
-        self.weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
-        self.column = ENERGY_COLUMN[energy_reading]
-        self.from_start = steps_from_start(graph, start, goal, rings)
-        self.to_goal, self.goal_first = steps_to_goal(graph, goal, rings)
-        self.frontier = empty_frontier(graph)
-
-    @property
-    def expanded(self) -> int:
-        """States expanded so far."""
-        return int(self.frontier.counts[1])
-
-    def expand(self) -> int:
-        """Take the search one portion further."""
-        graph = self.graph
-        return int(
-            expand(
-                self.frontier,
-                graph.circuit,
-                graph.edges,
-                graph.switches,
-                graph.layout.owner.ravel(),
-                graph.postures.length,
-                self.goal.postures.length,
-                self.from_start,
-                graph.switches_from(self.start_modes),
-                self.to_goal,
-                self.goal_first,
-                self.weight,
-                self.column,
-                EXPANSIONS_PER_LOOK,
-            )
-        )
-
-    def path(self, seconds: float) -> DiscretePath:
-        """The path found."""
-        graph, start, goal = self.graph, self.start, self.goal
-        ends = goal.postures.posture
-        tips, postures, patterns, costs = [goal.tip], [], [], []
-        for parent, state, e in self._trace():
-            if state is None:
-                steps = self.to_goal if parent is not None else self.from_start
-                postures.append(ends[steps.end[e]])
-                pattern, cost = steps.pattern[e], steps.cost[e]
-            else:
-                node, pattern = divmod(state, len(graph.table.patterns))
-                tips.append(tuple(graph.table.nodes[node] * graph.table.spacing))
-                postures.append(graph.table.posture[node, pattern])
-                cost = graph.edges.cost[e] if parent is not None else self.from_start.cost[e]
-            patterns.append(pattern)
-            costs.append(cost)
-        own = start.postures.posture[0]
-        cost = np.array(costs[::-1])
-        return DiscretePath(
-            tip=np.array([start.tip, *tips[::-1]]),
-            posture=np.array([own, *postures[::-1]]),
-            modes=graph.table.patterns[patterns[::-1]],
-            duration=cost[:, DURATION],
-            energy=cost[:, ENERGY_PAPER],
-            energy_series=cost[:, ENERGY_SERIES],
-            cost=float(self.frontier.cost[-1]),
-            start_modes=self.start_modes,
-            lower_bound=energy_lower_bound(graph.machine, own, ends),
-            statistics=SearchStatistics(self.expanded, int(self.frontier.counts[2]), seconds),
-        )
-
-    def _trace(self) -> Iterator[tuple[int | None, int | None, int]]:
-        """Steps from the goal back: state left (None: start), state reached (None: goal), edge."""
-        frontier = self.frontier
-        sink = len(frontier.cost) - 1
-        state = sink
-        while state != NOWHERE:
-            parent = int(frontier.parent[state])
-            yield (
-                None if parent == NOWHERE else parent,
-                None if state == sink else state,
-                int(frontier.edge[state]),
-            )
-            state = parent
-
-
 def warm_up(graph: StepGraph) -> None:
     """Compile everything that a search can run through."""
     machine, table = graph.machine, graph.table
     here, *_, there = np.flatnonzero(table.feasible)
     start = table.posture[here, 0]
     x, z = table.nodes[there] * table.spacing
-    with suppress(NoPathError):
-        search(graph, start, table.patterns[0], (x, z), (1.0, 1.0, 1.0))
+    # A goal that is a node of the graph, and one that has to be joined to it.
+    for psi in (None, float(table.posture[there, 0].sum())):
+        with suppress(NoPathError):
+            search(graph, start, table.patterns[0], (x, z), (1.0, 1.0, 1.0), goal_psi=psi)
     postures_at(machine, x, z)
     machine.postures(x, z, np.zeros(1))
     energy_lower_bound(machine, start, start[None, :])

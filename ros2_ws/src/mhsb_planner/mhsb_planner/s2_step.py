@@ -7,9 +7,10 @@ Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀), all cylinders in the same t
 
 A cylinder that moves against its load needs boost where p_L + m(v) + margin exceeds P_S at the
 start, middle or end of the step. A pattern is self-consistent if it boosts exactly the joints
-that need it. A move on which the tip leaves the workspace is no step. Where, among the patterns that lead to a node, none is, boosting a joint without
-need is allowed; beyond the highest boost pressure a step is not possible. A cylinder that moves
-by no more than `HELD` is held by its closed valve and needs nothing.
+that need it. Where, among the patterns that lead to a node, none is, boosting a joint without
+need is allowed; beyond the highest boost pressure a step is not possible, nor where the tip leaves
+the workspace on the way. A cylinder that moves by no more than `HELD` is held by its closed valve
+and needs nothing.
 
     E = Σ_j price_j (A_dir |ΔL_j| + q_leak T), load taken at the middle of the step
 

@@ -28,7 +28,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.statics import piston_forces
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import SECOND_NS, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_model.workspace import node_set_excess
 
@@ -277,16 +277,9 @@ def _hermite(
     qd: FloatArray,
 ) -> None:
     """Value and slope of joint j's quintic, s [s] into interval i of length h [s], to q and qd."""
-    q0, v0, a0 = position[i, j], velocity[i, j], acceleration[i, j]
-    dq = position[i + 1, j] - q0 - v0 * h - 0.5 * a0 * h * h
-    dv = (velocity[i + 1, j] - v0 - a0 * h) * h
-    da = (acceleration[i + 1, j] - a0) * h * h
-    c3 = 10.0 * dq - 4.0 * dv + 0.5 * da
-    c4 = -15.0 * dq + 7.0 * dv - da
-    c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
-    u = s / h
-    q[j] = q0 + s * (v0 + 0.5 * a0 * s) + u * u * u * (c3 + u * (c4 + u * c5))
-    qd[j] = v0 + s * a0 + u * u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)) / h
+    start = (position[i, j], velocity[i, j], acceleration[i, j])
+    end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
+    q[j], qd[j], _ = quintic_hermite(s, h, start, end)
 
 
 def first_violation(

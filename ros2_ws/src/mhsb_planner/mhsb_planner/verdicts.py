@@ -7,7 +7,13 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_msgs_py.plan_status import PlanSummary
 from mhsb_msgs_py.status import Verdict
 from mhsb_planner.departure import MovingError, NoStateError
-from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError, TableError
+from mhsb_planner.errors import (
+    DeadlineError,
+    ExpansionLimitError,
+    InfeasibleGoalError,
+    NoPathError,
+    TableError,
+)
 from mhsb_planner.replanning import Replan
 from mhsb_planner.s3_trajectory import FitError
 
@@ -17,6 +23,7 @@ CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (NoPathError, Verdict.INFEASIBLE),
     (FitError, Verdict.INFEASIBLE),
     (DeadlineError, Verdict.DEADLINE),
+    (ExpansionLimitError, Verdict.DEADLINE),
     (TableError, Verdict.TABLE),
     (NoStateError, Verdict.NO_STATE),
     (MovingError, Verdict.MOVING),

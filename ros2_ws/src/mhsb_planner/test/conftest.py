@@ -53,7 +53,8 @@ def steps_by_the_book(machine, start, end_by_pattern):
 def leaves_the_workspace(machine, start, end):
     """Whether the tip leaves the region of goals on the way, by more than at both ends."""
     area = machine.config.workspace
-    tips = np.array([machine.tip_position(start + s * (end - start)) for s in np.linspace(0, 1, 200)])
+    way = start + np.linspace(0, 1, 200)[:, None] * (end - start)
+    tips = np.array([machine.tip_position(q) for q in way])
     radius = np.hypot(*tips.T)
     outside = np.maximum(area.min_x - tips[:, 0], area.min_radius - radius)
     outside = np.maximum(outside, radius - area.max_radius)

@@ -1,5 +1,7 @@
 """The search, against SciPy's Dijkstra on the same explicit graph."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
@@ -158,6 +160,18 @@ def test_the_goal_posture_is_that_of_the_largest_polytope_for_the_last_mode(grap
         best = postures_at(machine, *goal).posture
         p = int(np.flatnonzero(np.all(machine.patterns == path.modes[-1], axis=1))[0])
         assert np.array_equal(path.posture[-1], best[p])
+
+
+def test_steps_to_a_goal_on_a_node_are_those_computed_for_it(graph):
+    for node in np.flatnonzero(graph.table.feasible)[::50]:
+        goal = goal_at(graph, *(graph.table.nodes[node] * graph.table.spacing))
+        assert goal.node == node
+        found, first = steps_to_goal(graph, goal)
+        expected, expected_first = steps_to_goal(graph, replace(goal, node=None))
+        assert np.array_equal(first, expected_first)
+        for name in ("origin", "state", "end", "pattern"):
+            assert np.array_equal(getattr(found, name), getattr(expected, name))
+        assert found.cost == pytest.approx(expected.cost, rel=1e-9)
 
 
 def a_node(graph, x, z):
