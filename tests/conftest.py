@@ -27,6 +27,9 @@ from mhsb_planner.goal_sender import GoalSender
 READY_TIMEOUT = 180.0
 """The first start of a node compiles its kernels [s]."""
 
+PATIENT_BUDGET = 0.5
+"""Planning budget of the tests [s]: what they check does not depend on how busy a machine is."""
+
 
 class Observer(GoalSender):
     """Sends goals and keeps what both nodes say."""
@@ -88,11 +91,15 @@ class Observer(GoalSender):
         self.destroy_client(client)
         return future.result()
 
-    def set_parameter(self, node: str, name: str, value: float) -> tuple[bool, str]:
-        """Set a floating-point parameter; whether it was taken, and the reason where not."""
+    def set_parameter(self, node: str, name: str, value: float | str) -> tuple[bool, str]:
+        """Set a number or a text as parameter; whether it was taken, and the reason where not."""
         client = self.create_client(SetParameters, f"{node}/set_parameters")
         self.until(client.service_is_ready)
-        content = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        content = (
+            ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+            if isinstance(value, str)
+            else ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        )
         request = SetParameters.Request(parameters=[Parameter(name=name, value=content)])
         future = client.call_async(request)
         self.until(future.done)
@@ -139,7 +146,8 @@ def start_planner(start: Callable[..., Any]) -> Callable[..., Any]:
     """Function (arguments...) that starts a planner and waits until it is ready."""
 
     def run(*arguments: object) -> Any:
-        child = start("mhsb_planner", "planner_node", *arguments)
+        given = arguments or ("--ros-args", "-p", f"planning_budget:={PATIENT_BUDGET}")
+        child = start("mhsb_planner", "planner_node", *given)
         child.wait_for("ready", READY_TIMEOUT)
         return child
 

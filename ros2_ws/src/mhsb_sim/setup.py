@@ -32,6 +32,8 @@ setup(
         "console_scripts": [
             "sim_node = mhsb_sim.sim_node:main",
             "simulate = mhsb_sim.simulate_command:main",
+            "study = mhsb_sim.study_command:main",
+            "tune = mhsb_sim.tune_command:main",
             "record = mhsb_sim.record_command:main",
             "report = mhsb_sim.report_command:main",
             "demo = mhsb_sim.demo_command:main",

@@ -9,12 +9,16 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 
 from mhsb_model.errors import MhsbError
+
+HEARTBEAT = 0.5
+"""The executor wakes at least this often [s]: a signal may come just before it begins to wait."""
 
 NodeType = TypeVar("NodeType", bound=Node)
 
@@ -31,13 +35,18 @@ def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None)
     Raises RosArgumentsError for arguments that rclpy or the node's parameters refuse.
     """
     try:
-        with ros_running(arguments), serving(make_node) as (executor, _):
+        with ros_running(arguments), serving(make_node) as (executor, node):
+            node.create_timer(HEARTBEAT, _nothing, clock=Clock(clock_type=ClockType.STEADY_TIME))
             executor.spin()
     except ParameterException as error:
         raise RosArgumentsError(f"after --ros-args: {error}") from error
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     return 0
+
+
+def _nothing() -> None:
+    """What a timer does that only wakes."""
 
 
 @contextmanager

@@ -141,6 +141,18 @@ ENERGY = np.dtype(
     ]
 )
 
+VOLUME = np.dtype(
+    [
+        (name, "f8")
+        for name in (  # all in m³ since the start
+            "main_pump",  # delivered
+            "returned",  # to the tank, less what was drawn from it
+            "pistons",  # room that the pistons have made
+            "compression",  # ∫ C dp of all nodes
+        )
+    ]
+)
+
 (SERVO_VALVE, LEAKAGE, CHECK, JOIN, SERVO_PUMP, RELIEF, ANTI_CAVITATION, BLEED) = range(8)
 
 ELEMENT = np.dtype(
@@ -159,7 +171,7 @@ class Circuit:
     """State of the circuit; arrays are written in place by `advance`.
 
     pressure   float64[3 n + 3] Pa, in the order of the nodes
-    actuators  ACTUATOR[n], modules MODULE[m], energy ENERGY[1]
+    actuators  ACTUATOR[n], modules MODULE[m], energy ENERGY[1], volume VOLUME[1]
     cylinders  CYLINDER[n], constants CONSTANTS[1], module_home int64[m]: actuator whose line the
                module feeds, or −1 where it has none (both fixed)
     """
@@ -171,6 +183,7 @@ class Circuit:
     actuators: Records
     modules: Records
     energy: Records
+    volume: Records
     net: Records
     conductance: FloatArray
     inflow: FloatArray
@@ -189,6 +202,7 @@ class Circuit:
             self.actuators,
             self.modules,
             self.energy,
+            self.volume,
             self.net,
             self.conductance,
             self.inflow,
@@ -223,6 +237,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         actuators=np.zeros(actuator_count, ACTUATOR),
         modules=_modules(home),
         energy=np.zeros(1, ENERGY),
+        volume=np.zeros(1, VOLUME),
         net=np.zeros(3 + 2 * module_count + 10 * actuator_count, ELEMENT),
         conductance=np.zeros((nodes, nodes)),
         inflow=np.zeros(nodes),
@@ -294,11 +309,13 @@ def audit(
     efficiency: float,
     dt: float,
     e: Record,
+    volume: Record,
 ) -> None:
     """Add the energy that each element turned over in a substep to its counter [J].
 
     With the mean flow and the mean pressures of the step, as the implicit scheme has it, so that
-    power in = power out holds node by node (Tellegen's theorem). change: Δp [Pa] of the step.
+    power in = power out holds node by node (Tellegen's theorem). Oil to and from the tank is
+    counted too [m³]. change: Δp [Pa] of the step.
     """
     for k in range(count):
         element = net[k]
@@ -324,10 +341,10 @@ def audit(
             e.anti_cavitation += work
         else:
             e.bleed += work
-        if j == tank:
-            e.return_oil += flow * pressure[tank] * dt
-        elif i == tank:
-            e.return_oil -= flow * pressure[tank] * dt
+        if j == tank or i == tank:
+            returned = flow * dt if j == tank else -flow * dt
+            e.return_oil += returned * pressure[tank]
+            volume.returned += returned
 
 
 @njit(cache=True, nogil=True)
@@ -342,6 +359,7 @@ def advance(
     actuators: Records,
     modules: Records,
     energy: Records,
+    volume: Records,
     net: Records,
     conductance: FloatArray,
     inflow: FloatArray,
@@ -354,7 +372,7 @@ def advance(
     (test/test_circuit.py).
     """
     c = constants[0]
-    e = energy[0]
+    e, v = energy[0], volume[0]
     n = len(actuators)
     rail, manifold, tank = 3 * n, 3 * n + 1, 3 * n + 2
     dt = c.substep
@@ -454,13 +472,16 @@ def advance(
         inflow[tank] = 0.0
         mean_flow = pump_flow - pump_slope * inflow[manifold]
         e.main_pump += mean_flow * (pressure[manifold] + 0.5 * inflow[manifold]) * dt
-        audit(net, count, pressure, inflow, tank, c.servo_pump_efficiency, dt, e)
+        v.main_pump += mean_flow * dt
+        audit(net, count, pressure, inflow, tank, c.servo_pump_efficiency, dt, e, v)
         for j in range(n):
             force = cylinders[j].cap_area * (pressure[3 * j] + 0.5 * inflow[3 * j])
             force -= cylinders[j].rod_area * (pressure[3 * j + 1] + 0.5 * inflow[3 * j + 1])
             e.piston_work += force * speed[j] * dt
+            v.pistons += (cylinders[j].cap_area - cylinders[j].rod_area) * speed[j] * dt
         for i in range(tank):
             e.compression += capacity[i] * inflow[i] * (pressure[i] + 0.5 * inflow[i])
+            v.compression += capacity[i] * inflow[i]
             pressure[i] += inflow[i]
 
     for j in range(n):

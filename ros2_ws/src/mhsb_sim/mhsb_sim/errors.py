@@ -22,6 +22,14 @@ class ModeError(MhsbError):
     """A mode pattern cannot be set."""
 
 
+class ScenarioError(MhsbError):
+    """The scenarios of a study cannot be used."""
+
+
+class TuningError(MhsbError):
+    """The servo cannot be tuned."""
+
+
 class HandOverError(MhsbError):
     """The simulator did not take a plan."""
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mhsb_planner.operating_regions import OperatingRegions
 from mhsb_sim.hydraulic_figures import draw_energy, draw_modes, draw_pressures
 from mhsb_sim.motion_figures import draw_joints, draw_tip_error
-from mhsb_sim.operating_regions import OperatingRegions
 from mhsb_sim.recorded_run import RecordedRun
 from mhsb_sim.workspace_figure import draw_workspace
 

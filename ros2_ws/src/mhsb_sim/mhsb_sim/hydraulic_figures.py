@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.modes import Mode, modules_in_use
-from mhsb_model.types import FloatArray
-from mhsb_sim.figure_style import (
+from mhsb_model.figure_style import (
     BLACK,
     BLUE,
     GREEN,
@@ -21,14 +19,12 @@ from mhsb_sim.figure_style import (
     VERMILION,
     draw_line,
     legend_above,
-    mark_take_overs,
-    mode_spans,
-    seconds,
-    shade_modes,
-    time_axis,
     written_figure,
 )
+from mhsb_model.modes import Mode, modules_in_use
+from mhsb_model.types import FloatArray
 from mhsb_sim.recorded_run import RecordedRun
+from mhsb_sim.run_axes import mark_take_overs, mode_spans, seconds, shade_modes, time_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

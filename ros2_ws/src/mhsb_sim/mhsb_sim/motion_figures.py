@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.executions import REACHED_DISTANCE
-from mhsb_sim.figure_style import (
+from mhsb_model.figure_style import (
     BLACK,
     BLUE,
     GREEN,
@@ -16,12 +14,12 @@ from mhsb_sim.figure_style import (
     VERMILION,
     draw_line,
     legend_above,
-    mark_take_overs,
-    seconds,
-    time_axis,
     written_figure,
 )
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_planner.executions import REACHED_DISTANCE
 from mhsb_sim.recorded_run import RecordedRun
+from mhsb_sim.run_axes import mark_take_overs, seconds, time_axis
 
 PER_MM = 1e3
 LEAST_DISTANCE = 1e-2

@@ -9,12 +9,16 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 
+AHEAD = 2
+"""Number of the point for which modes and forces are prepared."""
+
 
 class Reference:
-    """What the servo is to do now, and `preview` [s] later.
+    """What the servo is to do now, and ahead.
 
-    Evaluated into `values`, float64[2, 3, n]: now and ahead; position [rad], velocity [rad/s],
-    acceleration [rad/s²]. These and the modes are valid after `update`.
+    Evaluated into `values`, float64[points, 3, n]: now and at evenly spaced times after, of which
+    point `AHEAD` is `preview` [s] later; position [rad], velocity [rad/s], acceleration [rad/s²].
+    These and the modes, now and `preview` later, are valid after `update`.
     """
 
     trajectory: Trajectory
@@ -22,7 +26,7 @@ class Reference:
 
     def __init__(self, values: FloatArray, preview: float) -> None:
         self._values = values
-        self._preview_ns = round(preview * SECOND_NS)
+        self._spacing_ns = round(preview / AHEAD * SECOND_NS)
         self._rows: IntArray = np.zeros(2, dtype=np.int64)
 
     def follow(self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool) -> None:
@@ -56,7 +60,7 @@ class Reference:
             path.acceleration,
             self.schedule.offset_ns,
             time_ns - path.stamp_ns,
-            self._preview_ns,
+            self._spacing_ns,
             self._values,
             self._rows,
         )
@@ -87,20 +91,22 @@ def evaluate(
     acceleration: FloatArray,
     mode_offset_ns: IntArray,
     since_ns: int,
-    preview_ns: int,
+    spacing_ns: int,
     values: FloatArray,
     rows: IntArray,
 ) -> None:
     """Reference now and ahead: the quintic Hermite between points, and rows of the modes.
 
-    since_ns: now, after the stamp of trajectory and schedule. Writes values float64[2, 3, n] and
-    rows int64[2]. Oracle: Trajectory.sample (test/test_reference.py).
+    since_ns: now, after the stamp of trajectory and schedule; spacing_ns: from point to point.
+    Writes values float64[points, 3, n] and rows int64[2], now and at point `AHEAD`.
+    Oracle: Trajectory.sample (test/test_reference.py).
     """
     last = len(offset_ns) - 1
     for k in range(2):
-        time = since_ns + k * preview_ns
-        row = int(np.searchsorted(mode_offset_ns, time, "right")) - 1
-        rows[k] = max(0, row)
+        time = since_ns + k * AHEAD * spacing_ns
+        rows[k] = max(0, int(np.searchsorted(mode_offset_ns, time, "right")) - 1)
+    for k in range(len(values)):
+        time = since_ns + k * spacing_ns
         out = values[k]
         if time > offset_ns[last] or last == 0:
             for j in range(position.shape[1]):

@@ -42,6 +42,7 @@ from mhsb_msgs_py.reference import Reference
 from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
 from mhsb_sim import sim_parameters
 from mhsb_sim.errors import SimulationDivergedError
+from mhsb_sim.faults import Fault
 from mhsb_sim.pacing import LARGEST_LAG_NS, Pacer
 from mhsb_sim.plan_receiver import Outcome, OutcomeKind, PlanReceiver
 from mhsb_sim.simulator import Simulator
@@ -54,6 +55,9 @@ STATE_PERIOD_NS = SECOND_NS // 100
 MODES_PERIOD_NS = SECOND_NS // 10
 REPORT_PERIOD_NS = SECOND_NS
 
+NO_PLAN = 0
+"""What `plan_in_force` says while no plan is."""
+
 
 class SimNode(Node):
     """Simulates the arm with its hydraulics and servo, and executes plans."""
@@ -65,10 +69,14 @@ class SimNode(Node):
         self._steady = rclpy.clock.Clock(clock_type=rclpy.clock.ClockType.STEADY_TIME)
         start_ns = 0 if self._settings.publish_clock else self._system_ns()
         self._simulator = Simulator(
-            self._machine, self._settings.controller, self._settings.seed, start_ns=start_ns
+            self._machine,
+            self._settings.controller,
+            self._settings.seed,
+            payload=self._settings.payload,
+            start_ns=start_ns,
         )
-        self._simulator.set_payload(self._settings.payload)
         self._simulator.step()  # compiles everything before anybody waits for it
+        self._simulator.inject(self._settings.fault)
         self._receiver = PlanReceiver(self._machine)
         self._pacer = Pacer(
             self._settings.real_time_factor, self._clock_ns(), self._simulator.time_ns
@@ -127,19 +135,28 @@ class SimNode(Node):
         """Bring the simulation up to the present, publishing on the way."""
         due_ns = self._pacer.due_ns(self._clock_ns())
         lag_ns = due_ns - self._simulator.time_ns
-        if abs(lag_ns) > LARGEST_LAG_NS:
+        if self._fault is None and abs(lag_ns) > LARGEST_LAG_NS:
             self._skip(lag_ns)
+            return
+        if self._fault is not None:
+            self._publish_report_when_due(due_ns)
             return
         self._receive(self._receiver.update(self._simulator, time.monotonic()))
         try:
-            while self._fault is None and self._simulator.time_ns < due_ns:
+            while self._simulator.time_ns < due_ns:
                 self._simulator.step()
                 self._publish_due()
         except SimulationDivergedError as error:
-            self._fault = str(error)
-            self.get_logger().error(self._fault)
-        if self._fault is not None:
-            self._publish_report_when_due(self._pacer.due_ns(self._clock_ns()))
+            self._stop_at_fault(str(error))
+
+    def _stop_at_fault(self, sentence: str) -> None:
+        """Nothing moves any more, no plan is in force or taken, until the fault is cleared."""
+        self._fault = sentence
+        self.get_logger().error(sentence)
+        self._receiver.clear()
+        self._in_force_ns = NO_PLAN
+        self._publish(topics.PLAN_IN_FORCE, stamps.to_time(NO_PLAN))
+        self._publish_report(self._simulator.time_ns)
 
     def _skip(self, lag_ns: int) -> None:
         """The clock has jumped or everything was frozen for long: start anew from its time."""
@@ -151,6 +168,7 @@ class SimNode(Node):
 
     def _reset(self, time_ns: int) -> None:
         self._simulator.reset(time_ns)
+        self._simulator.inject(self._settings.fault)
         self._receiver.clear()
         self._fault = None
         self._in_force_ns = self._modes = None
@@ -166,6 +184,9 @@ class SimNode(Node):
         except MessageError as error:
             self._refuse_message(message, f"joint_trajectory was refused: {error}")
             return
+        if self._fault is not None:
+            self._refuse_message(message, f"joint_trajectory was refused: {self._fault}")
+            return
         self._receive(self._receiver.add_trajectory(received, time.monotonic()))
         self._tick()
 
@@ -174,6 +195,9 @@ class SimNode(Node):
             received = mode_schedule.decode(message, self._machine.actuator_names)
         except MessageError as error:
             self._refuse_message(message, f"mode_commands were refused: {error}")
+            return
+        if self._fault is not None:
+            self._refuse_message(message, f"mode_commands were refused: {self._fault}")
             return
         self._receive(self._receiver.add_schedule(received, time.monotonic()))
         self._tick()
@@ -207,7 +231,10 @@ class SimNode(Node):
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Decelerate along the path of the plan in force and hold there."""
-        moving = self._simulator.plan_stamp_ns != 0
+        if self._fault is not None:
+            response.success, response.message = False, self._fault
+            return response
+        moving = self._simulator.plan_stamp_ns != NO_PLAN
         self._simulator.stop()
         self._publish_changes()
         response.success = True
@@ -216,6 +243,7 @@ class SimNode(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Back to the start posture, at rest; faults are cleared, plans forgotten."""
+        self._heal()
         self._reset(0 if self._settings.publish_clock else self._system_ns())
         response.success = True
         response.message = "the simulation starts anew"
@@ -224,20 +252,31 @@ class SimNode(Node):
     def _on_clear_faults(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """A diverged simulation has no state to go on from: clearing is starting anew."""
+        """Heal what fails; a diverged simulation has no state to go on from and starts anew."""
+        failing = self._heal()
         if self._fault is None:
-            response.message = "there is no fault"
+            response.message = f"the fault {failing} is healed" if failing else "there is no fault"
         else:
             self._reset(0 if self._settings.publish_clock else self._system_ns())
             response.message = "the fault is cleared and the simulation starts anew"
         response.success = True
         return response
 
+    def _heal(self) -> str:
+        """Take back an injected fault; its name, empty where there was none."""
+        failing = self._settings.fault
+        if failing is Fault.NONE:
+            return ""
+        self.set_parameters([Parameter("fault", value=Fault.NONE.value)])
+        return failing.value
+
     def _apply_parameters(self, changes: list[Parameter]) -> None:
         before = self._settings
         self._settings = sim_parameters.read(self)
         if self._settings.payload != before.payload:
             self._simulator.set_payload(self._settings.payload)
+        if self._settings.fault != before.fault and self._fault is None:
+            self._simulator.inject(self._settings.fault)
         if self._settings.real_time_factor != before.real_time_factor:
             self._pacer.factor = self._settings.real_time_factor
             self._pacer.restart(self._clock_ns(), self._simulator.time_ns)
@@ -302,8 +341,10 @@ class SimNode(Node):
             self._publish(topics.MODES, modes_in_force.encode(modes))
 
     def _publish_report_when_due(self, now_ns: int) -> None:
-        if now_ns < self._next_ns["report"]:
-            return
+        if now_ns >= self._next_ns["report"]:
+            self._publish_report(now_ns)
+
+    def _publish_report(self, now_ns: int) -> None:
         self._next_ns["report"] = now_ns + REPORT_PERIOD_NS
         wall, sim_ns = self._last_report
         self._last_report = (time.monotonic(), self._simulator.time_ns)

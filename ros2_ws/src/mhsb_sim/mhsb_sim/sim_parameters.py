@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
+from mhsb_sim.faults import Fault
 from mhsb_sim.servo import CONTROLLERS
 
 HEAVIEST_PAYLOAD = 1e4  # kg
@@ -32,6 +33,7 @@ class SimParameters:
     real_time_factor  simulated seconds per second
     publish_clock     whether the simulator is the source of /clock
     payload           at the tip, kg
+    fault             what fails
     """
 
     seed: int
@@ -39,6 +41,7 @@ class SimParameters:
     real_time_factor: float
     publish_clock: bool
     payload: float
+    fault: Fault
 
 
 def declare_machine(node: Node) -> Machine:
@@ -83,6 +86,14 @@ def declare(node: Node, machine: Machine) -> SimParameters:
         machine.arrays.payload,
         _ranged("at the tip [kg]; the servo is not told", 0.0, HEAVIEST_PAYLOAD),
     )
+    node.declare_parameter(
+        "fault",
+        Fault.NONE.value,
+        ParameterDescriptor(description=f"injected fault, one of {', '.join(Fault)}"),
+    )
+    reason = _unknown_fault(node.get_parameter("fault").value)
+    if reason is not None:
+        raise MhsbError(reason)
     settings = read(node)
     reason = _refusal(settings.real_time_factor, settings.publish_clock)
     if reason is not None:
@@ -96,7 +107,7 @@ def read(node: Node) -> SimParameters:
         name: node.get_parameter(name).value
         for name in ("seed", "controller", "real_time_factor", "publish_clock", "payload")
     }
-    return SimParameters(**values)
+    return SimParameters(**values, fault=Fault(node.get_parameter("fault").value))
 
 
 def check(node: Node, machine: Machine, changes: Sequence[Parameter]) -> SetParametersResult:
@@ -106,6 +117,8 @@ def check(node: Node, machine: Machine, changes: Sequence[Parameter]) -> SetPara
         node.get_parameter("real_time_factor").value,
     )
     reason = _refusal(factor, node.get_parameter("publish_clock").value)
+    faults = [change.value for change in changes if change.name == "fault"]
+    reason = reason or next(filter(None, map(_unknown_fault, faults)), None)
     return SetParametersResult(successful=reason is None, reason=reason or "")
 
 
@@ -116,6 +129,12 @@ def _refusal(factor: float, publish_clock: bool) -> str | None:
             "the other nodes, for simulated time is not the system's then"
         )
     return None
+
+
+def _unknown_fault(name: str) -> str | None:
+    if name in list(Fault):
+        return None
+    return f"there is no fault {name!r}; valid are {', '.join(Fault)}"
 
 
 def _ranged(text: str, lowest: float, highest: float) -> ParameterDescriptor:

@@ -19,7 +19,7 @@ from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
 from mhsb_sim.headless import GoalRun, HeadlessRun, Samples, TimedGoal
-from mhsb_sim.simulator import Simulator, energy_gap
+from mhsb_sim.simulator import Simulator, energy_gap, volume_gap
 
 LONGEST_TIME = 3600.0  # s
 
@@ -49,7 +49,7 @@ def simulate(
         payload: Mass at the tip [kg]; the machine file's when left out.
         output: Folder for samples.csv (100 Hz, SI units) and summary.json.
         json_: Print one JSON object instead of text.
-        audit: Also print where all energy went.
+        audit: Also print where all energy and all oil went.
     """
     goals = [_timed_goal(*values) for values in goal]
     arm = load_machine(machine).changed(payload=payload)
@@ -71,7 +71,7 @@ def simulate(
     else:
         print("\n".join(as_text(summary)))
         if audit:
-            print("\n".join(audit_lines(simulator.energies)))
+            print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
 
 
 def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:
@@ -143,14 +143,32 @@ def as_text(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-def audit_lines(energies: dict[str, float]) -> list[str]:
-    """Where the pumps' energy went [J]."""
-    delivered = energies["main_pump"] + energies["servo_pumps"]
-    lines = ["energy audit [J]:"]
-    lines += [f"  {name.replace('_', ' '):20s}{value:12.3f}" for name, value in energies.items()]
-    gap = energy_gap(energies)
-    lines.append(f"  unaccounted for     {gap:12.6f}  ({100 * gap / delivered:.2e} % of delivered)")
-    return lines
+def audit_lines(energies: dict[str, float], volumes: dict[str, float]) -> list[str]:
+    """Where the pumps' energy [J] and the main pump's oil [m³] went."""
+    cubic_centimetres = {name: 1e6 * volume for name, volume in volumes.items()}
+    return [
+        *_audit(
+            "energy audit [J]",
+            energies,
+            energies["main_pump"] + energies["servo_pumps"],
+            energy_gap(energies),
+        ),
+        *_audit(
+            "volume audit [cm³]",
+            cubic_centimetres,
+            cubic_centimetres["main_pump"],
+            volume_gap(cubic_centimetres),
+        ),
+    ]
+
+
+def _audit(title: str, amounts: dict[str, float], delivered: float, gap: float) -> list[str]:
+    lines = [f"{title}:"]
+    lines += [f"  {name.replace('_', ' '):20s}{value:12.3f}" for name, value in amounts.items()]
+    return [
+        *lines,
+        f"  unaccounted for     {gap:12.6f}  ({100 * gap / delivered:.2e} % of delivered)",
+    ]
 
 
 def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:

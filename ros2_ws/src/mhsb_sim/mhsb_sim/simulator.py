@@ -15,20 +15,23 @@ from numba import njit
 
 from mhsb_model.braking import brake_along
 from mhsb_model.hydraulics import needs_boost
+from mhsb_model.linkage import cylinder_length, moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_sim.circuit import ENERGY, build_circuit, settle
+from mhsb_sim.circuit import ENERGY, VOLUME, build_circuit, settle
 from mhsb_sim.errors import ModeError, SimulationDivergedError
+from mhsb_sim.faults import Fault, set_fault
 from mhsb_sim.mujoco_model import build_model, set_payload
 from mhsb_sim.records import Records
 from mhsb_sim.reference import Reference
 from mhsb_sim.servo import controller_class
-from mhsb_sim.servo.controller import SENSOR, ServoSignals
+from mhsb_sim.servo.controller import REFERENCE_POINTS, SENSOR, ServoSignals
 
 NOISE_ROWS = 1000
+LARGEST_VALUE = 1e12
 LARGEST_STATE = 1e6
 """Angles [rad] and rates [rad/s] beyond this count as no longer finite."""
 
@@ -91,19 +94,28 @@ class Simulator:
             self.machine, self.machine.config.simulation.step / self._substeps
         )
         settle(self._circuit, loaded, self._start, modes)
+        self._healthy = self._circuit.constants.copy()
         self._reset_mechanics()
         self._reset_noise()
         self._reset_servo(modes)
+        signals = self._signals
+        self._sensed = (
+            *self._pistons, self._circuit.pressure, signals.sensors, signals.rail_pressure
+        )
 
     def _reset_mechanics(self) -> None:
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = self._start
-        self._data.ctrl[:] = self._circuit.actuators["force"]
-        mujoco.mj_forward(self._model, self._data)
-        data = self._data
+        linkage, data = self.machine.arrays.linkage, self._data
+        n = self.machine.joint_count
+        self._lengths, self._speeds = np.empty(n), np.empty(n)
         # MuJoCo makes a new view at each access: these are kept.
-        self._lengths, self._speeds = data.ten_length, data.ten_velocity
-        self._motion = (data.qpos, data.qvel, data.ctrl)
+        position, velocity, control = data.qpos, data.qvel, data.ctrl
+        self._pistons = (linkage, position, velocity, self._lengths, self._speeds)
+        self._motion = (linkage, position, velocity, control)
+        move_pistons(*self._pistons)
+        apply_forces(self._circuit.actuators, self._circuit.pressure, *self._motion)
+        mujoco.mj_forward(self._model, data)
 
     def _reset_noise(self) -> None:
         n = self.machine.joint_count
@@ -112,11 +124,12 @@ class Simulator:
         self._noise = np.zeros((NOISE_ROWS, 4 * n + 1))
         self._noise_scale = np.full(4 * n + 1, servo.pressure_noise)
         self._noise_scale[:n] = servo.length_noise
+        self._healthy_noise = self._noise_scale.copy()
 
     def _reset_servo(self, modes: ModeArray) -> None:
         n = self.machine.joint_count
         self._signals = ServoSignals(
-            reference=np.zeros((2, 3, n)),
+            reference=np.zeros((REFERENCE_POINTS, 3, n)),
             sensors=np.zeros(n, SENSOR),
             rail_pressure=np.zeros(1),
             modes=modes.copy(),
@@ -171,7 +184,7 @@ class Simulator:
             rod_pressure=circuit.pressure[1:-3:3].copy(),
             supply_pressure=circuit.pressure[2:-3:3].copy(),
             force=actuators["force"].copy(),
-            piston_speed=self._data.ten_velocity.copy(),
+            piston_speed=self._speeds.copy(),
             valve_opening=actuators["spool"].copy(),
             supply_flow=actuators["supply_flow"].copy(),
             servo_pump_flow=flow,
@@ -179,6 +192,23 @@ class Simulator:
             rail_pressure=circuit.rail_pressure,
             manifold_pressure=circuit.manifold_pressure,
         )
+
+    def copy_state(
+        self,
+        reference: FloatArray,
+        position: FloatArray,
+        pressure: FloatArray,
+        modes: ModeArray,
+    ) -> None:
+        """Write the present state, for runs that keep every step.
+
+        reference float64[3, n] (q, q̇, q̈), position float64[n] rad, pressure float64[3 n + 3] Pa
+        in the order of the circuit's nodes, modes uint8[n] in force.
+        """
+        reference[:] = self._signals.reference[0]
+        position[:] = self._data.qpos
+        pressure[:] = self._circuit.pressure
+        modes[:] = self._reference.modes
 
     @property
     def energies(self) -> dict[str, float]:
@@ -194,6 +224,12 @@ class Simulator:
     def energy_gap(self) -> float:
         """Delivered less accounted for [J]: zero but for rounding."""
         return energy_gap(self.energies)
+
+    @property
+    def volumes(self) -> dict[str, float]:
+        """Oil volumes [m³] since the start: `main_pump` delivered, all others where it went."""
+        record = self._circuit.volume[0]
+        return {name: float(record[name]) for name in VOLUME.names or ()}
 
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
         """Follow a trajectory with its mode schedule from now on.
@@ -222,6 +258,14 @@ class Simulator:
         self._payload = mass
         set_payload(self._model, mass)
 
+    def inject(self, fault: Fault) -> None:
+        """Let something fail from now on, or with `Fault.NONE` nothing; a reset heals all."""
+        self._noise_scale[:] = self._healthy_noise
+        set_fault(fault, self._circuit, self._healthy, self._noise_scale)
+        row = self._steps % NOISE_ROWS
+        self._noise[row:] = self._random.standard_normal(self._noise[row:].shape)
+        self._noise[row:] *= self._noise_scale
+
     def advance(self, duration: float) -> None:
         """Run for `duration` [s], rounded to whole steps."""
         for _ in range(round(duration * SECOND_NS / self._step_ns)):
@@ -230,26 +274,24 @@ class Simulator:
     def step(self) -> None:
         """Advance by one step; raises SimulationDivergedError where the state is not finite."""
         mujoco.mj_step1(self._model, self._data)
-        row = self._steps % NOISE_ROWS
-        if row == 0:
-            self._random.standard_normal(out=self._noise)
-            self._noise *= self._noise_scale
-        circuit, signals = self._circuit, self._signals
-        measure(
-            self._noise[row],
-            self._lengths,
-            circuit.pressure,
-            signals.sensors,
-            signals.rail_pressure,
-        )
-        self._controller.update()
-        circuit.advance(self._lengths, self._speeds, self._substeps)
-        if not apply_forces(circuit.actuators, circuit.pressure, *self._motion):
-            raise SimulationDivergedError(self._diverged_quantity(), self._time_ns / SECOND_NS)
+        self.step_hydraulics()
+        if not apply_forces(self._circuit.actuators, self._circuit.pressure, *self._motion):
+            raise self._diverged()
         mujoco.mj_step2(self._model, self._data)
         self._steps += 1
         self._time_ns += self._step_ns
         self._update_reference()
+
+    def step_hydraulics(self) -> None:
+        """The part of a step that is sensors, servo and circuit; the arm stays where it is."""
+        row = self._steps % NOISE_ROWS
+        if row == 0:
+            self._random.standard_normal(out=self._noise)
+            self._noise *= self._noise_scale
+        if not measure(self._noise[row], *self._sensed):
+            raise self._diverged()
+        self._controller.update()
+        self._circuit.advance(self._lengths, self._speeds, self._substeps)
 
     def _update_reference(self) -> None:
         if self._reference.update(self._time_ns):
@@ -281,17 +323,25 @@ class Simulator:
                     f"{modules.count} are fitted"
                 )
 
-    def _diverged_quantity(self) -> str:
+    def _diverged(self) -> SimulationDivergedError:
+        """The error that names what is not finite, causes before effects."""
+        sensors = self._signals.sensors
         candidates: list[tuple[str, Any]] = [
             ("the joint position", self._data.qpos),
             ("the joint velocity", self._data.qvel),
             ("the reference", self._signals.reference),
+            ("the servo's valve command", self._circuit.actuators["valve_command"]),
+            ("the servo's pump command", self._circuit.modules["flow_command"]),
             ("a pressure", self._circuit.pressure),
+            *((f"the sensor of a {name}", sensors[name]) for name in sensors.dtype.names or ()),
         ]
-        for name, values in candidates:
-            if not np.all(np.isfinite(values)) or np.any(np.abs(values) > 1e12):
-                return name
-        return "the joint motion"
+        for text, values in candidates:
+            if not np.all(np.isfinite(values)) or np.any(np.abs(values) > LARGEST_VALUE):
+                quantity = text.replace("_", " ")
+                break
+        else:
+            quantity = "the joint motion"
+        return SimulationDivergedError(quantity, self._time_ns / SECOND_NS)
 
 
 def warm_up(machine: Machine, controller: str = "coordinated") -> None:
@@ -322,37 +372,72 @@ def energy_gap(energies: dict[str, float]) -> float:
     return 2.0 * delivered + energies["friction"] - sum(energies.values())
 
 
+def volume_gap(volumes: dict[str, float]) -> float:
+    """Oil delivered by the main pump less all that is accounted for [m³]."""
+    return 2.0 * volumes["main_pump"] - sum(volumes.values())
+
+
+@njit(cache=True, nogil=True)
+def move_pistons(
+    linkage: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    length: FloatArray,
+    speed: FloatArray,
+) -> None:
+    """L(q) [m] and r(q) q̇ [m/s] of all cylinders, written to length[n] and speed[n]."""
+    for j in range(len(length)):
+        length[j] = cylinder_length(linkage[j], position[j])
+        speed[j] = moment_arm(linkage[j], position[j]) * velocity[j]
+
+
 @njit(cache=True, nogil=True)
 def measure(
     noise: FloatArray,
+    linkage: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
     length: FloatArray,
+    speed: FloatArray,
     pressure: FloatArray,
     sensors: Records,
     rail_pressure: FloatArray,
-) -> None:
-    """Sensors: the true values plus this step's noise, float64[4 n + 1] (lengths first)."""
+) -> bool:
+    """Pistons moved to L(q) [m] and r(q) q̇ [m/s]; sensors: the true values plus this step's noise.
+
+    noise: float64[4 n + 1], lengths first. False where a sensor gives what is not finite.
+    """
+    move_pistons(linkage, position, velocity, length, speed)
     n = len(sensors)
+    total = 0.0
     for j in range(n):
         sensor = sensors[j]
         sensor.length = length[j] + noise[j]
         sensor.cap_pressure = pressure[3 * j] + noise[n + 3 * j]
         sensor.rod_pressure = pressure[3 * j + 1] + noise[n + 3 * j + 1]
         sensor.line_pressure = pressure[3 * j + 2] + noise[n + 3 * j + 2]
+        total += sensor.length + sensor.cap_pressure + sensor.rod_pressure + sensor.line_pressure
     rail_pressure[0] = pressure[3 * n] + noise[4 * n]
+    return abs(total + rail_pressure[0]) < np.inf
 
 
 @njit(cache=True, nogil=True)
 def apply_forces(
     actuators: Records,
     pressure: FloatArray,
+    linkage: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
     control: FloatArray,
 ) -> bool:
-    """Hand the cylinders' forces less friction to the mechanics; False where not finite."""
+    """Hand the torques r F of the cylinders' forces, less friction, to the mechanics.
+
+    False where not finite.
+    """
     good = True
     for j in range(len(actuators)):
-        control[j] = actuators[j].force - actuators[j].friction
+        force = actuators[j].force - actuators[j].friction
+        control[j] = moment_arm(linkage[j], position[j]) * force
         good = good and abs(position[j]) < LARGEST_STATE and abs(velocity[j]) < LARGEST_STATE
     for p in pressure:
         good = good and abs(p) < np.inf

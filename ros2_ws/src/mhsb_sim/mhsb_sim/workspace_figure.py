@@ -3,117 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.kinematics import joint_positions
+from mhsb_model.figure_style import BLACK, BLUE, VERMILION, written_figure
 from mhsb_model.modes import Mode
-from mhsb_sim.figure_style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PALE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    YELLOW,
-    written_figure,
-)
-from mhsb_sim.operating_regions import OperatingRegions
+from mhsb_planner.operating_regions import OperatingRegions
+from mhsb_planner.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_sim.recorded_run import RecordedRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-PAPER_COLORS = {(0,): ORANGE, (1,): SKY, (0, 1): PURPLE}
-"""Of the joints that need boost together, as in the paper's Figure 5."""
-
-OTHER_COLORS = (GREEN, YELLOW, BLUE, VERMILION)
 
 PATH_COLOR = {Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}
 
 PATH_STEP = 0.002
 """Length of path between two points that are drawn [m]."""
 
-HEAVY = "beyond the highest boost"
-BORDER = 0.08  # m, beside the workspace
-TICKS = 0.25  # m
 WIDTH, HEIGHT = 8.0, 8.2  # in
 
 
 def draw_workspace(run: RecordedRun, regions: OperatingRegions, path: Path) -> None:
     """The measured tip's path, coloured by the highest mode in force, with goals and regions."""
-    from matplotlib.ticker import MultipleLocator
-
     with written_figure(path, HEIGHT, WIDTH) as figure:
         axes = figure.subplots()
-        axes.grid(visible=False)
-        _draw_regions(regions, axes)
-        _draw_outline(run, axes)
+        draw_regions(regions, axes)
+        draw_workspace_axes(run.machine, axes)
         _draw_arm(run, axes)
         _draw_path(run, axes)
         _draw_goals(run, axes)
-        axes.set_aspect("equal")
-        axes.xaxis.set_major_locator(MultipleLocator(TICKS))
-        axes.yaxis.set_major_locator(MultipleLocator(TICKS))
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("z [m]")
         figure.legend(loc="outside right upper")
-
-
-def _draw_regions(regions: OperatingRegions, axes: Axes) -> None:
-    """A square for each node, and a legend entry for each kind of region."""
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Rectangle
-
-    half = regions.spacing / 2
-    for label, color, chosen in _kinds(regions):
-        corners = regions.spacing * regions.nodes[chosen] - half
-        squares = [Rectangle((x, z), 2 * half, 2 * half) for x, z in corners]
-        look: dict[str, Any] = {"facecolor": color, "edgecolor": "white", "alpha": 0.5}
-        axes.add_collection(PatchCollection(squares, linewidth=0.4, **look))
-        axes.scatter([], [], s=110, marker="s", label=label, **look)
-    if np.any(regions.heavy):
-        x, z = regions.spacing * regions.nodes[regions.heavy].T
-        axes.scatter(x, z, s=12, marker="x", color=GREY, linewidth=0.8, label=HEAVY)
-
-
-def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
-    """Label, colour and nodes (bool) of each set of joints that need boost together."""
-    sets = sorted(
-        {tuple(np.flatnonzero(row).tolist()) for row in regions.boosted},
-        key=lambda joints: (len(joints), joints),
-    )
-    others = iter(OTHER_COLORS)
-    kinds = []
-    for joints in sets:
-        wanted = np.isin(np.arange(regions.boosted.shape[1]), joints)
-        chosen = np.all(regions.boosted == wanted, axis=1)
-        if not joints:
-            kinds.append(("no joint needs boost", PALE, chosen))
-        else:
-            names = " and ".join(f"joint {j + 1}" for j in joints)
-            needs = "needs" if len(joints) == 1 else "need"
-            color = PAPER_COLORS.get(joints) or next(others, GREY)
-            kinds.append((f"{names} {needs} boost", color, chosen))
-    return kinds
-
-
-def _draw_outline(run: RecordedRun, axes: Axes) -> None:
-    area = run.machine.config.workspace
-    arcs = []
-    for radius, turn in ((area.max_radius, 1), (area.min_radius, -1)):
-        widest = np.arccos(np.clip(area.min_x / radius, -1.0, 1.0)) if radius > 0 else 0.0
-        angle = turn * np.linspace(-widest, widest, 200)
-        arcs.append(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
-    outline = np.vstack([*arcs, arcs[0][:1]])
-    axes.plot(*outline.T, color=BLACK, linestyle=":", linewidth=1.2, label="operating range")
-    low, high = outline.min(axis=0) - BORDER, outline.max(axis=0) + BORDER
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
 
 
 def _draw_arm(run: RecordedRun, axes: Axes) -> None:
@@ -123,17 +43,7 @@ def _draw_arm(run: RecordedRun, axes: Axes) -> None:
         (position[0], "--", "arm at the start"),
         (position[-1], "-", "arm at the end"),
     ):
-        points = joint_positions(run.machine.arrays.link_length, np.ascontiguousarray(q))
-        axes.plot(
-            *points.T,
-            color=GREY,
-            linestyle=style,
-            linewidth=3.0,
-            alpha=0.7,
-            marker="o",
-            markersize=5,
-            label=label,
-        )
+        draw_arm(run.machine, q, axes, linestyle=style, label=label)
 
 
 def _draw_path(run: RecordedRun, axes: Axes) -> None:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit import Circuit, build_circuit, settle
-from mhsb_sim.simulator import energy_gap
+from mhsb_sim.simulator import energy_gap, volume_gap
 
 START = np.array([0.3, -1.4, -1.5])
 MODES_N = np.zeros(3, np.uint8)
@@ -185,6 +185,16 @@ def test_energy_is_accounted_for_to_rounding(machine: Machine) -> None:
     assert energies["main_pump"] > 1.0
     assert energies["servo_pumps"] > 1.0
     assert abs(energy_gap(energies)) < 1e-9 * energies["main_pump"]
+
+
+def test_oil_is_accounted_for_to_rounding(machine: Machine) -> None:
+    _, circuit = run(machine, 5e-4)
+    record = circuit.volume[0]
+    volumes = {name: float(record[name]) for name in record.dtype.names}
+    assert volumes["main_pump"] > 1e-7
+    made = (machine.arrays.cap_area - machine.arrays.rod_area) @ SPEED * END
+    assert volumes["pistons"] == pytest.approx(made, rel=1e-9)
+    assert abs(volume_gap(volumes)) < 1e-9 * volumes["main_pump"]
 
 
 def test_pressures_at_rest_equal_statics_and_stay(machine: Machine) -> None:

@@ -6,7 +6,7 @@ from mhsb_model.machine import Machine
 from mhsb_sim.circuit import build_circuit
 from mhsb_sim.errors import UnknownControllerError
 from mhsb_sim.servo import CONTROLLERS, controller_class
-from mhsb_sim.servo.cascade import AXIS, gain_record, joins_rail, supply_need
+from mhsb_sim.servo.cascade import AXIS, gain_record, joins_rail, set_targets, supply_need
 
 
 def test_controllers_are_found_by_name() -> None:
@@ -20,26 +20,34 @@ def test_controllers_are_found_by_name() -> None:
 def test_the_supply_need_is_the_planners_law_plus_the_servos_margin(
     machine: Machine, force: float, speed: float
 ) -> None:
-    axis = np.zeros(1, AXIS)
-    axis["force"] = axis["force_ahead"] = force
-    axis["speed"] = axis["speed_ahead"] = speed
     circuit = build_circuit(machine, 5e-4)
-    found = supply_need(axis[0], circuit.cylinders[0], circuit.constants, gain_record(machine))
-    expected = required_pressure(machine.arrays, 0, force, speed)
-    expected += machine.config.servo.supply_margin
+    gains = gain_record(machine, machine.config.servo.coordinated)
+    found = supply_need(force, speed, circuit.cylinders[0], circuit.constants, gains)
+    held, moved = (required_pressure(machine.arrays, 0, force, v) for v in (0.0, speed))
+    expected = max(held, moved) + machine.config.servo.supply_margin
     assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_supply_need_stays_between_the_main_pump_and_the_highest_boost(
     machine: Machine,
 ) -> None:
-    axis = np.zeros(1, AXIS)
     circuit = build_circuit(machine, 5e-4)
-    gains = gain_record(machine)
+    gains = gain_record(machine, machine.config.servo.coordinated)
     arguments = (circuit.cylinders[0], circuit.constants, gains)
-    assert supply_need(axis[0], *arguments) == machine.arrays.supply_pressure
-    axis["force"] = 9000.0
-    assert supply_need(axis[0], *arguments) == machine.arrays.max_boost_pressure
+    assert supply_need(0.0, 0.0, *arguments) == machine.arrays.supply_pressure
+    assert supply_need(9000.0, 0.0, *arguments) == machine.arrays.max_boost_pressure
+
+
+def test_the_target_of_now_covers_what_is_ahead(machine: Machine) -> None:
+    axis = np.zeros(1, AXIS)
+    axis["force"], axis["force_ahead"] = 2000.0, 3000.0
+    circuit = build_circuit(machine, 5e-4)
+    gains = gain_record(machine, machine.config.servo.coordinated)
+    set_targets(axis[0], circuit.cylinders[0], circuit.constants, gains)
+    assert axis["supply_target"][0] == axis["target_ahead"][0]
+    axis["force"] = 4000.0
+    set_targets(axis[0], circuit.cylinders[0], circuit.constants, gains)
+    assert axis["supply_target"][0] > axis["target_ahead"][0]
 
 
 def test_shared_boost_and_foreign_modules_draw_on_the_rail() -> None:

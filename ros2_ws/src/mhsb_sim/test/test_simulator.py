@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -8,12 +9,13 @@ import pytest
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_model.modes import Mode, mode_patterns
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
 from mhsb_sim.errors import ModeError, SimulationDivergedError, UnknownControllerError
+from mhsb_sim.faults import Fault
 from mhsb_sim.servo import CONTROLLERS
-from mhsb_sim.simulator import Simulator, holding_modes
+from mhsb_sim.simulator import Simulator, holding_modes, volume_gap
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
@@ -142,6 +144,46 @@ def test_a_boost_dropped_and_taken_up_again_at_full_speed_is_survived(
     assert errors.max() < 5e-3
     assert errors[-300:].max() < 0.2e-3
     assert simulator.energies["relief_valves"] == 0.0
+
+
+@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+def test_every_transition_between_patterns_is_finite_and_keeps_its_oil(
+    machine: Machine, controller: str
+) -> None:
+    """All 506 ordered pairs of the 23 patterns, 0.1 s each, under loads that need boost."""
+    modules = machine.config.hydraulics.modules
+    patterns = mode_patterns(machine.joint_count, modules.count, modules.per_mode)
+    tour = np.array([p for a, b in combinations(patterns, 2) for p in (a, b)])
+    tour = np.vstack([tour, patterns[0]])
+    pairs = {(bytes(a), bytes(b)) for a, b in pairwise(tour)}
+    assert len(pairs) >= len(patterns) * (len(patterns) - 1)
+    simulator = Simulator(machine, controller, posture=STRETCHED)
+    hold = standstill(STRETCHED)
+    offsets = np.arange(len(tour)) * (SECOND_NS // 10)
+    simulator.set_plan(hold, ModeSchedule(0, offsets, tour))
+    highest = 0.0
+    for _ in tour:
+        simulator.advance(0.1)
+        highest = max(highest, simulator.actuator_states.supply_pressure.max())
+    assert highest < machine.config.circuit.line_relief_pressure
+    assert simulator.energies["relief_valves"] == 0.0
+    volumes = simulator.volumes
+    assert abs(volume_gap(volumes)) < 1e-9 * volumes["main_pump"]
+    assert abs(simulator.energy_gap) < 1e-9 * simulator.energies["main_pump"]
+
+
+@pytest.mark.parametrize("fault", [Fault.SERVO_PUMPS, Fault.MAIN_PUMP])
+def test_pumps_that_fail_let_the_arm_fall_behind_and_healed_it_catches_up(
+    machine: Machine, motion: Motion, fault: Fault
+) -> None:
+    simulator = Simulator(machine)
+    duration = go(simulator, motion, LIFTED)
+    simulator.advance(0.4 * duration)
+    simulator.inject(fault)
+    assert tip_errors(simulator, 1.0).max() > 2e-3
+    simulator.inject(Fault.NONE)
+    simulator.advance(0.6 * duration + 3.0)
+    assert tip_errors(simulator, 0.3).max() < 0.5e-3
 
 
 def test_energy_is_accounted_for(machine: Machine, motion: Motion) -> None:
@@ -316,7 +358,10 @@ def test_an_unknown_controller_is_named_with_the_valid_ones(machine: Machine) ->
     [
         (lambda s: s._data.qvel.__setitem__(0, np.nan), "the joint velocity"),
         (lambda s: s._data.qpos.__setitem__(0, np.nan), "the joint position"),
-        (lambda s: s._circuit.pressure.__setitem__(0, np.nan), "a pressure"),
+        (lambda s: s._circuit.pressure.__setitem__(2, np.nan), "a pressure"),
+        (lambda s: s._circuit.actuators["spool"].__setitem__(1, np.nan), "a pressure"),
+        (lambda s: s._signals.reference.__setitem__(0, np.nan), "the reference"),
+        (lambda s: s.inject(Fault.SENSOR), "the sensor of a line pressure"),
     ],
 )
 def test_what_is_not_finite_becomes_a_named_error_and_a_reset_cures_it(
@@ -325,10 +370,10 @@ def test_what_is_not_finite_becomes_a_named_error_and_a_reset_cures_it(
     simulator = Simulator(machine)
     simulator.advance(0.1)
     spoil(simulator)
-    with pytest.raises(SimulationDivergedError, match=f"diverged at 0.10. s: {quantity}") as error:
+    with pytest.raises(SimulationDivergedError, match=r"diverged at 0.10. s: ") as error:
         simulator.advance(0.01)
     assert isinstance(error.value, MhsbError)
-    assert quantity in error.value.quantity
+    assert error.value.quantity == quantity
     simulator.reset(3 * SECOND_NS)
     simulator.advance(0.1)
     assert simulator.time_ns == 3 * SECOND_NS + SECOND_NS // 10

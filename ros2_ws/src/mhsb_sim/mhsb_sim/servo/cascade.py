@@ -22,26 +22,23 @@ from numba import njit
 from mhsb_model.linkage import cylinder_length, moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
+from mhsb_model.schema import CascadeGains
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit_elements import friction_force
 from mhsb_sim.inverse_dynamics import inverse_dynamics
 from mhsb_sim.records import Record, Records
+from mhsb_sim.reference import AHEAD
+from mhsb_sim.servo.natural_frequency import lowest_natural_frequency
 
 GAINS = np.dtype(
     [
         (name, "f8")
         for name in (
-            "step",  # s, likewise as in the machine file's `servo` below
-            "preview",
-            "position_gain",
-            "force_bandwidth",
-            "force_bias_time",
-            "pressure_gain",
-            "pressure_rate",
-            "supply_margin",
-            "pump_response",
-            "join_pressure",
-            "join_flow",
+            "step",  # s
+            "position_gain",  # 1/s
+            "force_bandwidth",  # rad/s
+            "force_bias_time",  # s
+            "supply_margin",  # Pa
             "gravity",  # m/s²
             "boost_margin",  # Pa
             "max_boost_pressure",  # Pa
@@ -61,24 +58,25 @@ AXIS = np.dtype(
         ("rod_stiffness", "f8"),  # Pa/m³, β/V_B
         ("demand", "f8"),  # m/s, u
         ("supply_target", "f8"),  # Pa, line pressure to be kept up in boost
-        ("target_rate", "f8"),  # Pa/s
+        ("target_ahead", "f8"),  # Pa, likewise when the reference ahead is reached
         ("line_flow", "f8"),  # m³/s, what the line is about to give
         ("joined", "f8"),  # 1 where the line has been joined to the rail
     ]
 )
 
 
-def gain_record(machine: Machine) -> Records:
-    """Gains of a machine's servo, GAINS[1]."""
+def gain_record(machine: Machine, own: CascadeGains) -> Records:
+    """Gains of a controller in SI units, GAINS[1]; `own` are relative to the machine."""
+    config, arrays = machine.config, machine.arrays
     gains = np.zeros(1, GAINS)
-    servo = machine.config.servo.model_dump()
-    for name in GAINS.names or ():
-        if name in servo:
-            gains[name] = servo[name]
-    gains["step"] = machine.config.simulation.step
-    gains["gravity"] = machine.arrays.gravity
-    gains["boost_margin"] = machine.arrays.boost_margin
-    gains["max_boost_pressure"] = machine.arrays.max_boost_pressure
+    gains["step"] = config.simulation.step
+    gains["position_gain"] = own.position_gain * lowest_natural_frequency(machine)
+    gains["force_bandwidth"] = own.force_bandwidth * 2.0 * math.pi * config.circuit.valve_frequency
+    gains["force_bias_time"] = config.servo.force_bias_time
+    gains["supply_margin"] = config.servo.supply_margin
+    gains["gravity"] = arrays.gravity
+    gains["boost_margin"] = arrays.boost_margin
+    gains["max_boost_pressure"] = arrays.max_boost_pressure
     return gains
 
 
@@ -107,13 +105,13 @@ def piston_demands(
     """
     c, g = constants[0], gains[0]
     torque = scratch[:, -1]
-    for k in range(1, -1, -1):
+    for k in (AHEAD, 0):
         q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
         inverse_dynamics(links, g.gravity, q, qd, qdd, scratch, torque)
         for j in range(len(axes)):
             axis = axes[j]
             arm = moment_arm(linkage[j], q[j])
-            if k == 1:
+            if k == AHEAD:
                 axis.speed_ahead = arm * qd[j]
                 axis.force_ahead = torque[j] / arm
             else:
@@ -144,28 +142,37 @@ def piston_demands(
 
 
 @njit(cache=True, nogil=True)
-def supply_need(axis: Record, cylinder: Record, constants: Records, gains: Records) -> float:
-    """Supply pressure [Pa] that actuator needs in boost: p_L + m(v) + margins.
+def supply_need(
+    force: float, speed: float, cylinder: Record, constants: Records, gains: Records
+) -> float:
+    """Supply pressure [Pa] that an actuator needs in boost: p_L + m(v) + margins.
 
-    The greatest of what holding the load, the motion now and the motion ahead need, by the law of
+    The greater of what holding the load and moving it at `speed` [m/s] need, by the law of
     `mhsb_model.hydraulics.required_pressure`, plus the servo's own margin; within P_S and the
-    highest boost pressure.
+    highest boost pressure. force [N] of the cylinder.
     """
     c, g = constants[0], gains[0]
     cap, rod = cylinder.cap_area, cylinder.rod_area
     k_squared = c.valve_coefficient * c.valve_coefficient
     need = 0.0
-    for k in range(3):
-        speed = 0.0 if k == 0 else (axis.speed if k == 1 else axis.speed_ahead)
-        force = axis.bias + (axis.force_ahead if k == 2 else axis.force)
-        direction = speed if speed != 0.0 else force
+    for v in (0.0, speed):
+        direction = v if v != 0.0 else force
         inlet = cap if direction > 0.0 else rod
         outlet = rod if direction > 0.0 else cap
         load = (force if direction > 0.0 else -force) + outlet * c.tank_pressure
-        valve = speed * speed * (cap**3 + rod**3) / (k_squared * inlet)
+        valve = v * v * (cap**3 + rod**3) / (k_squared * inlet)
         need = max(need, load / inlet + valve)
     need += g.boost_margin + g.supply_margin
     return max(c.supply_pressure, min(need, g.max_boost_pressure))
+
+
+@njit(cache=True, nogil=True)
+def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
+    """Write the supply pressures that an actuator needs from now on, and later at point `AHEAD`."""
+    ahead = axis.force_ahead + axis.bias
+    axis.target_ahead = supply_need(ahead, axis.speed_ahead, cylinder, constants, gains)
+    now = supply_need(axis.force + axis.bias, axis.speed, cylinder, constants, gains)
+    axis.supply_target = max(now, axis.target_ahead)
 
 
 @njit(cache=True, nogil=True)

@@ -21,12 +21,16 @@ SENSOR = np.dtype(
     ]
 )
 
+REFERENCE_POINTS = 6
+"""Points of the reference that a controller sees, the first is now."""
+
 
 @dataclass
 class ServoSignals:
     """What a controller reads and writes in each step.
 
-    reference      float64[2, 3, n]: now and `preview` later; q, q̇, q̈
+    reference      float64[REFERENCE_POINTS, 3, n]: now and ahead, point `AHEAD` is `preview`
+                   later; q, q̇, q̈
     sensors        SENSOR[n]
     rail_pressure  float64[1], Pa, measured
     modes          uint8[n], prepared modes: in force, or about to be where modules are free
@@ -48,7 +52,7 @@ class Controller(Protocol):
     """A servo: position reference in, valve openings and servo pump flows out."""
 
     preview: float
-    """How far ahead of now it wants to see reference and modes [s]."""
+    """How far ahead modes are prepared for it [s]; it sees the reference further, see signals."""
 
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
         """Bind to the signals that `update` will work on."""

@@ -1,10 +1,10 @@
 """Coordinated control: valve and servo pumps act on one demand.
 
 The valve opens as far as the measured pressures ask for to make the demanded piston speed. The
-servo pumps deliver the very flow that the valves are about to take, plus what charges the oil
-along a rate-limited pressure target; the pressure error only trims. Lines are charged ahead of
-a boost (the prepared modes), and a line is joined to the rail softly: throttled until their
-pressures agree.
+servo pumps deliver the very flow that the valves are about to take; the pressure error only
+trims. No pump runs faster than it can be stopped before its oil would overfill the line, judged
+by the reference ahead. Lines are charged ahead of a boost (the prepared modes), and a line is
+joined to the rail softly: throttled to what it needs until their pressures agree.
 """
 
 from __future__ import annotations
@@ -13,23 +13,42 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.hydraulics import load_pressure
+from mhsb_model.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit_elements import orifice
 from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Record, Records
+from mhsb_sim.reference import AHEAD
 from mhsb_sim.servo.cascade import (
     axis_records,
     gain_record,
     joins_rail,
     piston_demands,
-    supply_need,
+    set_targets,
 )
-from mhsb_sim.servo.controller import ServoSignals
+from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
 
 SMALLEST_DROP = 2e4
 """Pressure drop [Pa] that an edge is taken to have at least, so that openings stay moderate."""
+
+GAINS = np.dtype(
+    [
+        ("preview", "f8"),  # s
+        ("pump_lead", "f8"),  # λ
+        ("pressure_gain", "f8"),  # k, 1/s
+        ("pump_rise", "f8"),  # share of the way to the next point for a pump's response
+        ("allowed_rise", "f8"),  # Pa, above the target while a pump coasts
+    ]
+)
+
+JOINED_DROP = 1e5
+"""Difference of pressure below which a line and the rail are joined fully [Pa]."""
+
+DAMPED = 4.0
+"""Time in which a throttled join charges its line, in time constants of the join valve: the
+shortest without overshoot."""
 
 IDLE_SHARE = 0.1
 """Share of a pump's flow below which its rail may be shut off."""
@@ -39,13 +58,23 @@ class CoordinatedController:
     """Valve and servo pumps on one demand; see the module's text."""
 
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
-        circuit = signals.circuit
-        self.preview: float = machine.config.servo.preview
+        circuit, oil = signals.circuit, machine.config.circuit
+        servo = machine.config.servo.coordinated
+        lag = oil.servo_pump_lag
+        self.preview: float = servo.preview
+        own_gains = np.zeros(1, GAINS)
+        own_gains["preview"] = self.preview
+        spin_up = circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
+        own_gains["pump_lead"] = np.maximum(1.0, lag / (servo.pump_response * spin_up))
+        own_gains["pump_rise"] = np.minimum(
+            1.0, AHEAD * lag / (own_gains["pump_lead"] * self.preview)
+        )
+        own_gains["pressure_gain"] = servo.pressure_gain / lag
+        own_gains["allowed_rise"] = servo.allowed_rise
         self._axes = axis_records(machine)
         self._axes["joined"] = circuit.actuators["join"]
         self._axes["supply_target"] = circuit.pressure[2:-3:3]
-        self._rail_target = np.array([circuit.rail_pressure, 0.0])
-        gains = gain_record(machine)
+        self._rail_target = np.full(2, circuit.rail_pressure)
         self._cascade = (
             signals.reference,
             signals.sensors,
@@ -53,7 +82,7 @@ class CoordinatedController:
             link_records(machine),
             circuit.cylinders,
             circuit.constants,
-            gains,
+            gain_record(machine, servo),
             np.zeros((machine.joint_count, SCRATCH_WIDTH + 1)),
             self._axes,
         )
@@ -65,6 +94,9 @@ class CoordinatedController:
             circuit.actuators,
             circuit.modules,
             self._rail_target,
+            own_gains,
+            np.zeros((machine.joint_count + 1, REFERENCE_POINTS)),
+            -lag * np.expm1(-np.arange(REFERENCE_POINTS) * self.preview / (AHEAD * lag)),
         )
 
     def update(self) -> None:
@@ -90,19 +122,26 @@ def control(
     actuators: Records,
     modules: Records,
     rail_target: FloatArray,
+    own_gains: Records,
+    volume: FloatArray,
+    coasting: FloatArray,
 ) -> None:
     """One step of the controller; shapes as in `piston_demands` and ServoSignals.
 
-    rail_target: float64[2], pressure target of the rail [Pa] and its rate [Pa/s].
+    rail_target: float64[2], pressure targets of the rail [Pa], as those of an axis; own_gains:
+    GAINS[1]; volume: as in `look_ahead`, with a last row for the rail; coasting: as in
+    `coasting_limit`.
     """
     piston_demands(reference, sensors, linkage, links, cylinders, constants, gains, scratch, axes)
     for j in range(len(axes)):
         open_valve(axes[j], sensors[j], cylinders[j], constants, actuators[j])
-        move_target(axes[j], sensors[j], cylinders[j], constants, gains, modes[j])
+        set_target(axes[j], sensors[j], cylinders[j], constants, gains, modes[j])
+    look_ahead(
+        reference, linkage, sensors, cylinders, constants, own_gains, axes, volume
+    )
     join_lines(
         sensors,
         constants,
-        gains,
         axes,
         rail_pressure[0],
         modes,
@@ -114,9 +153,7 @@ def control(
     )
     drive_pumps(
         sensors,
-        cylinders,
         constants,
-        gains,
         axes,
         rail_pressure[0],
         serves,
@@ -124,6 +161,9 @@ def control(
         actuators,
         modules,
         rail_target,
+        own_gains,
+        volume,
+        coasting,
     )
 
 
@@ -161,7 +201,7 @@ def open_valve(
 
 
 @njit(cache=True, nogil=True)
-def move_target(
+def set_target(
     axis: Record,
     sensor: Record,
     cylinder: Record,
@@ -169,27 +209,18 @@ def move_target(
     gains: Records,
     mode: int,
 ) -> None:
-    """Lead the line's pressure target towards its need, no faster than `pressure_rate`.
-
-    Out of boost it follows the line's measured pressure, so that the next boost starts from it.
-    """
-    g = gains[0]
+    """The line's pressure targets: what its motion needs in boost, else what is there."""
     if mode == Mode.N:
         axis.supply_target = max(sensor.line_pressure, constants[0].supply_pressure)
-        axis.target_rate = 0.0
-        return
-    need = supply_need(axis, cylinder, constants, gains)
-    change = g.pressure_rate * g.step
-    moved = min(max(need - axis.supply_target, -change), change)
-    axis.supply_target += moved
-    axis.target_rate = moved / g.step
+        axis.target_ahead = axis.supply_target
+    else:
+        set_targets(axis, cylinder, constants, gains)
 
 
 @njit(cache=True, nogil=True)
 def join_lines(
     sensors: Records,
     constants: Records,
-    gains: Records,
     axes: Records,
     rail_pressure: float,
     modes: ModeArray,
@@ -204,7 +235,7 @@ def join_lines(
     The rail's target is the greatest of the lines that draw on it. The last line to leave shared
     boost stays joined while the rail's pumps coast, which would else burst into a shut rail.
     """
-    c, g = constants[0], gains[0]
+    c = constants[0]
     rail_flow = 0.0
     for k in range(len(modules)):
         rail_flow += modules[k].flow * modules[k].to_rail
@@ -212,43 +243,103 @@ def join_lines(
     for j in range(len(axes)):
         if joins_rail(j, modes, module_home, serves):
             coasting = False
-    highest, rate = 0.0, 0.0
+    rail_target[:] = 0.0
     for j in range(len(axes)):
         axis = axes[j]
         leaves = not joins_rail(j, modes, module_home, serves)
         if leaves and not coasting:
             axis.joined = 0.0
-        if (axis.joined > 0.0 or not leaves) and axis.supply_target > highest:
-            highest, rate = axis.supply_target, axis.target_rate
+        if axis.joined > 0.0 or not leaves:
+            rail_target[0] = max(rail_target[0], axis.supply_target)
+            rail_target[1] = max(rail_target[1], axis.target_ahead)
         if leaves:
             actuators[j].join_command = axis.joined
             continue
         drop = rail_pressure - sensors[j].line_pressure
-        if abs(drop) < g.join_pressure:
+        if abs(drop) < JOINED_DROP:
             axis.joined = 1.0
-        throttled, _ = orifice(c.switching_coefficient, max(drop, 1.0), c.laminar_pressure)
-        throttle = min(1.0, g.join_flow / throttled) if drop > 0.0 else 0.0
+        lacking = c.line_capacity * (axis.supply_target - sensors[j].line_pressure)
+        wanted = max(0.0, axis.line_flow + lacking / (DAMPED * c.switching_time))
+        largest, _ = orifice(c.switching_coefficient, max(drop, 1.0), c.laminar_pressure)
+        throttle = min(1.0, wanted / largest) if drop > 0.0 else 0.0
         actuators[j].join_command = max(axis.joined, throttle)
-    rail_target[0] = highest
-    rail_target[1] = rate
 
 
 @njit(cache=True, nogil=True)
-def line_flow(
-    axis: Record, sensor: Record, cylinder: Record, constants: Records, gains: Records
-) -> float:
-    """Flow [m³/s] that a line is about to give: A_dir |u| of the demanded speed, and leakage.
+def look_ahead(
+    reference: FloatArray,
+    linkage: FloatArray,
+    sensors: Records,
+    cylinders: Records,
+    constants: Records,
+    own_gains: Records,
+    axes: Records,
+    volume: FloatArray,
+) -> None:
+    """Flow that every line is about to give, and the oil that it gives up to each point ahead.
 
-    The reference ahead adds what the speed will have risen by when the pump has followed.
+    Flow: A_dir |u| of the demanded speed, leakage, and what the next point of the reference adds
+    while the pump follows. volume float64[n, REFERENCE_POINTS] m³: ∫ (A_dir |v| + leakage) dt of
+    the reference, by the trapezoidal rule.
     """
-    c, g = constants[0], gains[0]
-    inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
-    rise = (abs(axis.speed_ahead) - abs(axis.speed)) / max(g.preview, g.step)
-    speed = abs(axis.demand) + rise * min(c.servo_pump_lag, g.pump_response)
-    leakage, _ = orifice(
-        c.leakage_coefficient, sensor.line_pressure - c.tank_pressure, c.laminar_pressure
-    )
-    return max(0.0, inlet * speed) + leakage
+    c, g = constants[0], own_gains[0]
+    spacing = g.preview / AHEAD
+    for j in range(len(axes)):
+        axis, cylinder = axes[j], cylinders[j]
+        drop = sensors[j].line_pressure - c.tank_pressure
+        leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
+        inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
+        axis.line_flow = inlet * abs(axis.demand) + leakage
+        before = 0.0
+        for k in range(len(reference)):
+            speed = moment_arm(linkage[j], reference[k, 0, j]) * reference[k, 1, j]
+            flow = leakage + abs(speed) * (cylinder.cap_area if speed > 0.0 else cylinder.rod_area)
+            if k == 0:
+                volume[j, k] = 0.0
+            else:
+                volume[j, k] = volume[j, k - 1] + 0.5 * spacing * (before + flow)
+            if k == 1:
+                axis.line_flow += max(0.0, flow - before) * g.pump_rise
+            before = flow
+
+
+@njit(cache=True, nogil=True)
+def coasting_limit(
+    volume: FloatArray, coasting: FloatArray, capacity: float, rise: float, rise_ahead: float
+) -> float:
+    """Largest flow [m³/s] from which a pump can be stopped without filling its line too far.
+
+    From Q it delivers at least Q τ (1 − e^(−t/τ)) up to t. That is not to exceed what is drawn by
+    then and what the pressure may rise by: V(t) + C Δp, at each point ahead. volume
+    float64[REFERENCE_POINTS] m³, V; coasting, of the same shape, τ (1 − e^(−t/τ)) s; rise: Δp
+    [Pa] before point `AHEAD`, rise_ahead from there on.
+    """
+    limit = np.inf
+    for k in range(1, len(volume)):
+        room = capacity * (rise if k < AHEAD else rise_ahead)
+        limit = min(limit, (volume[k] + room) / coasting[k])
+    return limit
+
+
+@njit(cache=True, nogil=True)
+def pump_demand(
+    drawn: float,
+    pressure: float,
+    target: float,
+    target_ahead: float,
+    capacity: float,
+    volume: FloatArray,
+    coasting: FloatArray,
+    g: Record,
+) -> float:
+    """Flow [m³/s] into a line or the rail: what is drawn + k C (p_ref − p), within the limit.
+
+    g: the record of GAINS; the others as in `coasting_limit` and Pa, m³/s, m³/Pa.
+    """
+    rise = g.allowed_rise + target - pressure
+    rise_ahead = g.allowed_rise + target_ahead - pressure
+    limit = coasting_limit(volume, coasting, capacity, rise, rise_ahead)
+    return min(drawn + capacity * g.pressure_gain * (target - pressure), limit)
 
 
 @njit(cache=True, nogil=True)
@@ -262,9 +353,7 @@ def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
 @njit(cache=True, nogil=True)
 def drive_pumps(
     sensors: Records,
-    cylinders: Records,
     constants: Records,
-    gains: Records,
     axes: Records,
     rail_pressure: float,
     serves: IntArray,
@@ -272,22 +361,26 @@ def drive_pumps(
     actuators: Records,
     modules: Records,
     rail_target: FloatArray,
+    own_gains: Records,
+    volume: FloatArray,
+    coasting: FloatArray,
 ) -> None:
     """Flow command of every servo pump: its share of what its line, or the rail, will take.
 
-    Q = line flows + C (dp_ref/dt + k (p_ref − p)), driven ahead of the pump's lag:
-    Q_cmd = Q_now + λ (Q − Q_now). All modules on the rail share its flow equally; it also feeds
-    what still passes join valves that are closing or throttled.
+    Q = line flows + k C (p_ref − p), at most what can be stopped in time, driven ahead of the
+    pump's lag: Q_cmd = Q_now + λ (Q − Q_now). All modules on the rail share its flow equally; it
+    also feeds what still passes join valves that are closing or throttled.
     """
-    c, g = constants[0], gains[0]
-    lead = max(1.0, c.servo_pump_lag / g.pump_response)
+    c, g = constants[0], own_gains[0]
     drawn = 0.0
     capacity = c.rail_capacity
+    rail_volume = volume[len(axes)]
+    rail_volume[:] = 0.0
     for j in range(len(axes)):
         axis = axes[j]
-        axis.line_flow = line_flow(axis, sensors[j], cylinders[j], constants, gains)
         if axis.joined > 0.0:
             drawn += axis.line_flow
+            rail_volume += volume[j]
             capacity += c.line_capacity
         else:
             through, _ = orifice(
@@ -296,8 +389,9 @@ def drive_pumps(
                 c.laminar_pressure,
             )
             drawn += through
-    trim = g.pressure_gain * (rail_target[0] - rail_pressure)
-    rail_demand = drawn + capacity * (rail_target[1] + trim)
+    rail_demand = pump_demand(
+        drawn, rail_pressure, rail_target[0], rail_target[1], capacity, rail_volume, coasting, g
+    )
     sharing = 0
     for k in range(len(modules)):
         if serves[k] >= 0 and feeds_rail(modules[k], module_home[k], serves[k], axes):
@@ -310,7 +404,15 @@ def drive_pumps(
             demand = rail_demand / sharing
         elif user >= 0 and module.lend == 0.0:
             axis = axes[user]
-            trim = g.pressure_gain * (axis.supply_target - sensors[user].line_pressure)
-            demand = axis.line_flow + c.line_capacity * (axis.target_rate + trim)
-        command = module.flow + lead * (demand - module.flow)
+            demand = pump_demand(
+                axis.line_flow,
+                sensors[user].line_pressure,
+                axis.supply_target,
+                axis.target_ahead,
+                c.line_capacity,
+                volume[user],
+                coasting,
+                g,
+            )
+        command = module.flow + g.pump_lead * (demand - module.flow)
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)

@@ -22,7 +22,7 @@ from mhsb_sim.servo.cascade import (
     gain_record,
     joins_rail,
     piston_demands,
-    supply_need,
+    set_targets,
 )
 from mhsb_sim.servo.controller import ServoSignals
 
@@ -41,9 +41,11 @@ class IndependentController:
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
         circuit = signals.circuit
         self.preview = 0.0
+        servo = machine.config.servo.independent
         own_gains = np.zeros(1, GAINS)
-        for name, value in machine.config.servo.independent.model_dump().items():
-            own_gains[name] = value
+        own_gains["nominal_valve_drop"] = servo.nominal_valve_drop * machine.arrays.supply_pressure
+        own_gains["pressure_gain"] = servo.pressure_gain
+        own_gains["pressure_integral_gain"] = servo.pressure_integral_gain
         self._arguments = (
             signals.reference,
             signals.sensors,
@@ -51,7 +53,7 @@ class IndependentController:
             link_records(machine),
             circuit.cylinders,
             circuit.constants,
-            gain_record(machine),
+            gain_record(machine, servo),
             np.zeros((machine.joint_count, SCRATCH_WIDTH + 1)),
             axis_records(machine),
             signals.rail_pressure,
@@ -94,15 +96,15 @@ def control(
     own_gains: GAINS[1]; integrals: float64[m], of the pumps' pressure loops [m³/s], held while a
     pump saturates.
     """
-    c, g = constants[0], own_gains[0]
+    c, own = constants[0], own_gains[0]
     piston_demands(reference, sensors, linkage, links, cylinders, constants, gains, scratch, axes)
-    nominal = c.valve_coefficient * math.sqrt(g.nominal_valve_drop)
+    nominal = c.valve_coefficient * math.sqrt(own.nominal_valve_drop)
     rail_need = 0.0
     for j in range(len(axes)):
         axis, cylinder = axes[j], cylinders[j]
         inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
         actuators[j].valve_command = min(max(axis.demand * inlet / nominal, -1.0), 1.0)
-        axis.supply_target = supply_need(axis, cylinder, constants, gains)
+        set_targets(axis, cylinder, constants, gains)
         axis.joined = 1.0 if joins_rail(j, modes, module_home, serves) else 0.0
         actuators[j].join_command = axis.joined
         if axis.joined > 0.0:
@@ -119,7 +121,7 @@ def control(
         if on_rail:
             error = rail_need - rail_pressure[0]
             capacity = c.rail_capacity
-        command = capacity * g.pressure_gain * error + integrals[k]
+        command = capacity * own.pressure_gain * error + integrals[k]
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)
         if command == module.flow_command:
-            integrals[k] += capacity * g.pressure_integral_gain * error * gains[0].step
+            integrals[k] += capacity * own.pressure_integral_gain * error * gains[0].step

@@ -6,13 +6,14 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from mhsb_model.figure_style import RESOLUTION, WIDTH, telling_rows
 from mhsb_model.modes import Mode
+from mhsb_planner.operating_regions import operating_regions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_sim import figures
 from mhsb_sim.bag_reader import read_recording
-from mhsb_sim.figure_style import RESOLUTION, WIDTH, mode_spans, telling_rows
-from mhsb_sim.operating_regions import operating_regions
 from mhsb_sim.recorded_run import recorded_run
+from mhsb_sim.run_axes import mode_spans
 
 NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.png", "workspace.png"]
 

@@ -1,0 +1,162 @@
+"""Speed of the simulator, and how it grows with the number of actuators.
+
+All times are wall-clock medians of `REPEATS` runs on one thread, taken in one go:
+
+    real_time_factor   simulated over real time of a boosted motion
+    step_us            one step of it [µs]
+    kernel_us          of that sensors, servo and circuit, the arm standing still [µs]
+    bare_mj_step_us    MuJoCo's own step of the same model [µs]
+    growth             the same three for arms with more actuators
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Annotated, Any
+
+import mujoco
+import numpy as np
+import tyro
+
+from mhsb_model import command_line
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_planner.departure import Command
+from mhsb_sim.mujoco_model import build_model
+from mhsb_sim.simulator import Simulator
+
+REPEATS = 5
+DURATION = 5.0
+"""Simulated time of a run [s]."""
+
+ACTUATORS = (3, 6, 12)
+SWING = 0.05
+"""Amplitude of every joint's motion [rad], once in `DURATION`."""
+
+POINT_SPACING = 0.02  # s
+
+
+def arm_of(machine: Machine, joints: int) -> Machine:
+    """An arm that repeats a machine's joints and links, weightless, with a module for each.
+
+    Links lighten by the number of repetitions, so that the whole arm is as heavy as the machine,
+    and the oil is softer by its square, so that the arm swings no faster and takes the same step.
+    """
+    content = machine.config.model_dump()
+    given, start = content["joints"], content["simulation"]["start_posture"]
+    times = -(-joints // len(given))
+    for joint in given:
+        joint["link"]["mass"] /= times
+        joint["link"]["inertia"] /= times
+    content["joints"] = [given[j % len(given)] for j in range(joints)]
+    content["gravity"] = 0.0
+    content["simulation"]["start_posture"] = [start[j % len(start)] for j in range(joints)]
+    content["hydraulics"]["modules"]["count"] = joints + 1
+    content["hydraulics"]["main_pump"]["max_flow"] *= times
+    content["circuit"]["bulk_modulus"] /= times**2
+    return Machine.from_config(type(machine.config).model_validate(content))
+
+
+def boosted_swing(machine: Machine) -> Command:
+    """Every joint to and fro once in `DURATION`, the first actuator in SB, the others in DB.
+
+    q = q₀ ± SWING (1 − cos ωt)²/4, towards the middle of the joint's range: at rest at both ends,
+    in position, velocity and acceleration.
+    """
+    time = np.arange(0.0, DURATION + 1e-9, POINT_SPACING)[:, None]
+    omega = 2.0 * np.pi / DURATION
+    start = np.array(machine.config.simulation.start_posture)
+    middle = (machine.arrays.joint_min + machine.arrays.joint_max) / 2.0
+    size = 0.25 * SWING * np.sign(middle - start)
+    wave, slope = 1.0 - np.cos(omega * time), omega * np.sin(omega * time)
+    trajectory = Trajectory(
+        0,
+        np.rint(time[:, 0] * SECOND_NS).astype(np.int64),
+        start + size * wave**2,
+        size * 2.0 * wave * slope,
+        size * 2.0 * (slope**2 + wave * omega**2 * np.cos(omega * time)),
+    )
+    modes = np.full((1, machine.joint_count), Mode.DB)
+    modes[0, 0] = Mode.SB
+    return Command(trajectory, ModeSchedule(0, np.array([0]), modes))
+
+
+def measure(machine: Machine, controller: str = "coordinated") -> dict[str, float]:
+    """Times of a machine, see the module's text."""
+    command = boosted_swing(machine)
+    simulator = Simulator(machine, controller)
+    simulator.step()  # compiles
+    steps = round(DURATION * SECOND_NS / simulator.step_ns)
+    model = build_model(machine)
+    data = mujoco.MjData(model)
+
+    def run() -> None:
+        simulator.reset()
+        simulator.set_plan(command.trajectory, command.schedule)
+        simulator.advance(DURATION)
+
+    def hydraulics() -> None:
+        for _ in range(steps):
+            simulator.step_hydraulics()
+
+    def bare() -> None:
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+
+    step_us = 1e6 * _median_seconds(run) / steps
+    simulator.reset()
+    simulator.set_plan(command.trajectory, command.schedule)
+    simulator.advance(0.3 * DURATION)  # in motion
+    return {
+        "real_time_factor": 1e6 * simulator.step_ns / SECOND_NS / step_us,
+        "step_us": step_us,
+        "kernel_us": 1e6 * _median_seconds(hydraulics) / steps,
+        "bare_mj_step_us": 1e6 * _median_seconds(bare) / steps,
+    }
+
+
+def _median_seconds(work: Callable[[], None]) -> float:
+    seconds = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - began)
+    return median(seconds)
+
+
+def benchmark(
+    output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/simulation.json"),
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> None:
+    """Measure the simulator's speed: times [µs] of a step, medians of five runs.
+
+    Args:
+        output: JSON file to write.
+        machine: Machine file (YAML); the suite's own arm when left out.
+    """
+    arm = load_machine(machine)
+    result: dict[str, Any] = measure(arm)
+    result["growth"] = {str(joints): measure(arm_of(arm, joints)) for joints in ACTUATORS}
+    result["load_average"] = os.getloadavg()[0]
+    result["processor"] = platform.processor() or platform.machine()
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    print(json.dumps(result, indent=2))
+
+
+def main() -> int:
+    """Entry point of `scripts/bench simulation`."""
+    return command_line.run(benchmark, name="bench simulation")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

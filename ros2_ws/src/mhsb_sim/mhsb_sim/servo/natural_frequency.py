@@ -1,0 +1,45 @@
+"""How fast the arm swings on the oil in its cylinders: the measure for the servo's gains."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import eigh
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+
+POSTURES = 64
+SEED = 0
+
+
+def oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
+    """k_h = β (A²/V_A + a²/V_B) of each cylinder at q [rad], float64[n] N/m.
+
+    β the bulk modulus, V the oil on each side of the piston, dead volume included. Source:
+    H. E. Merritt, Hydraulic Control Systems.
+    """
+    arrays, oil = machine.arrays, machine.config.circuit
+    ends = [machine.cylinder_lengths(angle) for angle in (arrays.joint_min, arrays.joint_max)]
+    length = machine.cylinder_lengths(q)
+    cap_volume = oil.chamber_dead_volume + arrays.cap_area * (length - np.minimum(*ends))
+    rod_volume = oil.chamber_dead_volume + arrays.rod_area * (np.maximum(*ends) - length)
+    return oil.bulk_modulus * (arrays.cap_area**2 / cap_volume + arrays.rod_area**2 / rod_volume)
+
+
+def natural_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
+    """ω [rad/s] of the arm on its shut cylinders at q [rad], ascending, float64[n].
+
+    det(R K R − ω² M) = 0, with moment arms R = diag(r), oil stiffness K = diag(k_h) and mass
+    matrix M, payload included.
+    """
+    stiffness = machine.moment_arms(q) ** 2 * oil_stiffness(machine, q)
+    return np.sqrt(eigh(np.diag(stiffness), machine.mass_matrix(q), eigvals_only=True))
+
+
+def lowest_natural_frequency(machine: Machine) -> float:
+    """The lowest natural frequency [rad/s] over postures spread evenly over the joints' ranges."""
+    arrays = machine.arrays
+    postures = np.random.default_rng(SEED).uniform(
+        arrays.joint_min, arrays.joint_max, (POSTURES, machine.joint_count)
+    )
+    return float(min(natural_frequencies(machine, q)[0] for q in postures))

@@ -1,0 +1,116 @@
+"""Scenarios of the servo study, read from config/study_scenarios.yaml."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import yaml
+from pydantic import Field, ValidationError
+
+from mhsb_model.config_files import config_file
+from mhsb_model.machine import Machine
+from mhsb_model.schema import NonNegative, Positive, Section
+from mhsb_planner.s2_search import Weights
+from mhsb_sim.errors import ScenarioError
+
+SCENARIOS_FILE = "study_scenarios.yaml"
+
+
+class GoalSequence(Section):
+    """Goals that come one after the other, whether the arm has arrived or not."""
+
+    interval: Positive = Field(le=600, description="from one goal to the next [s]")
+    weights: tuple[NonNegative, NonNegative, NonNegative] = Field(
+        description="of energy [1/J], time [1/s] and mode switches [-]"
+    )
+    goals: tuple[tuple[float, float], ...] = Field(min_length=1, description="tip (x, z) [m]")
+
+
+class StudyConfig(Section):
+    """The scenario file: every sequence with every pump lag and every payload."""
+
+    pump_lags: Annotated[tuple[Positive, ...], Field(min_length=1, description="[s]")]
+    payloads: Annotated[tuple[NonNegative, ...], Field(min_length=1, description="[kg]")]
+    tail: NonNegative = Field(description="how long a run goes on after the last interval [s]")
+    sequences: dict[str, GoalSequence] = Field(min_length=1)
+    training: tuple[str, ...] = Field(description="scenarios that gains are tuned on")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Goals for an arm with a certain payload and servo pumps of a certain lag.
+
+    goals     tip (x, z) [m]
+    interval  from one goal to the next [s]
+    tail      how long the run goes on after the last interval [s]
+    weights   of the planner's search
+    pump_lag  of the servo pumps [s]
+    payload   known to planner and servo [kg]
+    held_out  whether gains have been tuned without it
+    """
+
+    name: str
+    goals: tuple[tuple[float, float], ...]
+    interval: float
+    tail: float
+    weights: Weights
+    pump_lag: float
+    payload: float
+    held_out: bool
+
+    @property
+    def duration(self) -> float:
+        """Of the whole run [s]."""
+        return self.interval * len(self.goals) + self.tail
+
+    def machine(self, machine: Machine) -> Machine:
+        """The machine with this scenario's payload and pump lag."""
+        config = machine.changed(payload=self.payload).config
+        circuit = config.circuit.model_copy(update={"servo_pump_lag": self.pump_lag})
+        return Machine.from_config(config.model_copy(update={"circuit": circuit}))
+
+
+def load_scenarios(file: Path | None = None) -> list[Scenario]:
+    """All scenarios of a file, the suite's own when left out; raises ScenarioError."""
+    file = file or config_file(SCENARIOS_FILE)
+    try:
+        config = StudyConfig.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{file}: is not YAML: {' '.join(str(error).split())}") from error
+    except ValidationError as error:
+        problems = [
+            f"{'.'.join(map(str, item['loc']))}: {item['msg'].lower()}" for item in error.errors()
+        ]
+        raise ScenarioError(f"{file}: {'; '.join(problems)}") from error
+    scenarios = scenarios_of(config)
+    unknown = set(config.training) - {scenario.name for scenario in scenarios}
+    if unknown:
+        raise ScenarioError(
+            f"{file}: training: there is no scenario {', '.join(sorted(unknown))}; a name is "
+            f"made like {scenarios[0].name}"
+        )
+    return scenarios
+
+
+def scenarios_of(config: StudyConfig) -> list[Scenario]:
+    """Every sequence with every pump lag and every payload, in the file's order."""
+    scenarios = []
+    for sequence_name, sequence in config.sequences.items():
+        for lag in config.pump_lags:
+            for payload in config.payloads:
+                name = f"{sequence_name}-{1e3 * lag:g}ms-{payload:g}kg"
+                scenarios.append(
+                    Scenario(
+                        name=name,
+                        goals=sequence.goals,
+                        interval=sequence.interval,
+                        tail=config.tail,
+                        weights=Weights(*sequence.weights),
+                        pump_lag=lag,
+                        payload=payload,
+                        held_out=name not in config.training,
+                    )
+                )
+    return scenarios
