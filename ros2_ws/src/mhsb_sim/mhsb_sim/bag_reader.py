@@ -256,7 +256,7 @@ class _Messages:
             (self._log_ns - self._log_ns[0]).astype(np.float64),
             (self._ros_ns - self._ros_ns[0]).astype(np.float64),
         )
-        return int(self._ros_ns[0]) + round(since)
+        return int(self._ros_ns[0]) + round(float(since))
 
     def _raw(self, topic: Topic) -> list[tuple[int, Any]]:
         """Messages of a topic with their times of recording [ns]."""
