@@ -67,9 +67,12 @@ class Executions:
 
     def update(self, view: ArmView, now_ns: int) -> list[ExecutionReport]:
         """Look at what the arm reports; `view.in_force_ns` None counts as obedience."""
-        self._confirm(view)
+        for execution in self._open:
+            execution.confirmed |= view.in_force_ns == execution.command.stamp_ns
         reports: list[ExecutionReport] = []
-        last_confirmed = max((i for i, e in enumerate(self._open) if e.confirmed), default=-1)
+        last_confirmed = max(
+            (i for i, e in enumerate(self._open) if self._in_force(e, view)), default=-1
+        )
         still_open: list[Execution] = []
         for index, execution in enumerate(self._open):
             report: ExecutionReport | None
@@ -84,15 +87,15 @@ class Executions:
         self._open = still_open
         return reports
 
-    def _confirm(self, view: ArmView) -> None:
-        for execution in self._open:
-            obeyed = view.in_force_ns is None and execution is self._open[-1]
-            if obeyed or view.in_force_ns == execution.command.stamp_ns:
-                execution.confirmed = True
+    def _in_force(self, execution: Execution, view: ArmView) -> bool:
+        """Whether the arm has taken a plan; while it says nothing at all, the last one counts."""
+        return execution.confirmed or (
+            view.in_force_ns is None and execution is self._open[-1]
+        )
 
     def _judge(self, execution: Execution, view: ArmView, now_ns: int) -> ExecutionReport | None:
         end_ns = execution.command.trajectory.end_ns
-        if not execution.confirmed:
+        if not self._in_force(execution, view):
             if now_ns < execution.change_ns + CONFIRMATION_NS:
                 return None
             return execution.ended(

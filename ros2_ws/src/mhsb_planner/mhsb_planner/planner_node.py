@@ -228,7 +228,7 @@ class PlannerNode(Node):
         waiting = self._waiting
         if waiting is None or self._job is not None or self._plan_on_its_way():
             return
-        if not self._heard_by_arm() and waiting.age < LONGEST_WAIT:
+        if not self._connected() and waiting.age < LONGEST_WAIT:
             return
         now_ns = self._now_ns()
         try:
@@ -259,9 +259,13 @@ class PlannerNode(Node):
             departure, now_ns, (goal.x, goal.z), parameters.planning_budget, parameters.options
         )
 
-    def _heard_by_arm(self) -> bool:
-        """Whether somebody receives both halves of a plan; before that they would be lost."""
-        return all(
+    def _connected(self) -> bool:
+        """Whether the arm receives both halves of a plan, and is heard as far as it speaks.
+
+        What is sent before the match is lost; who tells a reference also tells the plan in force.
+        """
+        view = self._view
+        return (view.reference is None or view.in_force_ns is not None) and all(
             self._publishers_by_topic[topic.name].get_subscription_count() > 0
             for topic in (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS)
         )

@@ -112,3 +112,10 @@ def test_an_arm_that_does_not_report_plans_is_taken_to_obey(executions):
 def test_stopping_and_aborting_close_everything(executions):
     assert outcomes(executions.stop_all()) == [Outcome.STOPPED]
     assert executions.abort_all("the clock went back") == []
+
+
+def test_an_arm_that_is_heard_late_is_not_taken_to_have_stopped(executions):
+    assert executions.update(view(None), STAMP) == []
+    assert executions.update(view(NO_PLAN), STAMP + 1) == []
+    assert executions.update(view(STAMP), CHANGE) == []
+    assert outcomes(executions.update(view(NO_PLAN, END), FINISH)) == [Outcome.REACHED]

@@ -298,9 +298,16 @@ class Simulator:
             self._prepare_modes()
 
     def _prepare_modes(self) -> None:
-        """Boost of the modes ahead comes early, as far as modules are free."""
+        """Boost of the modes ahead comes early, as far as modules are free.
+
+        But nobody joins the rail early, where its pressure would reach one who is about to leave:
+        the line is charged by its own pump until then.
+        """
         modules = self.machine.config.hydraulics.modules
-        prepared = np.maximum(self._reference.modes, self._reference.modes_ahead)
+        now, ahead = self._reference.modes, self._reference.modes_ahead
+        prepared = np.maximum(now, ahead)
+        if np.any((now == Mode.SB) & (ahead != Mode.SB)):
+            prepared[(now != Mode.SB) & (ahead == Mode.SB)] = Mode.DB
         if modules_in_use(prepared, modules.per_mode) > modules.count:
             prepared = self._reference.modes
         self._signals.modes[:] = prepared

@@ -1,0 +1,29 @@
+import numpy as np
+import pytest
+
+from mhsb_model.machine import Machine
+from mhsb_sim.benchmark import ACTUATORS, arm_of, boosted_swing
+from mhsb_sim.simulator import Simulator
+
+
+@pytest.mark.parametrize("joints", ACTUATORS)
+def test_arms_with_more_actuators_swing_in_boost(machine: Machine, joints: int) -> None:
+    arm = arm_of(machine, joints)
+    assert arm.joint_count == joints
+    assert arm.arrays.link_mass.sum() == pytest.approx(machine.arrays.link_mass.sum())
+    simulator = Simulator(arm)
+    command = boosted_swing(arm)
+    simulator.set_plan(command.trajectory, command.schedule)
+    simulator.advance(1.0)
+    assert np.abs(simulator.joint_state.velocity).max() > 1e-3
+    assert simulator.energies["servo_pumps"] > 0.0
+    assert simulator.energies["relief_valves"] == 0.0
+
+
+def test_the_swing_begins_and_ends_at_rest_and_is_smooth(machine: Machine) -> None:
+    trajectory = boosted_swing(machine).trajectory
+    for values in (trajectory.velocity, trajectory.acceleration):
+        np.testing.assert_allclose(values[[0, -1]], 0.0, atol=1e-12)
+    time = trajectory.offset_ns / 1e9
+    slope = np.gradient(trajectory.position, time, axis=0)
+    np.testing.assert_allclose(slope[1:-1], trajectory.velocity[1:-1], atol=1e-3)
