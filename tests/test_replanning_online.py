@@ -1,6 +1,7 @@
 """Goals sent to both nodes over real DDS: accepted, refused, replaced, reached."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -42,6 +43,15 @@ def test_goals_are_replanned_in_motion_and_the_last_one_is_reached(arm):
     assert max(report.position_jump for report in applied) <= 1e-6
     assert max(report.velocity_jump for report in applied) <= 1e-6
     assert arm.largest_reference_step() < 1e-3
+
+
+def test_simulated_time_is_the_systems_so_that_plans_come_neither_early_nor_late(arm):
+    arm.references.clear()
+    arm.until(lambda: len(arm.references) > 20)
+    ages = [time.time_ns() - arm.references[-1].stamp_ns]
+    arm.serve(0.5)
+    ages.append(time.time_ns() - arm.references[-1].stamp_ns)
+    assert all(0 <= age < 1_000_000_000 for age in ages)
 
 
 def test_refused_goals_leave_the_motion_as_it_is(arm):

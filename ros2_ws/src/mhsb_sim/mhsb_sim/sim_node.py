@@ -67,25 +67,20 @@ class SimNode(Node):
         self._machine = sim_parameters.declare_machine(self)
         self._settings = sim_parameters.declare(self, self._machine)
         self._steady = rclpy.clock.Clock(clock_type=rclpy.clock.ClockType.STEADY_TIME)
-        start_ns = 0 if self._settings.publish_clock else self._system_ns()
         self._simulator = Simulator(
             self._machine,
             self._settings.controller,
             self._settings.seed,
             payload=self._settings.payload,
-            start_ns=start_ns,
         )
         self._simulator.step()  # compiles everything before anybody waits for it
-        self._simulator.inject(self._settings.fault)
         self._receiver = PlanReceiver(self._machine)
-        self._pacer = Pacer(
-            self._settings.real_time_factor, self._clock_ns(), self._simulator.time_ns
-        )
+        self._pacer = Pacer(self._settings.real_time_factor, 0, 0)
         self._fault: str | None = None
         self._in_force_ns: int | None = None
         self._modes: np.ndarray | None = None
-        self._next_ns = dict.fromkeys(("state", "modes", "report"), self._simulator.time_ns)
-        self._last_report = (time.monotonic(), self._simulator.time_ns)
+        self._next_ns = dict.fromkeys(("state", "modes", "report"), 0)
+        self._last_report = (0.0, 0)
         self._make_interfaces()
         self.add_on_set_parameters_callback(
             lambda changes: sim_parameters.check(self, self._machine, changes)
@@ -93,6 +88,7 @@ class SimNode(Node):
         self.add_post_set_parameters_callback(self._apply_parameters)
         gc.collect()
         gc.freeze()  # what has been loaded stays: later collections need not look at it
+        self._start_anew()
         self.get_logger().info(f"ready: {self._machine.name} holds its position")
 
     def _make_interfaces(self) -> None:
@@ -122,14 +118,11 @@ class SimNode(Node):
 
     # --- Time ------------------------------------------------------------------------------------
 
-    def _system_ns(self) -> int:
-        return time.time_ns()
-
     def _clock_ns(self) -> int:
         """The clock that paces: the system's, or a steady one where the simulator is /clock."""
         if self._settings.publish_clock:
             return time.monotonic_ns()
-        return self._system_ns()
+        return time.time_ns()
 
     def _tick(self) -> None:
         """Bring the simulation up to the present, publishing on the way."""
@@ -164,15 +157,18 @@ class SimNode(Node):
             f"the clock is {lag_ns / SECOND_NS:.1f} s away from simulated time: plans are dropped "
             "and the simulation starts anew"
         )
-        self._reset(0 if self._settings.publish_clock else self._system_ns())
+        self._start_anew()
 
-    def _reset(self, time_ns: int) -> None:
+    def _start_anew(self) -> None:
+        """Rest in the start posture from now on; forget plans and faults."""
+        clock_ns = self._clock_ns()
+        time_ns = 0 if self._settings.publish_clock else clock_ns
         self._simulator.reset(time_ns)
         self._simulator.inject(self._settings.fault)
         self._receiver.clear()
         self._fault = None
         self._in_force_ns = self._modes = None
-        self._pacer.restart(self._clock_ns(), time_ns)
+        self._pacer.restart(clock_ns, time_ns)
         self._next_ns = dict.fromkeys(self._next_ns, time_ns)
         self._last_report = (time.monotonic(), time_ns)
 
@@ -244,7 +240,7 @@ class SimNode(Node):
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Back to the start posture, at rest; faults are cleared, plans forgotten."""
         self._heal()
-        self._reset(0 if self._settings.publish_clock else self._system_ns())
+        self._start_anew()
         response.success = True
         response.message = "the simulation starts anew"
         return response
@@ -257,7 +253,7 @@ class SimNode(Node):
         if self._fault is None:
             response.message = f"the fault {failing} is healed" if failing else "there is no fault"
         else:
-            self._reset(0 if self._settings.publish_clock else self._system_ns())
+            self._start_anew()
             response.message = "the fault is cleared and the simulation starts anew"
         response.success = True
         return response
