@@ -76,11 +76,15 @@ class Observer(GoalSender):
         self.until(lambda: verdict.goal_stamp_ns in self.executions, timeout)
         return self.executions[verdict.goal_stamp_ns]
 
-    def until_in_force(self, verdict: GoalVerdict) -> None:
-        """Wait until the arm executes an accepted goal's plan."""
+    def comes_into_force(self, verdict: GoalVerdict, timeout: float) -> bool:
+        """Whether the arm executes an accepted goal's plan within a time [s]."""
         assert verdict.plan is not None
         stamp_ns = verdict.plan.plan_stamp_ns
-        self.until(lambda: self.in_force_ns == stamp_ns)
+        return spin_until(self.executor_of_tests, lambda: self.in_force_ns == stamp_ns, timeout)
+
+    def until_in_force(self, verdict: GoalVerdict) -> None:
+        """Wait until the arm executes an accepted goal's plan; says what became of it if not."""
+        assert self.comes_into_force(verdict, 15.0), (self.hand_overs[-2:], self.executions)
 
     def call(self, service: str) -> Trigger.Response:
         """Call a Trigger service, such as `mhsb_sim/stop`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -56,6 +57,7 @@ def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
     Raises RosArgumentsError as `spin_node` does, and ExternalShutdownException where a signal
     has shut ROS down meanwhile.
     """
+    interrupt = signal.signal(signal.SIGINT, _leave_it_to_ros)
     _initialize(arguments)
     try:
         yield
@@ -68,6 +70,11 @@ def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
         raise ExternalShutdownException from None
     finally:
         rclpy.try_shutdown()
+        signal.signal(signal.SIGINT, interrupt)
+
+
+def _leave_it_to_ros(number: int, frame: object) -> None:
+    """In place of KeyboardInterrupt, which could hit rclpy anywhere: ROS itself shuts down."""
 
 
 @contextmanager

@@ -263,10 +263,13 @@ class PlannerNode(Node):
         """Whether the arm receives both halves of a plan, and is heard as far as it speaks.
 
         What is sent before the match is lost; who tells a reference also tells the plan in force.
+        An arm that was killed still counts for a while, so there must be as many receivers as
+        there are sources of a reference.
         """
         view = self._view
+        arms = max(1, self.count_publishers(topics.REFERENCE.name))
         return (view.reference is None or view.in_force_ns is not None) and all(
-            self._publishers_by_topic[topic.name].get_subscription_count() > 0
+            self._publishers_by_topic[topic.name].get_subscription_count() >= arms
             for topic in (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS)
         )
 
