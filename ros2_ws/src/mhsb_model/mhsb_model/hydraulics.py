@@ -8,6 +8,7 @@ extension. Source: paper, Section 2.1, with the asymmetric cylinder worked out.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
@@ -79,22 +80,61 @@ def inlet_area(cap: float, rod: float, direction: float) -> float:
     return cap if direction > 0.0 else rod
 
 
-@njit(cache=True, nogil=True)
-def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
-    """p_L + m(v) + margin [Pa]: supply pressure at which actuator j moves its load.
+class Oil(NamedTuple):
+    """What all actuators share; numbers alone, which kernels hand on at no cost, unlike arrays."""
 
-    force [N] of cylinder j, speed [m/s] of its piston; speed 0 is judged as a hold against the
+    supply_pressure: float  # Pa
+    tank_pressure: float  # Pa
+    max_boost_pressure: float  # Pa
+    boost_margin: float  # Pa
+    valve_coefficient: float  # m³/(s √Pa)
+    main_pump_flow: float  # m³/s
+    servo_pump_flow: float  # m³/s
+    leakage_flow: float  # m³/s, one valve
+
+
+@njit(cache=True, nogil=True)
+def oil_of(m: MachineArrays) -> Oil:
+    """These numbers of a machine."""
+    return Oil(
+        m.supply_pressure,
+        m.tank_pressure,
+        m.max_boost_pressure,
+        m.boost_margin,
+        m.valve_coefficient,
+        m.main_pump_flow,
+        m.servo_pump_flow,
+        m.leakage_flow,
+    )
+
+
+@njit(cache=True, nogil=True)
+def pressure_to_move(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
+    """p_L + m(v) + margin [Pa]: supply pressure at which a cylinder moves its load.
+
+    cap, rod [m²], force [N], speed [m/s] of its piston; speed 0 is judged as a hold against the
     load (extension where force > 0, retraction otherwise), with no drop over the valve.
     """
-    cap, rod = m.cap_area[j], m.rod_area[j]
     direction = speed if speed != 0.0 else force
-    pressure = load_pressure(cap, rod, m.tank_pressure, force, direction)
-    return pressure + valve_margin(m.valve_coefficient, cap, rod, speed) + m.boost_margin
+    pressure = load_pressure(cap, rod, oil.tank_pressure, force, direction)
+    return pressure + valve_margin(oil.valve_coefficient, cap, rod, speed) + oil.boost_margin
+
+
+@njit(cache=True, nogil=True)
+def lacks_pressure(oil: Oil, cap: float, rod: float, force: float, speed: float) -> bool:
+    """Whether a cylinder moves (or holds) against its load and P_S is not enough for it."""
+    if speed != 0.0 and not opposes_motion(force, speed):
+        return False
+    return pressure_to_move(oil, cap, rod, force, speed) > oil.supply_pressure
+
+
+@njit(cache=True, nogil=True)
+def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
+    """`pressure_to_move` of actuator j [Pa]."""
+    return pressure_to_move(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)
 
 
 @njit(cache=True, nogil=True)
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
-    """Whether actuator j moves (or holds) against its load and P_S is not enough for it."""
-    if speed != 0.0 and not opposes_motion(force, speed):
-        return False
-    return required_pressure(m, j, force, speed) > m.supply_pressure
+    """`lacks_pressure` of actuator j."""
+    return lacks_pressure(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)

@@ -15,6 +15,9 @@ from numba import njit
 from mhsb_model.schema import SliderCrank
 from mhsb_model.types import FloatArray
 
+SMALLEST_LENGTH = 1e-9
+"""L is taken to be at least this [m], so that all stays finite where no cylinder can be."""
+
 
 def numbers(linkage: SliderCrank) -> list[float]:
     """What a row holds behind the kind of linkage."""
@@ -24,25 +27,14 @@ def numbers(linkage: SliderCrank) -> list[float]:
 
 
 @njit(cache=True, nogil=True)
-def cylinder_length(row: FloatArray, q: float) -> float:
-    """L [m] at the joint angle q [rad]: distance between the cylinder's pins."""
+def motion(row: FloatArray, q: float) -> tuple[float, float, float]:
+    """L [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad].
+
+    r = ±u v sin θ / L, dr/dq = (u v cos θ − r²) / L
+    """
     u, v = row[1], row[2]
     theta = row[3] + row[4] * q
-    return math.sqrt(u * u + v * v - 2.0 * u * v * math.cos(theta))
-
-
-@njit(cache=True, nogil=True)
-def moment_arm(row: FloatArray, q: float) -> float:
-    """r = dL/dq = ±u v sin θ / L [m]."""
-    u, v = row[1], row[2]
-    theta = row[3] + row[4] * q
-    return row[4] * u * v * math.sin(theta) / cylinder_length(row, q)
-
-
-@njit(cache=True, nogil=True)
-def moment_arm_slope(row: FloatArray, q: float) -> float:
-    """dr/dq = (u v cos θ − r²) / L [m/rad]."""
-    u, v = row[1], row[2]
-    theta = row[3] + row[4] * q
-    r = moment_arm(row, q)
-    return (u * v * math.cos(theta) - r * r) / cylinder_length(row, q)
+    along = u * v * math.cos(theta)
+    length = max(math.sqrt(u * u + v * v - 2.0 * along), SMALLEST_LENGTH)
+    arm = row[4] * u * v * math.sin(theta) / length
+    return length, arm, (along - arm * arm) / length

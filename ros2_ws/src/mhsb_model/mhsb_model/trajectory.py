@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from numba import njit
 from numba.extending import register_jitable
 
 from mhsb_model.types import FloatArray, IntArray, frozen
@@ -126,6 +127,15 @@ class Trajectory:
         qdd = np.where(ended[:, None], 0.0, qdd)
         return q, qd, qdd
 
+    def inside(self, rows: IntArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions and velocities within intervals, float64[rows · shares, n] each.
+
+        rows    int64[rows], intervals: the first lasts from point 0 to point 1
+        shares  float64[shares], 0 … 1, of an interval's duration; for each row all of them
+        """
+        time = self.offset_ns / SECOND_NS
+        return _inside(time, self.position, self.velocity, self.acceleration, rows, shares)
+
 
 def standstill(position: FloatArray, time_ns: int = 0) -> Trajectory:
     """The trajectory of one point that stays at `position` float64[n] rad from `time_ns` on."""
@@ -161,3 +171,28 @@ def quintic_hermite(
     qd = v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
     qdd = a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
     return q, qd, qdd
+
+
+@njit(cache=True, nogil=True)
+def _inside(
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    rows: IntArray,
+    shares: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Kernel of `Trajectory.inside`; its oracle in the tests is `Trajectory.sample_many`."""
+    n = position.shape[1]
+    q = np.empty((len(rows) * len(shares), n))
+    qd = np.empty(q.shape)
+    k = 0
+    for i in rows:
+        h = time[i + 1] - time[i]
+        for share in shares:
+            for j in range(n):
+                start = (position[i, j], velocity[i, j], acceleration[i, j])
+                end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
+                q[k, j], qd[k, j], _ = quintic_hermite(share * h, h, start, end)
+            k += 1
+    return q, qd

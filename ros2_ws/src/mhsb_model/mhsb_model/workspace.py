@@ -21,8 +21,14 @@ LOOKS = 8
 @njit(cache=True, nogil=True)
 def node_set_excess(m: MachineArrays, x: float, z: float) -> float:
     """How far the tip at (x, z) m lies outside the region [m]; negative within it."""
+    return excess_of(m.min_x, m.min_radius, m.max_radius, x, z)
+
+
+@njit(cache=True, nogil=True)
+def excess_of(min_x: float, min_radius: float, max_radius: float, x: float, z: float) -> float:
+    """The same for a region of these bounds [m], where many points are looked at."""
     radius = math.hypot(x, z)
-    return max(m.min_x - x, max(m.min_radius - radius, radius - m.max_radius))
+    return max(min_x - x, max(min_radius - radius, radius - max_radius))
 
 
 @njit(cache=True, nogil=True)

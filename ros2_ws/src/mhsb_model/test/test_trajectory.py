@@ -28,6 +28,17 @@ def test_samples_equal_scipys_quintic_through_the_same_points():
     assert qdd == pytest.approx(oracle.derivative(2)(times / SECOND_NS), abs=1e-5)
 
 
+def test_states_inside_intervals_are_those_of_the_same_curve():
+    trajectory = example()
+    rows, shares = np.array([0, 3]), np.array([0.0, 0.25, 1.0])
+    q, qd = trajectory.inside(rows, shares)
+    begin, end = trajectory.offset_ns[rows], trajectory.offset_ns[rows + 1]
+    times = (begin[:, None] + shares * (end - begin)[:, None]).ravel()
+    expected, expected_rate, _ = trajectory.sample_many(START + np.rint(times).astype(np.int64))
+    assert q == pytest.approx(expected, abs=1e-7)  # times are rounded to nanoseconds
+    assert qd == pytest.approx(expected_rate, abs=1e-5)
+
+
 def test_after_the_end_the_last_position_is_held_at_rest():
     trajectory = example()
     state = trajectory.sample(trajectory.end_ns + 1)

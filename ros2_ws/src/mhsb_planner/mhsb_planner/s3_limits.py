@@ -15,22 +15,21 @@ from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
+    Oil,
     extension_speed,
     inlet_area,
     load_pressure,
+    oil_of,
     opposes_motion,
-    required_pressure,
+    pressure_to_move,
     retraction_speed,
 )
-from mhsb_model.kinematics import tip_position
-from mhsb_model.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode
-from mhsb_model.statics import piston_forces
-from mhsb_model.trajectory import SECOND_NS, Trajectory, quintic_hermite
-from mhsb_model.types import FloatArray, ModeArray
-from mhsb_model.workspace import node_set_excess
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.workspace import excess_of
+from mhsb_planner.motion_profile import MotionProfile, motion_profile
 
 JOINT_TOLERANCE = 1e-6  # rad, rounding of table and interpolation
 TIP_TOLERANCE = 1e-4  # m, what a step of the search may do between the instants it is looked at
@@ -40,28 +39,24 @@ DEAD_BAND = 2e-4
 CHECK_SPACING = 1e-3
 """Spacing of the instants at which a motion is checked [s]."""
 
+ROWS_AT_ONCE = 32
+"""Intervals of a trajectory that are looked at closely before the result is looked at."""
+
 # Reserve at both ends of an interval of the trajectory that makes its inside safe: over 20 ms,
 # curvature moves a joint by q̈ h²/8 = 0.05 mrad per rad/s².
-CLEAR_ANGLE = 2e-3  # rad
 CLEAR_DISTANCE = 2e-3  # m
 CLEAR_USAGE = 0.95
 CLEAR_PRESSURE = 0.999
 """A lower share of the pressure leaves enough for the valve at the least speeds."""
 
-NORMAL = int(Mode.N)
-
 
 class Limit(IntEnum):
     """What a motion can break first."""
 
-    NONE = 0
-    JOINT = 1
-    NODE_SET = 2
-    USAGE = 3
-    MODULES = 4
-
-
-NONE, JOINT, NODE_SET, USAGE, MODULES = (int(limit) for limit in Limit)
+    JOINT = 0
+    NODE_SET = 1
+    USAGE = 2
+    MODULES = 3
 
 
 @dataclass(frozen=True)
@@ -90,213 +85,201 @@ class Violation:
 
 
 @njit(cache=True, nogil=True)
-def speed_limit(m: MachineArrays, j: int, force: float, direction: float, mode: int) -> float:
-    """Largest piston speed of actuator j [m/s] in a mode, under `force` [N], in `direction` (±).
+def speed_limit(
+    oil: Oil, cap: float, rod: float, force: float, direction: float, modules: int
+) -> float:
+    """Largest speed [m/s] of a piston under `force` [N], in `direction` (±), with booster modules.
 
-    Against the load: K √((p − margin − p_L) A_dir/(A³+a³)), p being P_S in N and the highest
-    boost pressure in DB and SB. With it: the valve at P_S, and the filling of the inlet chamber,
-    K √P_S/A_dir. Boosted also n Q_SP/A_dir for the n modules of the mode.
+    Against the load: K √((p − margin − p_L) A_dir/(A³+a³)), p being P_S without modules and the
+    highest boost pressure with them. With it: the valve at P_S, and the filling of the inlet
+    chamber, K √P_S/A_dir. Boosted also n Q_SP/A_dir for n modules. cap, rod in m².
     """
-    cap, rod = m.cap_area[j], m.rod_area[j]
     inlet = inlet_area(cap, rod, direction)
-    k = m.valve_coefficient
+    k = oil.valve_coefficient
     if opposes_motion(force, direction):
-        supply = m.supply_pressure if mode == NORMAL else m.max_boost_pressure
-        drive = supply - m.boost_margin
-        drive -= load_pressure(cap, rod, m.tank_pressure, force, direction)
+        supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
+        drive = supply - oil.boost_margin
+        drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
         speed = k * math.sqrt(max(0.0, drive) * inlet / (cap**3 + rod**3))
     else:
         if direction > 0.0:
-            speed = extension_speed(k, cap, rod, m.supply_pressure, m.tank_pressure, force)
+            speed = extension_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
         else:
-            speed = retraction_speed(k, cap, rod, m.supply_pressure, m.tank_pressure, force)
-        speed = min(speed, k * math.sqrt(m.supply_pressure) / inlet)
-    if mode != NORMAL:
-        speed = min(speed, m.modules_per_mode[mode] * m.servo_pump_flow / inlet)
+            speed = retraction_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
+        speed = min(speed, k * math.sqrt(oil.supply_pressure) / inlet)
+    if modules > 0:
+        speed = min(speed, modules * oil.servo_pump_flow / inlet)
     return speed
 
 
-@njit(cache=True, nogil=True)
-def usage(m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray) -> float:
-    """Share of what main pump, servo pumps and valves can do that piston speeds [m/s] ask for.
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """What states of motion ask for, float64[k] each.
 
-    max( Σ A_dir|v|/(Q_MP − n q_leak), max_j |v_j|/speed_limit_j ); slowing the motion by this
-    factor, or less, brings it within the limits. Cylinders in the dead band are left out of the
-    second term: the closed valve carries their load.
+    outside   m, how far the tip is out of the node set; negative within it
+    usage     max( Σ A_dir|v|/(Q_MP − n q_leak), max_j |v_j|/speed_limit_j ): share of what main
+              pump, servo pumps and valves can do. Slowing the motion by this factor, or less,
+              brings it within the limits. Cylinders in the dead band are left out of the second
+              term: the closed valve carries their load
+    pressure  largest share of its pressure that the load of a cylinder takes which may be lifting
+              it. Far below the dead band it does not: the valve is closed
     """
-    n = len(speed)
-    flow = 0.0
-    worst = 0.0
-    for j in range(n):
-        v = abs(speed[j])
-        flow += inlet_area(m.cap_area[j], m.rod_area[j], speed[j]) * v
-        if v > DEAD_BAND:
-            limit = speed_limit(m, j, force[j], speed[j], modes[j])
-            worst = max(worst, v / limit) if limit > 0.0 else math.inf
-    return max(worst, flow / (m.main_pump_flow - n * m.leakage_flow))
+
+    outside: FloatArray
+    usage: FloatArray
+    pressure: FloatArray
+
+    @classmethod
+    def of(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> Demand:
+        """Of the states of a profile, each in its modes uint8[k, n]."""
+        return cls(*_demand(machine.arrays, profile.speed, profile.force, profile.tip, modes))
+
+    def clear(self) -> np.ndarray:
+        """Whether states have so much in reserve that those close by are safe, bool[k]."""
+        share = np.maximum(self.usage, self.pressure)
+        return (self.outside < -CLEAR_DISTANCE) & (share < CLEAR_USAGE)
 
 
 @njit(cache=True, nogil=True)
-def joint_excess(m: MachineArrays, q: FloatArray) -> float:
-    """How far the worst joint lies beyond its limits [rad]; negative within them."""
-    worst = -math.inf
-    for j in range(len(q)):
-        worst = max(worst, max(m.joint_min[j] - q[j], q[j] - m.joint_max[j]))
-    return worst
+def _demand(
+    m: MachineArrays, speed: FloatArray, force: FloatArray, tip: FloatArray, modes: ModeArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Kernel of `Demand.of`; its oracle in the tests uses the Machine's methods."""
+    rows, n = speed.shape
+    oil, cap, rod, modules_of = oil_of(m), m.cap_area, m.rod_area, m.modules_per_mode
+    min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
+    shared_flow = oil.main_pump_flow - n * oil.leakage_flow
+    outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
+    for k in range(rows):
+        flow = fastest = heaviest = 0.0
+        for j in range(n):
+            v, f, modules = speed[k, j], force[k, j], modules_of[modes[k, j]]
+            flow += inlet_area(cap[j], rod[j], v) * abs(v)
+            if abs(v) > DEAD_BAND:
+                limit = speed_limit(oil, cap[j], rod[j], f, v, modules)
+                fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
+            lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
+            if lifts and abs(v) > 0.25 * DEAD_BAND:
+                supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
+                needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
+                heaviest = max(heaviest, needed / supply)
+        outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
+        usage[k] = max(fastest, flow / shared_flow)
+        pressure[k] = heaviest
+    return outside, usage, pressure
 
 
-@njit(cache=True, nogil=True)
-def _modules(m: MachineArrays, modes: ModeArray) -> int:
-    used = 0
-    for mode in modes:
-        used += m.modules_per_mode[mode]
-    return used
+def largest_usage(machine: Machine, profile: MotionProfile, modes: ModeArray) -> float:
+    """Largest usage at a profile's instants, in the modes uint8[k - 1, n] before and after each."""
+    ends = (profile[:-1], profile[1:])
+    return float(max(Demand.of(machine, end, modes).usage.max() for end in ends))
 
 
-@njit(cache=True, nogil=True)
-def _pressure_share(
-    m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray
-) -> float:
-    """Largest share of its pressure that the load of a cylinder takes which may be lifting it.
+def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
+    """How far the worst joint of q float64[…, n] lies beyond its limits [rad]; negative within."""
+    return np.maximum(m.joint_min - q, q - m.joint_max).max(axis=-1)
 
-    Far below the dead band it does not: the valve is closed.
+
+def first_violation(
+    machine: Machine,
+    trajectory: Trajectory,
+    schedule: ModeSchedule,
+    profile: MotionProfile | None = None,
+) -> Violation | None:
+    """The first limit that a trajectory breaks under its mode schedule, or None.
+
+    Looks at every millisecond, except inside intervals that are shown to be clear of all limits
+    without. Mode changes are expected at the trajectory's points, as S4 makes them; `profile` is
+    that of the points, where it is known.
     """
-    worst = 0.0
-    for j in range(len(speed)):
-        lifts = abs(speed[j]) <= DEAD_BAND or opposes_motion(force[j], speed[j])
-        if lifts and abs(speed[j]) > 0.25 * DEAD_BAND:
-            supply = m.supply_pressure if modes[j] == NORMAL else m.max_boost_pressure
-            worst = max(worst, required_pressure(m, j, force[j], 0.0) / supply)
-    return worst
+    m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
+    modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
+    beyond = m.modules_per_mode[modes].sum(axis=1) - m.module_count
+    within = len(modes) if np.all(beyond <= 0) else int(np.argmax(beyond > 0))
+    if profile is None:
+        profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+    doubtful = np.flatnonzero(_doubtful(machine, trajectory, profile, modes)[:within])
+    for first in range(0, len(doubtful), ROWS_AT_ONCE):
+        rows = doubtful[first : first + ROWS_AT_ONCE]
+        found = _first_within(machine, trajectory, modes, rows)
+        if found is not None:
+            return found
+    if within < len(modes):
+        return Violation(Limit.MODULES, time[within], float(beyond[within]))
+    return None
 
 
-@njit(cache=True, nogil=True)
-def _judge(
-    m: MachineArrays, q: FloatArray, qd: FloatArray, modes: ModeArray, work: FloatArray
-) -> tuple[float, float, float]:
-    """Node set excess [m], usage and pressure share at one state; work is float64[2, n]."""
-    speed, force = work[0], work[1]
-    piston_forces(m, q, force)
-    for j in range(len(q)):
-        speed[j] = moment_arm(m.linkage[j], q[j]) * qd[j]
-    x, z = tip_position(m.link_length, q)
-    outside = node_set_excess(m, x, z)
-    return outside, usage(m, speed, force, modes), _pressure_share(m, speed, force, modes)
+def _doubtful(
+    machine: Machine, trajectory: Trajectory, profile: MotionProfile, modes: ModeArray
+) -> np.ndarray:
+    """Intervals in which a limit may be broken, by their ends and middles, bool[k - 1].
 
-
-@njit(cache=True, nogil=True)
-def _highest(
-    left: tuple[float, float, float],
-    middle: tuple[float, float, float],
-    right: tuple[float, float, float],
-    i: int,
-) -> float:
-    """Bound on entry i all over an interval, from its ends and its middle.
-
-    A parabola exceeds the highest of the three by a quarter of the middle's bow at most.
+    A parabola exceeds the highest of its ends and its middle by a quarter of the middle's bow at
+    most; the whole bow is added.
     """
-    bow = abs(middle[i] - 0.5 * (left[i] + right[i]))
-    return max(left[i], middle[i], right[i]) + bow
+    middle = trajectory.inside(np.arange(len(modes)), np.array([0.5]))
+    left, right = (Demand.of(machine, ends, modes) for ends in (profile[:-1], profile[1:]))
+    between = Demand.of(machine, motion_profile(machine, *middle), modes)
+    bounded = np.ones(len(modes), dtype=bool)
+    bounds = (("outside", 0.0), ("usage", 1.0), ("pressure", CLEAR_PRESSURE))
+    for name, bound in bounds:
+        a, b, c = (getattr(demand, name) for demand in (left, between, right))
+        with np.errstate(invalid="ignore"):  # infinite where no speed is possible
+            bow = np.abs(b - 0.5 * (a + c))
+        bounded &= np.maximum(np.maximum(a, c), b) + bow < bound
+    clear = bounded | (left.clear() & right.clear())
+    time = trajectory.offset_ns / SECOND_NS
+    motion = trajectory.position, trajectory.velocity, trajectory.acceleration
+    return ~clear | (_joint_bound(machine.arrays, time, *motion) > JOINT_TOLERANCE)
 
 
 @njit(cache=True, nogil=True)
-def _first_violation(
+def _joint_bound(
     m: MachineArrays,
     time: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
-    modes: ModeArray,
-    spacing: float,
-) -> tuple[int, float, float]:
-    """Kernel of `first_violation`: limit, time and amount.
+) -> FloatArray:
+    """Bound on the joint excess [rad] within each interval of a trajectory, float64[k - 1].
 
-    modes are those of the intervals, uint8[k - 1, n]. Its oracle in the tests samples the
-    trajectory densely and uses the Machine's methods.
+    A quintic stays within the hull of its control points b₀ = q, b₁ = q + q̇h/5,
+    b₂ = q + 2q̇h/5 + q̈h²/20, and likewise from the interval's end, with h < 0.
     """
     rows, n = position.shape
-    work = np.empty((2, n))
-    q = np.empty(n)
-    qd = np.empty(n)
-    right = (0.0, 0.0, 0.0)
+    bound = np.empty(rows - 1)
     for i in range(rows - 1):
-        used = _modules(m, modes[i])
-        if used > m.module_count:
-            return MODULES, time[i], float(used - m.module_count)
-        if i == 0 or (modes[i] != modes[i - 1]).any():
-            right = _judge(m, position[i], velocity[i], modes[i], work)
-        left = right
-        right = _judge(m, position[i + 1], velocity[i + 1], modes[i], work)
-        h = time[i + 1] - time[i]
-        clear_rest = (
-            max(left[0], right[0]) < -CLEAR_DISTANCE
-            and max(left[1], right[1]) < CLEAR_USAGE
-            and max(left[2], right[2]) < CLEAR_USAGE
-        )
-        if not clear_rest:
+        highest = -math.inf
+        for k, h in ((i, time[i + 1] - time[i]), (i + 1, time[i] - time[i + 1])):
             for j in range(n):
-                _hermite(position, velocity, acceleration, i, j, h, 0.5 * h, q, qd)
-            middle = _judge(m, q, qd, modes[i], work)
-            clear_rest = (
-                _highest(left, middle, right, 0) < 0.0
-                and _highest(left, middle, right, 1) < 1.0
-                and _highest(left, middle, right, 2) < CLEAR_PRESSURE
-            )
-        excess = max(joint_excess(m, position[i]), joint_excess(m, position[i + 1]))
-        clear_joints = excess < -CLEAR_ANGLE
-        if clear_joints and clear_rest:
-            continue
-        count = int(math.ceil(h / spacing))
-        for part in range(count + 1):
-            s = h * part / count
-            for j in range(n):
-                _hermite(position, velocity, acceleration, i, j, h, s, q, qd)
-            excess = joint_excess(m, q)
-            if excess > JOINT_TOLERANCE:
-                return JOINT, time[i] + s, excess
-            if clear_rest:
-                continue
-            outside, share, _ = _judge(m, q, qd, modes[i], work)
-            if outside > TIP_TOLERANCE:
-                return NODE_SET, time[i] + s, outside
-            if share > 1.0:
-                return USAGE, time[i] + s, share - 1.0
-    return NONE, 0.0, 0.0
+                q, turn = position[k, j], 0.2 * h * velocity[k, j]
+                bent = q + 2.0 * turn + 0.05 * h * h * acceleration[k, j]
+                above = max(q, q + turn, bent) - m.joint_max[j]
+                below = m.joint_min[j] - min(q, q + turn, bent)
+                highest = max(highest, above, below)
+        bound[i] = highest
+    return bound
 
 
-@njit(cache=True, nogil=True)
-def _hermite(
-    position: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
-    i: int,
-    j: int,
-    h: float,
-    s: float,
-    q: FloatArray,
-    qd: FloatArray,
-) -> None:
-    """Value and slope of joint j's quintic, s [s] into interval i of length h [s], to q and qd."""
-    start = (position[i, j], velocity[i, j], acceleration[i, j])
-    end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
-    q[j], qd[j], _ = quintic_hermite(s, h, start, end)
-
-
-def first_violation(
-    machine: Machine, trajectory: Trajectory, schedule: ModeSchedule
+def _first_within(
+    machine: Machine, trajectory: Trajectory, modes: ModeArray, rows: IntArray
 ) -> Violation | None:
-    """The first limit that a trajectory breaks under its mode schedule, or None.
-
-    Looks at every millisecond, except inside intervals that ends and middle show to be clear of
-    all limits. Mode changes are expected at the trajectory's points, as S4 makes them.
-    """
-    limit, time, amount = _first_violation(
-        machine.arrays,
-        trajectory.offset_ns / SECOND_NS,
-        trajectory.position,
-        trajectory.velocity,
-        trajectory.acceleration,
-        schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns),
-        CHECK_SPACING,
+    """The first violation within some intervals, looked at every millisecond or closer."""
+    time = trajectory.offset_ns / SECOND_NS
+    h = np.diff(time)[rows]
+    shares = np.linspace(0.0, 1.0, int(np.ceil(h.max() / CHECK_SPACING)) + 1)
+    q, qd = trajectory.inside(rows, shares)
+    demand = Demand.of(
+        machine, motion_profile(machine, q, qd), np.repeat(modes[rows], len(shares), axis=0)
     )
-    return None if limit == NONE else Violation(Limit(limit), time, amount)
+    excess = joint_excess(machine.arrays, q)
+    broken = np.array(
+        [excess > JOINT_TOLERANCE, demand.outside > TIP_TOLERANCE, demand.usage > 1.0]
+    )
+    if not broken.any():
+        return None
+    k = int(np.argmax(broken.any(axis=0)))
+    limit = Limit(int(np.argmax(broken[:, k])))
+    amount = (excess[k], demand.outside[k], demand.usage[k] - 1.0)[limit]
+    row, part = divmod(k, len(shares))
+    return Violation(limit, float(time[rows[row]] + shares[part] * h[row]), float(amount))

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.linkage import joint_angle, moment_arm, moment_arm_slope
+from mhsb_model.linkage import joint_angle, motion
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.discrete_path import DiscretePath
@@ -47,17 +47,9 @@ class SmoothedPath:
         return self.knots * np.arange(len(self.control) - 2, dtype=np.float64)
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at the times [s], float64[times, n] each."""
-        cells = len(self.control) - 3
-        cell = np.clip((time / self.knots).astype(np.int64), 0, cells - 1)
-        u = (time / self.knots - cell)[:, None]
-        p0, p1, p2, p3 = (self.control[cell + i] for i in range(4))
-        length = ((1 - u) ** 3 * p0 + (3 * u**3 - 6 * u**2 + 4) * p1) / 6
-        length += ((-3 * u**3 + 3 * u**2 + 3 * u + 1) * p2 + u**3 * p3) / 6
-        speed = (1 - u) ** 2 * (p1 - p0) + (1 + 2 * u - 2 * u**2) * (p2 - p1) + u**2 * (p3 - p2)
-        speed /= 2 * self.knots
-        acceleration = ((1 - u) * (p2 - 2 * p1 + p0) + u * (p3 - 2 * p2 + p1)) / self.knots**2
-        return _joint_motion(self.machine.arrays, length, speed, acceleration, self.start)
+        """q, q̇, q̈ at the rising times [s], float64[times, n] each."""
+        arrays = self.machine.arrays
+        return _joint_motion(arrays, self.control, self.knots, time, self.start)
 
 
 def smoothed_path(
@@ -116,26 +108,39 @@ def stepped_path(path: DiscretePath, stretch: float) -> SteppedPath:
 
 
 @njit(cache=True, nogil=True)
+def _spline(control: FloatArray, cell: int, j: int, u: float) -> tuple[float, float, float]:
+    """Value and derivatives by u of a uniform cubic B-spline, u = 0 … 1 within one of its cells."""
+    p0, p1 = control[cell, j], control[cell + 1, j]
+    p2, p3 = control[cell + 2, j], control[cell + 3, j]
+    w = 1.0 - u
+    value = w**3 * p0 + (3 * u**3 - 6 * u**2 + 4) * p1
+    value += (-3 * u**3 + 3 * u**2 + 3 * u + 1) * p2 + u**3 * p3
+    slope = w**2 * (p1 - p0) + (1 + 2 * u - 2 * u**2) * (p2 - p1) + u**2 * (p3 - p2)
+    return value / 6, slope / 2, w * (p2 - 2 * p1 + p0) + u * (p3 - 2 * p2 + p1)
+
+
+@njit(cache=True, nogil=True)
 def _joint_motion(
-    m: MachineArrays,
-    length: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    guess: FloatArray,
+    m: MachineArrays, control: FloatArray, knots: float, time: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joint motion of a piston motion: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r."""
-    rows, n = length.shape
-    q = np.empty((rows, n))
-    qd = np.empty((rows, n))
-    qdd = np.empty((rows, n))
+    """Joint motion of the cylinders' lengths: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r.
+
+    The search for q begins where the motion would have led from the instant before.
+    """
+    rows, n = len(time), control.shape[1]
+    q, qd, qdd = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
+    cells = len(control) - 3
     for j in range(n):
-        linkage = m.linkage[j]
-        before = guess[j]
+        linkage, lower, upper = m.linkage[j], m.joint_min[j], m.joint_max[j]
+        guess = start[j]
         for k in range(rows):
-            before = joint_angle(linkage, length[k, j], m.joint_min[j], m.joint_max[j], before)
-            arm = moment_arm(linkage, before)
-            q[k, j] = before
-            qd[k, j] = speed[k, j] / arm
-            slope = moment_arm_slope(linkage, before)
-            qdd[k, j] = (acceleration[k, j] - slope * qd[k, j] ** 2) / arm
+            cell = min(max(int(time[k] / knots), 0), cells - 1)
+            length, speed, acceleration = _spline(control, cell, j, time[k] / knots - cell)
+            q[k, j] = joint_angle(linkage, length, lower, upper, guess)
+            _, arm, slope = motion(linkage, q[k, j])
+            qd[k, j] = speed / knots / arm
+            qdd[k, j] = (acceleration / knots**2 - slope * qd[k, j] ** 2) / arm
+            if k + 1 < rows:
+                ahead = time[k + 1] - time[k]
+                guess = q[k, j] + ahead * (qd[k, j] + 0.5 * ahead * qdd[k, j])
     return q, qd, qdd

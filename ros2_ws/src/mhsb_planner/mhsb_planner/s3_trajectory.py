@@ -38,6 +38,7 @@ from mhsb_planner.s3_limits import (
     Limit,
     first_violation,
     joint_excess,
+    largest_usage,
 )
 from mhsb_planner.s3_piecewise import smoothed_path, stepped_path
 from mhsb_planner.s3_polynomial import fit_polynomial, node_times
@@ -46,7 +47,6 @@ from mhsb_planner.s4_mode_schedule import (
     SwitchingRules,
     holding_modes,
     interval_modes,
-    largest_usage,
     mode_schedule,
     schedule_of_intervals,
 )
@@ -248,7 +248,7 @@ def _admitting(machine: Machine, posture: FloatArray) -> Machine:
     """The machine, its limits widened to a start that noise has put a little outside of them."""
     arrays = machine.arrays
     x, z = tip_position(arrays.link_length, posture)
-    beyond, outside = joint_excess(arrays, posture), node_set_excess(arrays, x, z)
+    beyond, outside = float(joint_excess(arrays, posture)), node_set_excess(arrays, x, z)
     if max(beyond, outside) <= 0.0 or beyond > START_NOISE or outside > START_NOISE:
         return machine
     radius = math.hypot(x, z)
@@ -313,7 +313,7 @@ def _stretched(
         curve = candidate.curve_at(stretch)
         trajectory, first = _sampled(curve, candidate.start, path.posture[-1], lead_in)
         position = trajectory.position[first:]
-        beyond = np.maximum(arrays.joint_min - position, position - arrays.joint_max).max()
+        beyond = joint_excess(arrays, position).max()
         if beyond > JOINT_TOLERANCE:
             return f"a joint limit is passed by {beyond:.3g} rad"
         if candidate.furthest is not None:
@@ -324,14 +324,14 @@ def _stretched(
         time = trajectory.offset_ns / SECOND_NS
         preferred = _preferred(path, curve.node_time, time, first)
         intervals = interval_modes(machine, time, profile, modes, preferred, rules.switching)
-        after = profile.since(first)
+        after = profile[first:]
         quasi_static = (1 + _speed_excess(machine, after)) / (1 + rules.max_excess)
         used = max(largest_usage(machine, after, intervals[first:]), quasi_static)
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
             hold = holding_modes(machine, profile.force[-1])
             schedule = schedule_of_intervals(0, trajectory.offset_ns, intervals, hold)
-            violation = first_violation(machine, trajectory, schedule)
+            violation = first_violation(machine, trajectory, schedule, profile)
             if violation is None:
                 return _fitted(
                     machine, path, candidate, curve, trajectory, schedule, profile, stretch

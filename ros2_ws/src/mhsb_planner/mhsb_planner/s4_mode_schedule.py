@@ -14,14 +14,20 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.hydraulics import inlet_area, needs_boost, opposes_motion
+from mhsb_model.hydraulics import (
+    inlet_area,
+    lacks_pressure,
+    needs_boost,
+    oil_of,
+    opposes_motion,
+)
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion_profile import MotionProfile, motion_profile
-from mhsb_planner.s3_limits import DEAD_BAND, usage
+from mhsb_planner.s3_limits import DEAD_BAND
 
 RESERVE = 1.005
 """Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
@@ -141,11 +147,6 @@ def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
     return _holding_modes(machine.arrays, np.asarray(force, dtype=np.float64))
 
 
-def largest_usage(machine: Machine, profile: MotionProfile, modes: ModeArray) -> float:
-    """Largest `s3_limits.usage` of a profile's instants in the modes of both their intervals."""
-    return float(_largest_usage(machine.arrays, profile.speed, profile.force, modes))
-
-
 def schedule_of_intervals(
     stamp_ns: int, offset_ns: IntArray, modes: ModeArray, hold: ModeArray
 ) -> ModeSchedule:
@@ -165,18 +166,6 @@ def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
             modes[j] = DB
             free -= m.modules_per_mode[DB]
     return modes
-
-
-@njit(cache=True, nogil=True)
-def _largest_usage(
-    m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray
-) -> float:
-    worst = 0.0
-    for i in range(len(modes)):
-        if i == 0 or (modes[i] != modes[i - 1]).any():
-            worst = max(worst, usage(m, speed[i], force[i], modes[i]))
-        worst = max(worst, usage(m, speed[i + 1], force[i + 1], modes[i]))
-    return worst
 
 
 @njit(cache=True, nogil=True)
@@ -201,10 +190,10 @@ def _interval_modes(
     on = np.empty(intervals, dtype=np.bool_)
     shared = np.empty(intervals, dtype=np.bool_)
     for j in range(n):
-        need, lifts = _needs(m, j, speed, force)
+        need, lifts, flow = _needs(m, j, speed, force)
         for i in range(intervals):
             on[i] = need[i] or need[i + 1]
-            demand[i, j] = RESERVE * max(_flow(m, j, speed[i]), _flow(m, j, speed[i + 1]))
+            demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
         _drop_short_holds(time, on, lifts, hold, holding[j] != N)
         needed[:, j] = on
         for i in range(intervals):
@@ -227,25 +216,22 @@ def _interval_modes(
 
 
 @njit(cache=True, nogil=True)
-def _flow(m: MachineArrays, j: int, speed: FloatArray) -> float:
-    """Flow [m³/s] into actuator j at the pistons' speeds float64[n] m/s."""
-    return inlet_area(m.cap_area[j], m.rod_area[j], speed[j]) * abs(speed[j])
-
-
-@njit(cache=True, nogil=True)
 def _needs(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Whether actuator j needs boost at each instant, and whether it moves against its load."""
+) -> tuple[np.ndarray, np.ndarray, FloatArray]:
+    """Of actuator j at each instant: need for boost, motion against the load, flow [m³/s]."""
     need = np.empty(len(speed), dtype=np.bool_)
     lifts = np.empty(len(speed), dtype=np.bool_)
+    flow = np.empty(len(speed))
+    oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
     for k in range(len(speed)):
-        moving = abs(speed[k, j]) > DEAD_BAND
-        v = RESERVE * speed[k, j] if moving else 0.0
-        need[k] = needs_boost(m, j, RESERVE * force[k, j], v)
+        v, f = speed[k, j], force[k, j]
+        moved = RESERVE * v if abs(v) > DEAD_BAND else 0.0
+        need[k] = lacks_pressure(oil, cap, rod, RESERVE * f, moved)
         # Half the dead band: between the points a cylinder may be a little faster than at them.
-        lifts[k] = abs(speed[k, j]) > 0.5 * DEAD_BAND and opposes_motion(force[k, j], speed[k, j])
-    return need, lifts
+        lifts[k] = abs(v) > 0.5 * DEAD_BAND and opposes_motion(f, v)
+        flow[k] = inlet_area(cap, rod, v) * abs(v)
+    return need, lifts, flow
 
 
 @njit(cache=True, nogil=True)

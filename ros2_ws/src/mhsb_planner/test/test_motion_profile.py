@@ -16,4 +16,4 @@ def test_a_profile_agrees_with_the_machine_row_by_row(machine):
         assert profile.speed[k] == pytest.approx(machine.moment_arms(q[k]) * qd[k], rel=1e-12)
         assert profile.force[k] == pytest.approx(machine.piston_forces(q[k]), rel=1e-12)
         assert profile.tip[k] == pytest.approx(machine.tip_position(q[k]), abs=1e-12)
-    assert profile.since(20).speed == pytest.approx(profile.speed[20:], abs=0)
+    assert profile[20:].speed == pytest.approx(profile.speed[20:], abs=0)

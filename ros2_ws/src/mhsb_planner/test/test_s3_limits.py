@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mhsb_model.hydraulics import needs_boost, required_pressure
+from mhsb_model.hydraulics import needs_boost, oil_of, required_pressure
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.s3_limits import Limit, first_violation, speed_limit, usage
+from mhsb_planner import s3_limits
+from mhsb_planner.motion_profile import MotionProfile
+from mhsb_planner.s3_limits import Demand, Limit, first_violation
 
 FORCES = st.floats(-4000, 4500)
 MODES = st.sampled_from(list(Mode))
@@ -17,6 +19,20 @@ MODES = st.sampled_from(list(Mode))
 
 def hold_schedule(*modes):
     return ModeSchedule(0, [0], [modes])
+
+
+def speed_limit(machine, j, force, direction, mode):
+    m = machine.arrays
+    modules = m.modules_per_mode[mode]
+    return s3_limits.speed_limit(
+        oil_of(m), m.cap_area[j], m.rod_area[j], force, direction, modules
+    )
+
+
+def usage(machine, speed, force, modes):
+    """Usage at one instant."""
+    instant = MotionProfile(speed[None], force[None], np.array([[0.6, 0.0]]))
+    return Demand.of(machine, instant, np.array(modes, dtype=np.uint8)[None]).usage[0]
 
 
 def ramp(start, end, duration=2.0, points=101):
@@ -37,7 +53,7 @@ def test_against_the_load_the_speed_limit_is_where_the_pressure_is_used_up(
     machine, force, direction, mode, j
 ):
     m = machine.arrays
-    limit = speed_limit(m, j, force, direction, mode)
+    limit = speed_limit(machine, j, force, direction, mode)
     if force * direction <= 0:
         return
     given_pressure = m.supply_pressure if mode == Mode.N else m.max_boost_pressure
@@ -57,7 +73,7 @@ def test_in_normal_mode_the_speed_limit_is_where_boost_begins_to_be_needed(
     machine, force, direction, j
 ):
     m = machine.arrays
-    limit = speed_limit(m, j, force, direction, Mode.N)
+    limit = speed_limit(machine, j, force, direction, Mode.N)
     if force * direction > 0 and limit > 0:
         assert not needs_boost(m, j, force, direction * limit * 0.999)
         assert needs_boost(m, j, force, direction * limit * 1.001)
@@ -69,12 +85,10 @@ def test_in_normal_mode_the_speed_limit_is_where_boost_begins_to_be_needed(
     st.lists(MODES, min_size=3, max_size=3),
 )
 def test_slowing_a_motion_by_its_usage_brings_it_within_the_limits(machine, speed, force, modes):
-    m = machine.arrays
     speed, force = np.array(speed), np.array(force)
-    modes = np.array(modes, dtype=np.uint8)
-    share = usage(m, speed, force, modes)
+    share = usage(machine, speed, force, modes)
     if np.isfinite(share) and share > 0:
-        assert usage(m, speed / max(share, 1.0), force, modes) <= 1 + 1e-9
+        assert usage(machine, speed / max(share, 1.0), force, modes) <= 1 + 1e-9
 
 
 def test_usage_counts_the_flow_of_all_actuators_against_the_main_pump(machine):
@@ -82,14 +96,14 @@ def test_usage_counts_the_flow_of_all_actuators_against_the_main_pump(machine):
     speed = np.array([0.012, -0.012, 0.012])
     inlet = np.array([m.cap_area[0], m.rod_area[1], m.cap_area[2]])
     expected = 0.012 * inlet.sum() / (m.main_pump_flow - 3 * m.leakage_flow)
-    assert usage(m, speed, np.zeros(3), np.zeros(3, np.uint8)) == pytest.approx(expected)
+    assert usage(machine, speed, np.zeros(3), np.zeros(3, np.uint8)) == pytest.approx(expected)
 
 
 def test_a_decoupled_actuator_has_the_flow_of_one_servo_pump_and_a_shared_one_that_of_two(machine):
     force = machine.arrays.cap_area[0] * 5e6
-    assert speed_limit(machine.arrays, 0, force, 1.0, Mode.DB) == pytest.approx(8.2e-3, abs=2e-5)
-    assert speed_limit(machine.arrays, 0, -900.0, -1.0, Mode.DB) == pytest.approx(10.7e-3, abs=5e-5)
-    assert speed_limit(machine.arrays, 0, force, 1.0, Mode.SB) == pytest.approx(16.4e-3, abs=4e-5)
+    assert speed_limit(machine, 0, force, 1.0, Mode.DB) == pytest.approx(8.2e-3, abs=2e-5)
+    assert speed_limit(machine, 0, -900.0, -1.0, Mode.DB) == pytest.approx(10.7e-3, abs=5e-5)
+    assert speed_limit(machine, 0, force, 1.0, Mode.SB) == pytest.approx(16.4e-3, abs=4e-5)
 
 
 def test_a_motion_within_all_limits_has_no_violation(machine):
@@ -106,6 +120,21 @@ def test_a_joint_limit_is_seen_between_the_points(machine):
     assert violation.limit == Limit.JOINT
     assert 0 < violation.time < 0.02
     assert "joint limit" in str(violation)
+
+
+@given(st.integers(0, 2**32))
+def test_no_quintic_leaves_the_bound_on_its_joints(machine, seed):
+    random = np.random.default_rng(seed)
+    m = machine.arrays
+    q = random.uniform(m.joint_min, m.joint_max, (2, 3))
+    motion = Trajectory(
+        0, [0, 20_000_000], q, random.uniform(-9, 9, (2, 3)), random.uniform(-900, 900, (2, 3))
+    )
+    bound = s3_limits._joint_bound(
+        m, motion.offset_ns / SECOND_NS, motion.position, motion.velocity, motion.acceleration
+    )
+    inside, _ = motion.inside(np.array([0]), np.linspace(0, 1, 200))
+    assert s3_limits.joint_excess(m, inside).max() <= bound[0] + 1e-12
 
 
 def test_leaving_the_node_set_is_seen(machine):

@@ -278,10 +278,10 @@ def test_stopping_brakes_along_the_path_and_holds(machine, walk, worst):
 def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
     warm_up(machine)
     kernels = [
-        s3_limits._first_violation,
+        s3_limits._demand,
+        s3_limits._joint_bound,
         s3_piecewise._joint_motion,
         s4_mode_schedule._interval_modes,
-        s4_mode_schedule._largest_usage,
     ]
     before = [len(kernel.signatures) for kernel in kernels]
     path = walk(np.random.default_rng(12), 6)
