@@ -191,7 +191,7 @@ def explicit_graph(graph: StepGraph) -> csr_array:
     edges, patterns = graph.edges, len(graph.table.patterns)
     owner = graph.layout.owner.ravel()
     states = np.flatnonzero(owner >= 0)
-    count = np.diff(edges.first)[owner[states]]
+    count = (edges.last - edges.first)[owner[states]]
     origin = np.repeat(states, count)
     within = np.arange(len(origin)) - np.repeat(np.cumsum(count) - count, count)
     edge = np.repeat(edges.first[owner[states]], count) + within

@@ -110,8 +110,9 @@ class Replanner:
         """A move between two neighbours on the grid, changed on its way: first calls are slow."""
         graph = self._planner.graph
         patterns = len(graph.table.patterns)
-        leaving = int(np.argmax(np.diff(graph.edges.first)))
-        node = int(graph.edges.state[graph.edges.first[leaving]]) // patterns
+        edges = graph.edges
+        leaving = int(np.argmax(edges.last - edges.first))
+        node = int(edges.state[edges.first[leaving]]) // patterns
         goal = graph.table.nodes[node] * graph.table.spacing
         start = graph.layout.posture[leaving]
         modes = np.full(len(start), Mode.N, dtype=np.uint8)

@@ -16,10 +16,14 @@ from numba import njit
 
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.lower_bound import least_cost
-from mhsb_planner.s2_graph import Edges, StepGraph
+from mhsb_planner.s2_graph import StepGraph
 from mhsb_planner.s2_joining import NOWHERE, Steps
+from mhsb_planner.s2_pricing import NOT_PRICED, Edges, Terms, largest_number, price
 from mhsb_planner.s2_query import EXHAUSTED, FOUND, PAUSED, Link, Query
-from mhsb_planner.s2_step import DURATION, Circuit
+from mhsb_planner.s2_step import DURATION, new_scratch
+
+FULL = -1
+"""What a portion of a search also can end with: there is no room for the steps of a posture."""
 
 
 class Frontier(NamedTuple):
@@ -109,7 +113,7 @@ def _pop(estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray,
 @njit(cache=True, nogil=True)
 def expand(
     f: Frontier,
-    c: Circuit,
+    terms: Terms,
     edges: Edges,
     switches: IntArray,
     owner: IntArray,
@@ -123,8 +127,9 @@ def expand(
     column: int,
     limit: int,
 ) -> int:
-    """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED.
+    """Expand up to `limit` states; PAUSED, FOUND, EXHAUSTED or FULL.
 
+    terms, edges    steps that are not priced yet are priced
     switches        int64[patterns, patterns], joints that change their mode between patterns
     owner           int64[states], posture of a state
     length          float64[postures, n]; goal_length likewise of the goal's postures [m]
@@ -139,11 +144,14 @@ def expand(
     """
     so_far, estimate, depth, parent, edge = f.cost, f.estimate, f.depth, f.parent, f.edge
     place, heap, remaining, counts = f.place, f.heap, f.remaining, f.counts
-    edge_first, edge_state, edge_pattern, edge_cost = edges
+    edge_first, edge_last, edge_used, edge_state, edge_pattern, edge_cost = edges
     start_state, start_pattern = start_steps.state, start_steps.pattern
     start_cost = start_steps.cost
     goal_pattern, goal_cost = goal_steps.pattern, goal_steps.cost
+    c = terms.circuit
     area, pace = c.area, c.pace
+    scratch = new_scratch(terms.patterns)
+    room = largest_number(terms.layout, terms.patterns)
     leakage = len(area) * c.leakage_flow
     w_energy, w_time, w_switch = weight
     sink = len(so_far) - 1
@@ -156,13 +164,21 @@ def expand(
         else:
             if counts[0] == 0:
                 return EXHAUSTED
+            if heap[0] != sink and edge_first[owner[heap[0]]] == NOT_PRICED:
+                posture, found = owner[heap[0]], edge_used[0]
+                if found + room > len(edge_state):
+                    return FULL
+                edge_used[0] = price(
+                    terms, posture, scratch, edge_state, edge_pattern, edge_cost, found
+                )
+                edge_first[posture], edge_last[posture] = found, edge_used[0]
             state = _pop(estimate, depth, heap, place, counts[0])
             counts[0] -= 1
             if state == sink:
                 return FOUND
             posture, own = owner[state], state % len(switches)
             so, steps = so_far[state], depth[state] + 1
-            begin, grid_end = edge_first[posture], edge_first[posture + 1]
+            begin, grid_end = edge_first[posture], edge_last[posture]
             end = grid_end + goal_first[posture + 1] - goal_first[posture]
         counts[1] += 1
         counts[2] += end - begin
@@ -242,12 +258,21 @@ class ExactSearch:
 
     def expand(self, limit: int) -> int:
         """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED."""
+        steps, end = self._query.graph.steps, self.expanded + limit
+        with steps.guard():
+            status = self._expand(limit)
+            while status == FULL:
+                steps.grow(largest_number(steps.terms.layout, steps.terms.patterns))
+                status = self._expand(end - self.expanded)
+        return status
+
+    def _expand(self, limit: int) -> int:
         query, graph = self._query, self._query.graph
         return int(
             expand(
                 self._frontier,
-                graph.circuit,
-                graph.edges,
+                graph.steps.terms,
+                graph.steps.edges,
                 graph.switches,
                 graph.layout.owner.ravel(),
                 graph.postures.length,

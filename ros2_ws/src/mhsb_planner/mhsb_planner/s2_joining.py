@@ -17,7 +17,8 @@ from numba import njit
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.errors import InfeasibleGoalError
-from mhsb_planner.s2_graph import Layout, StepGraph
+from mhsb_planner.s2_graph import StepGraph
+from mhsb_planner.s2_layout import Layout
 from mhsb_planner.s2_step import (
     INADMISSIBLE,
     Circuit,
@@ -153,8 +154,9 @@ def _steps_to_goal_on_node(
     graph: StepGraph, node: int, origins: IntArray, owner: IntArray
 ) -> Steps:
     """Steps to a goal that is a node: the graph's own to that node's states."""
-    edges, patterns = graph.edges, len(graph.table.patterns)
-    begin, count = edges.first[origins], edges.first[origins + 1] - edges.first[origins]
+    graph.steps.price(origins)
+    edges, patterns = graph.steps.edges, len(graph.table.patterns)
+    begin, count = edges.first[origins], edges.last[origins] - edges.first[origins]
     before = np.cumsum(count) - count
     edge = np.arange(count.sum()) + np.repeat(begin - before, count)
     arriving = edges.state[edge] // patterns == node

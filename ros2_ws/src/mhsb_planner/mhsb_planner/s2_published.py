@@ -42,6 +42,7 @@ class PublishedSearch:
             raise RequestError("heuristic scale", scale, "must be finite and not negative")
         table = query.graph.table
         self._query = query
+        self._edges = query.graph.edges
         self._patterns = len(table.patterns)
         self._goal = nodes = len(table.nodes)
         away = np.hypot(*(table.nodes * table.spacing - query.goal.tip).T)
@@ -104,10 +105,11 @@ class PublishedSearch:
         posture, pattern = graph.layout.owner.flat[own], own % self._patterns
         so_far, switches = self._cost[node], query.weight[2] * graph.switches[pattern]
 
-        part = slice(graph.edges.first[posture], graph.edges.first[posture + 1])
-        total = so_far + self._priced(graph.edges.cost[part])
-        total += switches[graph.edges.pattern[part]]
-        states = graph.edges.state[part].tolist()
+        edges = self._edges
+        part = slice(edges.first[posture], edges.last[posture])
+        total = so_far + self._priced(edges.cost[part])
+        total += switches[edges.pattern[part]]
+        states = edges.state[part].tolist()
         for step, (state, cost) in enumerate(zip(states, total.tolist(), strict=True), part.start):
             self._offer(Link(own, state, step), cost)
 

@@ -122,7 +122,7 @@ class Query:
                 node, pattern = divmod(state, len(table.patterns))
                 tips.append(tuple(table.nodes[node] * table.spacing))
                 postures.append(table.posture[node, pattern])
-                cost = steps.cost[step] if parent is None else graph.edges.cost[step]
+                cost = steps.cost[step] if parent is None else graph.steps.edges.cost[step]
             patterns.append(pattern)
             costs.append(cost)
         cost_of = np.array(costs)

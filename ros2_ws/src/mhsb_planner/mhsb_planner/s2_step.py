@@ -98,8 +98,10 @@ class Circuit(NamedTuple):
     leakage_flow: float  # m³/s, one valve
     efficiency: float  # of the servo pumps
     area: FloatArray  # [n, 2] A_dir [m²]
-    tank_force: FloatArray  # [n, 2] tank pressure on the outlet area [N]
+    per_area: FloatArray  # [n, 2] 1/A_dir [1/m²]
+    outlet: FloatArray  # [n, 2] p_L without load, from the tank pressure on the outlet [Pa]
     valve: FloatArray  # [n, 2] m(v)/v² [Pa s²/m²]
+    valve_at_top: FloatArray  # [n, 2] m(V_max) [Pa]
     pace: FloatArray  # [n, 3, 2] 1/V_max by mode [s/m]
     boosts: ModeArray  # [3] 1 for modes that use booster modules
     boosted: IntArray  # [patterns] bit j is set where joint j is boosted
@@ -110,7 +112,7 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
     """The numbers of a machine and its patterns uint8[patterns, n]."""
     n = len(m.cap_area)
     area = np.empty((n, 2))
-    tank_force = np.empty((n, 2))
+    outlet = np.empty((n, 2))
     valve = np.empty((n, 2))
     pace = np.empty((n, 3, 2))
     boosts = (m.modules_per_mode > 0).astype(np.uint8)
@@ -119,7 +121,7 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         for d in range(2):
             sign = 1.0 - 2.0 * d
             area[j, d] = hydraulics.inlet_area(cap, rod, sign)
-            tank_force[j, d] = m.tank_pressure * hydraulics.inlet_area(cap, rod, -sign)
+            outlet[j, d] = hydraulics.load_pressure(cap, rod, m.tank_pressure, 0.0, sign)
             valve[j, d] = hydraulics.valve_margin(m.valve_coefficient, cap, rod, sign)
             for mode in range(3):
                 fastest = m.max_piston_speed
@@ -139,8 +141,10 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         m.leakage_flow,
         m.servo_pump_efficiency,
         area,
-        tank_force,
+        1.0 / area,
+        outlet,
         valve,
+        valve * m.max_piston_speed**2,
         pace,
         boosts,
         boosted,
@@ -163,6 +167,7 @@ class Scratch(NamedTuple):
     move: FloatArray  # [postures of a node, n, MOVE_WIDTH]
     must: IntArray  # [postures of a node] bit j: joint j needs boost at any speed
     may: IntArray  # [postures of a node] bit j: joint j may need boost
+    middle: FloatArray  # [postures of a node, n] room for their `middle_force`
 
 
 @njit(cache=True, nogil=True)
@@ -175,64 +180,8 @@ def new_scratch(patterns: ModeArray) -> Scratch:
         np.empty((count, n, MOVE_WIDTH)),
         np.empty(count, dtype=np.int64),
         np.empty(count, dtype=np.int64),
+        np.empty((count, n)),
     )
-
-
-@njit(cache=True, nogil=True)
-def _pattern_cost(
-    c: Circuit, patterns: ModeArray, p: int, move: FloatArray, k: int, cost: FloatArray
-) -> int:
-    """Cost of move k in pattern p, written to cost[p]: T [s], E paper [J], E series [J].
-
-    Returns INADMISSIBLE (cost not written), WITHOUT_NEED or CONSISTENT.
-    """
-    boosts, pace = c.boosts, c.pace
-    n = patterns.shape[1]
-    duration = 0.0
-    volume = 0.0
-    for j in range(n):
-        d = int(move[k, j, DIRECTION])
-        duration = max(duration, move[k, j, STROKE] * pace[j, patterns[p, j], d])
-        volume += move[k, j, OIL]
-    duration = max(duration, volume / c.shared_flow)
-
-    status = CONSISTENT
-    rail = 0.0
-    for j in range(n):
-        boosted = boosts[patterns[p, j]] > 0
-        needed = False
-        if move[k, j, STROKE] > HELD:
-            speed = move[k, j, STROKE] / duration
-            reserve = move[k, j, VALVE] * speed * speed + c.boost_margin
-            worst = move[k, j, WORST] + reserve
-            if worst > c.max_boost_pressure:
-                return INADMISSIBLE
-            needed = worst > c.supply_pressure
-            if patterns[p, j] == SHARED:
-                rail = max(rail, move[k, j, MIDDLE] + reserve)
-        if needed and not boosted:
-            return INADMISSIBLE
-        if boosted and not needed:
-            status = WITHOUT_NEED
-
-    paper_sum = 0.0
-    series_sum = 0.0
-    for j in range(n):
-        paper = series = c.supply_pressure
-        if boosts[patterns[p, j]] > 0 and move[k, j, STROKE] > HELD:
-            supply = rail
-            if patterns[p, j] != SHARED:
-                speed = move[k, j, STROKE] / duration
-                supply = move[k, j, MIDDLE] + move[k, j, VALVE] * speed * speed + c.boost_margin
-            paper = max(paper, move[k, j, MIDDLE] / c.efficiency)
-            series += max(0.0, supply - c.supply_pressure) / c.efficiency
-        oil = move[k, j, OIL] + c.leakage_flow * duration
-        paper_sum += paper * oil
-        series_sum += series * oil
-    cost[p, DURATION] = duration
-    cost[p, ENERGY_PAPER] = paper_sum
-    cost[p, ENERGY_SERIES] = series_sum
-    return status
 
 
 @njit(cache=True, nogil=True)
@@ -257,14 +206,20 @@ def steps_to_node(
     Writes s.cost and s.status; the steps with the status returned may be taken, none where it
     is INADMISSIBLE. Oracle: the formulas above in plain NumPy.
     """
-    area, tank_force, valve, pace = c.area, c.tank_force, c.valve, c.pace
+    area, per_area, outlet, pace = c.area, c.per_area, c.outlet, c.pace
+    valve, valve_at_top = c.valve, c.valve_at_top
+    boosts, boosted = c.boosts, c.boosted
+    highest, margin, efficiency = c.max_boost_pressure, c.boost_margin, c.efficiency
     start_length, start_force = start.length, start.force
     end_length, end_force = end.length, end.force
-    cost, status, move, must, may = s
+    cost, status, move, must, may, _ = s
+    n = patterns.shape[1]
     for k in range(count):
-        must[k] = NO_PATTERN if math.isnan(middle_force[k, 0]) else 0
-        may[k] = 0
-        for j in range(patterns.shape[1]):
+        must[k] = may[k] = 0
+        if math.isnan(middle_force[k, 0]):
+            must[k] = NO_PATTERN
+            continue
+        for j in range(n):
             delta = end_length[first + k, j] - start_length[i, j]
             d = 0 if delta > 0.0 else 1
             sign = 1.0 - 2.0 * d
@@ -272,20 +227,17 @@ def steps_to_node(
             load = max(sign * start_force[i, j], at_middle, sign * end_force[first + k, j])
             worst = -math.inf
             if load > 0.0 and abs(delta) > HELD:
-                worst = (load + tank_force[j, d]) / area[j, d]
-                pressure = worst + c.boost_margin
-                top_speed = 1.0 / pace[j, 0, d]
-                if pressure > c.supply_pressure:
+                worst = load * per_area[j, d] + outlet[j, d]
+                if worst + margin > c.supply_pressure:
                     must[k] |= 1 << j
-                if pressure + valve[j, d] * top_speed * top_speed > c.supply_pressure:
+                if worst + margin + valve_at_top[j, d] > c.supply_pressure:
                     may[k] |= 1 << j
             move[k, j, STROKE] = abs(delta)
             move[k, j, DIRECTION] = d
             move[k, j, OIL] = area[j, d] * abs(delta)
             move[k, j, WORST] = worst
-            move[k, j, MIDDLE] = (at_middle + tank_force[j, d]) / area[j, d]
+            move[k, j, MIDDLE] = at_middle * per_area[j, d] + outlet[j, d]
             move[k, j, VALVE] = valve[j, d]
-    boosted = c.boosted
     for wanted in (CONSISTENT, WITHOUT_NEED):
         best = INADMISSIBLE
         for p in range(len(patterns)):
@@ -293,8 +245,52 @@ def steps_to_node(
             k = owner[p] - first
             if must[k] & ~boosted[p] or (wanted == CONSISTENT and boosted[p] & ~may[k]):
                 continue
-            status[p] = _pattern_cost(c, patterns, p, move, k, cost)
-            best = max(best, status[p])
+            # The price of move k in pattern p.
+            duration = volume = 0.0
+            for j in range(n):
+                d = int(move[k, j, DIRECTION])
+                duration = max(duration, move[k, j, STROKE] * pace[j, patterns[p, j], d])
+                volume += move[k, j, OIL]
+            duration = max(duration, volume / c.shared_flow)
+            found = CONSISTENT
+            rail = 0.0
+            for j in range(n):
+                needed = False
+                if move[k, j, STROKE] > HELD:
+                    speed = move[k, j, STROKE] / duration
+                    reserve = move[k, j, VALVE] * speed * speed + margin
+                    worst = move[k, j, WORST] + reserve
+                    if worst > highest:
+                        found = INADMISSIBLE
+                        break
+                    needed = worst > c.supply_pressure
+                    if patterns[p, j] == SHARED:
+                        rail = max(rail, move[k, j, MIDDLE] + reserve)
+                if needed and boosts[patterns[p, j]] == 0:
+                    found = INADMISSIBLE
+                    break
+                if boosts[patterns[p, j]] > 0 and not needed:
+                    found = WITHOUT_NEED
+            if found == INADMISSIBLE:
+                continue
+            paper_sum = series_sum = 0.0
+            for j in range(n):
+                paper = series = c.supply_pressure
+                if boosts[patterns[p, j]] > 0 and move[k, j, STROKE] > HELD:
+                    supply = rail
+                    if patterns[p, j] != SHARED:
+                        speed = move[k, j, STROKE] / duration
+                        supply = move[k, j, MIDDLE] + move[k, j, VALVE] * speed * speed + margin
+                    paper = max(paper, move[k, j, MIDDLE] / efficiency)
+                    series += max(0.0, supply - c.supply_pressure) / efficiency
+                oil = move[k, j, OIL] + c.leakage_flow * duration
+                paper_sum += paper * oil
+                series_sum += series * oil
+            cost[p, DURATION] = duration
+            cost[p, ENERGY_PAPER] = paper_sum
+            cost[p, ENERGY_SERIES] = series_sum
+            status[p] = found
+            best = max(best, found)
         if best == wanted:
             return best
     return INADMISSIBLE

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from mhsb_planner.s2_graph import StepGraph
+from mhsb_planner.s2_pricing import PricedSteps
+from mhsb_planner.s2_search import search
 
 
 def edges_from(graph, posture):
     """{state: (T, E paper, E series)} of the steps that leave a posture."""
-    first, state, _, cost = graph.edges
-    part = slice(first[posture], first[posture + 1])
-    return dict(zip(state[part].tolist(), map(tuple, cost[part]), strict=True))
+    edges = graph.edges
+    part = slice(edges.first[posture], edges.last[posture])
+    return dict(zip(edges.state[part].tolist(), map(tuple, edges.cost[part]), strict=True))
 
 
 def steps_by_the_book(graph, machine, posture, slow_steps):
@@ -57,6 +59,49 @@ def test_a_change_leaves_the_graph_it_came_from_as_it_was(graph, machine):
     assert graph.edges.cost.tobytes() == before
     with pytest.raises(ValueError, match="read-only"):
         graph.edges.cost[0, 0] = 0.0
+
+
+def test_a_search_prices_no_more_steps_than_it_comes_by(graph, machine):
+    arm = machine.changed(payload=9.0)
+    changed = graph.changed(arm)
+    assert not changed.steps.complete
+    start = graph.table.posture[graph.grid.node_at(0.55, 0.20), 0]
+    weights, normal = (0.5, 0.0, 2.0), np.zeros(3, dtype=np.uint8)
+    found = search(changed, start, normal, (0.68, 0.12), weights)
+    priced = np.flatnonzero(changed.steps.edges.first >= 0)
+    assert 0 < len(priced) < 0.9 * len(graph.layout.posture)
+
+    fresh = StepGraph(arm, graph.table)
+    expected = search(fresh, start, normal, (0.68, 0.12), weights)
+    assert found.cost == pytest.approx(expected.cost, rel=1e-9)
+    assert found.modes.tolist() == expected.modes.tolist()
+    for posture in priced[::10]:
+        steps, expected_steps = edges_from(changed, posture), edges_from(fresh, posture)
+        assert steps.keys() == expected_steps.keys()
+        for state, cost in steps.items():
+            assert cost == pytest.approx(expected_steps[state], rel=1e-9)
+    assert changed.steps.complete
+    assert len(changed.edges.state) == len(fresh.edges.state)
+
+
+def test_room_for_steps_grows_as_they_are_priced(graph):
+    steps = PricedSteps(graph.steps.terms, jobs=1, room=0)
+    for postures in np.array_split(np.arange(len(graph.layout.posture)), 7):
+        steps.price(postures)
+        steps.price(postures[:3])
+    assert steps.edges.used[0] == len(graph.edges.state)
+    assert steps.edges.cost[: len(graph.edges.cost)].tobytes() == graph.edges.cost.tobytes()
+
+
+def test_a_search_makes_room_for_the_steps_it_prices(graph, machine):
+    changed = graph.changed(machine)
+    changed.steps = PricedSteps(graph.steps.terms, jobs=1, room=0)
+    start = graph.table.posture[graph.grid.node_at(0.55, 0.20), 0]
+    goal, weights = (0.68, -0.32), (0.5, 0.0, 2.0)
+    paths = [search(each, start, np.zeros(3), goal, weights) for each in (graph, changed)]
+    assert paths[0].posture.tobytes() == paths[1].posture.tobytes()
+    assert paths[0].energy.tobytes() == paths[1].energy.tobytes()
+    assert paths[0].statistics.expanded == paths[1].statistics.expanded
 
 
 def test_every_state_has_its_posture_of_the_table(graph):

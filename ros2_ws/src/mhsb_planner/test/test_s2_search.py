@@ -43,7 +43,7 @@ def dijkstra_cost(graph, posture, modes, goal_xz, weights, column=1):
         costs.append(np.asarray(values, dtype=float))
 
     place, end = start_at(graph, posture), goal_at(graph, *goal_xz)
-    leaving = np.diff(edges.first)
+    leaving = edges.last - edges.first
     edge_cost = cost_of(edges.cost, column, weights)
     usable = np.flatnonzero(layout.owner.ravel() >= 0)
     count = leaving[layout.owner.ravel()[usable]]
