@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,12 +14,15 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.machine import load_machine
+from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.energy import Energy, energy_of_states
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
-from mhsb_sim.headless import GoalRun, HeadlessRun, Samples, TimedGoal
+from mhsb_sim.energy_comparison import Element, energy_elements
+from mhsb_sim.energy_comparison import as_text as energy_text
+from mhsb_sim.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
 from mhsb_sim.simulator import Simulator, energy_gap, volume_gap
 
 LONGEST_TIME = 3600.0  # s
@@ -49,7 +53,7 @@ def simulate(
         payload: Mass at the tip [kg]; the machine file's when left out.
         output: Folder for samples.csv (100 Hz, SI units) and summary.json.
         json_: Print one JSON object instead of text.
-        audit: Also print where all energy and all oil went.
+        audit: Also print where all energy and all oil went, and what the plans had expected.
     """
     goals = [_timed_goal(*values) for values in goal]
     arm = load_machine(machine).changed(payload=payload)
@@ -63,7 +67,8 @@ def simulate(
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
     samples = run.samples()
-    summary = summarize(results, samples, simulator.energies, seconds)
+    elements = energy_elements(planned_energy(arm, samples), simulator.energies)
+    summary = summarize(results, samples, simulator.energies, seconds, elements)
     if output is not None:
         write(output, samples, summary)
     if json_:
@@ -72,6 +77,7 @@ def simulate(
         print("\n".join(as_text(summary)))
         if audit:
             print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
+            print("\n".join(energy_text(elements)))
 
 
 def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:
@@ -82,8 +88,20 @@ def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:
     return TimedGoal(x, z, duration)
 
 
+def planned_energy(machine: Machine, samples: Samples) -> Energy:
+    """The planner's model of what the servo followed, each sample for the time to the next one."""
+    span = np.full(len(samples.time), SAMPLE_NS / SECOND_NS)
+    return energy_of_states(
+        machine, span, samples.reference, samples.reference_velocity, samples.modes
+    )
+
+
 def summarize(
-    results: list[GoalRun], samples: Samples, energies: dict[str, float], seconds: float
+    results: list[GoalRun],
+    samples: Samples,
+    energies: dict[str, float],
+    seconds: float,
+    elements: list[Element],
 ) -> dict[str, Any]:
     """The run in plain numbers; `seconds` of computing."""
     chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)
@@ -99,6 +117,7 @@ def summarize(
         "mode_switches": int(np.count_nonzero(np.diff(samples.modes.astype(int), axis=0))),
         "energy_measured_j": {"mp": energies["main_pump"], "sp": energies["servo_pumps"]},
         "energies_j": energies,
+        "energy_elements_j": [asdict(element) for element in elements],
     }
 
 

@@ -20,10 +20,11 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_planner.departure import Command
-from mhsb_planner.energy import motion_energy
+from mhsb_planner.energy import Energy, motion_energy
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
+from mhsb_sim.energy_comparison import Element, energy_elements
 from mhsb_sim.headless import BUDGET
 from mhsb_sim.needed_pressure import needed_pressure
 from mhsb_sim.replay import Replay, replay
@@ -86,14 +87,16 @@ class Script:
 class ScenarioResult:
     """All controllers in one scenario: a record of each, and pressures and errors to draw.
 
-    traces  per controller float64[k, 3 + n]: time [s], tip error [m], supply pressure of
-            each actuator [Pa], the highest need [Pa]; 100 rows a second
+    traces    per controller float64[k, 3 + n]: time [s], tip error [m], supply pressure of
+              each actuator [Pa], the highest need [Pa]; 100 rows a second
+    elements  per controller the planned and the simulated energy, element by element
     """
 
     scenario: Scenario
     records: tuple[StudyRecord, ...]
     refused: tuple[str, ...]
     traces: dict[str, FloatArray]
+    elements: dict[str, list[Element]]
 
     @property
     def records_by_controller(self) -> dict[str, StudyRecord]:
@@ -150,11 +153,15 @@ def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
     return run.supply_pressure - fading - machine.config.servo.supply_margin
 
 
+def planned_energy(script: Script, run: Replay) -> Energy:
+    """The planner's model of the motion that was followed."""
+    return motion_energy(script.machine, *run.followed(PLANNED_EVERY))
+
+
 def judge(script: Script, controller: str, run: Replay) -> StudyRecord:
     """The numbers of a run."""
     machine = script.machine
     error = 1e3 * run.tip_error(machine)
-    planned = motion_energy(machine, *run.followed(PLANNED_EVERY))
     return StudyRecord(
         scenario=script.scenario.name,
         controller=controller,
@@ -166,7 +173,7 @@ def judge(script: Script, controller: str, run: Replay) -> StudyRecord:
         relief_opened=run.energies["relief_valves"] > 0.0,
         energy_mp_j=run.energies["main_pump"],
         energy_sp_j=run.energies["servo_pumps"],
-        energy_planned_series_j=planned.series,
+        energy_planned_series_j=planned_energy(script, run).series,
         mode_switches=int(np.count_nonzero(np.diff(run.modes.astype(int), axis=0))),
         held_out=script.scenario.held_out,
     )
@@ -175,12 +182,13 @@ def judge(script: Script, controller: str, run: Replay) -> StudyRecord:
 def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
     """Every controller in one scenario."""
     script = script_of(machine, scenario)
-    records, traces = [], {}
+    records, traces, elements = [], {}, {}
     for controller in CONTROLLERS:
         run = perform(script, controller)
         records.append(judge(script, controller, run))
         traces[controller] = _trace(script.machine, run)
-    return ScenarioResult(scenario, tuple(records), script.refused, traces)
+        elements[controller] = energy_elements(planned_energy(script, run), run.energies)
+    return ScenarioResult(scenario, tuple(records), script.refused, traces, elements)
 
 
 def run_study(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +15,8 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
+from mhsb_sim.energy_comparison import Element, total
+from mhsb_sim.energy_comparison import as_text as energy_text
 from mhsb_sim.simulator import warm_up
 from mhsb_sim.study import ScenarioResult, StudyRecord, as_dicts, run_study
 from mhsb_sim.study_figures import draw_study
@@ -64,6 +67,7 @@ def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
                      positive, and of the largest ones over all scenarios
     energy_ratio    coordinated over independent, largest, where both track within 5 mm RMS
     planned_ratio   planned (series) over simulated energy of the coordinated controller
+    energy_elements_j  both, element by element, summed over all scenarios
     """
     pairs = [
         (each.records_by_controller["coordinated"], each.records_by_controller["independent"])
@@ -93,6 +97,7 @@ def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
         "energy_ratio": max((_energy(a) / _energy(b) for a, b in tracked), default=None),
         "energy_ratio_scenarios": len(tracked),
         "planned_ratio": {"least": float(planned.min()), "largest": float(planned.max())},
+        "energy_elements_j": [asdict(element) for element in energy_totals(results)],
         "relief_opened": {
             "coordinated": sum(a.relief_opened for a, _ in pairs),
             "independent": sum(b.relief_opened for _, b in pairs),
@@ -114,8 +119,14 @@ def as_text(results: Sequence[ScenarioResult], comparison: dict[str, Any]) -> li
             + "  ".join(_columns(record) for record in result.records)
         )
     lines.append("* gains were tuned on this scenario; R: a relief valve opened")
-    lines.append(json.dumps({k: v for k, v in comparison.items() if k != "goals_refused"}))
-    return lines + comparison["goals_refused"]
+    lines += ["", "coordinated, all scenarios together:", *energy_text(energy_totals(results)), ""]
+    shown = {k: v for k, v in comparison.items() if k not in ("goals_refused", "energy_elements_j")}
+    return [*lines, json.dumps(shown), *comparison["goals_refused"]]
+
+
+def energy_totals(results: Sequence[ScenarioResult]) -> list[Element]:
+    """Planned and simulated energy of the coordinated controller, over all scenarios."""
+    return total(result.elements["coordinated"] for result in results)
 
 
 def _columns(record: StudyRecord) -> str:

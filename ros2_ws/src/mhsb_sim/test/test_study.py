@@ -9,6 +9,7 @@ import pytest
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.s2_search import Weights
+from mhsb_sim.energy_comparison import Element
 from mhsb_sim.replay import Replay
 from mhsb_sim.study import (
     WINDOW,
@@ -136,7 +137,11 @@ def record(controller: str, rms: float, overshoot: float, energy: float) -> Stud
 def test_controllers_are_compared_by_the_worst_scenario(scenario: Scenario) -> None:
     results = [
         ScenarioResult(
-            scenario, (record("coordinated", *a), record("independent", *b)), ("no",), {}
+            scenario,
+            (record("coordinated", *a), record("independent", *b)),
+            ("no",),
+            {},
+            {"coordinated": [Element("delivered", 900.0, a[2])]},
         )
         for a, b in (
             ((0.5, 0.4, 1000.0), (4.0, 2.0, 990.0)),
@@ -150,6 +155,7 @@ def test_controllers_are_compared_by_the_worst_scenario(scenario: Scenario) -> N
     assert found["energy_ratio"] == pytest.approx(1000.0 / 990.0)
     assert found["energy_ratio_scenarios"] == 1
     assert found["goals_refused"] == ["no", "no"]
+    assert found["energy_elements_j"][0]["simulated"] == pytest.approx(2200.0)
     assert "0.50" in as_text(results, found)[2]
 
 
