@@ -20,6 +20,9 @@ SHORTEST_BRAKING_NS = 60_000_000
 
 POINT_SPACING_NS = 20_000_000
 
+CLOSEST_POINTS_NS = 1_000_000
+"""Points closer than this make the quintic between them numerically useless."""
+
 
 def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Trajectory:
     """Come to rest on the way of a trajectory, from its state at the absolute time `at_ns`.
@@ -35,10 +38,10 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
         return standstill(start.position, at_ns)
     duration_ns = _braking_ns(machine, start)
     left_ns = trajectory.end_ns - at_ns
-    if left_ns < SHORTEST_BRAKING_NS:
+    if left_ns < CLOSEST_POINTS_NS:
         return brake_from(machine, start, at_ns)
     if left_ns <= duration_ns:
-        offset = _offsets(left_ns)
+        offset = _offsets_left(trajectory, at_ns)
         q, qd, qdd = trajectory.sample_many(at_ns + offset)
         qd[-1] = 0.0
         return Trajectory(at_ns, offset, q, qd, qdd)
@@ -109,3 +112,12 @@ def _offsets(duration_ns: int) -> IntArray:
     """Evenly spaced times from 0 to the duration, at most POINT_SPACING_NS apart."""
     count = max(1, -(-duration_ns // POINT_SPACING_NS))
     return np.rint(np.linspace(0.0, duration_ns, count + 1)).astype(np.int64)
+
+
+def _offsets_left(trajectory: Trajectory, at_ns: int) -> IntArray:
+    """Times after `at_ns` of the points that are left, so that the curve remains the very same."""
+    left = trajectory.stamp_ns + trajectory.offset_ns - at_ns
+    left = left[left >= CLOSEST_POINTS_NS]
+    if left[0] > POINT_SPACING_NS:
+        left = np.concatenate([[left[0] // 2], left])
+    return np.concatenate([[0], left])

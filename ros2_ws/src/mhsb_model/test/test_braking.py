@@ -73,6 +73,18 @@ def test_a_motion_that_ends_sooner_than_braking_would_is_kept_to_its_end(machine
     assert braking.position[-1] == pytest.approx(motion.position[-1], abs=0)
 
 
+@pytest.mark.parametrize("left_ns", [2_000_000, 15_000_000, 45_000_000, 150_000_000])
+def test_what_is_left_of_a_motion_is_followed_exactly(machine, left_ns):
+    """Also where it decelerates sharply, which no braking from its state alone could follow."""
+    motion = swing(duration=0.5)
+    braking = brake_along(machine, motion, motion.end_ns - left_ns)
+    at = braking.stamp_ns + np.linspace(0, left_ns, 50).astype(np.int64)
+    q, qd, _ = braking.sample_many(at)
+    expected, rate, _ = motion.sample_many(at)
+    assert q == pytest.approx(expected, abs=1e-9)
+    assert qd == pytest.approx(rate, abs=1e-6)
+
+
 def test_an_arm_at_rest_brakes_with_a_single_point(machine):
     assert brake_along(machine, standstill(MIDDLE, STAMP), STAMP + 5).duration_ns == 0
     assert brake_along(machine, swing(), STAMP + 60 * SECOND_NS).duration_ns == 0

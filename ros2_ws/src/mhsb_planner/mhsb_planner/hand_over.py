@@ -10,13 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_model.braking import CLOSEST_POINTS_NS
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import IntArray
 from mhsb_planner.departure import Command
-
-CLOSEST_POINTS_NS = 1_000_000
-"""Points closer than this make the quintic between them numerically useless."""
 
 HOLD_SPACING_NS = 20_000_000
 

@@ -150,7 +150,10 @@ class Planner:
         """The steps to choose from; those with J3 fixed depend on the start and are made for it."""
         if options.planner == "table":
             return self.graph
-        j3 = float(posture[2]) if options.initial_j3 is None else options.initial_j3
+        limits = self.machine.arrays.joint_min[2], self.machine.arrays.joint_max[2]
+        j3 = options.initial_j3
+        if j3 is None:  # a start that noise has put beyond a limit is led inside
+            j3 = float(np.clip(posture[2], *limits))
         elbow = fixed_j3.elbow_side(self.machine, posture)
         return fixed_j3.fixed_j3_graph(self.machine, self.graph.table, j3, elbow)
 

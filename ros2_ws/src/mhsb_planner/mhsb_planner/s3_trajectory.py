@@ -22,6 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
@@ -63,7 +64,8 @@ SHORTEST_MOVE = 0.5
 SAME_POSTURE = 1e-9  # rad, rounding
 
 START_NOISE = 0.01
-"""A start this far outside the limits [rad, m] is taken as measurement noise on a valid one."""
+"""A start this far outside the limits [rad, m] is taken as measurement noise on a valid one: its
+motion returns inside and stays there."""
 
 USAGE_RESERVE = 1.003
 """Durations are stretched by this much more than the points need, for what lies between them."""
@@ -166,11 +168,11 @@ def fit_trajectory(
     if brake is not None and brake.duration_ns == 0:
         brake = None
     _check_meeting(path, start, brake)
-    machine = _admitting(machine, start.position)
+    limits, machine = machine.arrays, _admitting(machine, start.position)
     rules = rules or FitRules()
     refused: list[str] = []
     for candidate in _candidates(machine, path, start, brake, rules):
-        outcome = _stretched(machine, path, modes, candidate, rules)
+        outcome = _stretched(machine, limits, path, modes, candidate, rules)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused))
         refused.append(f"{candidate.name}: {outcome}")
@@ -210,7 +212,7 @@ def warm_up(machine: Machine) -> None:
     )
     start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
     for candidate in _candidates(machine, path, start, None, rules):
-        motion = _stretched(machine, path, modes, candidate, rules)
+        motion = _stretched(machine, machine.arrays, path, modes, candidate, rules)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
 
@@ -302,18 +304,22 @@ def _candidates(
 
 def _stretched(
     machine: Machine,
+    limits: MachineArrays,
     path: DiscretePath,
     modes: StartModes,
     candidate: _Candidate,
     rules: FitRules,
 ) -> FittedMotion | str:
-    """The candidate's motion, stretched as far as its limits ask; or why there is none."""
-    arrays, lead_in, stretch = machine.arrays, candidate.lead_in, candidate.stretch
+    """The candidate's motion, stretched as far as its limits ask; or why there is none.
+
+    The machine admits the start, `limits` are those to which a joint beyond them has to return.
+    """
+    lead_in, stretch = candidate.lead_in, candidate.stretch
     for _ in range(ROUNDS):
         curve = candidate.curve_at(stretch)
         trajectory, first = _sampled(curve, candidate.start, path.posture[-1], lead_in)
         position = trajectory.position[first:]
-        beyond = joint_excess(arrays, position).max()
+        beyond = _going_out(limits, position)
         if beyond > JOINT_TOLERANCE:
             return f"a joint limit is passed by {beyond:.3g} rad"
         if candidate.furthest is not None:
@@ -343,6 +349,13 @@ def _stretched(
         if stretch > rules.max_stretch * candidate.stretch:
             return "valves and pumps would need more than the longest duration allowed"
     return "stretching it did not bring it within what valves and pumps can do"
+
+
+def _going_out(limits: MachineArrays, position: FloatArray) -> float:
+    """How far a joint goes beyond its limits [rad], other than where it comes back from beyond."""
+    excess = np.maximum(limits.joint_min - position, position - limits.joint_max)
+    before = np.minimum.accumulate(np.maximum(excess, 0.0), axis=0)
+    return float((excess - before).max())
 
 
 def _sampled(

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mhsb_model.braking import CLOSEST_POINTS_NS
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_planner.departure import Command
-from mhsb_planner.hand_over import CLOSEST_POINTS_NS, change_over, hand_over
+from mhsb_planner.hand_over import change_over, hand_over
 
 STAMP = 1_700_000_000 * SECOND_NS
 BUDGET = 100_000_000
