@@ -157,6 +157,7 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
             "joint_deviation_rad": motion.joint_deviation,
             "refused": list(motion.refused),
         },
+        "warnings": [str(overload) for overload in motion.overloads],
         "expanded": path.statistics.expanded,
         "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
     }
@@ -182,6 +183,7 @@ def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
         f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
         f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
+        *(f"warning: {overload}" for overload in motion.overloads),
         "planned in "
         + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
     ]

@@ -34,6 +34,7 @@ from mhsb_model.workspace import node_set_excess
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.energy import motion_energy
 from mhsb_planner.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.overloads import Overload, overloads
 from mhsb_planner.s3_limits import (
     JOINT_TOLERANCE,
     Limit,
@@ -135,6 +136,7 @@ class FittedMotion:
     tip_deviation    m, greatest distance of the tip from a node when that node is due
     joint_deviation  rad, likewise of a joint
     refused          one sentence for each curve that was tried before
+    overloads        what rests under more than the highest boost can carry
     """
 
     trajectory: Trajectory
@@ -146,6 +148,7 @@ class FittedMotion:
     tip_deviation: float
     joint_deviation: float
     refused: tuple[str, ...] = ()
+    overloads: tuple[Overload, ...] = ()
 
 
 def fit_trajectory(
@@ -187,8 +190,17 @@ def fit_braking(
     trajectory = brake.shifted(-brake.stamp_ns)
     schedule = mode_schedule(machine, trajectory, modes, rules=switching)
     profile = motion_profile(machine, trajectory.position, trajectory.velocity)
-    excess = _speed_excess(machine, profile)
-    return FittedMotion(trajectory, schedule, FitMethod.BRAKING, True, 1.0, excess, 0.0, 0.0)
+    return FittedMotion(
+        trajectory,
+        schedule,
+        FitMethod.BRAKING,
+        braked=True,
+        stretch=1.0,
+        speed_excess=_speed_excess(machine, profile),
+        tip_deviation=0.0,
+        joint_deviation=0.0,
+        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
+    )
 
 
 def warm_up(machine: Machine) -> None:
@@ -439,6 +451,7 @@ def _fitted(
         _speed_excess(machine, profile),
         float(np.max(np.hypot(*(tips - path.tip).T))),
         float(np.max(np.abs(at_nodes - path.posture))),
+        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
     )
 
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.s3_limits import joint_excess
 from mhsb_planner.s3_trajectory import START_NOISE, FitError
 
-GOAL = (0.55, 0.20)
+BEYOND = 1e-3  # rad
 
 
 @pytest.fixture(scope="module")
@@ -16,22 +17,40 @@ def planner(machine, table):
     return Planner(machine, table)
 
 
+def cases_beyond(planner, options, beyond, count):
+    """Starts at a joint limit moved `beyond` it [rad], with a goal that can be reached from it."""
+    table, limits = planner.graph.table, planner.machine.arrays
+    random = np.random.default_rng(20)
+    nodes = np.flatnonzero(table.feasible)
+    while count:
+        here, there = random.choice(nodes, 2, replace=False)
+        start, goal = table.posture[here, 0], tuple(table.nodes[there] * table.spacing)
+        at_max = (limits.joint_max - start < 1e-9).astype(float)
+        at_min = (start - limits.joint_min < 1e-9).astype(float)
+        if not (at_max + at_min).any():
+            continue
+        try:
+            planner.plan(goal, MotionState.at_rest(start), options=options)
+        except MhsbError:
+            continue
+        count -= 1
+        yield MotionState.at_rest(start + beyond * (at_max - at_min)), goal
+
+
 @pytest.mark.parametrize("kind", ["table", "fixed"])
-@pytest.mark.parametrize("joint", [0, 1, 2])
-def test_a_start_beyond_a_joint_limit_by_noise_is_led_back_inside(planner, kind, joint):
-    machine = planner.machine
-    start = np.array([0.5, -1.2, -0.9])
-    start[joint] = machine.arrays.joint_max[joint] + 1e-3
-    plan = planner.plan(GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind))
-    excess = joint_excess(machine.arrays, plan.motion.trajectory.position)
-    assert excess[0] == pytest.approx(1e-3)
-    back = int(np.argmax(excess <= 1e-6))
-    assert np.all(np.diff(excess[:back]) <= 1e-9)
-    assert np.all(excess[back:] <= 1e-6)
-    assert plan.motion.trajectory.offset_ns[back] < 3 * SECOND_NS
+def test_a_start_beyond_a_joint_limit_by_noise_is_led_back_inside(planner, kind):
+    options = PlanOptions(planner=kind)
+    for start, goal in cases_beyond(planner, options, BEYOND, 10):
+        trajectory = planner.plan(goal, start, options=options).motion.trajectory
+        excess = joint_excess(planner.machine.arrays, trajectory.position)
+        assert excess[0] == pytest.approx(BEYOND)
+        back = int(np.argmax(excess <= 1e-6))
+        assert np.all(np.diff(excess[:back]) <= 1e-9)
+        assert np.all(excess[back:] <= 1e-6)
+        assert trajectory.offset_ns[back] < 5 * SECOND_NS
 
 
 def test_a_start_far_beyond_a_joint_limit_is_refused(planner):
-    start = np.array([0.5, -1.2, planner.machine.arrays.joint_max[2] + 2 * START_NOISE])
-    with pytest.raises(FitError, match="joint limit"):
-        planner.plan(GOAL, MotionState.at_rest(start))
+    for start, goal in cases_beyond(planner, PlanOptions(), 2 * START_NOISE, 3):
+        with pytest.raises(FitError, match="joint limit"):
+            planner.plan(goal, start)
