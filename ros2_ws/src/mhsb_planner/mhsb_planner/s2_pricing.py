@@ -101,7 +101,7 @@ def price(
 
 
 @njit(cache=True, nogil=True)
-def _price_all(
+def _price_range(
     t: Terms, missing: IntArray, leaving: IntArray, begin: int, end: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Steps of the postures missing[begin : end]; their numbers are written to leaving[missing]."""
@@ -199,7 +199,7 @@ class PricedSteps:
         with self.guard():
             missing = postures[self.edges.first[postures] == NOT_PRICED]
             leaving = np.empty(len(missing), dtype=np.int64)
-            work = partial(_price_all, self.terms, missing, leaving)
+            work = partial(_price_range, self.terms, missing, leaving)
             parts = _in_parallel(work, len(missing), self._jobs)
             total, count = int(leaving.sum()), int(self.edges.used[0])
             if count + total > len(self.edges.state):
