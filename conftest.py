@@ -1,4 +1,4 @@
-"""What the tests of all packages share: a ROS domain, child processes, a machine of four-bars.
+"""What the tests of all packages share: a ROS domain, child processes, two more machines.
 
 Each test run holds a lock on one ROS domain, so that runs side by side, and a user's own nodes
 in the default domain, do not hear each other.
@@ -17,6 +17,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -66,13 +67,48 @@ Found by `docs/four_bar_search.py` for arms of 45, 36 and 28 mm.
 """
 
 
+SLIDER_CRANKS = yaml.safe_load("""
+- limits: {lower: -0.84, upper: 1.52}
+  linkage:
+    kind: slider_crank
+    parent_pin: {radius: 0.25, angle: -1.57}
+    child_pin: {radius: 0.05, angle: -0.26}
+- limits: {lower: -2.05, upper: 0.14}
+  linkage:
+    kind: slider_crank
+    parent_pin: {radius: 0.20, angle: 2.95}
+    child_pin: {radius: 0.040, angle: 5.43}
+- limits: {lower: -2.20, upper: 0.20}
+  linkage:
+    kind: slider_crank
+    parent_pin: {radius: 0.20, angle: 2.95}
+    child_pin: {radius: 0.030, angle: 5.45}
+""")
+"""Joints that can be stretched out, and leave a fifth of the workspace out of reach."""
+
+
+def arm_with(joints: list[dict[str, object]], name: str) -> dict[str, Any]:
+    """Content of the suite's machine file with other linkages and limits."""
+    content = yaml.safe_load(config_file(MACHINE_FILE).read_text(encoding="utf-8"))
+    content["name"] = name
+    for joint, change in zip(content["joints"], joints, strict=True):
+        joint.update(change)
+    return content
+
+
 @pytest.fixture(scope="session")
 def four_bar_machine() -> Machine:
-    """The suite's arm, each joint on a four-bar."""
-    content = yaml.safe_load(config_file(MACHINE_FILE).read_text(encoding="utf-8"))
-    content["name"] = "four_bar_arm3"
-    for joint, change in zip(content["joints"], FOUR_BARS, strict=True):
-        joint.update(change)
+    """The suite's arm on four-bars of nearly constant arm."""
+    return Machine.from_config(MachineConfig.model_validate(arm_with(FOUR_BARS, "four_bar_arm3")))
+
+
+@pytest.fixture(scope="session")
+def slider_crank_machine() -> Machine:
+    """The suite's arm on slider-cranks, with small valves that hardly leak and flow to spare."""
+    content = arm_with(SLIDER_CRANKS, "slider_crank_arm3")
+    content["hydraulics"]["boost_margin"] = 2e5
+    content["hydraulics"]["main_pump"]["max_flow"] = 3.333e-5
+    content["hydraulics"]["valve"] |= {"rated_flow": 3.333e-5, "leakage_flow": 5e-7}
     return Machine.from_config(MachineConfig.model_validate(content))
 
 

@@ -1,6 +1,5 @@
 """The suite's own arm, for the tests of the model."""
 
-
 import pytest
 import yaml
 

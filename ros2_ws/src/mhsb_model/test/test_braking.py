@@ -108,6 +108,7 @@ def test_braking_from_a_state_keeps_joint_limits_where_it_can(machine):
     towards = MotionState(upper - 0.02, np.full(3, 0.25), np.zeros(3))
     braking = brake_from(machine, towards, STAMP)
     assert np.all(braking.position <= upper)
-    assert braking.duration_ns < brake_from(
-        machine, MotionState(MIDDLE, np.full(3, 0.25), np.zeros(3)), STAMP
-    ).duration_ns
+    assert (
+        braking.duration_ns
+        < brake_from(machine, MotionState(MIDDLE, np.full(3, 0.25), np.zeros(3)), STAMP).duration_ns
+    )

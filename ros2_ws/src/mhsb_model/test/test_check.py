@@ -29,8 +29,8 @@ def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
     assert "23 mode patterns" in text
 
 
-def test_the_report_tells_each_joints_kind_of_linkage(machine, four_bar_machine):
-    for arm, kind in ((machine, "slider_crank"), (four_bar_machine, "four_bar")):
+def test_the_report_tells_each_joints_kind_of_linkage(machine, slider_crank_machine):
+    for arm, kind in ((machine, "four_bar"), (slider_crank_machine, "slider_crank")):
         text = "\n".join(check.report(arm))
         assert re.findall(r"^ +[123]  (\w+) ", text, re.MULTILINE) == 3 * [kind]
 

@@ -28,9 +28,7 @@ def test_excess_is_the_distance_beyond_the_nearest_border(machine):
 @given(postures, postures)
 def test_moves_that_leave_the_region_are_found(machine, start, end):
     end = start + 0.2 * (end - start)  # as long as steps of the search are
-    at_ends = max(
-        node_set_excess(machine.arrays, *machine.tip_position(q)) for q in (start, end)
-    )
+    at_ends = max(node_set_excess(machine.arrays, *machine.tip_position(q)) for q in (start, end))
     beyond = excess_along(machine, start, end) - max(0.0, at_ends)
     if stays_inside(machine.arrays, start, end):
         assert beyond < 2e-4

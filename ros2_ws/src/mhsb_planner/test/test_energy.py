@@ -60,10 +60,7 @@ def test_energy_is_delivered_where_it_is_used(machine):
     )
     # The edges of the servo valves take what lies between the supply's and the load's pressures.
     supply = np.array(
-        [
-            max(required_pressure(m, j, force[j], v) for v in (0.0, speeds[j]))
-            for j in range(3)
-        ]
+        [max(required_pressure(m, j, force[j], v) for v in (0.0, speeds[j])) for j in range(3)]
     )
     supply = np.where([1, 1, 0], supply, m.supply_pressure)
     inlet = np.where(speeds > 0, m.cap_area, m.rod_area)
@@ -113,7 +110,8 @@ def test_a_short_step_at_constant_speed_costs_what_the_search_says(machine, patt
     assert energy.series == pytest.approx(float(series @ (m.cap_area * stroke + leakage)), rel=2e-3)
 
 
-def test_a_step_of_the_search_driven_at_its_own_speed_has_its_own_energy(machine):
+def test_a_step_of_the_search_driven_at_its_own_speed_has_its_own_energy(slider_crank_machine):
+    machine = slider_crank_machine
     start = np.array([0.05, -0.1, -0.1])
     end = start + [0.02, 0.01, 0.01]
     costs = step_costs(machine, start, end)
@@ -123,9 +121,7 @@ def test_a_step_of_the_search_driven_at_its_own_speed_has_its_own_energy(machine
     motion = constant_speed(machine, 0.5 * (start + end), stroke / duration, duration)
     # Moved back by half of it, so that the motion lies around the middle of the step.
     shifted = motion.position + start - 0.5 * (start + end)
-    motion = Trajectory(
-        0, motion.offset_ns, shifted, motion.velocity, motion.acceleration
-    )
+    motion = Trajectory(0, motion.offset_ns, shifted, motion.velocity, motion.acceleration)
     share = motion.duration_ns / SECOND_NS / duration
     energy = motion_energy(machine, motion, modes(*machine.patterns[best]))
     assert energy.paper == pytest.approx(share * costs.energy[best], rel=0.01)

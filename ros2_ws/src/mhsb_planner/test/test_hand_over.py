@@ -63,9 +63,7 @@ def test_both_messages_describe_the_very_same_curve_up_to_the_change(since, budg
     assert after[0] == pytest.approx(before[0], abs=1e-12)
     assert after[1] == pytest.approx(before[1], abs=1e-10)
     assert after[2] == pytest.approx(before[2], abs=1e-7)
-    assert np.array_equal(
-        old.schedule.modes_at_many(at[:-1]), new.schedule.modes_at_many(at[:-1])
-    )
+    assert np.array_equal(old.schedule.modes_at_many(at[:-1]), new.schedule.modes_at_many(at[:-1]))
 
 
 @given(st.integers(-SECOND_NS, 4 * SECOND_NS))

@@ -16,7 +16,8 @@ def test_nothing_to_do_costs_nothing(machine):
 def test_one_joint_pays_supply_pressure_for_its_oil_and_the_leakage(machine, change, area):
     goal = START + [change, 0.0, 0.0]
     stroke = abs(machine.cylinder_lengths(goal)[0] - machine.cylinder_lengths(START)[0])
-    by_hand = 4e6 * (area * stroke + 3 * 5e-7 * stroke / 0.012)
+    leakage = 3 * machine.config.hydraulics.valve.leakage_flow
+    by_hand = 4e6 * (area * stroke + leakage * stroke / 0.012)
     assert energy_lower_bound(machine, START, goal[None, :]) == pytest.approx(by_hand, rel=1e-4)
 
 

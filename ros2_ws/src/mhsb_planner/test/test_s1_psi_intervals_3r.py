@@ -73,7 +73,8 @@ def test_interval_ends_are_feasible_and_the_angles_just_beyond_are_not(machine):
                 assert joined or not feasible(machine.arrays, x, z, end + outwards, int(elbow), q)
 
 
-def test_the_arm_straight_out_is_one_point(machine):
+def test_the_arm_straight_out_is_one_point(slider_crank_machine):
+    machine = slider_crank_machine
     reach = sum(machine.arrays.link_length)
     found = intervals(machine, reach, 0.0)
     assert len(found) >= 1

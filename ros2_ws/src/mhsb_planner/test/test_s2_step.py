@@ -33,7 +33,7 @@ VARIANTS = {
     "as it is": {},
     "low supply pressure": {"main_pump__pressure": 1.5e6},
     "high supply pressure": {"main_pump__pressure": 9e6},
-    "little flow": {"main_pump__max_flow": 6e-6},
+    "little flow": {"main_pump__max_flow": 1.2e-5},
     "small valves": {"valve__rated_flow": 4e-6},
     "low boost pressure": {"servo_pump__max_boost_pressure": 5e6},
     "two modules": {"modules__count": 2},

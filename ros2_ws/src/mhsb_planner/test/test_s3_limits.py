@@ -24,9 +24,7 @@ def hold_schedule(*modes):
 def speed_limit(machine, j, force, direction, mode):
     m = machine.arrays
     modules = m.modules_per_mode[mode]
-    return s3_limits.speed_limit(
-        oil_of(m), m.cap_area[j], m.rod_area[j], force, direction, modules
-    )
+    return s3_limits.speed_limit(oil_of(m), m.cap_area[j], m.rod_area[j], force, direction, modules)
 
 
 def usage(machine, speed, force, modes):
@@ -137,7 +135,8 @@ def test_no_quintic_leaves_the_bound_on_its_joints(machine, seed):
     assert s3_limits.joint_excess(m, inside).max() <= bound[0] + 1e-12
 
 
-def test_leaving_the_node_set_is_seen(machine):
+def test_leaving_the_node_set_is_seen(slider_crank_machine):
+    machine = slider_crank_machine
     motion = ramp(np.array([1.4, 0.0, 0.0]), [1.5, 0.12, 0.15], 20.0)
     assert machine.tip_position(motion.position[-1])[0] < 0
     violation = first_violation(machine, motion, hold_schedule(1, 1, 1))
@@ -145,7 +144,8 @@ def test_leaving_the_node_set_is_seen(machine):
     assert "workspace" in str(violation)
 
 
-def test_a_load_above_the_supply_pressure_is_not_lifted_in_normal_mode(machine):
+def test_a_load_above_the_supply_pressure_is_not_lifted_in_normal_mode(slider_crank_machine):
+    machine = slider_crank_machine
     motion = ramp(np.array([0.0, 0.0, 0.0]), [0.05, 0.0, 0.0], 2.0)
     refused = first_violation(machine, motion, hold_schedule(0, 0, 0))
     assert refused.limit == Limit.USAGE

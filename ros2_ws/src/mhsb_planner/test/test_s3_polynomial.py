@@ -41,9 +41,7 @@ def least_squares_with_conditions(path, start, delay, duration, moving):
         given.append(start.acceleration * duration**2)
     conditions = np.vstack(fixed)
     count = len(conditions)
-    system = np.block(
-        [[rows.T @ rows, conditions.T], [conditions, np.zeros((count, count))]]
-    )
+    system = np.block([[rows.T @ rows, conditions.T], [conditions, np.zeros((count, count))]])
     solution = np.linalg.solve(system, np.vstack([rows.T @ wanted, np.array(given)]))
     return solution[: DEGREE + 1]
 

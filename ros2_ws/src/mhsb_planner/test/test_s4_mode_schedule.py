@@ -48,8 +48,7 @@ def runs(modes, time, j=0):
     """(mode, begin, end) of the runs of actuator j."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(modes[:, j])) + 1, [len(modes)]])
     return [
-        (int(modes[a, j]), float(time[a]), float(time[b]))
-        for a, b in itertools.pairwise(edges)
+        (int(modes[a, j]), float(time[a]), float(time[b])) for a, b in itertools.pairwise(edges)
     ]
 
 
@@ -157,9 +156,7 @@ def test_a_mode_that_has_just_been_switched_on_stays_for_its_dwell(machine):
 
 
 def test_start_modes_know_since_when_they_are_in_force():
-    schedule = ModeSchedule(
-        1000, [0, SECOND_NS, 3 * SECOND_NS], [[0, 0, 0], [1, 0, 0], [1, 2, 0]]
-    )
+    schedule = ModeSchedule(1000, [0, SECOND_NS, 3 * SECOND_NS], [[0, 0, 0], [1, 0, 0], [1, 2, 0]])
     start = StartModes.during(schedule, 1000 + 4 * SECOND_NS)
     assert start.modes.tolist() == [1, 2, 0]
     assert start.age == pytest.approx([3.0, 1.0, np.inf])
@@ -197,9 +194,10 @@ def test_a_schedule_begins_with_the_trajectory_and_ends_with_its_holding_modes(m
     assert schedule.stamp_ns == 77
     assert schedule.offset_ns[0] == 0
     assert schedule.end_ns == motion.end_ns
-    assert schedule.modes[-1].tolist() == holding_modes(
-        machine, machine.piston_forces(motion.position[-1])
-    ).tolist()
+    assert (
+        schedule.modes[-1].tolist()
+        == holding_modes(machine, machine.piston_forces(motion.position[-1])).tolist()
+    )
     assert np.all(schedule.modes[:, 0] > 0)
 
 

@@ -143,20 +143,22 @@ def evaluate(
     asked: Mapping[str, Setting] | None = None,
     jobs: int | None = None,
     progress: Progress | None = None,
+    known: Runs | None = None,
 ) -> Runs:
     """Run the settings asked for (default: all) on `jobs` threads.
 
     progress is told how many of `work_units` are done now. The result does not depend on jobs.
+    known: other runs of this machine, whose table serves here, too.
     Raises MachineFileError where the machine does not allow a change; a run without path is a
     result.
     """
     asked = settings() if asked is None else asked
     tell = progress or (lambda units: None)
     s1_global_search.warm_up(machine)
-    tables = {
-        pressure: _table(machine.changed(supply_pressure=pressure), jobs, tell)
-        for pressure in dict.fromkeys([None, *(s.table_pressure for s in asked.values())])
-    }
+    tables = {} if known is None else {None: known.table}
+    for pressure in (None, *(s.table_pressure for s in asked.values())):
+        if pressure not in tables:
+            tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, tell)
     own = StepGraph(machine, tables[None], jobs)
     groups: dict[tuple[float | None, ...], list[str]] = {}
     for name, setting in asked.items():
