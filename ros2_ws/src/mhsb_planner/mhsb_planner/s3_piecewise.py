@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.linkage import joint_angle, moment_arm, moment_arm_slope
+from mhsb_model.linkage import cylinder_length, joint_angle, moment_arm, moment_arm_slope
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.discrete_path import DiscretePath
@@ -48,6 +48,10 @@ class SmoothedPath:
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """q, q̇, q̈ at the times [s], float64[times, n] each."""
+        return joint_motion(self.machine.arrays, *self.pistons(time), self.start)
+
+    def pistons(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Lengths, piston speeds and accelerations at the times [s], float64[times, n] each."""
         cells = len(self.control) - 3
         cell = np.clip((time / self.knots).astype(np.int64), 0, cells - 1)
         u = (time / self.knots - cell)[:, None]
@@ -57,7 +61,7 @@ class SmoothedPath:
         speed = (1 - u) ** 2 * (p1 - p0) + (1 + 2 * u - 2 * u**2) * (p2 - p1) + u**2 * (p3 - p2)
         speed /= 2 * self.knots
         acceleration = ((1 - u) * (p2 - 2 * p1 + p0) + u * (p3 - 2 * p2 + p1)) / self.knots**2
-        return _joint_motion(self.machine.arrays, length, speed, acceleration, self.start)
+        return length, speed, acceleration
 
 
 def smoothed_path(
@@ -116,14 +120,18 @@ def stepped_path(path: DiscretePath, stretch: float) -> SteppedPath:
 
 
 @njit(cache=True, nogil=True)
-def _joint_motion(
+def joint_motion(
     m: MachineArrays,
     length: FloatArray,
     speed: FloatArray,
     acceleration: FloatArray,
     guess: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joint motion of a piston motion: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r."""
+    """Joint motion of a piston motion: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r.
+
+    Beyond the joint limits the linkage goes on as straight as it is there, so that a motion that
+    passes them shows it.
+    """
     rows, n = length.shape
     q = np.empty((rows, n))
     qd = np.empty((rows, n))
@@ -134,7 +142,7 @@ def _joint_motion(
         for k in range(rows):
             before = joint_angle(linkage, length[k, j], m.joint_min[j], m.joint_max[j], before)
             arm = moment_arm(linkage, before)
-            q[k, j] = before
+            q[k, j] = before + (length[k, j] - cylinder_length(linkage, before)) / arm
             qd[k, j] = speed[k, j] / arm
             slope = moment_arm_slope(linkage, before)
             qdd[k, j] = (acceleration[k, j] - slope * qd[k, j] ** 2) / arm
