@@ -25,11 +25,12 @@ from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures, goal_postures
-from mhsb_planner.integrated.lattice import LatticeSearch, least_step
+from mhsb_planner.integrated.lattice import LatticeSearch
 from mhsb_planner.integrated.refinement import shortcut, sweep
 from mhsb_planner.integrated.route import (
     Memory,
     Terms,
+    least_step,
     new_memory,
     path_of,
     price_route,
@@ -54,6 +55,7 @@ class Effort:
 
     psi_spacing  rad, between the goal postures
     cells        lattice steps between start and the farthest goal posture that is worth a thought
+    margin       lattice points beyond start and goal postures
     finest       m, least spacing of the lattice
     coarsest     m, largest
     expansions   states of the lattice to expand, at most
@@ -64,6 +66,7 @@ class Effort:
 
     psi_spacing: float = PSI_SPACING
     cells: int = 8
+    margin: int = 6
     finest: float = 1e-3
     coarsest: float = 10e-3
     expansions: int = 400
@@ -149,15 +152,13 @@ def search(
     goals = goal_postures(machine, *goal_xz, goal_psi, effort.psi_spacing)
     if _is_at(machine, posture, goals):
         return _no_steps(machine, posture, modes, time.perf_counter() - began)
-    weight = np.array([weights.energy, weights.time, weights.switches])
+    weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
     deadline = math.inf if budget is None else began + SEARCH_SHARE * budget
     task = _task(machine, posture, modes, goals, weight, energy_reading, deadline, effort)
     best = _straight(task)
     expanded = priced = 0
     if _leaves_room(task, best, WORTH_A_LATTICE):
-        lattice = LatticeSearch(task.terms, task.memory, machine, posture, _spacing(task, best))
-        best = _over_lattice(task, lattice, best)
-        expanded, priced = lattice.expanded, lattice.priced
+        best, expanded, priced = _over_lattice(task, best)
     if best is None:
         x, z = machine.tip_position(posture)
         raise NoPathError((float(x), float(z)), goals.tip)
@@ -233,17 +234,27 @@ def _spacing(task: Task, best: Route | None) -> float:
     return min(effort.coarsest, max(effort.finest, stroke / effort.cells))
 
 
-def _over_lattice(task: Task, lattice: LatticeSearch, best: Route | None) -> Route | None:
-    """The cheapest route over the lattice, where it is cheaper than the best so far."""
+def _over_lattice(task: Task, best: Route | None) -> tuple[Route | None, int, int]:
+    """The cheapest route over the lattice, or the best so far; states expanded, steps priced."""
+    effort = task.effort
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.least < limit)
-    goals = Postures(*(column[worth] for column in task.goals.postures))
-    found = lattice.search(goals, limit, task.effort.expansions, lambda: task.late)
-    if found is None:
-        return best
-    via, k = found
-    cost = task.price(via)
-    return task.to_goal(via, int(worth[k]), cost) if cost < limit else best
+    lattice = LatticeSearch(
+        task.terms,
+        task.memory,
+        task.machine,
+        task.start,
+        Postures(*(column[worth] for column in task.goals.postures)),
+        _spacing(task, best),
+        effort.margin,
+    )
+    found = lattice.search(limit, effort.expansions, lambda: task.late)
+    if found is not None:
+        via, k = found
+        cost = task.price(via)
+        if cost < limit:
+            best = task.to_goal(via, int(worth[k]), cost)
+    return best, lattice.expanded, lattice.priced
 
 
 def _refined(task: Task, best: Route) -> Route:

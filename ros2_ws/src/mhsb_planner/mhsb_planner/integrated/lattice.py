@@ -23,8 +23,7 @@ from mhsb_model.linkage import cylinder_length, joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.integrated.route import Memory, Terms, price_piece
-from mhsb_planner.lower_bound import least_cost
+from mhsb_planner.integrated.route import Memory, Terms, least_step, price_piece
 from mhsb_planner.s2_astar import _pop, _sift_up
 from mhsb_planner.s2_query import EXHAUSTED, FOUND, PAUSED
 from mhsb_planner.s2_step import DURATION, INADMISSIBLE, Postures
@@ -44,11 +43,18 @@ class Lattice(NamedTuple):
     moves: IntArray  # [3ⁿ − 1, n] −1, 0, 1
 
 
-def lattice_around(machine: Machine, posture: FloatArray, spacing: float) -> Lattice:
-    """Lattice with the posture [rad] among its points."""
+def lattice_around(
+    machine: Machine, posture: FloatArray, goals: FloatArray, spacing: float, margin: int
+) -> Lattice:
+    """Lattice with the posture [rad] among its points.
+
+    It covers the cylinder lengths goals[goals, n] [m] and `margin` points more on all sides, as
+    far as the joint limits allow.
+    """
     lengths, angles, below = [], [], []
     for j in range(machine.joint_count):
-        length, angle, start = _along_cylinder(machine, j, posture[j], spacing)
+        reach = goals[:, j].min() - margin * spacing, goals[:, j].max() + margin * spacing
+        length, angle, start = _along_cylinder(machine, j, posture[j], spacing, reach)
         lengths.append(length)
         angles.append(angle)
         below.append(start)
@@ -67,14 +73,17 @@ def lattice_around(machine: Machine, posture: FloatArray, spacing: float) -> Lat
 
 
 def _along_cylinder(
-    machine: Machine, j: int, angle: float, spacing: float
+    machine: Machine, j: int, angle: float, spacing: float, reach: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Lengths [m] of cylinder j every `spacing` within its limits, its angles, and the start's."""
+    """Lengths [m] of cylinder j every `spacing`, angles [rad] of its joint, and the start's place.
+
+    Within the joint's limits, and within `reach` [m] or at the start.
+    """
     linkage, low, high = machine.arrays.linkage[j], *_limits(machine, j)
     here = cylinder_length(linkage, angle)
     ends = sorted((cylinder_length(linkage, low), cylinder_length(linkage, high)))
-    below = max(0, math.floor((here - ends[0]) / spacing))
-    above = max(0, math.floor((ends[1] - here) / spacing))
+    below = max(0, math.floor((here - max(ends[0], reach[0])) / spacing))
+    above = max(0, math.floor((min(ends[1], reach[1]) - here) / spacing))
     length = here + spacing * np.arange(-below, above + 1)
     angles = np.array([joint_angle(linkage, at, low, high, angle) for at in length])
     angles[below] = angle
@@ -142,22 +151,6 @@ def _place(
     if math.isnan(f.force[point, 0]):
         piston_forces(t.machine, points.posture[i], f.force[point])
     points.force[i] = f.force[point]
-
-
-@njit(cache=True, nogil=True)
-def least_step(t: Terms, start: FloatArray, end: FloatArray) -> float:
-    """Least cost of a move between two cylinder lengths[n], in any modes."""
-    c = t.circuit
-    return least_cost(
-        c.area,
-        c.pace,
-        c.shared_flow,
-        len(start) * c.leakage_flow,
-        start,
-        end,
-        t.weight[0] * c.supply_pressure,
-        t.weight[1],
-    )
 
 
 @njit(cache=True, nogil=True)
@@ -291,15 +284,23 @@ def expand(
 
 
 class LatticeSearch:
-    """A search over the lattice around a start posture [rad]."""
+    """A search over the lattice from a start posture [rad] to goal postures."""
 
     portion = 50
 
     def __init__(
-        self, t: Terms, memory: Memory, machine: Machine, start: FloatArray, spacing: float
+        self,
+        t: Terms,
+        memory: Memory,
+        machine: Machine,
+        start: FloatArray,
+        goals: Postures,
+        spacing: float,
+        margin: int,
     ) -> None:
-        self._terms, self._memory = t, memory
-        self._lattice = lattice_around(machine, start, spacing)
+        self._terms, self._memory, self._goals = t, memory, goals
+        lengths = np.vstack([machine.cylinder_lengths(start), goals.length])
+        self._lattice = lattice_around(machine, start, lengths, spacing, margin)
         self._frontier = empty_frontier(self._lattice, len(t.patterns))
 
     @property
@@ -313,7 +314,7 @@ class LatticeSearch:
         return int(self._frontier.counts[2])
 
     def search(
-        self, goals: Postures, enough: float, expansions: int, late: Callable[[], bool]
+        self, enough: float, expansions: int, late: Callable[[], bool]
     ) -> tuple[FloatArray, int] | None:
         """Corners of the cheapest route, float64[points, n] m, and the goal it ends in.
 
@@ -327,13 +328,13 @@ class LatticeSearch:
                 self._memory,
                 self._frontier,
                 self._lattice,
-                goals,
+                self._goals,
                 enough,
                 min(self.portion, expansions - self.expanded),
             )
-        return self._found(goals) if status == FOUND else None
+        return self._found() if status == FOUND else None
 
-    def _found(self, goals: Postures) -> tuple[FloatArray, int]:
+    def _found(self) -> tuple[FloatArray, int]:
         lattice, parent = self._lattice, self._frontier.parent
         points = []
         state = int(parent[-1])
@@ -344,4 +345,4 @@ class LatticeSearch:
         index = (np.array(points[::-1])[:, None] // lattice.stride) % lattice.shape
         corners = lattice.length[np.arange(len(lattice.shape)), index]
         goal = int(self._frontier.reached[0])
-        return np.vstack([corners, goals.length[goal]]), goal
+        return np.vstack([corners, self._goals.length[goal]]), goal

@@ -10,10 +10,17 @@ import math
 import numpy as np
 from numba import njit
 
+from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
 from mhsb_model.linkage import cylinder_length
 from mhsb_model.types import FloatArray
-from mhsb_planner.integrated.route import Memory, Terms, price_route
+from mhsb_planner.integrated.route import (
+    Memory,
+    Terms,
+    begin_route,
+    continue_route,
+    price_route,
+)
 
 
 @njit(cache=True, nogil=True)
@@ -63,37 +70,57 @@ def sweep(
 ) -> tuple[float, float]:
     """One round of a compass search; returns cost and ψ.
 
-    Each corner is moved along each cylinder and along each pair, then ψ is turned, both ways.
+    Each corner is moved along each cylinder, then the goal's ψ is turned, both ways.
 
     via     float64[points, n] m, changed in place
     stroke  m, by which corners are moved
     turn    rad, by which the goal's ψ is turned; 0 leaves it
     """
-    m = t.machine
+    m, points = t.machine, w.points
     n = via.shape[1]
-    old = np.empty(n)
-    for i in range(1, len(via) - 1):
-        for j in range(n):
-            low = cylinder_length(m.linkage[j], m.joint_min[j])
-            high = cylinder_length(m.linkage[j], m.joint_max[j])
-            low, high = min(low, high), max(low, high)
+    parent = np.empty((1, len(t.patterns)), dtype=np.int64)
+    # What is known at the corner before the one that is moved: trials begin there.
+    value = np.empty(w.value.shape[1])
+    posture, force, kept = np.empty(n), np.empty(n), np.empty(n)
+    begin_route(t, w, via[0], start)
+    for i in range(1, len(via)):
+        if i > 1:
+            continue_route(t, w, via[i - 2 : i], math.inf, parent)
+        value[:] = w.value[0]
+        posture[:] = points.posture[0]
+        force[:] = points.force[0]
+        last = i == len(via) - 1
+        for k in range(1 if last else n):
             for sign in (-1.0, 1.0):
-                kept = via[i, j]
-                via[i, j] = min(high, max(low, kept + sign * stroke))
-                if via[i, j] == kept:
-                    continue
-                moved = price_route(t, w, via, start, cost)
-                if moved < cost:
-                    cost = moved
-                    break
-                via[i, j] = kept
-    if turn > 0.0:
-        for sign in (-1.0, 1.0):
-            old[:] = via[-1]
-            if goal_lengths(t, tip, elbow, psi + sign * turn, via[-1]):
-                moved = price_route(t, w, via, start, cost)
-                if moved < cost:
-                    cost, psi = moved, psi + sign * turn
-                    break
-            via[-1] = old
+                kept[:] = via[i]
+                if last:
+                    turned = psi + sign * turn
+                    moved = turn > 0.0 and goal_lengths(t, tip, elbow, turned, via[i])
+                else:
+                    moved = _move(m, via[i], k, sign * stroke)
+                if moved:
+                    points.posture[0] = posture
+                    points.length[0] = via[i - 1]
+                    points.force[0] = force
+                    w.value[0] = value
+                    trial = continue_route(t, w, via[i - 1 :], cost, parent)
+                    if trial < cost:
+                        cost = trial
+                        psi = turned if last else psi
+                        break
+                via[i] = kept
+        points.posture[0] = posture
+        points.length[0] = via[i - 1]
+        points.force[0] = force
+        w.value[0] = value
     return cost, psi
+
+
+@njit(cache=True, nogil=True)
+def _move(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
+    """Move a corner along cylinder j [m] as far as its limits allow; False where it stays."""
+    one = cylinder_length(m.linkage[j], m.joint_min[j])
+    other = cylinder_length(m.linkage[j], m.joint_max[j])
+    before = corner[j]
+    corner[j] = min(max(one, other), max(min(one, other), before + stroke))
+    return corner[j] != before

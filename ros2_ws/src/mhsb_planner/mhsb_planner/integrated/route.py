@@ -20,6 +20,7 @@ from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.lower_bound import least_cost
 from mhsb_planner.s2_step import (
     DURATION,
     ENERGY_PAPER,
@@ -75,7 +76,8 @@ class Memory(NamedTuple):
     points: Postures  # [2], both ends of the piece
     middle: FloatArray  # [1, n] cylinder forces half-way [N]
     owner: IntArray  # [2, patterns] for each point: all patterns end in this posture
-    value: FloatArray  # [2, patterns + 1] least cost so far by pattern of arrival
+    value: FloatArray  # [2, patterns + 1] least cost to both points by pattern of arrival; the
+    # last is that of the modes in force at the start
 
 
 @njit(cache=True, nogil=True)
@@ -141,26 +143,42 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def pieces_between(start: FloatArray, end: FloatArray, longest: float) -> int:
+def pieces_between(start: FloatArray, end: FloatArray) -> int:
     """Into how many pieces a straight move between two lengths[n] is cut."""
     stroke = 0.0
     for j in range(len(start)):
         stroke = max(stroke, abs(end[j] - start[j]))
-    return max(1, math.ceil(stroke / longest - 1e-9))
+    return max(1, math.ceil(stroke / PIECE - 1e-9))
 
 
 @njit(cache=True, nogil=True)
-def _advance(t: Terms, w: Memory, here: int, before: int, parent: IntArray) -> float:
-    """Take the piece between both points; the least cost so far, inf where there is no step.
+def least_step(t: Terms, start: FloatArray, end: FloatArray) -> float:
+    """Least cost of any way between two cylinder lengths[n], in any modes."""
+    c = t.circuit
+    return least_cost(
+        c.area,
+        c.pace,
+        c.shared_flow,
+        len(start) * c.leakage_flow,
+        start,
+        end,
+        t.weight[0] * c.supply_pressure,
+        t.weight[1],
+    )
 
-    here    the point that is left
-    before  row of w.value with the costs so far; the other is written
+
+@njit(cache=True, nogil=True)
+def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
+    """Take the piece from w.points[here], reached at w.value[here], to the other point.
+
     parent  int64[patterns], written: the pattern before, for each in which the piece may be run
+
+    Returns the least cost so far, inf where there is no step.
     """
     status = price_piece(t, w, here)
     if status == INADMISSIBLE:
         return math.inf
-    cost, value, after = w.scratch.cost, w.value[before], w.value[1 - before]
+    cost, value, after = w.scratch.cost, w.value[here], w.value[1 - here]
     w_energy, w_time, w_switch = t.weight
     after[:] = math.inf
     least = math.inf
@@ -179,47 +197,8 @@ def _advance(t: Terms, w: Memory, here: int, before: int, parent: IntArray) -> f
 
 
 @njit(cache=True, nogil=True)
-def price_route(
-    t: Terms, w: Memory, via: FloatArray, start: FloatArray, limit: float
-) -> float:
-    """Least cost of the route through the lengths via[points, n] [m]; inf where there is none.
-
-    start  float64[n] rad, the posture at via[0]
-    limit  costs that reach it do not matter: inf is returned
-    """
-    parent = np.empty((1, len(t.patterns)), dtype=np.int64)
-    return _price(t, w, via, start, limit, parent)
-
-
-@njit(cache=True, nogil=True)
-def _price(
-    t: Terms, w: Memory, via: FloatArray, start: FloatArray, limit: float, parent: IntArray
-) -> float:
-    """The same; parent[pieces or 1, patterns] is written, the pattern before each piece's.
-
-    With one row only the last piece's are kept.
-    """
-    begin_route(t, w, via[0], start)
-    here, before, row = 0, 0, 0
-    length = np.empty(via.shape[1])
-    least = 0.0
-    for s in range(len(via) - 1):
-        count = pieces_between(via[s], via[s + 1], PIECE)
-        for k in range(1, count + 1):
-            for j in range(len(length)):
-                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
-            place(t.machine, w.points, 1 - here, length, here)
-            least = _advance(t, w, here, before, parent[row])
-            if least >= limit:
-                return math.inf
-            here, before = 1 - here, 1 - before
-            row = row + 1 if row + 1 < len(parent) else 0
-    return least
-
-
-@njit(cache=True, nogil=True)
 def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) -> None:
-    """Put the start at the first point, and the modes in force before the first piece."""
+    """Be at the start of a route, with the modes in force there."""
     w.points.posture[0] = posture
     w.points.length[0] = length
     piston_forces(t.machine, posture, w.points.force[0])
@@ -228,15 +207,69 @@ def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) ->
 
 
 @njit(cache=True, nogil=True)
+def continue_route(
+    t: Terms, w: Memory, via: FloatArray, limit: float, parent: IntArray
+) -> float:
+    """Go on from w.points[0], which is at via[0], through the lengths via[points, n] [m].
+
+    limit   costs that reach it do not matter: inf is returned
+    parent  int64[pieces or 1, patterns], written: before which pattern each piece's pattern was;
+            with one row only the last piece's are kept
+
+    Returns the least cost so far, from the start of the route on, inf where there is no way;
+    otherwise w.points[0] and w.value[0] are at the end then.
+    """
+    rest = 0.0
+    for s in range(len(via) - 1):
+        rest += least_step(t, via[s], via[s + 1])
+    here, row = 0, 0
+    length = np.empty(via.shape[1])
+    least = 0.0
+    for s in range(len(via) - 1):
+        count = pieces_between(via[s], via[s + 1])
+        piece = least_step(t, via[s], via[s + 1]) / count
+        for k in range(1, count + 1):
+            for j in range(len(length)):
+                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
+            place(t.machine, w.points, 1 - here, length, here)
+            least = _advance(t, w, here, parent[row])
+            rest -= piece
+            if least + rest >= limit:
+                return math.inf
+            here = 1 - here
+            row = row + 1 if row + 1 < len(parent) else 0
+    if here == 1:
+        w.points.posture[0] = w.points.posture[1]
+        w.points.length[0] = w.points.length[1]
+        w.points.force[0] = w.points.force[1]
+        w.value[0] = w.value[1]
+    return least
+
+
+@njit(cache=True, nogil=True)
+def price_route(
+    t: Terms, w: Memory, via: FloatArray, start: FloatArray, limit: float
+) -> float:
+    """Least cost of the route through the lengths via[points, n] [m]; inf where there is none.
+
+    start  float64[n] rad, the posture at via[0]
+    limit  costs that reach it do not matter: inf is returned
+    """
+    begin_route(t, w, via[0], start)
+    return continue_route(t, w, via, limit, np.empty((1, len(t.patterns)), dtype=np.int64))
+
+
+@njit(cache=True, nogil=True)
 def _best_patterns(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> IntArray:
     """The pattern of every piece of a route on which there is a way, int64[pieces]."""
     pieces = 0
     for s in range(len(via) - 1):
-        pieces += pieces_between(via[s], via[s + 1], PIECE)
+        pieces += pieces_between(via[s], via[s + 1])
     parent = np.empty((pieces, len(t.patterns)), dtype=np.int64)
-    _price(t, w, via, start, math.inf, parent)
+    begin_route(t, w, via[0], start)
+    continue_route(t, w, via, math.inf, parent)
     pattern = np.empty(pieces, dtype=np.int64)
-    pattern[-1] = np.argmin(w.value[pieces % 2, :-1])
+    pattern[-1] = np.argmin(w.value[0, :-1])
     for k in range(pieces - 1, 0, -1):
         pattern[k - 1] = parent[k, pattern[k]]
     return pattern
@@ -253,7 +286,7 @@ def _unrolled(
     posture[0] = start
     here, row = 0, 0
     for s in range(len(via) - 1):
-        count = pieces_between(via[s], via[s + 1], PIECE)
+        count = pieces_between(via[s], via[s + 1])
         for k in range(1, count + 1):
             length = via[s] + (via[s + 1] - via[s]) * k / count
             place(t.machine, w.points, 1 - here, length, here)
