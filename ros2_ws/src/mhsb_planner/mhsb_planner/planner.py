@@ -8,19 +8,24 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
+from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import MotionState, Trajectory, standstill
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.types import FloatArray
 from mhsb_planner import fixed_j3, s2_search, s3_trajectory
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.energy import Energy, motion_energy
+from mhsb_planner.errors import NoPathError
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s2_graph import StepGraph
@@ -28,6 +33,7 @@ from mhsb_planner.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.s2_search import SearchMethod, Weights, search
 from mhsb_planner.s2_step import EnergyReading
 from mhsb_planner.s3_trajectory import (
+    FitError,
     FitRules,
     FittedMotion,
     TrajectoryKind,
@@ -76,8 +82,8 @@ class PlanOptions:
     @property
     def fit_rules(self) -> FitRules:
         """What S3 may do."""
-        followed = self.planner == "integrated"
-        return FitRules(self.trajectory or ("followed" if followed else "polynomial"))
+        kind = self.trajectory or ("followed" if self.planner == "integrated" else "polynomial")
+        return FitRules.following() if kind == "followed" else FitRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +103,33 @@ class Plan:
 
     @property
     def lower_bound(self) -> float:
-        """No plan from the path's start to the goal's postures takes less energy [J]."""
+        """No plan from the start to the goal's postures takes less energy [J].
+
+        Of the integrated planner: to any posture at the goal; of the others: to those they allow.
+        """
         return self.path.lower_bound
+
+    def cost(self, options: PlanOptions) -> float:
+        """w₁ E + w₂ T of the motion."""
+        energy = self.energy.paper if options.energy_reading == "paper" else self.energy.series
+        duration = self.motion.trajectory.duration_ns / SECOND_NS
+        return options.weights.energy * energy + options.weights.time * duration
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is asked of `Planner.plan`."""
+
+    goal: tuple[float, float]
+    start: MotionState
+    modes: StartModes
+    brake: Trajectory | None
+    options: PlanOptions
+
+    @property
+    def departure(self) -> FloatArray:
+        """Posture at rest from which the path begins [rad]."""
+        return self.start.position if self.brake is None else self.brake.position[-1]
 
 
 class Planner:
@@ -130,18 +161,33 @@ class Planner:
         modes  in force at the start; all N where left out
         brake  how a moving start comes to rest (`mhsb_model.braking`)
 
-        Raises OutOfWorkspaceError, InfeasibleGoalError, NoPathError, FitError, DeadlineError.
+        The integrated planner's motion is compared with that along the table's path, and the
+        better one taken. Raises OutOfWorkspaceError, InfeasibleGoalError, NoPathError, FitError,
+        DeadlineError.
         """
         options = options or PlanOptions()
         modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
+        task = _Task(goal, start, modes, brake, options)
+        if options.planner != "integrated":
+            return self._along(task, partial(self._searched, task))
+        table = partial(self._searched, replace(task, options=replace(options, planner="table")))
+        try:
+            found = self._along(task, partial(self._integrated, task))
+        except (NoPathError, FitError):
+            return self._along(task, table)
+        return self._or_cheaper(task, found, table)
+
+    def _along(self, task: _Task, search_path: Callable[[], DiscretePath]) -> Plan:
+        """The plan along the path that a search finds."""
         began = time.perf_counter()
-        departure = start.position if brake is None else brake.position[-1]
-        path = self._path(departure, modes.modes, goal, options)
+        path = search_path()
         searched = time.perf_counter()
         if path.steps > 0:
-            motion = fit_trajectory(self.machine, path, start, modes, brake, options.fit_rules)
+            rules = task.options.fit_rules
+            motion = fit_trajectory(self.machine, path, task.start, task.modes, task.brake, rules)
         else:
-            motion = fit_braking(self.machine, brake or standstill(start.position), modes)
+            still = task.brake or standstill(task.start.position)
+            motion = fit_braking(self.machine, still, task.modes)
         fitted = time.perf_counter()
         total = motion_energy(self.machine, motion.trajectory, motion.schedule)
         seconds = {
@@ -151,30 +197,49 @@ class Planner:
         }
         return Plan(path, motion, total, MappingProxyType(seconds))
 
-    def _path(
-        self,
-        departure: FloatArray,
-        modes: ModeArray,
-        goal: tuple[float, float],
-        options: PlanOptions,
-    ) -> DiscretePath:
-        """S2, or what takes its place, from a posture at rest [rad]."""
-        if options.planner == "integrated":
-            return integrated_search.search(
-                self.machine,
-                departure,
-                modes,
-                goal,
-                options.weights,
-                options.energy_reading,
-                goal_psi=options.goal_psi,
-                budget=options.budget,
-            )
+    def _or_cheaper(
+        self, task: _Task, found: Plan, other_path: Callable[[], DiscretePath]
+    ) -> Plan:
+        """The plan found, or the one along another path where that motion costs less.
+
+        The other is fitted only where its path is cheap enough. What a plan costs here is
+        w₁ E + w₂ T of its motion: a path's promise is not always kept by its motion.
+        """
+        options, began = task.options, time.perf_counter()
+        with suppress(MhsbError):
+            path = other_path()
+            promised = path.cost - options.weights.switches * path.switches
+            if promised < found.cost(options):
+                path = replace(path, lower_bound=found.lower_bound)
+                other = self._along(task, lambda: path)
+                if other.cost(options) < found.cost(options):
+                    found = other
+        seconds = {**found.seconds, "comparison": time.perf_counter() - began}
+        return replace(found, seconds=MappingProxyType(seconds))
+
+    def _integrated(self, task: _Task) -> DiscretePath:
+        """Path, posture and modes decided together."""
+        options = task.options
+        return integrated_search.search(
+            self.machine,
+            task.departure,
+            task.modes.modes,
+            task.goal,
+            options.weights,
+            options.energy_reading,
+            goal_psi=options.goal_psi,
+            budget=options.budget,
+            certified_from=task.start.position,
+        )
+
+    def _searched(self, task: _Task) -> DiscretePath:
+        """S2: a path over the graph of the postures that the planner takes."""
+        options = task.options
         return search(
-            self._graph_for(departure, options),
-            departure,
-            modes,
-            goal,
+            self._graph_for(task.departure, options),
+            task.departure,
+            task.modes.modes,
+            task.goal,
             options.weights,
             options.energy_reading,
             method=options.search,

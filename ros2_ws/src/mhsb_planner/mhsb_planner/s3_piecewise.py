@@ -69,14 +69,13 @@ def smoothed_path(
 ) -> SmoothedPath:
     """Smooth a discrete path over `window` s, its durations multiplied by `stretch`.
 
-    The window is the reach of one control point, four knots. The result lasts two to three knots
-    longer than the path.
+    The window is the reach of one control point, four knots; it is adjusted so that the path
+    lasts a whole number of knots. The result lasts two knots longer.
     """
     node_time = stretch * node_times(path)
     lengths = np.array([machine.cylinder_lengths(q) for q in path.posture])
-    knots = window / 4
-    cells = int(np.ceil(node_time[-1] / knots))
-    # The last control point may lie up to one knot after the path's end; the path rests there.
+    cells = max(1, round(node_time[-1] / (window / 4)))
+    knots = max(window / 4, node_time[-1]) if cells == 1 else node_time[-1] / cells
     at = knots * np.arange(-2, cells + 3)
     control = np.column_stack(
         [np.interp(at, node_time, lengths[:, j]) for j in range(machine.joint_count)]

@@ -124,6 +124,11 @@ class FitRules:
     max_excess: float = 1.0
     overrun: float = 2e-3
 
+    @classmethod
+    def following(cls) -> FitRules:
+        """Rules for a motion that follows its path, within V_max but for rounding."""
+        return cls("followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
+
 
 class FitError(MhsbError):
     """No trajectory along the discrete path keeps every limit; `refused` says why not."""
@@ -221,7 +226,7 @@ def warm_up(machine: Machine) -> None:
     )
     start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
     still = standstill(middle)
-    following = _candidates(machine, path, start, still, FitRules("followed"))
+    following = _candidates(machine, path, start, still, FitRules.following())
     for candidate in chain(_candidates(machine, path, start, None, rules), following):
         motion = _stretched(machine, path, modes, candidate, rules)
         if isinstance(motion, FittedMotion):

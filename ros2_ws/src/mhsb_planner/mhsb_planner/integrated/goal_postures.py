@@ -18,7 +18,7 @@ from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
 from mhsb_planner.s2_step import Postures, describe
 
-PSI_SPACING = math.radians(2.0)
+PSI_SPACING = math.radians(1.0)
 FEWEST = 8
 """Samples of an interval of ψ, at least."""
 

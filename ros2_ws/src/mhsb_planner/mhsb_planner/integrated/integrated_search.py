@@ -135,12 +135,14 @@ def search(
     *,
     goal_psi: float | None = None,
     budget: float | None = None,
+    certified_from: FloatArray | None = None,
     effort: Effort | None = None,
 ) -> DiscretePath:
     """Path from a posture [rad] and the modes in force to a tip position [m].
 
-    goal_psi  end-link angle asked for at the goal [rad]; None: whichever costs least
-    budget    s, for the whole plan; when the search's share is over, the best so far is taken
+    goal_psi        end-link angle asked for at the goal [rad]; None: whichever costs least
+    budget          s, for the whole plan; when the search's share is over, the best so far is taken
+    certified_from  posture from which the lower bound counts; the start where left out [rad]
 
     A start at the goal gives a path without steps. Raises OutOfWorkspaceError,
     InfeasibleGoalError, NoPathError.
@@ -164,7 +166,11 @@ def search(
         raise NoPathError((float(x), float(z)), goals.tip)
     if _leaves_room(task, best, GOOD_ENOUGH):
         best = _refined(task, best)
+    origin = posture if certified_from is None else certified_from
     energy = np.array([1.0, 0.0])
+    lower_bound = least_cost_to(
+        machine, task.terms.circuit, machine.cylinder_lengths(origin), goals, energy
+    )
     return path_of(
         task.terms,
         task.memory,
@@ -172,7 +178,7 @@ def search(
         best.cost,
         posture,
         modes,
-        least_cost_to(machine, task.terms.circuit, task.lengths, goals, energy),
+        lower_bound,
         SearchStatistics(expanded, priced, time.perf_counter() - began, task.late),
     )
 

@@ -313,6 +313,11 @@ class LatticeSearch:
         """Steps priced so far."""
         return int(self._frontier.counts[2])
 
+    @property
+    def cost(self) -> float:
+        """Cost of the route found."""
+        return float(self._frontier.cost[-1])
+
     def search(
         self, enough: float, expansions: int, late: Callable[[], bool]
     ) -> tuple[FloatArray, int] | None:

@@ -43,6 +43,12 @@ ROUNDING = 1e-9
 """The tip may lie this far outside the workspace [m]; farther only where it comes from there."""
 
 
+NEAR = 5e-3
+"""Within this of the workspace's edge a piece is looked at more closely [m]."""
+
+HALF_WAY = 2
+
+
 class Terms(NamedTuple):
     """By what routes are priced.
 
@@ -73,7 +79,7 @@ class Memory(NamedTuple):
     """Working memory of one thread, so that pricing allocates nothing."""
 
     scratch: Scratch
-    points: Postures  # [2], both ends of the piece
+    points: Postures  # [3], both ends of the piece and half-way
     middle: FloatArray  # [1, n] cylinder forces half-way [N]
     owner: IntArray  # [2, patterns] for each point: all patterns end in this posture
     value: FloatArray  # [2, patterns + 1] least cost to both points by pattern of arrival; the
@@ -84,7 +90,7 @@ class Memory(NamedTuple):
 def new_memory(t: Terms) -> Memory:
     """Working memory for these terms."""
     count, n = t.patterns.shape
-    points = Postures(np.empty((2, n)), np.empty((2, n)), np.empty((2, n)))
+    points = Postures(np.empty((3, n)), np.empty((3, n)), np.empty((3, n)))
     owner = np.zeros((2, count), dtype=np.int64)
     owner[1, :] = 1
     return Memory(
@@ -118,6 +124,27 @@ def _outside(m: MachineArrays, posture: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True)
+def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
+    """Whether the tip gets out of the workspace from points[here] to the other, or further out.
+
+    Near the edge also half-way in cylinder lengths: `middle_forces` looks at a straight line in
+    joint space, beside which a route curves.
+    """
+    begin, end = _outside(m, points.posture[here]), _outside(m, points.posture[1 - here])
+    allowed = max(ROUNDING, begin)
+    if end > allowed:
+        return True
+    if max(begin, end) < -NEAR:
+        return False
+    for j in range(points.length.shape[1]):
+        length = 0.5 * (points.length[0, j] + points.length[1, j])
+        points.posture[HALF_WAY, j] = joint_angle(
+            m.linkage[j], length, m.joint_min[j], m.joint_max[j], points.posture[here, j]
+        )
+    return _outside(m, points.posture[HALF_WAY]) > allowed
+
+
+@njit(cache=True, nogil=True)
 def price_piece(t: Terms, w: Memory, here: int) -> int:
     """Price the step from w.points[here] to the other one in all patterns, into w.scratch.
 
@@ -125,7 +152,7 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
     """
     there = 1 - here
     m, posture = t.machine, w.points.posture
-    if _outside(m, posture[there]) > max(ROUNDING, _outside(m, posture[here])):
+    if _leaves_workspace(m, w.points, here):
         return INADMISSIBLE
     middle_forces(m, posture[here], posture, there, w.middle)
     return steps_to_node(
