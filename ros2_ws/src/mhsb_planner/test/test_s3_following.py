@@ -5,6 +5,7 @@ import pytest
 
 from mhsb_model.braking import brake_along
 from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.workspace import node_set_excess
 from mhsb_planner.discrete_path import SearchStatistics
 from mhsb_planner.integrated.route import new_memory, path_of, price_route, terms
 from mhsb_planner.s3_following import followed_path
@@ -70,6 +71,9 @@ def straight_on(machine, start, strokes):
     """The path that moves the cylinders so far [m], piston speeds constant; None where none is."""
     t = terms(machine, np.zeros(3, dtype=np.uint8), np.array([1.0, 0.0, 0.0]), 1)
     here, memory = machine.cylinder_lengths(start), new_memory(t)
+    ends = np.sort(lengths(machine, [machine.arrays.joint_min, machine.arrays.joint_max]), axis=0)
+    if np.any(here + strokes < ends[0]) or np.any(here + strokes > ends[1]):
+        return None
     via = np.vstack([here, here + strokes])
     cost = price_route(t, memory, via, start, np.inf)
     if not np.isfinite(cost):
@@ -84,6 +88,8 @@ def test_an_arm_that_goes_on_as_it_moves_keeps_its_speed(machine):
     while tried < 5:
         start = random.uniform(limits.joint_min, limits.joint_max)
         strokes = random.uniform(-0.02, 0.02, 3)
+        if node_set_excess(limits, *machine.tip_position(start)) > 0.0:
+            continue
         first = straight_on(machine, start, strokes)
         if first is None or first.modes.any() or first.duration.sum() < 1.2:
             continue

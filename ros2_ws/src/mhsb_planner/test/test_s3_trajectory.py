@@ -279,7 +279,7 @@ def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
     warm_up(machine)
     kernels = [
         s3_limits._first_violation,
-        s3_piecewise._joint_motion,
+        s3_piecewise.joint_motion,
         s4_mode_schedule._interval_modes,
         s4_mode_schedule._largest_usage,
     ]
