@@ -95,12 +95,12 @@ def test_an_arm_that_goes_on_as_it_moves_keeps_its_speed(machine):
             continue
         rest = MotionState.at_rest(start)
         going = fit_trajectory(machine, first, rest, NORMAL, rules=RULES).trajectory
-        at_ns = int(0.6 * going.duration_ns)
+        at_ns = int(0.3 * going.duration_ns)
         brake = brake_along(machine, going, at_ns)
         left = machine.cylinder_lengths(start) + strokes
         left -= machine.cylinder_lengths(brake.position[-1])
         onward = straight_on(machine, brake.position[-1], left)
-        if onward is None or onward.modes.any() or onward.duration.sum() < 0.6:
+        if onward is None or onward.modes.any() or onward.duration.sum() < 0.4:
             continue
         tried += 1
         curve = followed_path(machine, onward, 0.8, brake, 1.0)
