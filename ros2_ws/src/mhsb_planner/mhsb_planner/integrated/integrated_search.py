@@ -69,10 +69,10 @@ class Effort:
     margin: int = 6
     finest: float = 1e-3
     coarsest: float = 10e-3
-    expansions: int = 400
+    expansions: int = 300
     strides: tuple[float, ...] = (0.5, 0.25, 0.125, 0.0625)
     turn: float = 0.1
-    sweeps: int = 6
+    sweeps: int = 4
 
 
 @dataclass(frozen=True, eq=False)
