@@ -70,9 +70,9 @@ class Effort:
     finest: float = 1e-3
     coarsest: float = 10e-3
     expansions: int = 300
-    strides: tuple[float, ...] = (0.5, 0.25, 0.125, 0.0625)
+    strides: tuple[float, ...] = (0.5, 0.25, 0.1)
     turn: float = 0.1
-    sweeps: int = 4
+    sweeps: int = 3
 
 
 @dataclass(frozen=True, eq=False)
