@@ -15,9 +15,10 @@ from tqdm import tqdm
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.planner import PlanOptions
+from mhsb_planner.planner import PlannerKind, PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
+from mhsb_planner.s3_trajectory import TrajectoryKind
 from mhsb_sim.headless import GoalRun, HeadlessRun, Samples, TimedGoal
 from mhsb_sim.simulator import Simulator, energy_gap, volume_gap
 
@@ -32,6 +33,8 @@ def simulate(
     controller: str = "coordinated",
     seed: int = 0,
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    planner: PlannerKind = "table",
+    trajectory: TrajectoryKind | None = None,
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
     audit: bool = False,
@@ -47,6 +50,9 @@ def simulate(
         controller: Servo controller, coordinated or independent.
         seed: Of the sensor noise.
         payload: Mass at the tip [kg]; the machine file's when left out.
+        planner: Where postures come from, as in `mhsb_planner plan`: table, fixed or integrated.
+        trajectory: How trajectories are made: polynomial or followed; followed for the integrated
+            planner, polynomial for the others when left out.
         output: Folder for samples.csv (100 Hz, SI units) and summary.json.
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went.
@@ -58,7 +64,7 @@ def simulate(
     simulator = Simulator(arm, controller, seed)
     simulator.step()  # compiles, which is not to be timed
     simulator.reset()
-    run = HeadlessRun(simulator, replanner, PlanOptions())
+    run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
     began = time.perf_counter()
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
