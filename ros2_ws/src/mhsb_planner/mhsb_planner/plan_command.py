@@ -147,6 +147,7 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
         "energy_j": made.energy.paper,
         "energy_series_j": made.energy.series,
         "lower_bound_j": made.lower_bound,
+        "gap": made.gap,
         "duration_discrete_s": float(path.duration.sum()),
         "duration_s": motion.trajectory.duration_ns / SECOND_NS,
         "switches": path.switches,
@@ -164,6 +165,7 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
             "refused": list(motion.refused),
         },
         "expanded": path.statistics.expanded,
+        "out_of_time": path.statistics.out_of_time,
         "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
     }
 
@@ -184,7 +186,7 @@ def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
         f"{made.lower_bound:.1f} J), {path.switches} mode switches",
         f"trajectory:    {motion.trajectory.duration_ns / SECOND_NS:.2f} s, "
         f"{made.energy.paper:.1f} J ({made.energy.series:.1f} J in series reading), "
-        f"{motion.schedule.switches} mode switches",
+        f"{motion.schedule.switches} mode switches, {100 * made.gap:.0f} % above the least energy",
         f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
         f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",

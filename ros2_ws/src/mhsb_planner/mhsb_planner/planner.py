@@ -109,6 +109,11 @@ class Plan:
         """
         return self.path.lower_bound
 
+    @property
+    def gap(self) -> float:
+        """Share by which the motion's energy, reading `paper`, exceeds the lower bound."""
+        return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
+
     def cost(self, options: PlanOptions) -> float:
         """w₁ E + w₂ T of the motion."""
         energy = self.energy.paper if options.energy_reading == "paper" else self.energy.series

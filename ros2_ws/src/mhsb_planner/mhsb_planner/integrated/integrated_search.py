@@ -320,14 +320,16 @@ def _no_steps(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile everything that a search can run through: two searches in small."""
+    """Compile everything that a search can run through, whatever the stages of this one need."""
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
-    modes = np.zeros(machine.joint_count, dtype=np.uint8)
-    few = Effort(psi_spacing=1.0, expansions=2, sweeps=1)
-    start, end = low + 0.5 * (high - low), low + 0.6 * (high - low)
+    start, end = low + 0.5 * (high - low), low + 0.52 * (high - low)
     x, z = machine.tip_position(end)
-    for psi in (None, float(end.sum())):
-        with suppress(MhsbError):
-            search(
-                machine, start, modes, (x, z), Weights(1.0, 1.0, 1.0), goal_psi=psi, effort=few
-            )
+    modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
+    effort = Effort(psi_spacing=1.0, expansions=2, sweeps=1)
+    with suppress(MhsbError):
+        search(machine, start, modes, (x, z), weights, goal_psi=float(end.sum()), effort=effort)
+        goals = goal_postures(machine, x, z, None, effort.psi_spacing)
+        task = _task(machine, start, modes, goals, np.ones(3), "paper", math.inf, effort)
+        via = np.array([task.lengths, goals.postures.length[0]])
+        _over_lattice(task, None)
+        _refined(task, task.to_goal(via, 0, task.price(via)))
