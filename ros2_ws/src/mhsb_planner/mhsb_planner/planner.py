@@ -46,6 +46,9 @@ ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
 
+PROMISE_KEPT = 0.85
+"""A motion costs at least this share of what its path promises, or it is not looked at."""
+
 PlannerKind = Literal["table", "fixed", "integrated"]
 PLANNER_KINDS: tuple[PlannerKind, ...] = ("table", "fixed", "integrated")
 
@@ -214,7 +217,7 @@ class Planner:
         with suppress(MhsbError):
             path = other_path()
             promised = path.cost - options.weights.switches * path.switches
-            if promised < found.cost(options):
+            if PROMISE_KEPT * promised < found.cost(options):
                 path = replace(path, lower_bound=found.lower_bound)
                 other = self._along(task, lambda: path)
                 if other.cost(options) < found.cost(options):
