@@ -11,11 +11,15 @@ from mhsb_model.types import FloatArray, ModeArray, frozen
 
 @dataclass(frozen=True)
 class SearchStatistics:
-    """What a search took: states expanded, states generated (steps looked at), seconds."""
+    """What a search took: states expanded, states generated (steps looked at), seconds.
+
+    out_of_time: whether it was ended by its budget, with the best path found until then
+    """
 
     expanded: int
     generated: int
     seconds: float
+    out_of_time: bool = False
 
 
 @dataclass(frozen=True, eq=False)

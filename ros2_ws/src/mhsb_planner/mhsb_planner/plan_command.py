@@ -22,6 +22,7 @@ from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.s2_search import SearchMethod, Weights
 from mhsb_planner.s2_step import EnergyReading
+from mhsb_planner.s3_trajectory import TrajectoryKind
 
 Point = tuple[float, float]
 
@@ -41,6 +42,7 @@ def plan(
     heuristic_scale: Annotated[
         float, tyro.conf.arg(metavar="PER_M")
     ] = DEFAULT_HEURISTIC_SCALE,
+    trajectory: TrajectoryKind | None = None,
     energy_reading: EnergyReading = "paper",
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
     supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
@@ -62,12 +64,15 @@ def plan(
         table: Posture table (npz); built and kept in the user's cache when left out.
         weights: Of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
         planner: Where postures come from: table takes those of the posture table, fixed keeps
-            joint 3 and changes it by 1 degree at a time where the others have no solution; table
-            when left out.
+            joint 3 and changes it by 1 degree at a time where the others have no solution,
+            integrated decides them together with path and modes; table when left out.
         initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture
             table at the start when left out.
         search: The exact search, or the published one with one label for each node.
         heuristic_scale: Of the published search, cost per distance from the goal [1/m].
+        trajectory: How the trajectory is made: polynomial as published, or the discrete path
+            followed; followed for the integrated planner, polynomial for the others when left
+            out.
         energy_reading: Price of boosted oil that the search minimises.
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Of the main pump [Pa]; the machine file's when left out.
@@ -93,6 +98,7 @@ def plan(
         goal_psi=goal_psi,
         search=search,
         heuristic_scale=heuristic_scale,
+        trajectory=trajectory,
     )
     made = suite.plan(asked.goal, MotionState.at_rest(posture), options=options)
     seconds = {**made.seconds, "total": time.perf_counter() - began}
@@ -141,6 +147,7 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
         "energy_j": made.energy.paper,
         "energy_series_j": made.energy.series,
         "lower_bound_j": made.lower_bound,
+        "gap": made.gap,
         "duration_discrete_s": float(path.duration.sum()),
         "duration_s": motion.trajectory.duration_ns / SECOND_NS,
         "switches": path.switches,
@@ -159,6 +166,7 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
         },
         "warnings": [str(overload) for overload in motion.overloads],
         "expanded": path.statistics.expanded,
+        "out_of_time": path.statistics.out_of_time,
         "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
     }
 
@@ -179,7 +187,7 @@ def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
         f"{made.lower_bound:.1f} J), {path.switches} mode switches",
         f"trajectory:    {motion.trajectory.duration_ns / SECOND_NS:.2f} s, "
         f"{made.energy.paper:.1f} J ({made.energy.series:.1f} J in series reading), "
-        f"{motion.schedule.switches} mode switches",
+        f"{motion.schedule.switches} mode switches, {100 * made.gap:.0f} % above the least energy",
         f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
         f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",

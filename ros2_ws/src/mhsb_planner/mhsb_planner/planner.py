@@ -8,33 +8,49 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
+from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import MotionState, Trajectory, standstill
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
 from mhsb_planner import fixed_j3, s2_search, s3_trajectory
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.energy import Energy, motion_energy
+from mhsb_planner.errors import NoPathError
+from mhsb_planner.integrated import integrated_search
 from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s2_graph import StepGraph
 from mhsb_planner.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.s2_search import SearchMethod, Weights, search
 from mhsb_planner.s2_step import EnergyReading
-from mhsb_planner.s3_trajectory import FittedMotion, fit_braking, fit_trajectory
+from mhsb_planner.s3_trajectory import (
+    FitError,
+    FitRules,
+    FittedMotion,
+    TrajectoryKind,
+    fit_braking,
+    fit_trajectory,
+)
 from mhsb_planner.s4_mode_schedule import StartModes
 
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
 
-PlannerKind = Literal["table", "fixed"]
-PLANNER_KINDS: tuple[PlannerKind, ...] = ("table", "fixed")
+PROMISE_KEPT = 0.85
+"""A motion costs at least this share of what its path promises, or it is not looked at."""
+
+PlannerKind = Literal["table", "fixed", "integrated"]
+PLANNER_KINDS: tuple[PlannerKind, ...] = ("table", "fixed", "integrated")
 
 
 @dataclass(frozen=True)
@@ -45,7 +61,10 @@ class PlanOptions:
     energy_reading   `paper` or `series`
     goal_psi         rad, end-link angle at the goal; None leaves it free
     budget           s, for the search; None takes what it needs
-    planner          where postures come from: the posture `table`, or J3 `fixed` (`fixed_j3`)
+    planner          where postures come from: the posture `table`, J3 `fixed` (`fixed_j3`), or
+                     decided with path and modes, `integrated`
+    trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
+                     None: followed for the integrated planner, polynomial for the others
     initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
@@ -57,10 +76,17 @@ class PlanOptions:
     goal_psi: float | None = None
     budget: float | None = None
     planner: PlannerKind = "table"
+    trajectory: TrajectoryKind | None = None
     initial_j3: float | None = None
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
     max_expansions: int | None = None
+
+    @property
+    def fit_rules(self) -> FitRules:
+        """What S3 may do."""
+        kind = self.trajectory or ("followed" if self.planner == "integrated" else "polynomial")
+        return FitRules.following() if kind == "followed" else FitRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +106,38 @@ class Plan:
 
     @property
     def lower_bound(self) -> float:
-        """No plan from the path's start to the goal's postures takes less energy [J]."""
+        """No plan from the start to the goal's postures takes less energy [J].
+
+        Of the integrated planner: to any posture at the goal; of the others: to those they allow.
+        """
         return self.path.lower_bound
+
+    @property
+    def gap(self) -> float:
+        """Share by which the motion's energy, reading `paper`, exceeds the lower bound."""
+        return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
+
+    def cost(self, options: PlanOptions) -> float:
+        """w₁ E + w₂ T of the motion."""
+        energy = self.energy.paper if options.energy_reading == "paper" else self.energy.series
+        duration = self.motion.trajectory.duration_ns / SECOND_NS
+        return options.weights.energy * energy + options.weights.time * duration
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is asked of `Planner.plan`."""
+
+    goal: tuple[float, float]
+    start: MotionState
+    modes: StartModes
+    brake: Trajectory | None
+    options: PlanOptions
+
+    @property
+    def departure(self) -> FloatArray:
+        """Posture at rest from which the path begins [rad]."""
+        return self.start.position if self.brake is None else self.brake.position[-1]
 
 
 class Planner:
@@ -113,30 +169,33 @@ class Planner:
         modes  in force at the start; all N where left out
         brake  how a moving start comes to rest (`mhsb_model.braking`)
 
-        Raises OutOfWorkspaceError, InfeasibleGoalError, NoPathError, FitError, DeadlineError.
+        The integrated planner's motion is compared with that along the table's path, and the
+        better one taken. Raises OutOfWorkspaceError, InfeasibleGoalError, NoPathError, FitError,
+        DeadlineError.
         """
         options = options or PlanOptions()
         modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
+        task = _Task(goal, start, modes, brake, options)
+        if options.planner != "integrated":
+            return self._along(task, partial(self._searched, task))
+        table = partial(self._searched, replace(task, options=replace(options, planner="table")))
+        try:
+            found = self._along(task, partial(self._integrated, task))
+        except (NoPathError, FitError):
+            return self._along(task, table)
+        return self._or_cheaper(task, found, table)
+
+    def _along(self, task: _Task, search_path: Callable[[], DiscretePath]) -> Plan:
+        """The plan along the path that a search finds."""
         began = time.perf_counter()
-        departure = start.position if brake is None else brake.position[-1]
-        path = search(
-            self._graph_for(departure, options),
-            departure,
-            modes.modes,
-            goal,
-            options.weights,
-            options.energy_reading,
-            method=options.search,
-            heuristic_scale=options.heuristic_scale,
-            goal_psi=options.goal_psi,
-            budget=options.budget,
-            max_expansions=options.max_expansions,
-        )
+        path = search_path()
         searched = time.perf_counter()
         if path.steps > 0:
-            motion = fit_trajectory(self.machine, path, start, modes, brake)
+            rules = task.options.fit_rules
+            motion = fit_trajectory(self.machine, path, task.start, task.modes, task.brake, rules)
         else:
-            motion = fit_braking(self.machine, brake or standstill(start.position), modes)
+            still = task.brake or standstill(task.start.position)
+            motion = fit_braking(self.machine, still, task.modes)
         fitted = time.perf_counter()
         total = motion_energy(self.machine, motion.trajectory, motion.schedule)
         seconds = {
@@ -145,6 +204,58 @@ class Planner:
             "energy": time.perf_counter() - fitted,
         }
         return Plan(path, motion, total, MappingProxyType(seconds))
+
+    def _or_cheaper(
+        self, task: _Task, found: Plan, other_path: Callable[[], DiscretePath]
+    ) -> Plan:
+        """The plan found, or the one along another path where that motion costs less.
+
+        The other is fitted only where its path is cheap enough. What a plan costs here is
+        w₁ E + w₂ T of its motion: a path's promise is not always kept by its motion.
+        """
+        options, began = task.options, time.perf_counter()
+        with suppress(MhsbError):
+            path = other_path()
+            promised = path.cost - options.weights.switches * path.switches
+            if PROMISE_KEPT * promised < found.cost(options):
+                path = replace(path, lower_bound=found.lower_bound)
+                other = self._along(task, lambda: path)
+                if other.cost(options) < found.cost(options):
+                    found = other
+        seconds = {**found.seconds, "comparison": time.perf_counter() - began}
+        return replace(found, seconds=MappingProxyType(seconds))
+
+    def _integrated(self, task: _Task) -> DiscretePath:
+        """Path, posture and modes decided together."""
+        options = task.options
+        return integrated_search.search(
+            self.machine,
+            task.departure,
+            task.modes.modes,
+            task.goal,
+            options.weights,
+            options.energy_reading,
+            goal_psi=options.goal_psi,
+            budget=options.budget,
+            certified_from=task.start.position,
+        )
+
+    def _searched(self, task: _Task) -> DiscretePath:
+        """S2: a path over the graph of the postures that the planner takes."""
+        options = task.options
+        return search(
+            self._graph_for(task.departure, options),
+            task.departure,
+            task.modes.modes,
+            task.goal,
+            options.weights,
+            options.energy_reading,
+            method=options.search,
+            heuristic_scale=options.heuristic_scale,
+            goal_psi=options.goal_psi,
+            budget=options.budget,
+            max_expansions=options.max_expansions,
+        )
 
     def _graph_for(self, posture: FloatArray, options: PlanOptions) -> StepGraph:
         """The steps to choose from; those with J3 fixed depend on the start and are made for it."""
@@ -162,4 +273,5 @@ def warm_up(planner: Planner) -> None:
     """Compile everything that a plan runs through."""
     s2_search.warm_up(planner.graph)
     fixed_j3.warm_up(planner.graph)
+    integrated_search.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)

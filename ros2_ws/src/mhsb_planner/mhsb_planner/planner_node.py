@@ -334,7 +334,10 @@ class PlannerNode(Node):
         self._report(
             GoalVerdict(
                 Verdict.OK,
-                "; ".join([where, *map(str, replan.plan.motion.overloads)]),
+                "; ".join([
+                    _announcement(replan, goal, summary.duration_s),
+                    *map(str, replan.plan.motion.overloads),
+                ]),
                 goal.stamp_ns,
                 goal.x,
                 goal.z,
@@ -457,6 +460,14 @@ def planner_node() -> int:
     NAME` gives meaning and unit of each.
     """
     return spin_node(PlannerNode)
+
+
+def _announcement(replan: Replan, goal: Goal, duration: float) -> str:
+    """One sentence on an accepted goal."""
+    sentence = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {duration:.1f} s"
+    if replan.plan.path.statistics.out_of_time:
+        sentence += ", the best found within the planning budget"
+    return sentence
 
 
 def main() -> int:

@@ -30,7 +30,7 @@ LONGEST_BUDGET = 5.0  # s
 class PlannerParameters:
     """What the parameters ask for; SI units.
 
-    planner          where postures come from, `table` or `fixed`
+    planner          where postures come from, `table`, `fixed` or `integrated`
     weights          (w1, w2, w3) of energy, time and mode switches
     energy_reading   price of boosted oil, `paper` or `series`
     payload          kg
@@ -105,8 +105,8 @@ def declare(node: Node, machine: Machine) -> None:
         "planner",
         PLANNER_KINDS[0],
         _described(
-            f"one of {', '.join(PLANNER_KINDS)}: postures of the posture table, or joint 3 kept "
-            "as it is at the start"
+            f"one of {', '.join(PLANNER_KINDS)}: postures of the posture table, joint 3 kept as it "
+            "is at the start, or path, posture and modes decided together"
         ),
     )
     node.declare_parameter(

@@ -28,6 +28,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray
+from mhsb_planner.integrated.benchmark import Move, integrated_figures
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
 from mhsb_planner.result_files import write_json
 from mhsb_planner.s1_global_search import build_posture_table
@@ -49,10 +50,14 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured: plans, SLSQP entries, plans for each spacing, and the spacings [m]."""
+    """How much is measured.
+
+    Plans, SLSQP entries, ground truths, plans for each spacing, and the spacings [m].
+    """
 
     pairs: int = 500
     entries: int = 200
+    truths: int = 60
     growth_pairs: int = 100
     spacings: tuple[float, ...] = SPACINGS
     runs: int = RUNS
@@ -77,9 +82,13 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
     table, table_figures = _table_figures(machine, effort, jobs)
     planner = Planner(machine, table)
     pairs = list(_pairs(planner, effort.pairs))
+    moves = [Move(pair.start, pair.goal) for pair in pairs]
     return {
         "table": table_figures,
-        "plan": {"table": _plan_figures(planner, pairs, effort)},
+        "plan": {
+            "table": _plan_figures(planner, pairs, effort),
+            "integrated": integrated_figures(planner, moves, effort.truths, effort.runs),
+        },
         "scipy_dijkstra": _dijkstra_figures(planner.graph, pairs, effort.runs),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
@@ -289,12 +298,18 @@ def planning(
 def as_text(figures: Figures) -> list[str]:
     """The figures as a table."""
     table, plan, other = figures["table"], figures["plan"]["table"], figures["scipy_dijkstra"]
+    integrated = figures["plan"]["integrated"]
     lines = [
         f"posture table    {table['entries']} entries in {table['build_s']:.2f} s; SLSQP "
         f"{1e3 * table['slsqp_s_per_entry']:.1f} ms an entry, {table['speedup_over_slsqp']:.0f} "
         f"times as long; smallest area over SLSQP's {table['worst_area_ratio']:.9f}",
         f"plans (S2-S4)    p50 {plan['p50_ms']:.2f} ms, p99 {plan['p99_ms']:.2f} ms "
         f"(S2 {plan['s2_p99_ms']:.2f}, S3 {plan['s3_p99_ms']:.2f}, S4 {plan['s4_p99_ms']:.2f})",
+        f"integrated plans p50 {integrated['p50_ms']:.1f} ms, p99 {integrated['p99_ms']:.1f} ms; "
+        f"energy over the table planner's {integrated['energy_ratio_geomean']:.3f} (Cases 1-4), "
+        f"at worst {integrated['worst_energy_ratio']:.3f}; over the ground truth "
+        f"{integrated['ground_truth_ratio_mean']:.3f}, at worst "
+        f"{integrated['ground_truth_ratio_max']:.3f}",
         f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
         f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
         "spacing [mm]   states     steps   table [s]   graph [s]   search p50, p99 [ms]   expanded",

@@ -7,6 +7,7 @@ position, velocity and acceleration. A motion that has to be left is first brake
 from __future__ import annotations
 
 import contextlib
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,8 +118,11 @@ class Replanner:
         start = graph.layout.posture[leaving]
         modes = np.full(len(start), Mode.N, dtype=np.uint8)
         command = Command.hold(0, start, modes)
-        for now_ns in (SECOND_NS, SECOND_NS + SECOND_NS // 2):
+        for kind, now_ns in itertools.product(
+            (PlanOptions(), PlanOptions(planner="integrated")),
+            (SECOND_NS, SECOND_NS + SECOND_NS // 2),
+        ):
             with contextlib.suppress(MhsbError):
-                replan = self.replan(command, now_ns, (goal[0], goal[1]), 0.1, PlanOptions())
+                replan = self.replan(command, now_ns, (goal[0], goal[1]), 0.1, kind)
                 command = replan.command if replan is not None else command
         return command

@@ -22,6 +22,7 @@ from mhsb_planner.reproduction.runs import (
     SUPPLY_PRESSURES,
     Runs,
     evaluate,
+    integrated_settings,
     pressure_run,
     settings,
     work_units,
@@ -33,6 +34,7 @@ FITTED = (
     *("1-1", "1-2", "2-1", "2-2", "3-1", "3-2", "4-1", "4-2", "4-3"),
     *(pressure_run(supply) for supply in SUPPLY_PRESSURES),
     *(pressure_run(supply, keep_table=True) for supply in SUPPLY_PRESSURES),
+    *integrated_settings(),
 )
 """Runs whose trajectory is made as well."""
 
@@ -62,6 +64,8 @@ def reproduce(
 ) -> None:
     """Run all cases and sweeps of the paper and judge what they show.
 
+    The integrated planner's runs of the same cases are told beside them.
+
     Writes table.csv (every run), summary.json (every expectation: published, own, met) and the
     paper's figures as PNG with their data as CSV. Energies are in J, lengths in m, times in s.
 
@@ -72,11 +76,11 @@ def reproduce(
     """
     arm = load_machine(machine)
     output.mkdir(parents=True, exist_ok=True)
-    asked = settings()
+    asked = settings() | integrated_settings()
     total = work_units(arm, asked) + len(FITTED) + len(FIGURES)
     with tqdm(total=total, unit="step", desc="reproduce") as bar:
         runs = evaluate(arm, asked, jobs, bar.update)
-        fits = fit_runs(runs, FITTED)
+        fits = fit_runs(runs, [name for name in FITTED if name in runs.runs])
         bar.update(len(FITTED))
         for name, draw in FIGURES.items():
             draw(runs, fits, output, name)
@@ -91,6 +95,7 @@ def reproduce(
 COLUMNS = (
     "run",
     *("energy_discrete_j", "energy_series_discrete_j", "duration_discrete_s", "length_m"),
+    "lower_bound_j",
     *("length_over_shortest", "normal_share", "switches"),
     *("energy_fitted_j", "energy_series_fitted_j", "duration_fitted_s"),
     "failure",

@@ -47,9 +47,21 @@ class SmoothedPath:
         return self.knots * np.arange(len(self.control) - 2, dtype=np.float64)
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at the rising times [s], float64[times, n] each."""
-        arrays = self.machine.arrays
-        return _joint_motion(arrays, self.control, self.knots, time, self.start)
+        """q, q̇, q̈ at the times [s], float64[times, n] each."""
+        return joint_motion(self.machine.arrays, *self.pistons(time), self.start)
+
+    def pistons(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Lengths, piston speeds and accelerations at the times [s], float64[times, n] each."""
+        cells = len(self.control) - 3
+        cell = np.clip((time / self.knots).astype(np.int64), 0, cells - 1)
+        u = (time / self.knots - cell)[:, None]
+        p0, p1, p2, p3 = (self.control[cell + i] for i in range(4))
+        length = ((1 - u) ** 3 * p0 + (3 * u**3 - 6 * u**2 + 4) * p1) / 6
+        length += ((-3 * u**3 + 3 * u**2 + 3 * u + 1) * p2 + u**3 * p3) / 6
+        speed = (1 - u) ** 2 * (p1 - p0) + (1 + 2 * u - 2 * u**2) * (p2 - p1) + u**2 * (p3 - p2)
+        speed /= 2 * self.knots
+        acceleration = ((1 - u) * (p2 - 2 * p1 + p0) + u * (p3 - 2 * p2 + p1)) / self.knots**2
+        return length, speed, acceleration
 
 
 def smoothed_path(
@@ -57,14 +69,13 @@ def smoothed_path(
 ) -> SmoothedPath:
     """Smooth a discrete path over `window` s, its durations multiplied by `stretch`.
 
-    The window is the reach of one control point, four knots. The result lasts two to three knots
-    longer than the path.
+    The window is the reach of one control point, four knots; it is adjusted so that the path
+    lasts a whole number of knots. The result lasts two knots longer.
     """
     node_time = stretch * node_times(path)
     lengths = np.array([machine.cylinder_lengths(q) for q in path.posture])
-    knots = window / 4
-    cells = int(np.ceil(node_time[-1] / knots))
-    # The last control point may lie up to one knot after the path's end; the path rests there.
+    cells = max(1, round(node_time[-1] / (window / 4)))
+    knots = max(window / 4, node_time[-1]) if cells == 1 else node_time[-1] / cells
     at = knots * np.arange(-2, cells + 3)
     control = np.column_stack(
         [np.interp(at, node_time, lengths[:, j]) for j in range(machine.joint_count)]
@@ -108,39 +119,28 @@ def stepped_path(path: DiscretePath, stretch: float) -> SteppedPath:
 
 
 @njit(cache=True, nogil=True)
-def _spline(control: FloatArray, cell: int, j: int, u: float) -> tuple[float, float, float]:
-    """Value and derivatives by u of a uniform cubic B-spline, u = 0 … 1 within one of its cells."""
-    p0, p1 = control[cell, j], control[cell + 1, j]
-    p2, p3 = control[cell + 2, j], control[cell + 3, j]
-    w = 1.0 - u
-    value = w**3 * p0 + (3 * u**3 - 6 * u**2 + 4) * p1
-    value += (-3 * u**3 + 3 * u**2 + 3 * u + 1) * p2 + u**3 * p3
-    slope = w**2 * (p1 - p0) + (1 + 2 * u - 2 * u**2) * (p2 - p1) + u**2 * (p3 - p2)
-    return value / 6, slope / 2, w * (p2 - 2 * p1 + p0) + u * (p3 - 2 * p2 + p1)
-
-
-@njit(cache=True, nogil=True)
-def _joint_motion(
-    m: MachineArrays, control: FloatArray, knots: float, time: FloatArray, start: FloatArray
+def joint_motion(
+    m: MachineArrays,
+    length: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    start: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joint motion of the cylinders' lengths: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r.
+    """Joint motion of a piston motion: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r.
 
-    The search for q begins where the motion would have led from the instant before.
+    The search for q begins where the two instants before lead. Beyond the joint limits the linkage
+    goes on as straight as it is there, so that a motion that passes them shows it.
     """
-    rows, n = len(time), control.shape[1]
+    rows, n = length.shape
     q, qd, qdd = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
-    cells = len(control) - 3
     for j in range(n):
         linkage, lower, upper = m.linkage[j], m.joint_min[j], m.joint_max[j]
         guess = start[j]
         for k in range(rows):
-            cell = min(max(int(time[k] / knots), 0), cells - 1)
-            length, speed, acceleration = _spline(control, cell, j, time[k] / knots - cell)
-            q[k, j] = joint_angle(linkage, length, lower, upper, guess)
-            _, arm, slope = motion(linkage, q[k, j])
-            qd[k, j] = speed / knots / arm
-            qdd[k, j] = (acceleration / knots**2 - slope * qd[k, j] ** 2) / arm
-            if k + 1 < rows:
-                ahead = time[k + 1] - time[k]
-                guess = q[k, j] + ahead * (qd[k, j] + 0.5 * ahead * qdd[k, j])
+            within = joint_angle(linkage, length[k, j], lower, upper, guess)
+            reached, arm, slope = motion(linkage, within)
+            q[k, j] = within + (length[k, j] - reached) / arm
+            qd[k, j] = speed[k, j] / arm
+            qdd[k, j] = (acceleration[k, j] - slope * qd[k, j] ** 2) / arm
+            guess = within if k == 0 else 2.0 * within - q[k - 1, j]
     return q, qd, qdd

@@ -2,13 +2,14 @@
 
 Tried in this order; the first that keeps every limit is taken, and the result says which:
 
-1. the published sixth-degree polynomials, from a moving start only where they do not run on
-   further than braking would;
-2. the discrete path smoothed over a window, ever shorter ones;
+1. where asked for, the published sixth-degree polynomials, from a moving start only where they do
+   not run on further than braking would;
+2. the discrete path smoothed over a window, ever shorter ones; from a moving start, where the
+   polynomials are not asked for, first setting out while still braking;
 3. the discrete path step by step, from rest to rest.
 
-From a moving start 2 and 3, and 1 where it has been refused, come after braking. Durations are
-stretched until valves, servo pumps and the main pump can follow.
+From a moving start all others, and 1 where it has been refused, come after braking. Durations
+are stretched until valves, servo pumps and the main pump can follow.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
-from typing import Protocol
+from itertools import chain
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -28,13 +30,14 @@ from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.energy import motion_energy
 from mhsb_planner.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.overloads import Overload, overloads
+from mhsb_planner.s3_following import followed_path
 from mhsb_planner.s3_limits import (
     JOINT_TOLERANCE,
     Limit,
@@ -75,6 +78,12 @@ ROUNDS = 8
 """Times that a curve is stretched before it is given up."""
 
 
+TrajectoryKind = Literal["polynomial", "followed"]
+"""How S3 begins: with the published polynomials, or with the discrete path smoothed."""
+
+TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
+
+
 class FitMethod(StrEnum):
     """How the trajectory was made of the discrete path."""
 
@@ -103,6 +112,7 @@ class Curve(Protocol):
 class FitRules:
     """What a fit may do.
 
+    trajectory   whether the published polynomials are tried, or the path is followed at once
     switching    how modes are switched
     windows      s, over which the discrete path is smoothed, in the order tried
     max_stretch  largest factor on the discrete path's durations
@@ -110,11 +120,17 @@ class FitRules:
     overrun      m, by which a piston may run on beyond what braking and the path need
     """
 
+    trajectory: TrajectoryKind = "polynomial"
     switching: SwitchingRules = field(default_factory=SwitchingRules)
     windows: tuple[float, ...] = (0.8, 0.4, 0.2)
     max_stretch: float = 3.0
     max_excess: float = 1.0
     overrun: float = 2e-3
+
+    @classmethod
+    def following(cls) -> FitRules:
+        """Rules for a motion that follows its path, within V_max but for rounding."""
+        return cls("followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
 
 
 class FitError(MhsbError):
@@ -223,7 +239,9 @@ def warm_up(machine: Machine) -> None:
         statistics=SearchStatistics(0, 0, 0.0),
     )
     start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
-    for candidate in _candidates(machine, path, start, None, rules):
+    still = standstill(middle)
+    following = _candidates(machine, path, start, still, FitRules.following())
+    for candidate in chain(_candidates(machine, path, start, None, rules), following):
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
@@ -284,6 +302,31 @@ def _candidates(
     rules: FitRules,
 ) -> Iterator[_Candidate]:
     rest = MotionState.at_rest(path.posture[0])
+    if rules.trajectory == "polynomial":
+        yield from _polynomials(machine, path, start, brake)
+    elif brake is not None:
+        yield _Candidate(
+            FitMethod.PIECEWISE,
+            "smoothed from the moving start",
+            partial(followed_path, machine, path, rules.windows[0], brake),
+            start,
+        )
+    for window in rules.windows:
+        yield _Candidate(
+            FitMethod.PIECEWISE,
+            f"smoothed over {window:g} s",
+            partial(smoothed_path, machine, path, window),
+            rest,
+            brake,
+        )
+    yield _Candidate(FitMethod.STEPPED, "stepped", partial(stepped_path, path), rest, brake)
+
+
+def _polynomials(
+    machine: Machine, path: DiscretePath, start: MotionState, brake: Trajectory | None
+) -> Iterator[_Candidate]:
+    """The published curves: from a moving start, and from rest."""
+    rest = MotionState.at_rest(path.posture[0])
     shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
     if brake is not None:
         delay = brake.duration_ns / SECOND_NS / 2
@@ -303,15 +346,6 @@ def _candidates(
         brake,
         shortest,
     )
-    for window in rules.windows:
-        yield _Candidate(
-            FitMethod.PIECEWISE,
-            f"smoothed over {window:g} s",
-            partial(smoothed_path, machine, path, window),
-            rest,
-            brake,
-        )
-    yield _Candidate(FitMethod.STEPPED, "stepped", partial(stepped_path, path), rest, brake)
 
 
 def _stretched(

@@ -35,4 +35,4 @@ def test_the_planner_can_be_chosen(node, machine, kind):
 
 def test_a_planner_that_is_not_there_is_refused_with_those_that_are(node, machine):
     reason = planner_parameters.refusal(node, machine, [Parameter("planner", value="guess")])
-    assert reason == "planner 'guess' is not there; give one of: table, fixed"
+    assert reason == "planner 'guess' is not there; give one of: table, fixed, integrated"

@@ -10,7 +10,7 @@ from mhsb_planner import planning_benchmark
 from mhsb_planner.planning_benchmark import Effort, as_text, explicit_graph, measure
 from mhsb_planner.s2_search import search
 
-LITTLE = Effort(pairs=4, entries=3, growth_pairs=2, spacings=(0.2, 0.1), runs=1)
+LITTLE = Effort(pairs=4, entries=3, truths=1, growth_pairs=2, spacings=(0.2, 0.1), runs=1)
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +26,10 @@ def test_the_keys_are_all_there(figures):
     assert set(figures["plan"]["table"]) == {
         *("p50_ms", "p99_ms", "s2_p99_ms", "s3_p99_ms", "s4_p99_ms", "rebuild_ms")
     }
+    assert set(figures["plan"]["integrated"]) == {
+        *("p50_ms", "p99_ms", "energy_ratio_geomean", "worst_energy_ratio"),
+        *("ground_truth_ratio_mean", "ground_truth_ratio_max"),
+    }
     assert set(figures["scipy_dijkstra"]) == {"p50_ms", "p99_ms"}
     assert [row["spacing_m"] for row in figures["growth"]] == [0.2, 0.1]
 
@@ -37,6 +41,12 @@ def test_the_figures_make_sense(figures):
     plan = figures["plan"]["table"]
     assert 0 < plan["p50_ms"] <= plan["p99_ms"]
     assert all(value > 0 for value in plan.values())
+    integrated = figures["plan"]["integrated"]
+    assert 0 < integrated["p50_ms"] <= integrated["p99_ms"]
+    assert integrated["energy_ratio_geomean"] < 1
+    assert integrated["worst_energy_ratio"] <= 1.001
+    assert integrated["ground_truth_ratio_mean"] < 1.1
+    assert integrated["ground_truth_ratio_max"] < 1.25
     assert figures["growth"][0]["states"] < figures["growth"][1]["states"]
     assert len(as_text(figures)) > 4
 

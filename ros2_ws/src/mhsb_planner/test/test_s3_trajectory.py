@@ -278,7 +278,7 @@ def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
     kernels = [
         s3_limits._demand,
         s3_limits._joint_bound,
-        s3_piecewise._joint_motion,
+        s3_piecewise.joint_motion,
         s4_mode_schedule._interval_modes,
     ]
     before = [len(kernel.signatures) for kernel in kernels]

@@ -5,12 +5,15 @@ import sys
 
 SCRIPT = """
 import sys
+from contextlib import suppress
 import numpy as np
 from numba.core.dispatcher import Dispatcher
+from mhsb_model.errors import MhsbError
 from mhsb_model.machine import load_machine
 from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s2_graph import StepGraph
-from mhsb_planner.s2_search import search, warm_up
+from mhsb_planner.integrated import integrated_search
+from mhsb_planner.s2_search import Weights, search, warm_up
 
 def compiled():
     return {
@@ -25,6 +28,7 @@ machine = load_machine()
 table = PostureTable.load(sys.argv[1], machine)
 graph = StepGraph(machine, table)
 warm_up(graph)
+integrated_search.warm_up(machine)
 before = compiled()
 q = table.posture[graph.grid.node_at(0.55, 0.2), 0]
 modes = np.array([0, 1, 0], dtype=np.uint8)
@@ -34,6 +38,11 @@ search(graph, q, list(modes), [0.61, 0.31], (0.5, 0.0, 2.0), "series")
 search(graph, q - 0.01, modes, (0.61, 0.31), (0.5, 0.0, 2.0), goal_psi=psi)
 search(graph, q, modes, (0.56, 0.21), (0.5, 0.0, 2.0))
 search(graph.changed(machine.changed(payload=2.0)), q, modes, (0.61, 0.31), (0.5, 0.0, 2.0))
+for x, z in ((0.61, 0.31), (0.50, -0.20), (0.30, 0.60), (0.80, 0.10)):
+    for weights in (Weights(0.5, 0, 2), Weights(0, 15, 2)):
+        with suppress(MhsbError):
+            integrated_search.search(machine, q, modes, (x, z), weights)
+integrated_search.search(machine, q, modes, (0.61, 0.31), Weights(1, 0, 2), goal_psi=psi)
 print({name: count for name, count in compiled().items() if count != before.get(name)})
 """
 

@@ -17,9 +17,10 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.energy import Energy, energy_of_states
-from mhsb_planner.planner import PlanOptions
+from mhsb_planner.planner import PlannerKind, PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
+from mhsb_planner.s3_trajectory import TrajectoryKind
 from mhsb_sim.energy_comparison import Element, energy_elements
 from mhsb_sim.energy_comparison import as_text as energy_text
 from mhsb_sim.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
@@ -36,6 +37,8 @@ def simulate(
     controller: str = "coordinated",
     seed: int = 0,
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    planner: PlannerKind = "table",
+    trajectory: TrajectoryKind | None = None,
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
     audit: bool = False,
@@ -51,6 +54,9 @@ def simulate(
         controller: Servo controller, coordinated or independent.
         seed: Of the sensor noise.
         payload: Mass at the tip [kg]; the machine file's when left out.
+        planner: Where postures come from, as in `mhsb_planner plan`: table, fixed or integrated.
+        trajectory: How trajectories are made: polynomial or followed; followed for the integrated
+            planner, polynomial for the others when left out.
         output: Folder for samples.csv (100 Hz, SI units) and summary.json.
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went, and what the plans had expected.
@@ -62,7 +68,7 @@ def simulate(
     simulator = Simulator(arm, controller, seed)
     simulator.step()  # compiles, which is not to be timed
     simulator.reset()
-    run = HeadlessRun(simulator, replanner, PlanOptions())
+    run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
     began = time.perf_counter()
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began

@@ -464,6 +464,7 @@ def numbers(runs: Runs, name: str) -> dict[str, float]:
         "energy_series_discrete_j": float(path.energy_series.sum()),
         "duration_discrete_s": measures.duration(path),
         "length_m": path.length,
+        "lower_bound_j": path.lower_bound,
         "length_over_shortest": _ratio(runs, path),
         "normal_share": measures.normal_share(path),
         "switches": float(path.switches),

@@ -16,7 +16,7 @@ from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.energy import Energy, motion_energy
 from mhsb_planner.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.reproduction.runs import Runs
-from mhsb_planner.s3_trajectory import FittedMotion, fit_trajectory
+from mhsb_planner.s3_trajectory import FitRules, FittedMotion, fit_trajectory
 from mhsb_planner.s4_mode_schedule import StartModes
 
 SAMPLE_NS = 20_000_000
@@ -62,16 +62,16 @@ def fit_runs(runs: Runs, names: Iterable[str]) -> Fits:
             failures[name] = run.failure
             continue
         try:
-            fits[name] = _fit(run.machine, run.path)
+            fits[name] = _fit(run.machine, run.path, run.setting.case.options.fit_rules)
         except MhsbError as error:
             failures[name] = str(error)
     return Fits(fits, failures)
 
 
-def _fit(machine: Machine, path: DiscretePath) -> Fit:
+def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> Fit:
     modes = StartModes.settled(np.full(machine.joint_count, Mode.N))
     start = MotionState.at_rest(path.posture[0])
-    motion = fit_trajectory(machine, path, start, modes, None)
+    motion = fit_trajectory(machine, path, start, modes, None, rules)
     trajectory, schedule = motion.trajectory, motion.schedule
     times_ns = _sample_times(trajectory.duration_ns) + trajectory.stamp_ns
     position, velocity, _ = trajectory.sample_many(times_ns)

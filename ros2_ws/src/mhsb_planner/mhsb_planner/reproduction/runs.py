@@ -21,6 +21,7 @@ from mhsb_planner import s1_global_search
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.fixed_j3 import elbow_side, fixed_j3_graph
 from mhsb_planner.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.integrated import integrated_search
 from mhsb_planner.paper_cases import PaperCase, paper_cases
 from mhsb_planner.s1_global_search import build_posture_table
 from mhsb_planner.s1_posture_table import PostureTable
@@ -110,6 +111,11 @@ def pressure_run(supply_pressure: float, *, keep_table: bool = False) -> str:
     return f"c5.ps {supply_pressure:g}" + (" kept table" if keep_table else "")
 
 
+def integrated_run(case: str) -> str:
+    """Name of the run of a case with the integrated planner."""
+    return f"{case} integrated"
+
+
 def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
     """All runs by name."""
     cases = paper_cases() if cases is None else cases
@@ -130,6 +136,16 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
             name = pressure_run(supply, keep_table=keep)
             found[name] = Setting(lifting, supply_pressure=supply, keep_table=keep)
     return found
+
+
+def integrated_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
+    """The cases of the posture table planned by the integrated planner instead, by name."""
+    cases = paper_cases() if cases is None else cases
+    return {
+        integrated_run(name): Setting(replace(case, planner="integrated"))
+        for name, case in cases.items()
+        if case.planner == "table"
+    }
 
 
 def work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
@@ -204,7 +220,12 @@ def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
 
 def _run(graph: StepGraph, setting: Setting) -> Run:
     case, machine = setting.case, graph.machine
+    normal = np.full(machine.joint_count, Mode.N)
     try:
+        if case.planner == "integrated":
+            start = postures_by_rule(graph, *case.start)[0]
+            path = integrated_search.search(machine, start, normal, case.goal, case.weights)
+            return Run(setting, machine, path)
         if case.planner == "fixed":
             start = case.start_posture(machine)
             j3 = float(start[2]) if case.initial_j3 is None else case.initial_j3
@@ -214,7 +235,7 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
         path = search(
             graph,
             start,
-            np.full(machine.joint_count, Mode.N),
+            normal,
             case.goal,
             case.weights,
             method=setting.search,

@@ -14,6 +14,8 @@ from mhsb_planner.reproduction.runs import (
     SWITCH_WEIGHTS,
     TIME_WEIGHTS,
     evaluate,
+    integrated_run,
+    integrated_settings,
     pressure_run,
     settings,
     speed_run,
@@ -96,3 +98,13 @@ def test_a_run_without_path_is_a_result(machine):
     run = evaluate(machine, {"1-1": every["1-1"]})["1-1"]
     assert run.path is None
     assert "outside the workspace" in run.failure
+
+
+def test_the_integrated_planner_s_runs_are_cheaper_than_those_of_the_table(machine, runs):
+    found = evaluate(machine, integrated_settings())
+    compared = 0
+    for name, run in runs.runs.items():
+        if integrated_run(name) in found.runs and run.path is not None:
+            assert found[integrated_run(name)].path.cost <= 1.001 * run.path.cost
+            compared += 1
+    assert compared >= 5

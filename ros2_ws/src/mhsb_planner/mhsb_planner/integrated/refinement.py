@@ -1,0 +1,126 @@
+"""Local improvement of a route: corners taken out, corners moved, the goal's ψ turned.
+
+Every change is kept only where the whole route then costs less, so a route never gets worse.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
+from mhsb_model.linkage import cylinder_length
+from mhsb_model.types import FloatArray
+from mhsb_planner.integrated.route import (
+    Memory,
+    Terms,
+    begin_route,
+    continue_route,
+    price_route,
+)
+
+
+@njit(cache=True, nogil=True)
+def shortcut(
+    t: Terms, w: Memory, via: FloatArray, start: FloatArray, cost: float
+) -> tuple[FloatArray, float]:
+    """The route with every corner taken out whose absence makes it no dearer, and its cost."""
+    i = 1
+    while i < len(via) - 1:
+        without = np.empty((len(via) - 1, via.shape[1]))
+        without[:i] = via[:i]
+        without[i:] = via[i + 1 :]
+        shorter = price_route(t, w, without, start, cost * (1.0 + 1e-9))
+        if shorter < math.inf:
+            via, cost = without, min(cost, shorter)
+        else:
+            i += 1
+    return via, cost
+
+
+@njit(cache=True, nogil=True)
+def goal_lengths(
+    t: Terms, tip: tuple[float, float], elbow: int, psi: float, length: FloatArray
+) -> bool:
+    """Cylinder lengths [m] with the tip at the goal; False where they are not within limits."""
+    m = t.machine
+    q = np.empty(len(length))
+    if not (joint_angles(m, tip[0], tip[1], psi, elbow, q) and within_limits(m, q)):
+        return False
+    for j in range(len(length)):
+        length[j] = cylinder_length(m.linkage[j], q[j])
+    return True
+
+
+@njit(cache=True, nogil=True)
+def sweep(
+    t: Terms,
+    w: Memory,
+    via: FloatArray,
+    start: FloatArray,
+    cost: float,
+    tip: tuple[float, float],
+    elbow: int,
+    psi: float,
+    stroke: float,
+    turn: float,
+) -> tuple[float, float]:
+    """One round of a compass search; returns cost and ψ.
+
+    Each corner is moved along each cylinder, then the goal's ψ is turned, both ways.
+
+    via     float64[points, n] m, changed in place
+    stroke  m, by which corners are moved
+    turn    rad, by which the goal's ψ is turned; 0 leaves it
+    """
+    m, points = t.machine, w.points
+    n = via.shape[1]
+    parent = np.empty((1, len(t.patterns)), dtype=np.int64)
+    # What is known at the corner before the one that is moved: trials begin there.
+    value = np.empty(w.value.shape[1])
+    posture, force, kept = np.empty(n), np.empty(n), np.empty(n)
+    begin_route(t, w, via[0], start)
+    for i in range(1, len(via)):
+        if i > 1:
+            continue_route(t, w, via[i - 2 : i], math.inf, parent)
+        value[:] = w.value[0]
+        posture[:] = points.posture[0]
+        force[:] = points.force[0]
+        last = i == len(via) - 1
+        for k in range(1 if last else n):
+            for sign in (-1.0, 1.0):
+                kept[:] = via[i]
+                if last:
+                    turned = psi + sign * turn
+                    moved = turn > 0.0 and goal_lengths(t, tip, elbow, turned, via[i])
+                else:
+                    moved = _move(m, via[i], k, sign * stroke)
+                if moved:
+                    points.posture[0] = posture
+                    points.length[0] = via[i - 1]
+                    points.force[0] = force
+                    w.value[0] = value
+                    trial = continue_route(t, w, via[i - 1 :], cost, parent)
+                    if trial < cost:
+                        cost = trial
+                        psi = turned if last else psi
+                        break
+                via[i] = kept
+        points.posture[0] = posture
+        points.length[0] = via[i - 1]
+        points.force[0] = force
+        w.value[0] = value
+    return cost, psi
+
+
+@njit(cache=True, nogil=True)
+def _move(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
+    """Move a corner along cylinder j [m] as far as its limits allow; False where it stays."""
+    one = cylinder_length(m.linkage[j], m.joint_min[j])
+    other = cylinder_length(m.linkage[j], m.joint_max[j])
+    before = corner[j]
+    corner[j] = min(max(one, other), max(min(one, other), before + stroke))
+    return corner[j] != before

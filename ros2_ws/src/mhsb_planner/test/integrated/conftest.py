@@ -1,0 +1,41 @@
+"""Both kinds of machines, and the terms by which routes are priced in these tests."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mhsb_model.machine import Machine
+from mhsb_planner.integrated.route import Terms, terms
+
+
+@pytest.fixture(params=["slider_cranks", "four_bars"])
+def arm(request: pytest.FixtureRequest, machine: Machine, four_bar_machine: Machine) -> Machine:
+    return machine if request.param == "slider_cranks" else four_bar_machine
+
+
+@pytest.fixture(scope="session")
+def terms_of() -> Callable[..., Terms]:
+    """Function (machine, weights=(0.5, 1, 2), modes=NNN) that gives terms, reading `paper`."""
+
+    def make(machine: Machine, weights=(0.5, 1.0, 2.0), modes=(0, 0, 0)) -> Terms:
+        return terms(
+            machine, np.array(modes, dtype=np.uint8), np.array(weights, dtype=float), column=1
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def posture_within() -> Callable[..., np.ndarray]:
+    """Function (machine, random) that draws a posture within limits, the tip in the workspace."""
+
+    def draw(machine: Machine, random: np.random.Generator) -> np.ndarray:
+        limits, area = machine.arrays, machine.config.workspace
+        while True:
+            q = random.uniform(limits.joint_min, limits.joint_max)
+            x, z = machine.tip_position(q)
+            if x > area.min_x and area.min_radius < np.hypot(x, z) < area.max_radius:
+                return q
+
+    return draw

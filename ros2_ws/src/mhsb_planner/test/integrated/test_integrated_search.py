@@ -1,0 +1,159 @@
+"""The whole search: what it finds is possible, as cheap as can be, and told honestly."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mhsb_model.errors import OutOfWorkspaceError
+from mhsb_planner.errors import InfeasibleGoalError, NoPathError
+from mhsb_planner.integrated.integrated_search import Effort, search
+from mhsb_planner.lower_bound import energy_lower_bound
+from mhsb_planner.s2_search import Weights
+from mhsb_planner.s2_search import search as table_search
+from mhsb_planner.s2_step import step_costs
+
+ENERGY, TIME = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)
+NORMAL = np.zeros(3, dtype=np.uint8)
+THOROUGH = Effort(psi_spacing=0.01, cells=14, expansions=10**6, margin=10, sweeps=20)
+
+
+def tasks(machine, posture_within, count, seed=0):
+    """Starts and goal positions between which a path is found."""
+    random = np.random.default_rng(seed)
+    while count:
+        start, end = posture_within(machine, random), posture_within(machine, random)
+        goal = tuple(machine.tip_position(end))
+        try:
+            search(machine, start, NORMAL, goal, ENERGY)
+        except NoPathError:
+            continue
+        count -= 1
+        yield start, goal
+
+
+def check_possible(machine, path, start, goal):
+    assert np.array_equal(path.posture[0], start)
+    assert path.tip[-1] == pytest.approx(goal, abs=1e-7)
+    limits = machine.arrays
+    assert np.all(path.posture >= limits.joint_min - 1e-9)
+    assert np.all(path.posture <= limits.joint_max + 1e-9)
+    for k, ends in enumerate(itertools.pairwise(path.posture)):
+        step = step_costs(machine, *ends)
+        p = int(np.flatnonzero((machine.patterns == path.modes[k]).all(axis=1))[0])
+        assert step.admissible[p]
+        assert path.energy[k] == pytest.approx(step.energy[p], rel=1e-9)
+
+
+@pytest.mark.parametrize("weights", [ENERGY, TIME])
+def test_a_path_consists_of_possible_steps_and_costs_what_it_says(arm, posture_within, weights):
+    for start, goal in tasks(arm, posture_within, 6):
+        path = search(arm, start, NORMAL, goal, weights)
+        check_possible(arm, path, start, goal)
+        cost = weights.energy * path.energy.sum() + weights.time * path.duration.sum()
+        assert path.cost == pytest.approx(cost + weights.switches * path.switches, rel=1e-9)
+
+
+def test_no_path_undercuts_its_lower_bound_nor_that_to_its_own_goal(arm, posture_within):
+    for reading, energy in (("paper", "energy"), ("series", "energy_series")):
+        for start, goal in tasks(arm, posture_within, 5, seed=1):
+            path = search(arm, start, NORMAL, goal, ENERGY, reading)
+            own = energy_lower_bound(arm, start, path.posture[-1:])
+            assert path.lower_bound <= own * (1 + 1e-9)
+            assert path.lower_bound <= getattr(path, energy).sum()
+
+
+def test_a_quick_search_is_close_to_a_thorough_one(machine, posture_within):
+    ratios = []
+    for start, goal in tasks(machine, posture_within, 8, seed=2):
+        quick = search(machine, start, NORMAL, goal, ENERGY)
+        thorough = search(machine, start, NORMAL, goal, ENERGY, effort=THOROUGH)
+        ratios.append(quick.cost / thorough.cost)
+    assert np.mean(ratios) < 1.1
+    assert max(ratios) < 1.25
+
+
+def test_paths_cost_no_more_than_those_over_the_posture_table(machine, graph):
+    random = np.random.default_rng(3)
+    table, nodes = graph.table, np.flatnonzero(graph.table.feasible)
+    compared = 0
+    while compared < 10:
+        here, there = random.choice(nodes, 2, replace=False)
+        start, goal = table.posture[here, 0], tuple(table.nodes[there] * table.spacing)
+        try:
+            other = table_search(graph, start, NORMAL, goal, ENERGY)
+        except NoPathError:
+            continue
+        path = search(machine, start, NORMAL, goal, ENERGY)
+        assert path.cost <= 1.001 * other.cost
+        compared += 1
+
+
+def test_the_same_question_has_the_same_answer(machine, posture_within):
+    start, goal = next(tasks(machine, posture_within, 1, seed=4))
+    one, other = (search(machine, start, NORMAL, goal, ENERGY) for _ in range(2))
+    assert np.array_equal(one.posture, other.posture)
+    assert np.array_equal(one.modes, other.modes)
+    assert one.cost == other.cost
+
+
+def test_an_angle_of_the_end_link_is_kept_when_asked_for(machine, posture_within):
+    random = np.random.default_rng(5)
+    start, end = posture_within(machine, random), posture_within(machine, random)
+    goal = tuple(machine.tip_position(end))
+    path = search(machine, start, NORMAL, goal, ENERGY, goal_psi=float(end.sum()))
+    assert np.cos(path.posture[-1].sum() - end.sum()) == pytest.approx(1.0, abs=1e-12)
+    assert search(machine, start, NORMAL, goal, ENERGY).cost <= path.cost * 1.01
+
+
+def test_without_time_the_best_so_far_is_taken_and_told(machine, posture_within):
+    told = 0
+    for start, goal in tasks(machine, posture_within, 6, seed=6):
+        free = search(machine, start, NORMAL, goal, ENERGY)
+        assert not free.statistics.out_of_time
+        try:
+            hurried = search(machine, start, NORMAL, goal, ENERGY, budget=0.0)
+        except NoPathError:
+            continue
+        check_possible(machine, hurried, start, goal)
+        assert hurried.cost >= free.cost
+        told += hurried.statistics.out_of_time
+    assert told > 0
+
+
+def test_the_modes_in_force_count_as_switches(machine, posture_within):
+    start, goal = next(tasks(machine, posture_within, 1, seed=7))
+    boosted = np.array([1, 1, 1], dtype=np.uint8)
+    path = search(machine, start, boosted, goal, ENERGY)
+    first = np.count_nonzero(path.modes[0] != boosted)
+    assert path.switches >= first
+    assert np.array_equal(path.start_modes, boosted)
+
+
+def test_another_payload_is_planned_for_at_once(machine, posture_within):
+    for start, goal in tasks(machine, posture_within, 3, seed=8):
+        light = machine.changed(payload=0.0)
+        path = search(light, start, NORMAL, goal, ENERGY)
+        check_possible(light, path, start, goal)
+        assert path.cost <= search(machine, start, NORMAL, goal, ENERGY).cost * 1.05
+
+
+def test_a_start_at_the_goal_has_nothing_to_do(machine, posture_within):
+    start = posture_within(machine, np.random.default_rng(9))
+    path = search(machine, start, NORMAL, tuple(machine.tip_position(start)), ENERGY)
+    assert path.steps == 0
+    assert path.cost == 0.0
+
+
+def test_impossible_goals_are_refused(machine, posture_within):
+    start = posture_within(machine, np.random.default_rng(10))
+    with pytest.raises(OutOfWorkspaceError):
+        search(machine, start, NORMAL, (2.0, 0.0), ENERGY)
+    with pytest.raises(InfeasibleGoalError):
+        search(machine, start, NORMAL, (0.55, 0.2), ENERGY, goal_psi=3.1)
+    heavy = replace(machine, arrays=machine.arrays._replace(max_boost_pressure=1e5))
+    above = np.array(machine.tip_position(start)) + [0.0, 0.1]
+    if above @ above < 1.0:
+        with pytest.raises(NoPathError):
+            search(heavy, start, NORMAL, tuple(above), ENERGY)

@@ -1,0 +1,75 @@
+"""Small changes to a route: kept where they pay, and only there."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mhsb_planner.integrated.refinement import goal_lengths, shortcut, sweep
+from mhsb_planner.integrated.route import new_memory, price_route
+
+
+def random_route(machine, terms, posture_within, seed, corners=3):
+    """A possible route with corners beside the straight line, its start and its goal posture."""
+    random = np.random.default_rng(seed)
+    low, high = (machine.cylinder_lengths(q) for q in limits(machine))
+    while True:
+        start, end = posture_within(machine, random), posture_within(machine, random)
+        here, there = machine.cylinder_lengths(start), machine.cylinder_lengths(end)
+        via = here + np.linspace(0, 1, corners + 2)[:, None] * (there - here)
+        via[1:-1] += random.uniform(-3e-3, 3e-3, (corners, 3))
+        via = np.clip(via, np.minimum(low, high), np.maximum(low, high))
+        cost = price_route(terms, new_memory(terms), via, start, np.inf)
+        if np.isfinite(cost):
+            return start, via, end, cost
+
+
+def limits(machine):
+    return machine.arrays.joint_min, machine.arrays.joint_max
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6))
+def test_a_sweep_never_makes_a_route_dearer_and_tells_its_cost(
+    machine, terms_of, posture_within, seed
+):
+    t = terms_of(machine)
+    start, via, end, cost = random_route(machine, t, posture_within, seed)
+    tip = tuple(machine.tip_position(end))
+    elbow, psi = (1 if end[1] > 0 else -1), float(end.sum())
+    moved, turned = sweep(t, new_memory(t), via, start, cost, tip, elbow, psi, 2e-3, 0.05)
+    assert moved <= cost
+    assert moved == pytest.approx(price_route(t, new_memory(t), via, start, np.inf), rel=1e-12)
+    length = np.empty(3)
+    assert goal_lengths(t, tip, elbow, turned, length)
+    assert via[-1] == pytest.approx(length, abs=1e-9)
+    ends = np.sort([machine.cylinder_lengths(q) for q in limits(machine)], axis=0)
+    assert np.all((via[1:-1] >= ends[0]) & (via[1:-1] <= ends[1]))
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10**6))
+def test_a_shortcut_has_fewer_corners_and_costs_no_more(machine, terms_of, posture_within, seed):
+    t = terms_of(machine)
+    start, via, _, cost = random_route(machine, t, posture_within, seed)
+    shorter, less = shortcut(t, new_memory(t), via, start, cost)
+    assert len(shorter) <= len(via)
+    assert less <= cost
+    price = price_route(t, new_memory(t), shorter, start, np.inf)
+    assert price == pytest.approx(less, rel=1e-8)
+    assert np.all(shorter[[0, -1]] == via[[0, -1]])
+
+
+def test_sweeps_lead_a_detour_in_n_back_to_the_lower_bound(machine, terms_of, posture_within):
+    t = terms_of(machine, weights=(1.0, 0.0, 0.0))
+    for seed in range(100):
+        start, via, end, cost = random_route(machine, t, posture_within, seed, corners=1)
+        straight = price_route(t, new_memory(t), via[[0, 2]], start, np.inf)
+        if straight > 0.99 * cost:
+            continue
+        tip, elbow = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1)
+        for stroke in np.repeat([1e-3, 3e-4, 1e-4, 3e-5], 6):
+            cost, _ = sweep(t, new_memory(t), via, start, cost, tip, elbow, end.sum(), stroke, 0.0)
+        assert cost <= 1.02 * straight
+        return
+    pytest.fail("no route with a detour was drawn")

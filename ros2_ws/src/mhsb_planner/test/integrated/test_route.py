@@ -1,0 +1,107 @@
+"""Costs of routes, against all sequences of patterns with the costs of their steps."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from mhsb_planner.discrete_path import SearchStatistics
+from mhsb_planner.integrated.route import new_memory, path_of, price_route
+from mhsb_planner.lower_bound import energy_lower_bound
+from mhsb_planner.s2_step import step_costs
+
+NOTHING = SearchStatistics(0, 0, 0.0)
+
+
+def path_along(machine, t, via, start):
+    memory = new_memory(t)
+    cost = price_route(t, memory, via, start, np.inf)
+    modes = np.zeros(machine.joint_count, dtype=np.uint8)
+    return path_of(t, memory, via, cost, start, modes, 0.0, NOTHING)
+
+
+
+def possible_routes(machine, terms, posture_within, count, stroke):
+    """Routes of one corner with a stroke of so many metres, on which there is a way."""
+    random = np.random.default_rng(0)
+    while count:
+        start = posture_within(machine, random)
+        here = machine.cylinder_lengths(start)
+        via = np.array([here, here, here])
+        via[1:] += random.uniform(-stroke, stroke, (2, machine.joint_count))
+        ends = np.array([machine.cylinder_lengths(q) for q in joint_limits(machine)])
+        via = np.clip(via, ends.min(axis=0), ends.max(axis=0))
+        if np.isfinite(price_route(terms, new_memory(terms), via, start, np.inf)):
+            count -= 1
+            yield start, via
+
+
+def joint_limits(machine):
+    return machine.arrays.joint_min, machine.arrays.joint_max
+
+
+def test_the_modes_along_a_route_are_the_best_of_all_sequences(arm, terms_of, posture_within):
+    t = terms_of(arm)
+    for start, via in possible_routes(arm, t, posture_within, 12, stroke=3e-3):
+        path = path_along(arm, t, via, start)
+        steps = [step_costs(arm, *ends) for ends in itertools.pairwise(path.posture)]
+        usable = [np.flatnonzero(step.admissible) for step in steps]
+        best = np.inf
+        for sequence in itertools.product(*usable):
+            modes = np.vstack([[0, 0, 0], arm.patterns[list(sequence)]]).astype(int)
+            cost = 2.0 * np.count_nonzero(np.diff(modes, axis=0))
+            for p, step in zip(sequence, steps, strict=True):
+                cost += 0.5 * step.energy[p] + step.duration[p]
+            best = min(best, cost)
+        assert path.cost == pytest.approx(best, rel=1e-9)
+
+
+def test_the_path_of_a_route_consists_of_steps_with_their_costs(arm, terms_of, posture_within):
+    t = terms_of(arm)
+    for start, via in possible_routes(arm, t, posture_within, 10, stroke=15e-3):
+        path = path_along(arm, t, via, start)
+        for k, ends in enumerate(itertools.pairwise(path.posture)):
+            p = int(np.flatnonzero((arm.patterns == path.modes[k]).all(axis=1))[0])
+            step = step_costs(arm, *ends)
+            assert step.admissible[p]
+            assert path.energy[k] == pytest.approx(step.energy[p], rel=1e-9)
+            assert path.energy_series[k] == pytest.approx(step.energy_series[p], rel=1e-9)
+            assert path.duration[k] == pytest.approx(step.duration[p], rel=1e-9)
+        total = 0.5 * path.energy.sum() + path.duration.sum() + 2.0 * path.switches
+        assert path.cost == pytest.approx(total, rel=1e-9)
+
+
+def test_a_route_that_never_turns_back_in_n_costs_the_lower_bound(arm, terms_of, posture_within):
+    t = terms_of(arm, weights=(1.0, 0.0, 0.0))
+    found = 0
+    for start, via in possible_routes(arm, t, posture_within, 100, stroke=10e-3):
+        straight = via[[0, 2]]
+        if not np.isfinite(price_route(t, new_memory(t), straight, start, np.inf)):
+            continue
+        path = path_along(arm, t, straight, start)
+        if not path.modes.any():
+            bound = energy_lower_bound(arm, start, path.posture[-1:])
+            assert path.energy.sum() == pytest.approx(bound, rel=1e-9)
+            found += 1
+    assert found > 10
+
+
+def test_a_route_out_of_the_workspace_is_none(arm, terms_of, posture_within):
+    t = terms_of(arm)
+    refused = 0
+    for start, via in possible_routes(arm, t, posture_within, 10, stroke=10e-3):
+        radius = np.hypot(*path_along(arm, t, via, start).tip.T)
+        if radius[1:-1].max() > radius[0] + 1e-3:
+            smaller = arm.arrays._replace(max_radius=0.5 * (radius[0] + radius.max()))
+            narrow = t._replace(machine=smaller)
+            assert price_route(narrow, new_memory(narrow), via, start, np.inf) == np.inf
+            refused += 1
+    assert refused > 0
+
+
+def test_a_limit_that_the_cost_reaches_ends_the_pricing(arm, terms_of, posture_within):
+    t = terms_of(arm)
+    for start, via in possible_routes(arm, t, posture_within, 5, stroke=10e-3):
+        cost = price_route(t, new_memory(t), via, start, np.inf)
+        assert price_route(t, new_memory(t), via, start, 1.001 * cost) == cost
+        assert price_route(t, new_memory(t), via, start, 0.999 * cost) == np.inf

@@ -1,0 +1,117 @@
+"""The integrated planner from goal to motion: limits, certificate, the table's path, replanning."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_planner.departure import Command
+from mhsb_planner.errors import NoPathError
+from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.replanning import Replanner
+from mhsb_planner.s2_search import Weights
+from mhsb_planner.s3_trajectory import FitError
+
+INTEGRATED = PlanOptions(planner="integrated")
+FOLLOWED = PlanOptions(trajectory="followed")
+
+
+@pytest.fixture(scope="module")
+def planner(machine, table) -> Planner:
+    return Planner(machine, table)
+
+
+def pairs(planner, count, seed=0):
+    """Postures on nodes of the table and goals on others, between which the table has a path."""
+    random = np.random.default_rng(seed)
+    table = planner.graph.table
+    nodes = np.flatnonzero(table.feasible)
+    while count:
+        here, there = random.choice(nodes, 2, replace=False)
+        start, goal = table.posture[here, 0], tuple(table.nodes[there] * table.spacing)
+        try:
+            plan = planner.plan(goal, MotionState.at_rest(start), options=FOLLOWED)
+        except (NoPathError, FitError):
+            continue
+        count -= 1
+        yield start, goal, plan
+
+
+def check_limits(measured):
+    assert measured["joint"] < 1e-6
+    assert measured["tip"] < 1.1e-4
+    rest = {k: v for k, v in measured.items() if k not in ("joint", "tip")}
+    assert max(rest.values()) < 1e-3, rest
+
+
+def test_motions_keep_every_limit_and_are_never_worse_than_the_tables(planner, worst):
+    for start, goal, other in pairs(planner, 12):
+        plan = planner.plan(goal, MotionState.at_rest(start), options=INTEGRATED)
+        check_limits(worst(plan.motion.trajectory, plan.motion.schedule))
+        assert planner.machine.tip_position(plan.motion.trajectory.position[-1]) == (
+            pytest.approx(goal, abs=1e-6)
+        )
+        assert plan.energy.paper <= 1.001 * other.energy.paper
+        assert plan.lower_bound <= plan.energy.paper
+        assert plan.lower_bound <= plan.energy.series
+        assert plan.lower_bound <= other.energy.paper
+
+
+def test_with_time_weights_motions_are_never_slower_than_the_tables(planner):
+    weights = Weights(0.0, 15.0, 2.0)
+    for start, goal, _ in pairs(planner, 10, seed=1):
+        at_rest = MotionState.at_rest(start)
+        durations = [
+            planner.plan(
+                goal, at_rest, options=PlanOptions(weights, planner=kind, trajectory="followed")
+            ).motion.trajectory.duration_ns
+            for kind in ("integrated", "table")
+        ]
+        assert durations[0] <= 1.0001 * durations[1]
+
+
+def test_replanning_on_the_way_continues_position_velocity_and_acceleration(
+    machine, table, worst
+):
+    replanner = Replanner(machine, table)
+    planner = Planner(machine, table)
+    moving = 0
+    for start, goal, _ in pairs(planner, 6, seed=2):
+        command = Command.hold(0, start, np.full(3, Mode.N, dtype=np.uint8))
+        first = replanner.replan(command, SECOND_NS, goal, 0.1, INTEGRATED)
+        middle_ns = (first.change_ns + first.command.trajectory.end_ns) // 2
+        second = replanner.replan(
+            first.command, middle_ns, tuple(machine.tip_position(start)), 0.1, INTEGRATED
+        )
+        before = first.command.trajectory.sample(second.change_ns)
+        after = second.command.trajectory.sample(second.change_ns)
+        assert after.position == pytest.approx(before.position, abs=1e-9)
+        assert after.velocity == pytest.approx(before.velocity, abs=1e-9)
+        assert after.acceleration == pytest.approx(before.acceleration, abs=1e-6)
+        check_limits(worst(second.plan.motion.trajectory, second.plan.motion.schedule))
+        assert second.plan.lower_bound <= second.plan.energy.paper
+        moving += bool(before.velocity.any())
+    assert moving >= 4
+
+
+def test_a_tiny_budget_still_gives_a_motion_and_says_that_time_was_up(planner):
+    said = 0
+    for start, goal, _ in pairs(planner, 5, seed=3):
+        options = PlanOptions(planner="integrated", budget=1e-9)
+        plan = planner.plan(goal, MotionState.at_rest(start), options=options)
+        assert plan.motion.trajectory.duration_ns > 0
+        said += plan.path.statistics.out_of_time
+    assert said >= 3
+
+
+def test_another_payload_or_pressure_is_planned_for_with_the_same_planner(machine, table):
+    planner = Planner(machine, table)
+    start, goal, _ = next(pairs(planner, 1, seed=4))
+    energies = []
+    for payload, pressure in ((10.0, 4e6), (2.0, 4e6), (2.0, 6e6), (10.0, 4e6)):
+        planner.change(machine.changed(payload=payload, supply_pressure=pressure))
+        plan = planner.plan(goal, MotionState.at_rest(start), options=INTEGRATED)
+        assert plan.lower_bound <= plan.energy.paper
+        energies.append(plan.energy.paper)
+    assert energies[0] == energies[-1]
+    assert energies[1] <= 1.05 * energies[0]
