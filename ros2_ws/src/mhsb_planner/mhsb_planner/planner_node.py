@@ -330,7 +330,6 @@ class PlannerNode(Node):
         self._view.own = command
         self._last_stamp_ns = command.stamp_ns
         summary = summary_of(replan, 1e3 * waiting.age)
-        where = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {summary.duration_s:.1f} s"
         self._report(
             GoalVerdict(
                 Verdict.OK,
