@@ -10,7 +10,7 @@ them, or between two of them.
 The objective is the misfit of `mhsb_planner.reproduction`, in which Cases 1 to 3 count twice, and
 UNREACHED for the share of the grid that the arm does not reach. It is found in three stages, Cases
 1 to 4, the two supply pressures, the sweeps; what cannot become one of the best any more is given
-up. Of the best so far machine.yaml, cases.yaml and numbers.yaml are written, as soon as it is found.
+up. Of the best so far machine.yaml, cases.yaml and numbers.yaml are written, as soon as found.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.trajectory import MotionState
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.s3_limits import joint_excess
 from mhsb_planner.s3_trajectory import START_NOISE, FitError

@@ -171,7 +171,7 @@ def evaluate(
     asked = settings() if asked is None else asked
     tell = progress or (lambda units: None)
     s1_global_search.warm_up(machine)
-    tables = {} if known is None else {None: known.table}
+    tables: dict[float | None, PostureTable] = {} if known is None else {None: known.table}
     for pressure in (None, *(s.table_pressure for s in asked.values())):
         if pressure not in tables:
             tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, tell)
