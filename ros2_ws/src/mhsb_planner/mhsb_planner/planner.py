@@ -96,7 +96,8 @@ class Plan:
     path     S2's discrete path; without steps where braking alone led to the goal
     motion   S3's trajectory with S4's mode schedule, both with stamp 0
     energy   of the motion [J], in both readings
-    seconds  time taken by `search`, `fit` and `energy` [s]
+    seconds  time taken by `search`, `fit`, `energy`; the integrated planner's `comparison` with
+             the table's path too [s]
     """
 
     path: DiscretePath

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.types import FloatArray, IntArray
+from mhsb_planner.indexed_heap import pop, sift_up
 from mhsb_planner.lower_bound import least_cost
 from mhsb_planner.s2_graph import StepGraph
 from mhsb_planner.s2_joining import NOWHERE, Steps
@@ -54,60 +55,6 @@ def empty_frontier(graph: StepGraph) -> Frontier:
         remaining=np.full(len(graph.layout.posture), np.nan),
         counts=np.zeros(3, dtype=np.int64),
     )
-
-
-# The heap's functions take plain arrays: handing a tuple of arrays over costs more than they do.
-
-
-@njit(cache=True, nogil=True)
-def _before(estimate: FloatArray, depth: IntArray, a: int, b: int) -> bool:
-    if estimate[a] != estimate[b]:
-        return estimate[a] < estimate[b]
-    if depth[a] != depth[b]:
-        return depth[a] < depth[b]
-    return a < b
-
-
-@njit(cache=True, nogil=True)
-def _sift_up(
-    estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, i: int, state: int
-) -> None:
-    """Put a state into the heap at i or above."""
-    while i > 0:
-        above = (i - 1) // 2
-        if not _before(estimate, depth, state, heap[above]):
-            break
-        heap[i] = heap[above]
-        place[heap[i]] = i
-        i = above
-    heap[i] = state
-    place[state] = i
-
-
-@njit(cache=True, nogil=True)
-def _pop(estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, size: int) -> int:
-    """Take the first state out of a heap of `size`."""
-    top = heap[0]
-    place[top] = NOWHERE
-    size -= 1
-    if size == 0:
-        return top
-    state = heap[size]
-    i = 0
-    while True:
-        below = 2 * i + 1
-        if below >= size:
-            break
-        if below + 1 < size and _before(estimate, depth, heap[below + 1], heap[below]):
-            below += 1
-        if not _before(estimate, depth, heap[below], state):
-            break
-        heap[i] = heap[below]
-        place[heap[i]] = i
-        i = below
-    heap[i] = state
-    place[state] = i
-    return top
 
 
 @njit(cache=True, nogil=True)
@@ -172,7 +119,7 @@ def expand(
                     terms, posture, scratch, edge_state, edge_pattern, edge_cost, found
                 )
                 edge_first[posture], edge_last[posture] = found, edge_used[0]
-            state = _pop(estimate, depth, heap, place, counts[0])
+            state = pop(estimate, depth, heap, place, counts[0])
             counts[0] -= 1
             if state == sink:
                 return FOUND
@@ -227,7 +174,7 @@ def expand(
             if slot == NOWHERE:
                 slot = counts[0]
                 counts[0] += 1
-            _sift_up(estimate, depth, heap, place, slot, target)
+            sift_up(estimate, depth, heap, place, slot, target)
         fresh = False
     return PAUSED
 

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.linkage import cylinder_length, moment_arm, moment_arm_slope
+from mhsb_model.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
@@ -82,8 +82,7 @@ def _pistons(
     for k in range(len(position)):
         for j in range(position.shape[1]):
             linkage, q, qd = m.linkage[j], position[k, j], velocity[k, j]
-            arm = moment_arm(linkage, q)
-            length[k, j] = cylinder_length(linkage, q)
+            length[k, j], arm, slope = motion(linkage, q)
             speed[k, j] = arm * qd
-            change[k, j] = arm * acceleration[k, j] + moment_arm_slope(linkage, q) * qd**2
+            change[k, j] = arm * acceleration[k, j] + slope * qd**2
     return length, speed, change

@@ -107,7 +107,7 @@ def test_an_arm_that_goes_on_as_it_moves_keeps_its_speed(machine):
         q, qd, _ = curve.sample(np.linspace(0.0, curve.breaks[-1] - 0.5, 50))
         speed = np.abs(np.array([machine.moment_arms(row) for row in q]) * qd).max(axis=1)
         assert speed.min() > 0.75 * limits.max_piston_speed
-        assert speed.max() < 1.01 * limits.max_piston_speed
+        assert speed.max() < 1.05 * limits.max_piston_speed
 
 
 def test_from_rest_v_max_and_the_path_are_kept(machine, walk, worst):

@@ -23,12 +23,10 @@ from mhsb_model.linkage import cylinder_length, joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
+from mhsb_planner.indexed_heap import NOWHERE, pop, sift_up
 from mhsb_planner.integrated.route import Memory, Terms, least_step, price_piece
-from mhsb_planner.s2_astar import _pop, _sift_up
 from mhsb_planner.s2_query import EXHAUSTED, FOUND, PAUSED
 from mhsb_planner.s2_step import DURATION, INADMISSIBLE, Postures
-
-NOWHERE = -1
 
 
 class Lattice(NamedTuple):
@@ -196,7 +194,7 @@ def _relax(t: Terms, f: Frontier, state: int, target: int, cost: float, least: f
     if slot == NOWHERE:
         slot = f.counts[0]
         f.counts[0] += 1
-    _sift_up(f.estimate, f.depth, f.heap, f.place, slot, target)
+    sift_up(f.estimate, f.depth, f.heap, f.place, slot, target)
     return True
 
 
@@ -222,7 +220,7 @@ def expand(
         else:
             if f.counts[0] == 0:
                 return EXHAUSTED
-            state = _pop(f.estimate, f.depth, f.heap, f.place, f.counts[0])
+            state = pop(f.estimate, f.depth, f.heap, f.place, f.counts[0])
             f.counts[0] -= 1
             if state == sink:
                 return FOUND
