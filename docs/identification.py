@@ -1,6 +1,6 @@
 """Find what the paper does not tell of its machine.
 
-    python docs/identification.py MACHINE MINUTES [--seed 0] [--out out/identified]
+    python docs/identification.py MACHINE COUNT [--seed 0] [--out out/identified]
 
 An evolution strategy over the open parameters, from a machine file that is near enough: pins and
 bars of the linkages, the joints' limits, flows of valve and main pump, leakage, boost margin, and
@@ -10,7 +10,8 @@ them, or between two of them.
 The objective is the misfit of `mhsb_planner.reproduction`, in which Cases 1 to 3 count twice, and
 UNREACHED for the share of the grid that the arm does not reach. It is found in three stages, Cases
 1 to 4, the two supply pressures, the sweeps; what cannot become one of the best any more is given
-up. Of the best so far machine.yaml, cases.yaml and numbers.yaml are written, as soon as found.
+up. Of the best so far machine.yaml and numbers.yaml are written, as soon as found. Same arguments,
+same result.
 """
 
 from __future__ import annotations
@@ -26,12 +27,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.schema import MachineConfig
 from mhsb_model.types import FloatArray
-from mhsb_planner.paper_cases import CASES_FILE, PaperCase, paper_cases
+from mhsb_planner.paper_cases import PaperCase, paper_cases
 from mhsb_planner.reproduction import runs
 from mhsb_planner.reproduction.expectations import EXPECTATIONS, Record, judged, misfit_of
 
@@ -168,11 +168,9 @@ class Objective:
     def _write(
         self, x: FloatArray, content: dict[str, Any], initial_j3: tuple[float, float]
     ) -> None:
-        cases = yaml.safe_load(config_file(CASES_FILE).read_text(encoding="utf-8"))
-        for name, j3 in zip(("4-2", "4-3"), initial_j3, strict=True):
-            cases[name]["initial_j3"] = j3
+        numbers = {"initial_j3": list(initial_j3), "changes": x.tolist()}
         self._out.mkdir(parents=True, exist_ok=True)
-        for name, kept in (("machine", content), ("cases", cases), ("numbers", x.tolist())):
+        for name, kept in (("machine", content), ("numbers", numbers)):
             (self._out / f"{name}.yaml").write_text(yaml.safe_dump(kept, sort_keys=False))
         spent = time.monotonic() - self._begun
         print(f"{spent:6.0f} s {self.evaluations:5d} machines  misfit {self.best:.3f}", flush=True)
@@ -190,11 +188,10 @@ def _cases(initial_j3: tuple[float, float]) -> dict[str, PaperCase]:
     return cases
 
 
-def search(objective: Objective, count: int, rng: np.random.Generator, minutes: float) -> None:
-    """The evolution strategy."""
-    deadline = time.monotonic() + 60.0 * minutes
+def search(objective: Objective, count: int, rng: np.random.Generator, machines: int) -> None:
+    """The evolution strategy, for `count` numbers and until so many machines were judged."""
     elite = [(objective(np.zeros(count), math.inf), np.zeros(count))]
-    while time.monotonic() < deadline:
+    while objective.evaluations < machines:
         x = elite[min(int(rng.exponential(2.0)), len(elite) - 1)][1].copy()
         other = elite[rng.integers(len(elite))][1]
         taken = rng.random(count) < CROSSED * (rng.random() < 0.5)
@@ -209,21 +206,24 @@ def search(objective: Objective, count: int, rng: np.random.Generator, minutes: 
 
 
 def main() -> None:
-    """Search for so many minutes."""
+    """Judge so many machines."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("machine", type=Path, help="machine file to begin with")
-    parser.add_argument("minutes", type=float, help="how long to search [min]")
+    parser.add_argument("count", type=int, help="how many machines to judge; some seconds each")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--cases", type=Path, help="cases.yaml to begin with")
+    parser.add_argument(
+        "--initial-j3",
+        type=float,
+        nargs=2,
+        default=[paper_cases()[name].initial_j3 for name in ("4-2", "4-3")],
+        help="where J3 begins in Cases 4-2 and 4-3 [rad]; those of the paper's cases if left out",
+    )
     parser.add_argument("--out", type=Path, default=Path("out/identified"))
     asked = parser.parse_args()
-    cases = asked.cases or config_file(CASES_FILE)
-    raw = yaml.safe_load(cases.read_text(encoding="utf-8"))
     base = yaml.safe_load(asked.machine.read_text(encoding="utf-8"))
-    initial_j3 = raw["4-2"]["initial_j3"], raw["4-3"]["initial_j3"]
-    numbers = OpenNumbers(base, initial_j3)
+    numbers = OpenNumbers(base, tuple(asked.initial_j3))
     objective = Objective(numbers, asked.out)
-    search(objective, numbers.count, np.random.default_rng(asked.seed), asked.minutes)
+    search(objective, numbers.count, np.random.default_rng(asked.seed), asked.count)
     print(f"best misfit {objective.best:.3f} after {objective.evaluations} machines")
 
 

@@ -29,10 +29,15 @@ def orifice(k: float, drop: float, laminar: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True, inline="always")
 def check_valve(k: float, drop: float, laminar: float) -> tuple[float, float]:
-    """Q = orifice(k, Δp) for Δp > 0, else 0: opens forwards, tight backwards."""
+    """Q = orifice(k, Δp) for Δp > 0, else 0: opens forwards, tight backwards.
+
+    The slope is that of the chord, Q/Δp: an implicit step then ends with a flow that has the sign
+    of its Δp. The tangent is less steep, so that a step would go past Δp = 0 and let oil back.
+    """
     if drop <= 0.0:
         return 0.0, 0.0
-    return orifice(k, drop, laminar)
+    flow, _ = orifice(k, drop, laminar)
+    return flow, flow / drop
 
 
 @njit(cache=True, nogil=True, inline="always")

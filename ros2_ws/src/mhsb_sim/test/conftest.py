@@ -34,7 +34,7 @@ def machine() -> Machine:
 
 @pytest.fixture(scope="session")
 def motion(machine: Machine) -> Motion:
-    """Quintic from a state to rest at a posture, as fast as a piston speed allows, with modes."""
+    """Quintic from a state to rest at a posture, as fast as speed and pump allow, with modes."""
 
     def make(
         start: MotionState,
@@ -52,7 +52,9 @@ def motion(machine: Machine) -> Motion:
 def _quintic(
     machine: Machine, start: MotionState, goal: FloatArray, stamp_ns: int, speed: float
 ) -> Trajectory:
-    zero = np.zeros(machine.joint_count)
+    """The shortest within joint limits, piston speed [m/s] and the main pump's flow."""
+    m, zero = machine.arrays, np.zeros(machine.joint_count)
+    flow = m.main_pump_flow - machine.joint_count * m.leakage_flow
     for duration in np.geomspace(0.4, 60.0, 100):
         points = int(np.ceil(duration / POINT_SPACING)) + 1
         q, qd, qdd = quintic_hermite(
@@ -62,8 +64,13 @@ def _quintic(
             (goal, zero, zero),
         )
         pistons = np.array([machine.moment_arms(a) * b for a, b in zip(q, qd, strict=True)])
-        if np.abs(pistons).max() <= speed:
+        inlets = np.where(pistons > 0.0, m.cap_area, m.rod_area)
+        inside = np.all((q >= m.joint_min - 1e-9) & (q <= m.joint_max + 1e-9))
+        drawn = (np.abs(pistons) * inlets).sum(axis=1)
+        if inside and np.abs(pistons).max() <= speed and drawn.max() <= flow:
             break
+    else:
+        pytest.fail(f"no quintic leads from {start.position} within limits to {goal} rad")
     qd[-1] = 0.0
     offsets = np.round(np.linspace(0.0, duration, points) * SECOND_NS).astype(np.int64)
     return Trajectory(stamp_ns, offsets, q, qd, qdd)

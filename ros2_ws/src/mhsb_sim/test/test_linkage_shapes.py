@@ -36,9 +36,11 @@ def test_rockers_couplers_and_rods_are_drawn_as_long_as_they_are(
     np.testing.assert_allclose(rods, four_bar_machine.cylinder_lengths(q))
 
 
-def test_a_slider_crank_is_drawn_as_a_rod_and_a_barrel_shorter_than_it(machine: Machine) -> None:
-    q, bars = drawn(machine, 0.0)
-    assert len(bars) == 2 * machine.joint_count
+def test_a_slider_crank_is_drawn_as_a_rod_and_a_barrel_shorter_than_it(
+    slider_crank_machine: Machine,
+) -> None:
+    q, bars = drawn(slider_crank_machine, 0.0)
+    assert len(bars) == 2 * slider_crank_machine.joint_count
     rods = lengths(bars, linkage_shapes.ROD_PAINT)
-    np.testing.assert_allclose(rods, machine.cylinder_lengths(q))
+    np.testing.assert_allclose(rods, slider_crank_machine.cylinder_lengths(q))
     assert np.all(np.array(lengths(bars, linkage_shapes.BARREL_PAINT)) < rods)

@@ -19,9 +19,9 @@ from mhsb_sim.simulator import Simulator, holding_modes, volume_gap
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
-LIFTED = np.array([1.0, -1.3, -1.7])  # boost in J1
-STRETCHED = np.array([0.85, -0.9, -0.5])  # more of it
-LOWERED = np.array([-0.3, -0.7, -0.4])
+LOWERED = np.array([-0.1, -1.9, -0.7])  # the main pump holds it
+LIFTED = np.array([0.55, -1.1, 0.2])  # boost in J1
+STRETCHED = np.array([0.4, -0.8, -0.1])  # more of it
 
 
 def tip_errors(simulator: Simulator, duration: float) -> FloatArray:
@@ -70,7 +70,7 @@ def test_cylinder_forces_at_rest_equal_statics(machine: Machine) -> None:
 def test_the_coordinated_servo_follows_a_boosted_lift_within_a_fifth_of_a_millimetre(
     machine: Machine, motion: Motion
 ) -> None:
-    simulator = Simulator(machine)
+    simulator = Simulator(machine, posture=LOWERED)
     duration = go(simulator, motion, LIFTED)
     assert {0, 1, 2} <= set(simulator._reference.schedule.modes[:, 0].tolist())
     errors = tip_errors(simulator, duration)
@@ -82,7 +82,7 @@ def test_the_coordinated_servo_follows_a_boosted_lift_within_a_fifth_of_a_millim
 
 @pytest.mark.parametrize("controller", sorted(CONTROLLERS))
 def test_replans_in_motion_are_followed(machine: Machine, motion: Motion, controller: str) -> None:
-    simulator = Simulator(machine, controller=controller)
+    simulator = Simulator(machine, controller=controller, posture=LOWERED)
     errors = []
     for goal in (LIFTED, STRETCHED, LOWERED, LIFTED, STRETCHED):
         go(simulator, motion, goal)
@@ -133,9 +133,10 @@ def test_a_slow_servo_pump_is_still_followed(machine: Machine, motion: Motion) -
 def test_a_boost_dropped_and_taken_up_again_at_full_speed_is_survived(
     machine: Machine, motion: Motion
 ) -> None:
-    simulator = Simulator(machine)
+    simulator = Simulator(machine, posture=LOWERED)
     trajectory, schedule = motion(simulator.reference, LIFTED)
     begin = int(0.55 * trajectory.duration_ns)
+    assert schedule.modes_at_many(np.array([begin]))[0, 0] == Mode.SB
     ms = SECOND_NS // 1000
     offsets = np.array([0, begin, begin + 5 * ms, begin + 10 * ms, trajectory.duration_ns])
     modes = np.array([[2, 0, 0], [1, 0, 0], [2, 0, 0], [2, 0, 0], schedule.modes[-1]], np.uint8)
@@ -176,9 +177,10 @@ def test_every_transition_between_patterns_is_finite_and_keeps_its_oil(
 def test_pumps_that_fail_let_the_arm_fall_behind_and_healed_it_catches_up(
     machine: Machine, motion: Motion, fault: Fault
 ) -> None:
-    simulator = Simulator(machine)
+    simulator = Simulator(machine, posture=LOWERED)
     duration = go(simulator, motion, LIFTED)
     simulator.advance(0.4 * duration)
+    assert simulator.modes[0] == Mode.SB
     simulator.inject(fault)
     assert tip_errors(simulator, 1.0).max() > 2e-3
     simulator.inject(Fault.NONE)
@@ -221,13 +223,14 @@ def test_half_the_step_changes_little(machine: Machine, motion: Motion) -> None:
         finer = Machine.from_config(
             machine.config.model_copy(update={"simulation": settings, "servo": servo})
         )
-        simulator = Simulator(finer)
+        simulator = Simulator(finer, posture=LOWERED)
         duration = go(simulator, motion, LIFTED)
         tips, lines = [], []
         for _ in range(round(duration / 0.01)):
             simulator.advance(0.01)
             tips.append(machine.tip_position(simulator.joint_state.position))
             lines.append(simulator.actuator_states.supply_pressure)
+        assert simulator.energies["servo_pumps"] > 10.0
         energy = simulator.energies["main_pump"] + simulator.energies["servo_pumps"]
         ends.append((np.array(tips), np.array(lines), energy))
     (tips, lines, energy), (fine_tips, fine_lines, fine_energy) = ends
@@ -263,7 +266,7 @@ def test_a_reset_repeats_the_run(machine: Machine, motion: Motion) -> None:
 
 
 def test_a_stop_comes_to_rest_along_the_path_and_holds(machine: Machine, motion: Motion) -> None:
-    simulator = Simulator(machine)
+    simulator = Simulator(machine, posture=LOWERED)
     trajectory, schedule = motion(simulator.reference, LIFTED)
     simulator.set_plan(trajectory, schedule)
     simulator.advance(2.0)
@@ -286,7 +289,7 @@ def test_a_stop_comes_to_rest_along_the_path_and_holds(machine: Machine, motion:
 
 
 def test_after_a_stop_a_new_plan_continues(machine: Machine, motion: Motion) -> None:
-    simulator = Simulator(machine)
+    simulator = Simulator(machine, posture=LOWERED)
     go(simulator, motion, LIFTED)
     simulator.advance(2.0)
     simulator.stop()

@@ -72,19 +72,24 @@ class Story:
         """Energy [J] of the model over the time between the simulator's reports (0.5 … 11.5 s).
 
         In N every litre costs P_S, whatever the speed: strokes and leakage are all there is to
-        know. The hold in DB costs leakage at the price of the load.
+        know. The hold in DB costs leakage at the price of the load; with the pumps in series the
+        valve leaks by the square root of its line's pressure.
         """
         m = self.machine.arrays
         stroke = self.machine.cylinder_lengths(RAISED) - self.machine.cylinder_lengths(FOLDED)
         volume = (m.cap_area + m.rod_area) @ np.abs(stroke) + 3 * m.leakage_flow * 11.0
+        leaked = m.leakage_flow * (11.5 - BOOSTED_FROM)
         load = (self.machine.piston_forces(FOLDED)[0] + m.rod_area[0] * m.tank_pressure) / (
             m.cap_area[0]
         )
         if series:
-            boost = max(0.0, load + m.boost_margin - m.supply_pressure) / m.servo_pump_efficiency
+            rise = max(0.0, load + m.boost_margin - m.supply_pressure)
+            factor = np.sqrt(1.0 + rise / (m.supply_pressure - m.tank_pressure))
+            volume += (factor - 1.0) * leaked
+            boost, leaked = rise / m.servo_pump_efficiency, factor * leaked
         else:
             boost = max(0.0, load / m.servo_pump_efficiency - m.supply_pressure)
-        return m.supply_pressure * volume + boost * m.leakage_flow * (11.5 - BOOSTED_FROM)
+        return float(m.supply_pressure * volume + boost * leaked)
 
 
 def ns(time: float) -> int:
