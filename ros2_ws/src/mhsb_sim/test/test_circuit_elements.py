@@ -37,6 +37,7 @@ def test_the_orifice_gives_its_rated_flow_and_is_laminar_at_zero() -> None:
 
 @given(drops)
 def test_a_check_valve_is_an_orifice_forwards_and_tight_backwards(drop: float) -> None:
+    assume(abs(drop) > 1e-9)
     flow, slope = elements.check_valve(1e-7, drop, DP_LAMINAR)
     if drop <= 0:
         assert (flow, slope) == (0.0, 0.0)
