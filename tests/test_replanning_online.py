@@ -62,7 +62,7 @@ def test_refused_goals_leave_the_motion_as_it_is(arm):
         Verdict.OUT_OF_WORKSPACE: goal_message(11, point=(2.0, 0.0, 0.0)),
         Verdict.NOT_FINITE: goal_message(12, point=(math.nan, 0.0, 0.3)),
         Verdict.FRAME: goal_message(13, frame="map"),
-        Verdict.INFEASIBLE: goal_message(14, point=(0.0, 0.0, 0.6)),
+        Verdict.INFEASIBLE: goal_message(14, point=(0.0, 0.0, 0.3)),
     }
     for code, message in refusals.items():
         verdict = arm.ask_message(message)
