@@ -15,7 +15,7 @@ from numba import njit
 
 from mhsb_model.braking import brake_along
 from mhsb_model.hydraulics import needs_boost
-from mhsb_model.linkage import cylinder_length, moment_arm
+from mhsb_model.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
@@ -108,11 +108,11 @@ class Simulator:
         self._data.qpos[:] = self._start
         linkage, data = self.machine.arrays.linkage, self._data
         n = self.machine.joint_count
-        self._lengths, self._speeds = np.empty(n), np.empty(n)
+        self._lengths, self._speeds, arms = np.empty(n), np.empty(n), np.empty(n)
         # MuJoCo makes a new view at each access: these are kept.
         position, velocity, control = data.qpos, data.qvel, data.ctrl
-        self._pistons = (linkage, position, velocity, self._lengths, self._speeds)
-        self._motion = (linkage, position, velocity, control)
+        self._pistons = (linkage, position, velocity, self._lengths, self._speeds, arms)
+        self._motion = (arms, position, velocity, control)
         move_pistons(*self._pistons)
         apply_forces(self._circuit.actuators, self._circuit.pressure, *self._motion)
         mujoco.mj_forward(self._model, data)
@@ -391,11 +391,12 @@ def move_pistons(
     velocity: FloatArray,
     length: FloatArray,
     speed: FloatArray,
+    arm: FloatArray,
 ) -> None:
-    """L(q) [m] and r(q) q̇ [m/s] of all cylinders, written to length[n] and speed[n]."""
+    """L(q) [m], r(q) q̇ [m/s] and r(q) [m] of all cylinders, to length[n], speed[n] and arm[n]."""
     for j in range(len(length)):
-        length[j] = cylinder_length(linkage[j], position[j])
-        speed[j] = moment_arm(linkage[j], position[j]) * velocity[j]
+        length[j], arm[j], _ = motion(linkage[j], position[j])
+        speed[j] = arm[j] * velocity[j]
 
 
 @njit(cache=True, nogil=True)
@@ -406,15 +407,16 @@ def measure(
     velocity: FloatArray,
     length: FloatArray,
     speed: FloatArray,
+    arm: FloatArray,
     pressure: FloatArray,
     sensors: Records,
     rail_pressure: FloatArray,
 ) -> bool:
-    """Pistons moved to L(q) [m] and r(q) q̇ [m/s]; sensors: the true values plus this step's noise.
+    """Pistons moved as by `move_pistons`; sensors: the true values plus this step's noise.
 
     noise: float64[4 n + 1], lengths first. False where a sensor gives what is not finite.
     """
-    move_pistons(linkage, position, velocity, length, speed)
+    move_pistons(linkage, position, velocity, length, speed, arm)
     n = len(sensors)
     total = 0.0
     for j in range(n):
@@ -432,7 +434,7 @@ def measure(
 def apply_forces(
     actuators: Records,
     pressure: FloatArray,
-    linkage: FloatArray,
+    arm: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
     control: FloatArray,
@@ -444,7 +446,7 @@ def apply_forces(
     good = True
     for j in range(len(actuators)):
         force = actuators[j].force - actuators[j].friction
-        control[j] = moment_arm(linkage[j], position[j]) * force
+        control[j] = arm[j] * force
         good = good and abs(position[j]) < LARGEST_STATE and abs(velocity[j]) < LARGEST_STATE
     for p in pressure:
         good = good and abs(p) < np.inf

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numba import njit
 
-from mhsb_model.linkage import cylinder_length, moment_arm
+from mhsb_model.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.schema import CascadeGains
@@ -48,7 +48,8 @@ GAINS = np.dtype(
 
 AXIS = np.dtype(
     [
-        ("speed", "f8"),  # m/s, of the piston in the reference now
+        ("length", "f8"),  # m, of the cylinder in the reference now
+        ("speed", "f8"),  # m/s, of its piston
         ("force", "f8"),  # N, feed-forward now
         ("speed_ahead", "f8"),  # m/s, in the reference ahead
         ("force_ahead", "f8"),  # N
@@ -110,11 +111,12 @@ def piston_demands(
         inverse_dynamics(links, g.gravity, q, qd, qdd, scratch, torque)
         for j in range(len(axes)):
             axis = axes[j]
-            arm = moment_arm(linkage[j], q[j])
+            length, arm, _ = motion(linkage[j], q[j])
             if k == AHEAD:
                 axis.speed_ahead = arm * qd[j]
                 axis.force_ahead = torque[j] / arm
             else:
+                axis.length = length
                 axis.speed = arm * qd[j]
                 axis.force = torque[j] / arm
     for j in range(len(axes)):
@@ -135,7 +137,7 @@ def piston_demands(
         if math.isnan(axis.bias):
             axis.bias = force - known
         axis.bias += (force - known - axis.bias) * g.step / g.force_bias_time
-        error = cylinder_length(linkage[j], reference[0, 0, j]) - sensor.length
+        error = axis.length - sensor.length
         pull = g.force_bandwidth / axis.stiffness
         force_reference = known + axis.bias + g.position_gain / pull * error
         axis.demand = axis.speed + pull * (force_reference - force)

@@ -137,7 +137,7 @@ def control(
         open_valve(axes[j], sensors[j], cylinders[j], constants, actuators[j])
         set_target(axes[j], sensors[j], cylinders[j], constants, gains, modes[j])
     look_ahead(
-        reference, linkage, sensors, cylinders, constants, own_gains, axes, volume
+        reference, linkage, sensors, cylinders, constants, serves, own_gains, axes, volume
     )
     join_lines(
         sensors,
@@ -266,17 +266,27 @@ def join_lines(
 
 
 @njit(cache=True, nogil=True)
+def is_served(j: int, serves: IntArray) -> bool:
+    """Whether any module is in use for actuator j."""
+    found = False
+    for user in serves:
+        found = found or user == j
+    return found
+
+
+@njit(cache=True, nogil=True)
 def look_ahead(
     reference: FloatArray,
     linkage: FloatArray,
     sensors: Records,
     cylinders: Records,
     constants: Records,
+    serves: IntArray,
     own_gains: Records,
     axes: Records,
     volume: FloatArray,
 ) -> None:
-    """Flow that every line is about to give, and the oil that it gives up to each point ahead.
+    """Flow that boosted lines are about to give, and the oil they give up to each point ahead.
 
     Flow: A_dir |u| of the demanded speed, leakage, and what the next point of the reference adds
     while the pump follows. volume float64[n, REFERENCE_POINTS] m³: ∫ (A_dir |v| + leakage) dt of
@@ -286,13 +296,22 @@ def look_ahead(
     spacing = g.preview / AHEAD
     for j in range(len(axes)):
         axis, cylinder = axes[j], cylinders[j]
+        if axis.joined == 0.0 and not is_served(j, serves):
+            axis.line_flow = 0.0
+            volume[j] = 0.0
+            continue
         drop = sensors[j].line_pressure - c.tank_pressure
         leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
         inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
         axis.line_flow = inlet * abs(axis.demand) + leakage
         before = 0.0
         for k in range(len(reference)):
-            speed = moment_arm(linkage[j], reference[k, 0, j]) * reference[k, 1, j]
+            if k == 0:
+                speed = axis.speed
+            elif k == AHEAD:
+                speed = axis.speed_ahead
+            else:
+                speed = moment_arm(linkage[j], reference[k, 0, j]) * reference[k, 1, j]
             flow = leakage + abs(speed) * (cylinder.cap_area if speed > 0.0 else cylinder.rod_area)
             if k == 0:
                 volume[j, k] = 0.0
