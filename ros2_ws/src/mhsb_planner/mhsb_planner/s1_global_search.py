@@ -34,7 +34,9 @@ from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
 from mhsb_planner.threads import over_ranges
 
-SAMPLES_PER_TURN = 180
+SAMPLES_PER_TURN = 720
+"""Where flow limits change places the area has ridges; with four-bars some are 5 mrad wide."""
+
 LEAST_SAMPLES = 8
 REFINED_TO = 1e-7
 """Width to which the parameter t of a maximum is narrowed [rad]."""
