@@ -55,6 +55,25 @@ class DiscretePath:
         for name in ("modes", "start_modes"):
             object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=np.uint8)))
 
+    @classmethod
+    def standing(
+        cls, tip: FloatArray, posture: FloatArray, modes: ModeArray, seconds: float
+    ) -> DiscretePath:
+        """The path without steps of a start that is at its goal; `seconds` of search."""
+        nothing = np.empty(0)
+        return cls(
+            tip=np.atleast_2d(tip),
+            posture=np.atleast_2d(posture),
+            modes=np.empty((0, len(modes)), dtype=np.uint8),
+            duration=nothing,
+            energy=nothing,
+            energy_series=nothing,
+            cost=0.0,
+            start_modes=modes,
+            lower_bound=0.0,
+            statistics=SearchStatistics(0, 0, seconds),
+        )
+
     @property
     def steps(self) -> int:
         """Number of steps k."""

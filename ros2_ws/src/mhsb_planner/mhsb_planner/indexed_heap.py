@@ -1,8 +1,8 @@
 """A binary heap of numbered states that knows where each of them is, for A* in kernels.
 
 The state with the least estimate is first, of equals that with the fewest steps, then the least
-number. `place` holds each state's position in `heap`, NOWHERE where it is not there. The functions
-take plain arrays: handing a tuple of arrays over costs more than they do.
+number. `place` holds each state's position in `heap`, NOT_IN_HEAP where it is not there. The
+functions take plain arrays: handing a tuple of arrays over costs more than they do.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from numba import njit
 
 from mhsb_model.types import FloatArray, IntArray
 
-NOWHERE = -1
+NOT_IN_HEAP = -1
 
 
 @njit(cache=True, nogil=True)
@@ -43,7 +43,7 @@ def sift_up(
 def pop(estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, size: int) -> int:
     """Take the first state out of a heap of `size`."""
     top = heap[0]
-    place[top] = NOWHERE
+    place[top] = NOT_IN_HEAP
     size -= 1
     if size == 0:
         return top

@@ -49,6 +49,23 @@ def least_cost(
     return volume_weight * (volume + leakage * duration) + time_weight * duration
 
 
+@njit(cache=True, nogil=True)
+def least_cost_between(
+    c: Circuit, start: FloatArray, goal: FloatArray, weight: FloatArray
+) -> float:
+    """The same with the weights float64[2 or more] of energy [1/J] and time [1/s]."""
+    return least_cost(
+        c.area,
+        c.pace,
+        c.shared_flow,
+        len(start) * c.leakage_flow,
+        start,
+        goal,
+        weight[0] * c.supply_pressure,
+        weight[1],
+    )
+
+
 def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
     """E_lb [J] from the posture start[n] to the cheapest of the postures goals[goals, n] [rad]."""
     arrays = machine.arrays
@@ -65,10 +82,7 @@ def energy_bound_between(circuit: Circuit, start: Postures, goals: Postures) -> 
 @njit(cache=True, nogil=True)
 def _energy_between_lengths(c: Circuit, start: FloatArray, goals: FloatArray) -> float:
     least = np.inf
-    leakage = len(start) * c.leakage_flow
+    energy = np.array([1.0, 0.0])
     for goal in goals:
-        bound = least_cost(
-            c.area, c.pace, c.shared_flow, leakage, start, goal, c.supply_pressure, 0.0
-        )
-        least = min(least, bound)
+        least = min(least, least_cost_between(c, start, goal, energy))
     return least

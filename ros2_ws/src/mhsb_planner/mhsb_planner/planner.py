@@ -45,7 +45,6 @@ from mhsb_planner.s4_mode_schedule import StartModes
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
-
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.indexed_heap import pop, sift_up
+from mhsb_planner.indexed_heap import NOT_IN_HEAP, pop, sift_up
 from mhsb_planner.lower_bound import least_cost
 from mhsb_planner.s2_graph import StepGraph
 from mhsb_planner.s2_joining import NOWHERE, Steps
@@ -35,7 +35,7 @@ class Frontier(NamedTuple):
     depth: IntArray  # [states + 1] steps so far
     parent: IntArray  # [states + 1] state before; NOWHERE for the start
     edge: IntArray  # [states + 1] step by which it was reached, in the list its parent implies
-    place: IntArray  # [states + 1] in the heap, NOWHERE where not there
+    place: IntArray  # [states + 1] in the heap, NOT_IN_HEAP where not there
     heap: IntArray  # [states + 1]
     remaining: FloatArray  # [postures] least cost to the goal, NaN where not yet computed
     counts: IntArray  # [3] size of the heap, states expanded, steps looked at
@@ -50,7 +50,7 @@ def empty_frontier(graph: StepGraph) -> Frontier:
         depth=np.zeros(states, dtype=np.int64),
         parent=np.empty(states, dtype=np.int64),
         edge=np.empty(states, dtype=np.int64),
-        place=np.full(states, NOWHERE),
+        place=np.full(states, NOT_IN_HEAP),
         heap=np.empty(states, dtype=np.int64),
         remaining=np.full(len(graph.layout.posture), np.nan),
         counts=np.zeros(3, dtype=np.int64),
@@ -171,7 +171,7 @@ def expand(
             parent[target] = state
             edge[target] = e
             slot = place[target]
-            if slot == NOWHERE:
+            if slot == NOT_IN_HEAP:
                 slot = counts[0]
                 counts[0] += 1
             sift_up(estimate, depth, heap, place, slot, target)

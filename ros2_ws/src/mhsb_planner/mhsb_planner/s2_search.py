@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.errors import (
     DeadlineError,
     ExpansionLimitError,
@@ -96,7 +96,8 @@ def search(
     x, z = float(goal_xz[0]), float(goal_xz[1])
     start, goal = start_at(graph, posture), goal_at(graph, x, z, goal_psi)
     if _is_at(start, posture, goal, goal_psi):
-        return _no_steps(start, modes, time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        return DiscretePath.standing(np.array(start.tip), posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
     expanded = 0
     for rings in RINGS:
@@ -149,22 +150,6 @@ def _is_at(start: Start, posture: FloatArray, goal: Goal, psi: float | None) -> 
         return False
     ends = goal.postures.posture
     return psi is None or bool(np.any(np.max(np.abs(ends - posture), axis=1) <= SAME_POINT))
-
-
-def _no_steps(start: Start, modes: ModeArray, seconds: float) -> DiscretePath:
-    nothing = np.empty(0)
-    return DiscretePath(
-        tip=np.array([start.tip]),
-        posture=start.postures.posture,
-        modes=np.empty((0, len(modes)), dtype=np.uint8),
-        duration=nothing,
-        energy=nothing,
-        energy_series=nothing,
-        cost=0.0,
-        start_modes=modes,
-        lower_bound=0.0,
-        statistics=SearchStatistics(0, 0, seconds),
-    )
 
 
 def warm_up(graph: StepGraph) -> None:

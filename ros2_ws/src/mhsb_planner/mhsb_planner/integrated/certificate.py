@@ -1,10 +1,10 @@
 """A lower bound on the cost of every plan from a posture to a tip position, whatever ψ it ends in.
 
-`lower_bound.least_cost` to the nearest goal posture, its minimum over the continuous set of goal
-postures found by branch and bound over ψ: for a cell [a, b] of ψ and an elbow branch, interval
-arithmetic encloses the joint angles, hence the cylinder lengths (monotone in the angles), in a
-box, and the least cost to the box bounds the cell. Cells are halved where their bound is below
-the least cost met at their middles.
+`lower_bound.least_cost_between` to the nearest goal posture, its minimum over the continuous set
+of goal postures found by branch and bound over ψ: for a cell [a, b] of ψ and an elbow branch,
+interval arithmetic encloses the joint angles, hence the cylinder lengths (monotone in the angles),
+in a box, and the least cost to the box bounds the cell. Cells are halved where their bound is
+below the least cost met at their middles.
 
 With the tip at distance R and direction φ, u = ψ − φ, the wrist lies at distance D and direction
 φ + α, the elbow at β beside it:
@@ -27,7 +27,7 @@ from mhsb_model.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.goal_postures import GoalPostures
-from mhsb_planner.lower_bound import least_cost
+from mhsb_planner.lower_bound import least_cost_between
 from mhsb_planner.s2_step import Circuit
 
 TOLERANCE = 1e-3
@@ -133,15 +133,6 @@ def enclose(
 
 
 @njit(cache=True, nogil=True)
-def _least(
-    c: Circuit, start: FloatArray, goal: FloatArray, weight: FloatArray
-) -> float:
-    leakage = len(start) * c.leakage_flow
-    volume = weight[0] * c.supply_pressure
-    return least_cost(c.area, c.pace, c.shared_flow, leakage, start, goal, volume, weight[1])
-
-
-@njit(cache=True, nogil=True)
 def _branch_and_bound(
     m: MachineArrays,
     c: Circuit,
@@ -165,12 +156,12 @@ def _branch_and_bound(
             continue
         for j in range(3):
             nearest[j] = min(box[1, j], max(box[0, j], start[j]))
-        bound = _least(c, start, nearest, weight)
+        bound = least_cost_between(c, start, nearest, weight)
         middle = 0.5 * (low + high)
         if joint_angles(m, tip[0], tip[1], middle, elbow, q) and within_limits(m, q):
             for j in range(3):
                 nearest[j] = cylinder_length(m.linkage[j], q[j])
-            met = min(met, _least(c, start, nearest, weight))
+            met = min(met, least_cost_between(c, start, nearest, weight))
         if bound >= (1.0 - TOLERANCE) * met or high - low < NARROWEST or bound >= least:
             least = min(least, bound)
             continue

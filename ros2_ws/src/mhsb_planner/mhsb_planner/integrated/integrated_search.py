@@ -153,7 +153,8 @@ def search(
     modes = np.array(start_modes, dtype=np.uint8)
     goals = goal_postures(machine, *goal_xz, goal_psi, effort.psi_spacing)
     if _is_at(machine, posture, goals):
-        return _no_steps(machine, posture, modes, time.perf_counter() - began)
+        tip, seconds = machine.tip_position(posture), time.perf_counter() - began
+        return DiscretePath.standing(tip, posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
     deadline = math.inf if budget is None else began + SEARCH_SHARE * budget
     task = _task(machine, posture, modes, goals, weight, energy_reading, deadline, effort)
@@ -299,24 +300,6 @@ def _is_at(machine: Machine, posture: FloatArray, goals: GoalPostures) -> bool:
         return False
     off = np.max(np.abs(goals.postures.posture - posture), axis=1)
     return goals.free or bool(np.any(off <= SAME_POINT))
-
-
-def _no_steps(
-    machine: Machine, posture: FloatArray, modes: ModeArray, seconds: float
-) -> DiscretePath:
-    nothing = np.empty(0)
-    return DiscretePath(
-        tip=machine.tip_position(posture)[None, :],
-        posture=posture[None, :],
-        modes=np.empty((0, len(modes)), dtype=np.uint8),
-        duration=nothing,
-        energy=nothing,
-        energy_series=nothing,
-        cost=0.0,
-        start_modes=modes,
-        lower_bound=0.0,
-        statistics=SearchStatistics(0, 0, seconds),
-    )
 
 
 def warm_up(machine: Machine) -> None:

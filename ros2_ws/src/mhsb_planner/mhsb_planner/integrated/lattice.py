@@ -23,8 +23,9 @@ from mhsb_model.linkage import cylinder_length, joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.indexed_heap import NOWHERE, pop, sift_up
+from mhsb_planner.indexed_heap import NOT_IN_HEAP, pop, sift_up
 from mhsb_planner.integrated.route import Memory, Terms, least_step, price_piece
+from mhsb_planner.s2_joining import NOWHERE
 from mhsb_planner.s2_query import EXHAUSTED, FOUND, PAUSED
 from mhsb_planner.s2_step import DURATION, INADMISSIBLE, Postures
 
@@ -107,7 +108,7 @@ class Frontier(NamedTuple):
     estimate: FloatArray  # [states + 1] cost so far plus least cost to the goal
     depth: IntArray  # [states + 1] steps so far
     parent: IntArray  # [states + 1] state before; NOWHERE for the start
-    place: IntArray  # [states + 1] in the heap, NOWHERE where not there
+    place: IntArray  # [states + 1] in the heap, NOT_IN_HEAP where not there
     heap: IntArray  # [states + 1]
     remaining: FloatArray  # [points] least cost to the goal, NaN where not yet computed
     force: FloatArray  # [points, n] of the cylinders [N], NaN where not yet computed
@@ -125,7 +126,7 @@ def empty_frontier(lattice: Lattice, patterns: int) -> Frontier:
         estimate=np.empty(states),
         depth=np.zeros(states, dtype=np.int64),
         parent=np.empty(states, dtype=np.int64),
-        place=np.full(states, NOWHERE),
+        place=np.full(states, NOT_IN_HEAP),
         heap=np.empty(states, dtype=np.int64),
         remaining=np.full(points, np.nan),
         force=np.full((points, len(lattice.shape)), np.nan),
@@ -191,11 +192,40 @@ def _relax(t: Terms, f: Frontier, state: int, target: int, cost: float, least: f
     f.depth[target] = 1 if state == NOWHERE else f.depth[state] + 1
     f.parent[target] = state
     slot = f.place[target]
-    if slot == NOWHERE:
+    if slot == NOT_IN_HEAP:
         slot = f.counts[0]
         f.counts[0] += 1
     sift_up(f.estimate, f.depth, f.heap, f.place, slot, target)
     return True
+
+
+@njit(cache=True, nogil=True)
+def _take(
+    t: Terms,
+    w: Memory,
+    f: Frontier,
+    state: int,
+    own: int,
+    so_far: float,
+    admitted: int,
+    first: int,
+    apart: int,
+    least: float,
+    enough: float,
+) -> bool:
+    """Take the step priced in w.scratch in all patterns admitted; whether it gained anything.
+
+    Pattern p leads from `state`, reached in the pattern `own`, to the state first + p · apart,
+    from which `least` is left to the goal.
+    """
+    cost, gained = w.scratch.cost, False
+    for p in range(len(t.patterns)):
+        if w.scratch.status[p] == admitted:
+            there = so_far + t.weight[0] * cost[p, t.column] + t.weight[1] * cost[p, DURATION]
+            there += t.weight[2] * t.switches[own, p]
+            if there + least < enough:
+                gained = _relax(t, f, state, first + p * apart, there, least) or gained
+    return gained
 
 
 @njit(cache=True, nogil=True)
@@ -209,8 +239,7 @@ def expand(
 
     Oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
     """
-    patterns, cost, status = len(t.patterns), w.scratch.cost, w.scratch.status
-    w_energy, w_time, w_switch = t.weight
+    patterns, w_switch = len(t.patterns), t.weight[2]
     sink = len(f.cost) - 1
     n = len(lattice.shape)
     at = np.empty(n, dtype=np.int64)
@@ -256,12 +285,7 @@ def expand(
             admitted = price_piece(t, w, 0)
             if admitted == INADMISSIBLE:
                 continue
-            for p in range(patterns):
-                if status[p] == admitted:
-                    there = so_far + w_energy * cost[p, t.column] + w_time * cost[p, DURATION]
-                    there += w_switch * t.switches[own, p]
-                    if there + least < enough:
-                        _relax(t, f, state, target * patterns + p, there, least)
+            _take(t, w, f, state, own, so_far, admitted, target * patterns, 1, least, enough)
         for k in range(len(goals.length)):
             if not _within_a_step(w.points.length[0], goals.length[k], lattice.spacing):
                 continue
@@ -272,12 +296,8 @@ def expand(
             admitted = price_piece(t, w, 0)
             if admitted == INADMISSIBLE:
                 continue
-            for p in range(patterns):
-                if status[p] == admitted:
-                    there = so_far + w_energy * cost[p, t.column] + w_time * cost[p, DURATION]
-                    there += w_switch * t.switches[own, p]
-                    if there < enough and _relax(t, f, state, sink, there, 0.0):
-                        f.reached[0] = k
+            if _take(t, w, f, state, own, so_far, admitted, sink, 0, 0.0, enough):
+                f.reached[0] = k
     return PAUSED
 
 

@@ -20,7 +20,7 @@ from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.lower_bound import least_cost
+from mhsb_planner.lower_bound import least_cost_between
 from mhsb_planner.s2_step import (
     DURATION,
     ENERGY_PAPER,
@@ -38,10 +38,8 @@ from mhsb_planner.s2_step import (
 PIECE = 2e-3
 """Longest stroke of a cylinder within one piece [m]."""
 
-
 ROUNDING = 1e-9
 """The tip may lie this far outside the workspace [m]; farther only where it comes from there."""
-
 
 NEAR = 5e-3
 """Within this of the workspace's edge a piece is looked at more closely [m]."""
@@ -181,17 +179,7 @@ def pieces_between(start: FloatArray, end: FloatArray) -> int:
 @njit(cache=True, nogil=True)
 def least_step(t: Terms, start: FloatArray, end: FloatArray) -> float:
     """Least cost of any way between two cylinder lengths[n], in any modes."""
-    c = t.circuit
-    return least_cost(
-        c.area,
-        c.pace,
-        c.shared_flow,
-        len(start) * c.leakage_flow,
-        start,
-        end,
-        t.weight[0] * c.supply_pressure,
-        t.weight[1],
-    )
+    return least_cost_between(t.circuit, start, end, t.weight)
 
 
 @njit(cache=True, nogil=True)

@@ -6,7 +6,6 @@ all of them hold. Words of the paper are read by the thresholds below, the same 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ from mhsb_model.modes import Mode
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.paper_cases import PaperCase
 from mhsb_planner.reproduction import measures
+from mhsb_planner.reproduction.conditions import Condition, at_least, at_most
 from mhsb_planner.reproduction.runs import (
     ENERGY_WEIGHTS,
     PISTON_SPEEDS,
@@ -72,48 +72,6 @@ PUBLISHED_ENERGY = {
     "c5.ps100": (pressure_run(10e6), 1011.0),
 }
 """Run and energy [J] of the published energies that are left of the paper."""
-
-
-@dataclass(frozen=True)
-class Condition:
-    """A number that must reach a bound, or stay below it.
-
-    scale is the distance from the bound at which the condition counts as wholly missed.
-    """
-
-    name: str
-    value: float
-    bound: float
-    scale: float
-    least: bool
-
-    @property
-    def met(self) -> bool:
-        """Whether it holds; never for a value that is not a number."""
-        return self.value >= self.bound if self.least else self.value <= self.bound
-
-    @property
-    def shortfall(self) -> float:
-        """How far it is from being met, 0 … 1."""
-        if self.met:
-            return 0.0
-        if math.isnan(self.value):
-            return 1.0
-        return min(1.0, abs(self.value - self.bound) / self.scale)
-
-    def __str__(self) -> str:
-        word = "at least" if self.least else "at most"
-        return f"{self.name} {self.value:.3g} ({word} {self.bound:.3g})"
-
-
-def at_least(name: str, value: float, bound: float, scale: float) -> Condition:
-    """value ≥ bound."""
-    return Condition(name, value, bound, scale, least=True)
-
-
-def at_most(name: str, value: float, bound: float, scale: float) -> Condition:
-    """value ≤ bound."""
-    return Condition(name, value, bound, scale, least=False)
 
 
 class _NoPathOfRunError(Exception):
