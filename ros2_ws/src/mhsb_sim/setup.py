@@ -32,6 +32,7 @@ setup(
         "console_scripts": [
             "sim_node = mhsb_sim.sim_node:main",
             "simulate = mhsb_sim.simulate_command:main",
+            "compare = mhsb_sim.compare_command:main",
             "study = mhsb_sim.study_command:main",
             "tune = mhsb_sim.tune_command:main",
             "record = mhsb_sim.record_command:main",

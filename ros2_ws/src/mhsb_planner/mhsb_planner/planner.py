@@ -174,7 +174,7 @@ class Planner:
         DeadlineError.
         """
         options = options or PlanOptions()
-        modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
+        modes = modes or self._all_normal()
         task = _Task(goal, start, modes, brake, options)
         if options.planner != "integrated":
             return self._along(task, partial(self._searched, task))
@@ -184,6 +184,25 @@ class Planner:
         except (NoPathError, FitError):
             return self._along(task, table)
         return self._or_cheaper(task, found, table)
+
+    def follow(
+        self,
+        path: DiscretePath,
+        modes: StartModes | None = None,
+        options: PlanOptions | None = None,
+    ) -> Plan:
+        """The plan along a path that was found elsewhere, from rest; S2 is left out.
+
+        modes  in force at the start; all N where left out
+
+        Raises FitError.
+        """
+        modes = modes or self._all_normal()
+        x, z = path.tip[-1].tolist()
+        start = MotionState.at_rest(path.posture[0])
+        return self._along(
+            _Task((x, z), start, modes, None, options or PlanOptions()), lambda: path
+        )
 
     def _along(self, task: _Task, search_path: Callable[[], DiscretePath]) -> Plan:
         """The plan along the path that a search finds."""
@@ -224,6 +243,9 @@ class Planner:
                     found = other
         seconds = {**found.seconds, "comparison": time.perf_counter() - began}
         return replace(found, seconds=MappingProxyType(seconds))
+
+    def _all_normal(self) -> StartModes:
+        return StartModes.settled(np.full(self.machine.joint_count, Mode.N))
 
     def _integrated(self, task: _Task) -> DiscretePath:
         """Path, posture and modes decided together."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -27,8 +27,8 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
-from mhsb_model.types import FloatArray
-from mhsb_planner.integrated.benchmark import Move, integrated_figures
+from mhsb_planner.integrated.benchmark import integrated_figures
+from mhsb_planner.moves import Move, random_moves
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
 from mhsb_planner.result_files import write_json
 from mhsb_planner.s1_global_search import build_posture_table
@@ -55,25 +55,12 @@ class Effort:
     Plans, SLSQP entries, ground truths, plans for each spacing, and the spacings [m].
     """
 
-    pairs: int = 500
+    moves: int = 500
     entries: int = 200
     truths: int = 60
-    growth_pairs: int = 100
+    growth_moves: int = 100
     spacings: tuple[float, ...] = SPACINGS
     runs: int = RUNS
-
-
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """Two nodes of the grid between which there is a plan.
-
-    node, start  where it begins, and the posture there in N [rad]
-    goal         (x, z) m
-    """
-
-    node: int
-    start: FloatArray
-    goal: tuple[float, float]
 
 
 def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figures:
@@ -81,15 +68,15 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
     warm_up(Planner(machine, build_posture_table(machine, jobs=jobs)))
     table, table_figures = _table_figures(machine, effort, jobs)
     planner = Planner(machine, table)
-    pairs = list(_pairs(planner, effort.pairs))
-    moves = [Move(pair.start, pair.goal) for pair in pairs]
+    bar = tqdm(random_moves(planner, effort.moves), "moves", effort.moves, unit="move")
+    moves = list(bar)
     return {
         "table": table_figures,
         "plan": {
-            "table": _plan_figures(planner, pairs, effort),
+            "table": _plan_figures(planner, moves, effort),
             "integrated": integrated_figures(planner, moves, effort.truths, effort.runs),
         },
-        "scipy_dijkstra": _dijkstra_figures(planner.graph, pairs, effort.runs),
+        "scipy_dijkstra": _dijkstra_figures(planner.graph, moves, effort.runs),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
 
@@ -125,33 +112,14 @@ def _table_figures(
 # --- Plans ---------------------------------------------------------------------------------------
 
 
-def _pairs(planner: Planner, count: int) -> Iterator[Pair]:
-    """Random pairs of nodes. A goal off the grid would have its postures sought first (S1)."""
-    random = np.random.default_rng(SEED)
-    table = planner.graph.table
-    nodes = np.flatnonzero(table.feasible)
-    with tqdm(total=count, desc="pairs", unit="pair") as bar:
-        while count:
-            here, there = random.choice(nodes, 2, replace=False)
-            x, z = table.nodes[there] * table.spacing
-            pair = Pair(int(here), table.posture[here, 0], (float(x), float(z)))
-            try:
-                planner.plan(pair.goal, MotionState.at_rest(pair.start))
-            except MhsbError:
-                continue
-            count -= 1
-            bar.update()
-            yield pair
-
-
-def _plan_figures(planner: Planner, pairs: list[Pair], effort: Effort) -> Figures:
-    """Percentiles over all pairs of S2 to S4 together and of each, and of a first plan."""
+def _plan_figures(planner: Planner, moves: list[Move], effort: Effort) -> Figures:
+    """Percentiles over all moves of S2 to S4 together and of each, and of a first plan."""
     settled = StartModes.settled(np.full(planner.machine.joint_count, Mode.N))
     runs = []
     for _ in tqdm(range(effort.runs), desc="plans", unit="run"):
-        times = np.empty((len(pairs), 4))
-        for row, pair in zip(times, pairs, strict=True):
-            plan = planner.plan(pair.goal, MotionState.at_rest(pair.start))
+        times = np.empty((len(moves), 4))
+        for row, move in zip(times, moves, strict=True):
+            plan = planner.plan(move.goal, MotionState.at_rest(move.start))
             began = time.perf_counter()
             mode_schedule(planner.machine, plan.motion.trajectory, settled)
             s4 = time.perf_counter() - began
@@ -166,11 +134,11 @@ def _plan_figures(planner: Planner, pairs: list[Pair], effort: Effort) -> Figure
         "s2_p99_ms": s2_p99,
         "s3_p99_ms": s3_p99,
         "s4_p99_ms": s4_p99,
-        "rebuild_ms": _rebuild_ms(planner, pairs, effort.runs),
+        "rebuild_ms": _rebuild_ms(planner, moves, effort.runs),
     }
 
 
-def _rebuild_ms(planner: Planner, pairs: list[Pair], runs: int) -> float:
+def _rebuild_ms(planner: Planner, moves: list[Move], runs: int) -> float:
     """First plan after a change of payload or supply pressure, the table kept; the median."""
     base, times = planner.machine, []
     for run in range(1, runs + 1):
@@ -179,10 +147,10 @@ def _rebuild_ms(planner: Planner, pairs: list[Pair], runs: int) -> float:
             base.changed(supply_pressure=base.arrays.supply_pressure * (1.0 + 0.01 * run)),
         )
         for machine in changes:
-            pair = pairs[run % len(pairs)]
+            move = moves[run % len(moves)]
             began = time.perf_counter()
             planner.change(machine)
-            planner.plan(pair.goal, MotionState.at_rest(pair.start))
+            planner.plan(move.goal, MotionState.at_rest(move.start))
             times.append(time.perf_counter() - began)
     planner.change(base)
     return MILLI * statistics.median(times)
@@ -212,15 +180,20 @@ def explicit_graph(graph: StepGraph) -> csr_array:
     return csr_array((np.maximum(cost, np.finfo(float).tiny), (origin, edges.state[edge])), shape)
 
 
-def _dijkstra_figures(graph: StepGraph, pairs: list[Pair], runs: int) -> Figures:
+def _dijkstra_figures(graph: StepGraph, moves: list[Move], runs: int) -> Figures:
     """SciPy's Dijkstra from the same starts, to all states; making its graph does not count."""
     matrix = explicit_graph(graph)
-    patterns = len(graph.table.patterns)
-    times = np.empty((runs, len(pairs)))
+    table = graph.table
+    starts = [
+        int(np.flatnonzero(np.all(table.posture[:, 0] == move.start, axis=1))[0])
+        * len(table.patterns)
+        for move in moves
+    ]
+    times = np.empty((runs, len(moves)))
     for row in tqdm(times, desc="SciPy", unit="run"):
-        for k, pair in enumerate(pairs):
+        for k, start in enumerate(starts):
             began = time.perf_counter()
-            dijkstra(matrix, indices=pair.node * patterns)
+            dijkstra(matrix, indices=start)
             row[k] = time.perf_counter() - began
     p50, p99 = MILLI * np.median(np.percentile(times, [50, 99], axis=1), axis=1)
     return {"p50_ms": float(p50), "p99_ms": float(p99)}
@@ -236,8 +209,8 @@ def _growth_figures(
     nodes = np.flatnonzero(table.feasible)
     times: list[float] = []
     expanded: list[int] = []
-    bar = tqdm(total=effort.growth_pairs, desc=f"{1e3 * spacing:g} mm", unit="plan")
-    while len(times) < effort.growth_pairs:
+    bar = tqdm(total=effort.growth_moves, desc=f"{1e3 * spacing:g} mm", unit="plan")
+    while len(times) < effort.growth_moves:
         here, there = random.choice(nodes, 2, replace=False)
         x, z = table.nodes[there] * spacing
         try:

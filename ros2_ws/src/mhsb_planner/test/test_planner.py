@@ -1,4 +1,4 @@
-"""Plans from starts that are not quite where they should be."""
+"""Plans from starts that are not quite where they should be, and along paths found elsewhere."""
 
 import numpy as np
 import pytest
@@ -54,3 +54,15 @@ def test_a_start_far_beyond_a_joint_limit_is_refused(planner):
     for start, goal in cases_beyond(planner, PlanOptions(), 2 * START_NOISE, 3):
         with pytest.raises(FitError, match="joint limit"):
             planner.plan(goal, start)
+
+
+def test_a_path_found_elsewhere_is_followed_as_if_it_had_been_searched(planner):
+    table = planner.graph.table
+    nodes = np.flatnonzero(table.feasible)
+    start, goal = table.posture[nodes[0], 0], tuple(table.nodes[nodes[40]] * table.spacing)
+    plan = planner.plan(goal, MotionState.at_rest(start))
+    again = planner.follow(plan.path)
+    np.testing.assert_array_equal(
+        again.motion.trajectory.position, plan.motion.trajectory.position
+    )
+    assert again.energy == plan.energy

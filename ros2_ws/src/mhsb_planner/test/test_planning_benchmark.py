@@ -10,7 +10,7 @@ from mhsb_planner import planning_benchmark
 from mhsb_planner.planning_benchmark import Effort, as_text, explicit_graph, measure
 from mhsb_planner.s2_search import search
 
-LITTLE = Effort(pairs=4, entries=3, truths=1, growth_pairs=2, spacings=(0.2, 0.1), runs=1)
+LITTLE = Effort(moves=4, entries=3, truths=1, growth_moves=2, spacings=(0.2, 0.1), runs=1)
 
 
 @pytest.fixture(scope="module")

@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
-from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.ground_truth import ground_truth
-from mhsb_planner.paper_cases import paper_cases
+from mhsb_planner.moves import Move, case_moves
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlanOptions
 
 MILLI = 1e3
@@ -26,44 +24,28 @@ TABLE = PlanOptions(ENERGY_OPTIMAL, planner="table", trajectory="followed")
 INTEGRATED = PlanOptions(ENERGY_OPTIMAL, planner="integrated")
 
 
-class Move(NamedTuple):
-    """Start posture [rad], and goal (x, z) m."""
-
-    start: FloatArray
-    goal: tuple[float, float]
-
-
 def integrated_figures(
-    planner: Planner, pairs: Sequence[Move], truths: int, runs: int
+    planner: Planner, moves: Sequence[Move], truths: int, runs: int
 ) -> dict[str, Any]:
-    """Times over the pairs; energies over cases and pairs; ratios to `truths` ground truths.
+    """Times over the moves; energies over cases and moves; ratios to `truths` ground truths.
 
-    energy_ratio_geomean of the cases alone, worst_energy_ratio of cases and pairs, both to the
-    table planner's motions; ground_truth_ratio_… of the paths of the cases and of the first pairs.
+    energy_ratio_geomean of the cases alone, worst_energy_ratio of cases and moves, both to the
+    table planner's motions; ground_truth_ratio_… of the paths of the cases and of the first moves.
     """
-    cases = case_moves(planner.machine)
+    cases = list(case_moves(planner.machine).values())
     of_cases = [_energy_ratio(planner, move) for move in cases]
-    of_pairs = [_energy_ratio(planner, move) for move in tqdm(pairs, desc="against the table")]
-    moves = [*cases, *pairs[:truths]]
-    of_truths = [_truth_ratio(planner, move) for move in tqdm(moves, desc="ground truth")]
-    p50, p99 = _percentiles(planner, pairs, runs)
+    of_moves = [_energy_ratio(planner, move) for move in tqdm(moves, desc="against the table")]
+    measured = [*cases, *moves[:truths]]
+    of_truths = [_truth_ratio(planner, move) for move in tqdm(measured, desc="ground truth")]
+    p50, p99 = _percentiles(planner, moves, runs)
     return {
         "p50_ms": p50,
         "p99_ms": p99,
         "energy_ratio_geomean": float(np.exp(np.mean(np.log(of_cases)))),
-        "worst_energy_ratio": max(*of_cases, *of_pairs),
+        "worst_energy_ratio": max(*of_cases, *of_moves),
         "ground_truth_ratio_mean": float(np.mean(of_truths)),
         "ground_truth_ratio_max": max(of_truths),
     }
-
-
-def case_moves(machine: Machine) -> list[Move]:
-    """The moves of Cases 1 to 4, each once, from the posture of the table planner's case."""
-    moves: dict[tuple[tuple[float, float], tuple[float, float]], Move] = {}
-    for case in paper_cases().values():
-        if case.planner == "table":
-            moves[case.start, case.goal] = Move(case.start_posture(machine), case.goal)
-    return list(moves.values())
 
 
 def _plan(planner: Planner, move: Move, options: PlanOptions) -> Plan:
@@ -85,13 +67,13 @@ def _truth_ratio(planner: Planner, move: Move) -> float:
     return float(path.energy.sum() / truth.energy.sum())
 
 
-def _percentiles(planner: Planner, pairs: Sequence[Move], runs: int) -> tuple[float, float]:
+def _percentiles(planner: Planner, moves: Sequence[Move], runs: int) -> tuple[float, float]:
     """Median of the runs' 50th and 99th percentiles of the time of a whole plan [ms]."""
-    times = np.empty((runs, len(pairs)))
+    times = np.empty((runs, len(moves)))
     for row in tqdm(times, desc="integrated plans", unit="run"):
-        for i, pair in enumerate(pairs):
+        for i, move in enumerate(moves):
             began = time.perf_counter()
-            _plan(planner, pair, INTEGRATED)
+            _plan(planner, move, INTEGRATED)
             row[i] = MILLI * (time.perf_counter() - began)
     p50, p99 = np.median(np.percentile(times, [50, 99], axis=1), axis=1)
     return float(p50), float(p99)
