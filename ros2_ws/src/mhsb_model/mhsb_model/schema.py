@@ -203,10 +203,14 @@ class CascadeGains(Section):
     """Gains that every controller has of its own, relative to what the machine can do."""
 
     position_gain: Positive = Field(
-        description="piston speed per position error, in natural frequencies of arm and oil [-]"
+        description="piston speed per position error, in the joint's natural frequencies [-]"
     )
     force_bandwidth: Positive = Field(
-        description="of the cylinder force loop, in natural frequencies of the servo valve [-]"
+        description="of the cylinder force loop, at most, in natural frequencies of the servo "
+        "valve [-]"
+    )
+    force_damping: Positive = Field(
+        description="damping ratio that the force loop gives the joint on its oil, at most [-]"
     )
 
 

@@ -26,7 +26,11 @@ from mhsb_sim.study import Script, judge, perform
 
 Gains = dict[str, float]
 
-CASCADE = {"position_gain": (0.2, 4.0), "force_bandwidth": (0.02, 0.5)}
+CASCADE = {
+    "position_gain": (0.2, 2.0),
+    "force_bandwidth": (0.02, 0.5),
+    "force_damping": (0.5, 4.0),
+}
 
 RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "coordinated": {

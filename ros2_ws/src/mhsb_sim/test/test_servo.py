@@ -21,7 +21,7 @@ def test_the_supply_need_is_the_planners_law_plus_the_servos_margin(
     machine: Machine, force: float, speed: float
 ) -> None:
     circuit = build_circuit(machine, 5e-4)
-    gains = gain_record(machine, machine.config.servo.coordinated)
+    gains = gain_record(machine)
     found = supply_need(force, speed, circuit.cylinders[0], circuit.constants, gains)
     held, moved = (required_pressure(machine.arrays, 0, force, v) for v in (0.0, speed))
     expected = max(held, moved) + machine.config.servo.supply_margin
@@ -32,7 +32,7 @@ def test_the_supply_need_stays_between_the_main_pump_and_the_highest_boost(
     machine: Machine,
 ) -> None:
     circuit = build_circuit(machine, 5e-4)
-    gains = gain_record(machine, machine.config.servo.coordinated)
+    gains = gain_record(machine)
     arguments = (circuit.cylinders[0], circuit.constants, gains)
     assert supply_need(0.0, 0.0, *arguments) == machine.arrays.supply_pressure
     assert supply_need(9000.0, 0.0, *arguments) == machine.arrays.max_boost_pressure
@@ -42,7 +42,7 @@ def test_the_target_of_now_covers_what_is_ahead(machine: Machine) -> None:
     axis = np.zeros(1, AXIS)
     axis["force"], axis["force_ahead"] = 2000.0, 3000.0
     circuit = build_circuit(machine, 5e-4)
-    gains = gain_record(machine, machine.config.servo.coordinated)
+    gains = gain_record(machine)
     set_targets(axis[0], circuit.cylinders[0], circuit.constants, gains)
     assert axis["supply_target"][0] == axis["target_ahead"][0]
     axis["force"] = 4000.0

@@ -7,8 +7,15 @@ In cylinder coordinates, with error e = L_ref − L and F = p_A A − p_B a (pos
     u     = v_ref + ω_F (F_ref − F)/k_h                    force loop
 
 u is the piston speed that the valve's flows are to amount to, k_h = β (A²/V_A + a²/V_B) the
-oil's stiffness [N/m], so that dF/dt = k_h (u − v). d takes unknown forces over slowly, hence
-the force loop damps oscillations without yielding to a load that is not in the model.
+oil's stiffness [N/m], so that dF/dt = k_h (u − v). d takes unknown forces over in the time τ,
+hence the force loop damps oscillations without yielding to a load that is not in the model.
+
+A joint that swings on its oil at ω obeys, with everything else ideal,
+
+    τ s⁴ + (1 + ω_F τ) s³ + ω² τ s² + ω² (1 + k_p τ) s + ω² k_p = 0,
+
+which is stable, for ω_F τ well above 1, where ω² (1 + k_p τ) > ω_F k_p: slow swings bear neither
+fast gains nor a fast bias. So k_p and ω_F go by each joint's own lowest ω, and τ ≥ 3 ω_F/ω².
 Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback).
 """
 
@@ -28,16 +35,13 @@ from mhsb_sim.circuit_elements import friction_force
 from mhsb_sim.inverse_dynamics import inverse_dynamics
 from mhsb_sim.records import Record, Records
 from mhsb_sim.reference import AHEAD
-from mhsb_sim.servo.natural_frequency import lowest_natural_frequency
+from mhsb_sim.servo.natural_frequency import joint_natural_frequencies
 
 GAINS = np.dtype(
     [
         (name, "f8")
         for name in (
             "step",  # s
-            "position_gain",  # 1/s
-            "force_bandwidth",  # rad/s
-            "force_bias_time",  # s
             "supply_margin",  # Pa
             "gravity",  # m/s²
             "boost_margin",  # Pa
@@ -46,8 +50,14 @@ GAINS = np.dtype(
     ]
 )
 
+BIAS_RESERVE = 3.0
+"""τ ω²/ω_F, at least: with 1 the slowest swing would be at the limit of stability."""
+
 AXIS = np.dtype(
     [
+        ("position_gain", "f8"),  # 1/s, k_p
+        ("force_bandwidth", "f8"),  # rad/s, ω_F
+        ("bias_time", "f8"),  # s, in which d follows
         ("length", "f8"),  # m, of the cylinder in the reference now
         ("speed", "f8"),  # m/s, of its piston
         ("force", "f8"),  # N, feed-forward now
@@ -66,14 +76,11 @@ AXIS = np.dtype(
 )
 
 
-def gain_record(machine: Machine, own: CascadeGains) -> Records:
-    """Gains of a controller in SI units, GAINS[1]; `own` are relative to the machine."""
+def gain_record(machine: Machine) -> Records:
+    """What all axes have in common, in SI units, GAINS[1]."""
     config, arrays = machine.config, machine.arrays
     gains = np.zeros(1, GAINS)
     gains["step"] = config.simulation.step
-    gains["position_gain"] = own.position_gain * lowest_natural_frequency(machine)
-    gains["force_bandwidth"] = own.force_bandwidth * 2.0 * math.pi * config.circuit.valve_frequency
-    gains["force_bias_time"] = config.servo.force_bias_time
     gains["supply_margin"] = config.servo.supply_margin
     gains["gravity"] = arrays.gravity
     gains["boost_margin"] = arrays.boost_margin
@@ -81,9 +88,23 @@ def gain_record(machine: Machine, own: CascadeGains) -> Records:
     return gains
 
 
-def axis_records(machine: Machine) -> Records:
-    """The cascade's quantities at the start, AXIS[n]."""
+def axis_records(machine: Machine, own: CascadeGains) -> Records:
+    """The cascade's quantities at the start, AXIS[n], with each axis's gains.
+
+    `own` are relative to the valve and to each joint's lowest natural frequency ω, so that the
+    loop is the same in all: a slow joint has slow gains.
+    """
+    config = machine.config
+    frequency = joint_natural_frequencies(machine)
+    valve = 2.0 * math.pi * config.circuit.valve_frequency
     axes = np.zeros(machine.joint_count, AXIS)
+    axes["position_gain"] = own.position_gain * frequency
+    axes["force_bandwidth"] = np.minimum(
+        own.force_bandwidth * valve, 2.0 * own.force_damping * frequency
+    )
+    axes["bias_time"] = np.maximum(
+        config.servo.force_bias_time, BIAS_RESERVE * axes["force_bandwidth"] / frequency**2
+    )
     axes["bias"] = np.nan
     return axes
 
@@ -136,10 +157,10 @@ def piston_demands(
         force = sensor.cap_pressure * cap - sensor.rod_pressure * rod
         if math.isnan(axis.bias):
             axis.bias = force - known
-        axis.bias += (force - known - axis.bias) * g.step / g.force_bias_time
+        axis.bias += (force - known - axis.bias) * g.step / axis.bias_time
         error = axis.length - sensor.length
-        pull = g.force_bandwidth / axis.stiffness
-        force_reference = known + axis.bias + g.position_gain / pull * error
+        pull = axis.force_bandwidth / axis.stiffness
+        force_reference = known + axis.bias + axis.position_gain / pull * error
         axis.demand = axis.speed + pull * (force_reference - force)
 
 

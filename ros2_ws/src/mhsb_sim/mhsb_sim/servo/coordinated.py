@@ -71,7 +71,7 @@ class CoordinatedController:
         )
         own_gains["pressure_gain"] = servo.pressure_gain / lag
         own_gains["allowed_rise"] = servo.allowed_rise
-        self._axes = axis_records(machine)
+        self._axes = axis_records(machine, servo)
         self._axes["joined"] = circuit.actuators["join"]
         self._axes["supply_target"] = circuit.pressure[2:-3:3]
         self._rail_target = np.full(2, circuit.rail_pressure)
@@ -82,7 +82,7 @@ class CoordinatedController:
             link_records(machine),
             circuit.cylinders,
             circuit.constants,
-            gain_record(machine, servo),
+            gain_record(machine),
             np.zeros((machine.joint_count, SCRATCH_WIDTH + 1)),
             self._axes,
         )

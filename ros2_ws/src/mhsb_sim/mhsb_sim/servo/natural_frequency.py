@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 
-POSTURES = 64
+POSTURES = 256
 SEED = 0
 
 
@@ -36,10 +36,18 @@ def natural_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
     return np.sqrt(eigh(np.diag(stiffness), machine.mass_matrix(q), eigvals_only=True))
 
 
-def lowest_natural_frequency(machine: Machine) -> float:
-    """The lowest natural frequency [rad/s] over postures spread evenly over the joints' ranges."""
+def joint_natural_frequencies(machine: Machine) -> FloatArray:
+    """Lowest natural frequency of each joint, all others locked, float64[n] rad/s.
+
+    ω_j = r_j √(k_h,j / M_jj), least of postures spread evenly over the joints' ranges.
+    """
     arrays = machine.arrays
     postures = np.random.default_rng(SEED).uniform(
         arrays.joint_min, arrays.joint_max, (POSTURES, machine.joint_count)
     )
-    return float(min(natural_frequencies(machine, q)[0] for q in postures))
+    found = [
+        np.abs(machine.moment_arms(q))
+        * np.sqrt(oil_stiffness(machine, q) / np.diag(machine.mass_matrix(q)))
+        for q in postures
+    ]
+    return np.array(np.min(found, axis=0))
