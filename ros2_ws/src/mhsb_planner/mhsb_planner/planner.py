@@ -48,8 +48,13 @@ ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 
+COMPARED_WITHIN = 0.6
+"""Share of a budget after which there is no time left for a comparison with another path."""
+
 PlannerKind = Literal["table", "fixed", "integrated"]
 PLANNER_KINDS: tuple[PlannerKind, ...] = ("table", "fixed", "integrated")
+ONLINE_PLANNER: PlannerKind = "integrated"
+"""What the node plans with unless told otherwise; cases keep the planner that they name."""
 
 
 @dataclass(frozen=True)
@@ -170,9 +175,10 @@ class Planner:
         brake  how a moving start comes to rest (`mhsb_model.braking`)
 
         The integrated planner's motion is compared with that along the table's path, and the
-        better one taken. Raises OutOfWorkspaceError, InfeasibleGoalError, NoPathError, FitError,
-        DeadlineError.
+        better one taken, unless the budget is nearly over. Raises OutOfWorkspaceError,
+        InfeasibleGoalError, NoPathError, FitError, DeadlineError.
         """
+        began = time.perf_counter()
         options = options or PlanOptions()
         modes = modes or self._all_normal()
         task = _Task(goal, start, modes, brake, options)
@@ -183,6 +189,8 @@ class Planner:
             found = self._along(task, partial(self._integrated, task))
         except (NoPathError, FitError):
             return self._along(task, table)
+        if options.budget and time.perf_counter() - began > COMPARED_WITHIN * options.budget:
+            return found
         return self._or_cheaper(task, found, table)
 
     def follow(

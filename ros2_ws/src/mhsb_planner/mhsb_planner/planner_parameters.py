@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
-from mhsb_planner.planner import PLANNER_KINDS, PlannerKind, PlanOptions
+from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, PlannerKind, PlanOptions
 from mhsb_planner.s2_search import Weights
 from mhsb_planner.s2_step import EnergyReading
 
@@ -103,7 +103,7 @@ def declare(node: Node, machine: Machine) -> None:
     arrays = machine.arrays
     node.declare_parameter(
         "planner",
-        PLANNER_KINDS[0],
+        ONLINE_PLANNER,
         _described(
             f"one of {', '.join(PLANNER_KINDS)}: postures of the posture table, joint 3 kept as it "
             "is at the start, or path, posture and modes decided together"

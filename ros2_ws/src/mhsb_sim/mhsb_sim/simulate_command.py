@@ -17,13 +17,14 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.energy import Energy, energy_of_states
-from mhsb_planner.planner import PlannerKind, PlanOptions
+from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
 from mhsb_planner.s3_trajectory import TrajectoryKind
 from mhsb_sim.energy_comparison import Element, energy_elements
 from mhsb_sim.energy_comparison import as_text as energy_text
 from mhsb_sim.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
+from mhsb_sim.servo import controller_class
 from mhsb_sim.simulator import Simulator, energy_gap, volume_gap
 
 LONGEST_TIME = 3600.0  # s
@@ -37,7 +38,7 @@ def simulate(
     controller: str = "coordinated",
     seed: int = 0,
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
-    planner: PlannerKind = "table",
+    planner: PlannerKind = ONLINE_PLANNER,
     trajectory: TrajectoryKind | None = None,
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
@@ -54,7 +55,8 @@ def simulate(
         controller: Servo controller, coordinated or independent.
         seed: Of the sensor noise.
         payload: Mass at the tip [kg]; the machine file's when left out.
-        planner: Where postures come from, as in `mhsb_planner plan`: table, fixed or integrated.
+        planner: Where postures come from, as in `mhsb_planner plan`: table, fixed or integrated;
+            integrated, as in the node, when left out.
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
             planner, polynomial for the others when left out.
         output: Folder for samples.csv (100 Hz, SI units) and summary.json.
@@ -63,6 +65,7 @@ def simulate(
     """
     goals = [_timed_goal(*values) for values in goal]
     arm = load_machine(machine).changed(payload=payload)
+    controller_class(controller)  # refuses an unknown one before anything takes time
     replanner = Replanner(arm, table_for(arm))
     replanner.warm_up()
     simulator = Simulator(arm, controller, seed)
