@@ -32,7 +32,8 @@ class DiscretePath:
     duration       float64[k], s
     energy         float64[k], J, reading `paper`
     energy_series  float64[k], J, reading `series`
-    cost           w₁ Σ E + w₂ Σ T + w₃ switches, the first step's switches included
+    cost           w₁ Σ E + w₂ Σ T + w₃ switches, the first step's switches included, and w₄ M
+                   where the polytope's area has a weight (`area_shortfall`)
     start_modes    uint8[n], in force before the first step
     lower_bound    J, what any plan to one of the admissible goal postures must at least take
     statistics     of the search

@@ -15,6 +15,7 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_planner.area_shortfall import area_along_motion, area_along_path, reference_area
 from mhsb_planner.errors import RequestError
 from mhsb_planner.paper_cases import PaperCase, paper_case
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
@@ -36,6 +37,7 @@ def plan(
     weights: Annotated[
         tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3")
     ] = None,
+    area_weight: Annotated[float, tyro.conf.arg(metavar="W4")] = 0.0,
     planner: PlannerKind | None = None,
     initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
     search: SearchMethod = "exact",
@@ -63,6 +65,8 @@ def plan(
         machine: Machine file (YAML); the suite's own arm when left out.
         table: Posture table (npz); built and kept in the user's cache when left out.
         weights: Of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
+        area_weight: Of the velocity polytope's area that is lost along the tip's path, for the
+            integrated planner [1/m]; 0 leaves the area out.
         planner: Where postures come from: table takes those of the posture table, fixed keeps
             joint 3 and changes it by 1 degree at a time where the others have no solution,
             integrated decides them together with path and modes; table when left out.
@@ -99,13 +103,15 @@ def plan(
         search=search,
         heuristic_scale=heuristic_scale,
         trajectory=trajectory,
+        area_weight=area_weight,
     )
     made = suite.plan(asked.goal, MotionState.at_rest(posture), options=options)
     seconds = {**made.seconds, "total": time.perf_counter() - began}
+    area = polytope_areas_of(suite, made)
     if json_:
-        print(json.dumps(as_json(suite.machine, made, seconds)))
+        print(json.dumps(as_json(suite.machine, made, seconds) | area))
     else:
-        print("\n".join(as_text(made, seconds)))
+        print("\n".join([*as_text(made, seconds), area_line(area)]))
 
 
 def _request(
@@ -196,6 +202,33 @@ def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
         + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
     ]
     return lines
+
+
+def polytope_areas_of(planner: Planner, made: Plan) -> dict[str, float | None]:
+    """The polytope's mean area along path and motion, what counts as full, and what is missing.
+
+    The means are None where the tip does not move.
+    """
+    motion, reference = made.motion, reference_area(planner.graph.table)
+    path = area_along_path(planner.machine, made.path)
+    along = area_along_motion(planner.machine, motion.trajectory, motion.schedule)
+    return {
+        "area_discrete_m2_s2": path.mean,
+        "area_m2_s2": along.mean,
+        "area_reference_m2_s2": reference,
+        "area_shortfall_m": along.shortfall(reference),
+    }
+
+
+def area_line(area: dict[str, float | None]) -> str:
+    """The same in words."""
+    mean = area["area_m2_s2"]
+    if mean is None:
+        return "polytope: the tip stays"
+    return (
+        f"polytope: {mean:.3f} m²/s² on average along the tip's path, full from "
+        f"{area['area_reference_m2_s2']:.3f} m²/s²; shortfall {area['area_shortfall_m']:.3f} m"
+    )
 
 
 def main() -> int:

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -22,10 +23,17 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
-from mhsb_planner import fixed_j3, s2_search, s3_trajectory
+from mhsb_planner import area_shortfall, fixed_j3, s2_search, s3_trajectory
+from mhsb_planner.area_shortfall import (
+    WITHOUT_AREA,
+    AreaTerm,
+    area_along_motion,
+    area_along_path,
+    area_term,
+)
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.energy import Energy, motion_energy
-from mhsb_planner.errors import NoPathError
+from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s2_graph import StepGraph
@@ -73,6 +81,10 @@ class PlanOptions:
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
     max_expansions   of the search; None takes what it needs
+    area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for the integrated
+                     planner; 0 leaves the area out
+
+    Raises RequestError for a weight that is negative or not finite.
     """
 
     weights: Weights = ENERGY_OPTIMAL
@@ -85,6 +97,11 @@ class PlanOptions:
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
     max_expansions: int | None = None
+    area_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
+            raise RequestError("area weight", self.area_weight, "must be finite and not negative")
 
     @property
     def fit_rules(self) -> FitRules:
@@ -102,12 +119,14 @@ class Plan:
     energy   of the motion [J], in both readings
     seconds  time taken by `search`, `fit`, `energy`; the integrated planner's `comparison` with
              the table's path too [s]
+    area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
     """
 
     path: DiscretePath
     motion: FittedMotion
     energy: Energy
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    area_shortfall: float = 0.0
 
     @property
     def lower_bound(self) -> float:
@@ -123,10 +142,11 @@ class Plan:
         return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
 
     def cost(self, options: PlanOptions) -> float:
-        """w₁ E + w₂ T of the motion."""
+        """w₁ E + w₂ T + w₄ M of the motion."""
         energy = self.energy.paper if options.energy_reading == "paper" else self.energy.series
         duration = self.motion.trajectory.duration_ns / SECOND_NS
-        return options.weights.energy * energy + options.weights.time * duration
+        cost = options.weights.energy * energy + options.weights.time * duration
+        return cost + options.area_weight * self.area_shortfall
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +158,7 @@ class _Task:
     modes: StartModes
     brake: Trajectory | None
     options: PlanOptions
+    area: AreaTerm
 
     @property
     def departure(self) -> FloatArray:
@@ -174,24 +195,38 @@ class Planner:
         modes  in force at the start; all N where left out
         brake  how a moving start comes to rest (`mhsb_model.braking`)
 
-        The integrated planner's motion is compared with that along the table's path, and the
-        better one taken, unless the budget is nearly over. Raises OutOfWorkspaceError,
-        InfeasibleGoalError, NoPathError, FitError, DeadlineError.
+        The integrated planner's motion is compared with that along the table's path, where the
+        area has a weight also with that which has none, unless the budget is nearly over, and the
+        best one taken. Raises OutOfWorkspaceError, InfeasibleGoalError, NoPathError, FitError,
+        DeadlineError; RequestError where the area has a weight and the planner cannot weigh it.
         """
-        began = time.perf_counter()
         options = options or PlanOptions()
-        modes = modes or self._all_normal()
-        task = _Task(goal, start, modes, brake, options)
-        if options.planner != "integrated":
-            return self._along(task, partial(self._searched, task))
+        if options.area_weight > 0.0 and options.planner != "integrated":
+            rule = f"must be 0 for the planner '{options.planner}'; 'integrated' can weigh the area"
+            raise RequestError("area weight", options.area_weight, rule)
+        task = self._task(goal, start, modes, brake, options)
+        if options.planner == "integrated":
+            return self._decided_together(task)
+        return self._along(task, partial(self._searched, task))
+
+    def _decided_together(self, task: _Task) -> Plan:
+        """The integrated planner's plan, or a better one along another path."""
+        options, began = task.options, time.perf_counter()
+        late = math.inf if options.budget is None else began + COMPARED_WITHIN * options.budget
         table = partial(self._searched, replace(task, options=replace(options, planner="table")))
+        others = [table]
+        if task.area.weight > 0.0:
+            half = None if options.budget is None else 0.5 * options.budget
+            plain = replace(task, options=replace(options, budget=half), area=WITHOUT_AREA)
+            others.append(partial(self._integrated, plain))
         try:
             found = self._along(task, partial(self._integrated, task))
         except (NoPathError, FitError):
             return self._along(task, table)
-        if options.budget and time.perf_counter() - began > COMPARED_WITHIN * options.budget:
-            return found
-        return self._or_cheaper(task, found, table)
+        for other in others:
+            if time.perf_counter() < late:
+                found = self._or_cheaper(task, found, other)
+        return found
 
     def follow(
         self,
@@ -205,12 +240,10 @@ class Planner:
 
         Raises FitError.
         """
-        modes = modes or self._all_normal()
         x, z = path.tip[-1].tolist()
         start = MotionState.at_rest(path.posture[0])
-        return self._along(
-            _Task((x, z), start, modes, None, options or PlanOptions()), lambda: path
-        )
+        task = self._task((x, z), start, modes, None, options or PlanOptions())
+        return self._along(task, lambda: path)
 
     def _along(self, task: _Task, search_path: Callable[[], DiscretePath]) -> Plan:
         """The plan along the path that a search finds."""
@@ -225,12 +258,16 @@ class Planner:
             motion = fit_braking(self.machine, still, task.modes)
         fitted = time.perf_counter()
         total = motion_energy(self.machine, motion.trajectory, motion.schedule)
+        shortfall = 0.0
+        if task.area.weight > 0.0:
+            along = area_along_motion(self.machine, motion.trajectory, motion.schedule)
+            shortfall = along.shortfall(task.area.reference)
         seconds = {
             "search": searched - began,
             "fit": fitted - searched,
             "energy": time.perf_counter() - fitted,
         }
-        return Plan(path, motion, total, MappingProxyType(seconds))
+        return Plan(path, motion, total, MappingProxyType(seconds), shortfall)
 
     def _or_cheaper(
         self, task: _Task, found: Plan, other_path: Callable[[], DiscretePath]
@@ -238,22 +275,36 @@ class Planner:
         """The plan found, or the one along another path where that motion costs less.
 
         The other is fitted only where its path is cheap enough. What a plan costs here is
-        w₁ E + w₂ T of its motion: a path's promise is not always kept by its motion.
+        `Plan.cost` of its motion: a path's promise is not always kept by its motion.
         """
         options, began = task.options, time.perf_counter()
+        earlier = found.seconds.get("comparison", 0.0)
         with suppress(MhsbError):
             path = other_path()
+            if task.area.weight > 0.0:
+                shortfall = area_along_path(self.machine, path).shortfall(task.area.reference)
+                path = replace(path, cost=path.cost + task.area.weight * shortfall)
             promised = path.cost - options.weights.switches * path.switches
             if PROMISE_KEPT * promised < found.cost(options):
                 path = replace(path, lower_bound=found.lower_bound)
                 other = self._along(task, lambda: path)
                 if other.cost(options) < found.cost(options):
                     found = other
-        seconds = {**found.seconds, "comparison": time.perf_counter() - began}
+        spent = earlier + time.perf_counter() - began
+        seconds = {**found.seconds, "comparison": spent}
         return replace(found, seconds=MappingProxyType(seconds))
 
-    def _all_normal(self) -> StartModes:
-        return StartModes.settled(np.full(self.machine.joint_count, Mode.N))
+    def _task(
+        self,
+        goal: tuple[float, float],
+        start: MotionState,
+        modes: StartModes | None,
+        brake: Trajectory | None,
+        options: PlanOptions,
+    ) -> _Task:
+        modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
+        area = area_term(options.area_weight, self.graph.table)
+        return _Task(goal, start, modes, brake, options, area)
 
     def _integrated(self, task: _Task) -> DiscretePath:
         """Path, posture and modes decided together."""
@@ -268,6 +319,7 @@ class Planner:
             goal_psi=options.goal_psi,
             budget=options.budget,
             certified_from=task.start.position,
+            area=task.area,
         )
 
     def _searched(self, task: _Task) -> DiscretePath:
@@ -304,4 +356,5 @@ def warm_up(planner: Planner) -> None:
     s2_search.warm_up(planner.graph)
     fixed_j3.warm_up(planner.graph)
     integrated_search.warm_up(planner.machine)
+    area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)

@@ -12,6 +12,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from mhsb_model.command_line import UsageError
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, PlannerKind, PlanOptions
@@ -24,6 +25,7 @@ HIGHEST_PRESSURE = 5e7  # Pa
 HEAVIEST_PAYLOAD = 1e4  # kg
 FASTEST_PISTON = 1.0  # m/s
 LONGEST_BUDGET = 5.0  # s
+HIGHEST_AREA_WEIGHT = 1e6  # 1/m
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class PlannerParameters:
     v_max            m/s, piston speed
     planning_budget  s, from the stamp of a plan to where it leaves the previous one
     goal_psi         rad, angle of the end link at the goal; None leaves it free
+    area_weight      1/m, of the velocity polytope's area; 0 leaves it out
     """
 
     planner: PlannerKind
@@ -48,6 +51,7 @@ class PlannerParameters:
     v_max: float
     planning_budget: float
     goal_psi: float | None
+    area_weight: float
 
     @property
     def options(self) -> PlanOptions:
@@ -58,6 +62,7 @@ class PlannerParameters:
             goal_psi=self.goal_psi,
             budget=self.planning_budget,
             planner=self.planner,
+            area_weight=self.area_weight,
         )
 
     def machine(self, base: Machine) -> Machine:
@@ -99,7 +104,7 @@ def declare_frame_prefix(node: Node) -> str:
 
 
 def declare(node: Node, machine: Machine) -> None:
-    """Declare all parameters that can be changed between plans."""
+    """Declare all parameters that can be changed between plans; UsageError where they clash."""
     arrays = machine.arrays
     node.declare_parameter(
         "planner",
@@ -136,6 +141,17 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "goal_psi", FREE_PSI, _described("angle of the end link at the goal [rad]; .nan is free")
     )
+    node.declare_parameter(
+        "area_weight",
+        0.0,
+        _described(
+            "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for the planner "
+            "'integrated'",
+            (0.0, HIGHEST_AREA_WEIGHT),
+        ),
+    )
+    if reason := refusal(node, machine, ()):
+        raise UsageError(reason)
 
 
 def read(node: Node) -> PlannerParameters:
@@ -155,6 +171,11 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
         return f"weights {weights} must be three finite numbers that are not negative"
     if math.isinf(values["goal_psi"]):
         return "goal_psi must be an angle in rad, or .nan to leave it free"
+    if values["area_weight"] > 0.0 and values["planner"] != "integrated":
+        return (
+            f"area_weight {values['area_weight']:g} needs planner 'integrated' (is "
+            f"'{values['planner']}'); set it to 0 or choose that planner"
+        )
     try:
         _from_values(values).machine(machine)
     except MhsbError as error:
@@ -171,6 +192,7 @@ _CHANGEABLE = (
     "v_max",
     "planning_budget",
     "goal_psi",
+    "area_weight",
 )
 
 
@@ -185,6 +207,7 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
         v_max=values["v_max"],
         planning_budget=values["planning_budget"],
         goal_psi=None if math.isnan(values["goal_psi"]) else values["goal_psi"],
+        area_weight=values["area_weight"],
     )
 
 

@@ -182,7 +182,8 @@ def shared_flow(m: MachineArrays) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
+def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
+    """Kernel of `polytope_area`."""
     n = len(q)
     limit = np.empty((n, 3, 2))
     cross = np.empty((n, n))
@@ -193,7 +194,7 @@ def _posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
 
 def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
     """Area of the end-effector velocity polytope in posture q [rad] under a pattern [m²/s²]."""
-    return float(_posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
+    return float(posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
 
 
 @njit(cache=True, nogil=True)

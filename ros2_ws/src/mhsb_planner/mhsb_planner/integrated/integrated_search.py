@@ -21,6 +21,7 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.area_shortfall import WITHOUT_AREA, AreaTerm
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.integrated.certificate import least_cost_to
@@ -136,6 +137,7 @@ def search(
     goal_psi: float | None = None,
     budget: float | None = None,
     certified_from: FloatArray | None = None,
+    area: AreaTerm = WITHOUT_AREA,
     effort: Effort | None = None,
 ) -> DiscretePath:
     """Path from a posture [rad] and the modes in force to a tip position [m].
@@ -143,6 +145,7 @@ def search(
     goal_psi        end-link angle asked for at the goal [rad]; None: whichever costs least
     budget          s, for the whole plan; when the search's share is over, the best so far is taken
     certified_from  posture from which the lower bound counts; the start where left out [rad]
+    area            weight of the polytope's area, and the area that counts as full
 
     A start at the goal gives a path without steps. Raises OutOfWorkspaceError,
     InfeasibleGoalError, NoPathError.
@@ -157,7 +160,8 @@ def search(
         return DiscretePath.standing(tip, posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
     deadline = math.inf if budget is None else began + SEARCH_SHARE * budget
-    task = _task(machine, posture, modes, goals, weight, energy_reading, deadline, effort)
+    priced_by = terms(machine, modes, weight, ENERGY_COLUMN[energy_reading], area)
+    task = _task(machine, posture, priced_by, goals, deadline, effort)
     best = _straight(task)
     expanded = priced = 0
     if _leaves_room(task, best, WORTH_A_LATTICE):
@@ -187,17 +191,14 @@ def search(
 def _task(
     machine: Machine,
     posture: FloatArray,
-    modes: ModeArray,
+    priced_by: Terms,
     goals: GoalPostures,
-    weight: FloatArray,
-    energy_reading: EnergyReading,
     deadline: float,
     effort: Effort,
 ) -> Task:
-    priced_by = terms(machine, modes, weight, ENERGY_COLUMN[energy_reading])
     lengths = machine.cylinder_lengths(posture)
     to_goals = [least_step(priced_by, lengths, goal) for goal in goals.postures.length]
-    bound = least_cost_to(machine, priced_by.circuit, lengths, goals, weight)
+    bound = least_cost_to(machine, priced_by.circuit, lengths, goals, priced_by.weight)
     return Task(
         machine=machine,
         terms=priced_by,
@@ -312,7 +313,8 @@ def warm_up(machine: Machine) -> None:
     with suppress(MhsbError):
         search(machine, start, modes, (x, z), weights, goal_psi=float(end.sum()), effort=effort)
         goals = goal_postures(machine, x, z, None, effort.psi_spacing)
-        task = _task(machine, start, modes, goals, np.ones(3), "paper", math.inf, effort)
+        priced_by = terms(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
+        task = _task(machine, start, priced_by, goals, math.inf, effort)
         via = np.array([task.lengths, goals.postures.length[0]])
         _over_lattice(task, None)
         _refined(task, task.to_goal(via, 0, task.price(via)))

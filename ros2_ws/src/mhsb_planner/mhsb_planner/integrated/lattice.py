@@ -222,7 +222,7 @@ def _take(
     for p in range(len(t.patterns)):
         if w.scratch.status[p] == admitted:
             there = so_far + t.weight[0] * cost[p, t.column] + t.weight[1] * cost[p, DURATION]
-            there += t.weight[2] * t.switches[own, p]
+            there += t.weight[2] * t.switches[own, p] + w.shortfall[p]
             if there + least < enough:
                 gained = _relax(t, f, state, first + p * apart, there, least) or gained
     return gained

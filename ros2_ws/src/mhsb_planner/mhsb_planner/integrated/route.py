@@ -1,7 +1,8 @@
 """What a route costs: a polygon in the space of cylinder lengths, with the best modes along it.
 
 A route is cut into pieces, each a step with the costs of `s2_step`. Which pattern each piece is
-run in is decided by dynamic programming over the pieces: least w₁ E + w₂ T + w₃ switches.
+run in is decided by dynamic programming over the pieces: least w₁ E + w₂ T + w₃ switches, and
+w₄ M where the polytope's area counts (`area_shortfall`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
+from mhsb_planner.area_shortfall import AreaTerm, price_shortfall
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.lower_bound import least_cost_between
 from mhsb_planner.s2_step import (
@@ -44,6 +46,10 @@ ROUNDING = 1e-9
 NEAR = 5e-3
 """Within this of the workspace's edge a piece is looked at more closely [m]."""
 
+BOOST_RESERVE = 30e3
+"""Where the polytope's area counts, boost is taken for needed this much earlier [Pa]: it takes area
+away, and a motion follows its route too loosely to avoid it by less."""
+
 HALF_WAY = 2
 
 
@@ -54,6 +60,7 @@ class Terms(NamedTuple):
               to another; the last row from the modes in force at the start
     weight    float64[3], of energy [1/J], time [1/s] and mode switches
     column    of the energy reading in a step's cost
+    area      w₄ and the area that counts as full
     """
 
     machine: MachineArrays
@@ -62,15 +69,20 @@ class Terms(NamedTuple):
     switches: IntArray
     weight: FloatArray
     column: int
+    area: AreaTerm
 
 
-def terms(machine: Machine, start_modes: ModeArray, weight: FloatArray, column: int) -> Terms:
+def terms(
+    machine: Machine, start_modes: ModeArray, weight: FloatArray, column: int, area: AreaTerm
+) -> Terms:
     """Terms for routes that begin with the modes uint8[n] in force."""
     patterns = machine.patterns
     before = np.vstack([patterns, start_modes[None, :]])
     switches = np.count_nonzero(before[:, None, :] != patterns[None, :, :], axis=2)
     circuit = circuit_of(machine.arrays, patterns)
-    return Terms(machine.arrays, circuit, patterns, frozen(switches), frozen(weight), column)
+    if area.weight > 0.0:
+        circuit = circuit._replace(boost_margin=circuit.boost_margin + BOOST_RESERVE)
+    return Terms(machine.arrays, circuit, patterns, frozen(switches), frozen(weight), column, area)
 
 
 class Memory(NamedTuple):
@@ -82,6 +94,7 @@ class Memory(NamedTuple):
     owner: IntArray  # [2, patterns] for each point: all patterns end in this posture
     value: FloatArray  # [2, patterns + 1] least cost to both points by pattern of arrival; the
     # last is that of the modes in force at the start
+    shortfall: FloatArray  # [patterns] w₄ M of the piece
 
 
 @njit(cache=True, nogil=True)
@@ -97,6 +110,7 @@ def new_memory(t: Terms) -> Memory:
         np.empty((1, n)),
         owner,
         np.empty((2, count + 1)),
+        np.zeros(count),
     )
 
 
@@ -144,16 +158,17 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def price_piece(t: Terms, w: Memory, here: int) -> int:
-    """Price the step from w.points[here] to the other one in all patterns, into w.scratch.
+    """Price the step from w.points[here] to the other one in all patterns.
 
-    Returns the status of the steps that may be taken, as `s2_step.steps_to_node`.
+    Into w.scratch and w.shortfall. Returns the status of the steps that may be taken, as
+    `s2_step.steps_to_node`.
     """
     there = 1 - here
     m, posture = t.machine, w.points.posture
     if _leaves_workspace(m, w.points, here):
         return INADMISSIBLE
     middle_forces(m, posture[here], posture, there, w.middle)
-    return steps_to_node(
+    status = steps_to_node(
         t.circuit,
         t.patterns,
         w.points,
@@ -165,6 +180,18 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
         w.middle,
         w.scratch,
     )
+    if t.area.weight > 0.0 and status != INADMISSIBLE:
+        price_shortfall(
+            m,
+            t.area,
+            posture[here],
+            posture[there],
+            t.patterns,
+            w.scratch.status,
+            status,
+            w.shortfall,
+        )
+    return status
 
 
 @njit(cache=True, nogil=True)
@@ -207,6 +234,7 @@ def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
                 best = arrived
                 parent[p] = o
         after[p] = best + w_energy * cost[p, t.column] + w_time * cost[p, DURATION]
+        after[p] += w.shortfall[p]
         least = min(least, after[p])
     return least
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine
+from mhsb_planner.area_shortfall import WITHOUT_AREA
 from mhsb_planner.integrated.route import Terms, terms
 
 
@@ -16,12 +17,11 @@ def arm(request: pytest.FixtureRequest, machine: Machine, four_bar_machine: Mach
 
 @pytest.fixture(scope="session")
 def terms_of() -> Callable[..., Terms]:
-    """Function (machine, weights=(0.5, 1, 2), modes=NNN) that gives terms, reading `paper`."""
+    """Function (machine, weights=(0.5, 1, 2), area=none) that gives terms from NNN, `paper`."""
 
-    def make(machine: Machine, weights=(0.5, 1.0, 2.0), modes=(0, 0, 0)) -> Terms:
-        return terms(
-            machine, np.array(modes, dtype=np.uint8), np.array(weights, dtype=float), column=1
-        )
+    def make(machine: Machine, weights=(0.5, 1.0, 2.0), area=WITHOUT_AREA) -> Terms:
+        normal, weight = np.zeros(3, dtype=np.uint8), np.array(weights, dtype=float)
+        return terms(machine, normal, weight, 1, area)
 
     return make
 

@@ -1,13 +1,16 @@
 """Costs of routes, against all sequences of patterns with the costs of their steps."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from mhsb_planner.area_shortfall import AreaTerm
 from mhsb_planner.discrete_path import SearchStatistics
-from mhsb_planner.integrated.route import new_memory, path_of, price_route
+from mhsb_planner.integrated.route import BOOST_RESERVE, new_memory, path_of, price_route
 from mhsb_planner.lower_bound import energy_lower_bound
+from mhsb_planner.s1_polytope import polytope_area
 from mhsb_planner.s2_step import step_costs
 
 NOTHING = SearchStatistics(0, 0, 0.0)
@@ -105,3 +108,39 @@ def test_a_limit_that_the_cost_reaches_ends_the_pricing(arm, terms_of, posture_w
         cost = price_route(t, new_memory(t), via, start, np.inf)
         assert price_route(t, new_memory(t), via, start, 1.001 * cost) == cost
         assert price_route(t, new_memory(t), via, start, 0.999 * cost) == np.inf
+
+
+def test_with_a_weight_the_area_lost_in_the_middle_of_each_piece_counts_in_its_modes(
+    arm, terms_of, posture_within
+):
+    term = AreaTerm(400.0, 0.25)
+    t = terms_of(arm, area=term)
+    margin = arm.arrays.boost_margin + BOOST_RESERVE
+    careful = replace(arm, arrays=arm.arrays._replace(boost_margin=margin))
+    for start, via in possible_routes(arm, t, posture_within, 8, stroke=3e-3):
+        path = path_along(arm, t, via, start)
+        best = np.inf
+        steps = [step_costs(careful, *ends) for ends in itertools.pairwise(path.posture)]
+        lost = [lost_areas(arm, term, *ends) for ends in itertools.pairwise(path.posture)]
+        for sequence in itertools.product(*(np.flatnonzero(step.admissible) for step in steps)):
+            modes = np.vstack([[0, 0, 0], arm.patterns[list(sequence)]]).astype(int)
+            cost = 2.0 * np.count_nonzero(np.diff(modes, axis=0))
+            for p, step, area in zip(sequence, steps, lost, strict=True):
+                cost += 0.5 * step.energy[p] + step.duration[p] + area[p]
+            best = min(best, cost)
+        assert path.cost == pytest.approx(best, rel=1e-9)
+
+
+def lost_areas(arm, term, start, end):
+    """w₄ M of a short step in every pattern."""
+    way = np.linalg.norm(arm.tip_position(end) - arm.tip_position(start))
+    middle = 0.5 * (start + end)
+    areas = np.array([polytope_area(arm, middle, pattern) for pattern in arm.patterns])
+    return term.weight * way * np.maximum(0.0, 1.0 - areas / term.reference)
+
+
+def test_without_a_weight_nothing_looks_at_the_area(arm, terms_of, posture_within):
+    t, blind = terms_of(arm), terms_of(arm, area=AreaTerm(0.0, np.nan))
+    for start, via in possible_routes(arm, t, posture_within, 5, stroke=10e-3):
+        cost = price_route(t, new_memory(t), via, start, np.inf)
+        assert price_route(blind, new_memory(blind), via, start, np.inf) == cost
