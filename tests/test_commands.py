@@ -35,6 +35,15 @@ BAD_ARGUMENTS = [
     (("mhsb_planner", "plan", "--case", "1-1", "--weights", "-1", "0", "2"), "not negative"),
     (("mhsb_planner", "plan", "--case", "1-1", "--payload", "-1"), "payload.mass"),
     (("mhsb_planner", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
+    (("mhsb_planner", "plan", "--case", "4-1", "--area-weight", "-1"), "area weight must be"),
+    (
+        ("mhsb_planner", "plan", "--case", "1-1", "--supply-pressure-range", "9e6", "2e6"),
+        "--supply-pressure-range: range must be two finite numbers above 0, the lower one first",
+    ),
+    (
+        ("mhsb_planner", "plan", "--case=1-1", "--v-max=0.01", "--v-max-range", "0.01", "0.02"),
+        "--v-max or --v-max-range, not both",
+    ),
     (("mhsb_planner", "goal", "0.5", "up"), "Z takes"),
     (("mhsb_planner", "goal", "0.5"), "missing Z"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "positive time"),
@@ -94,6 +103,22 @@ def test_plan_takes_negative_numbers_and_prints_json(start):
     assert plan["energy_j"] > 0
     assert plan["duration_s"] > 1
     assert {"search", "fit", "total"} <= set(plan["timings_ms"])
+
+
+def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
+    child = start(
+        *("mhsb_planner", "plan", "--case", "4-1", "--json", "--planner", "integrated"),
+        *("--supply-pressure-range", "3.5e6", "5e6", "--area-weight", "100"),
+    )
+    assert child.wait(180) == 0, child.output
+    plan = json.loads(child.output)
+    costs = {each["supply_pressure_pa"]: each["cost"] for each in plan["operating_points"]}
+    assert min(costs) == 3.5e6
+    assert max(costs) == 5e6
+    assert costs[plan["supply_pressure_pa"]] == min(costs.values())
+    assert 0 < plan["area_m2_s2"] < 2 * plan["area_reference_m2_s2"]
+    weighed = 0.5 * plan["energy_j"] + 100 * plan["area_shortfall_m"]
+    assert min(costs.values()) == pytest.approx(weighed + 2.0 * plan["switches_scheduled"])
 
 
 def test_a_case_of_the_paper_brings_its_weights(start):

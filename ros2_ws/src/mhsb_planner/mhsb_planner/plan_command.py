@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
@@ -17,6 +18,7 @@ from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.area_shortfall import area_along_motion, area_along_path, reference_area
 from mhsb_planner.errors import RequestError
+from mhsb_planner.operating_point import OperatingPoint, Range, Sample, best_operating_point
 from mhsb_planner.paper_cases import PaperCase, paper_case
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
 from mhsb_planner.posture_table_cache import table_for
@@ -26,6 +28,9 @@ from mhsb_planner.s2_step import EnergyReading
 from mhsb_planner.s3_trajectory import TrajectoryKind
 
 Point = tuple[float, float]
+
+BAR_DELAY = 0.5
+"""Before which no progress is shown [s]: what is wrong with a request shows sooner."""
 
 
 def plan(
@@ -49,6 +54,8 @@ def plan(
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
     supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
     v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S")] = None,
+    supply_pressure_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
+    v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -81,10 +88,15 @@ def plan(
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Of the main pump [Pa]; the machine file's when left out.
         v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out.
+        supply_pressure_range: Choose the constant supply pressure in this range with which the
+            motion costs least [Pa]; with --json the points looked at are printed, too.
+        v_max_range: Likewise the piston speed [m/s].
         goal_psi: Angle of the end link at the goal [rad]; free when left out.
         json_: Print one JSON object instead of text.
     """
     asked = _request(start, goal, case, weights, planner, initial_j3)
+    pressures = _range("supply-pressure", supply_pressure_range, supply_pressure)
+    speeds = _range("v-max", v_max_range, v_max)
     base = load_machine(machine)
     suite = Planner(base, table_for(base, table))
     suite.change(
@@ -92,10 +104,6 @@ def plan(
             payload=payload, supply_pressure=supply_pressure, max_piston_speed=v_max
         )
     )
-    warm_up(suite)
-    began = time.perf_counter()
-    base.check_in_workspace(*asked.start)
-    posture = asked.start_posture(suite.machine)
     options = replace(
         asked.options,
         energy_reading=energy_reading,
@@ -105,13 +113,36 @@ def plan(
         trajectory=trajectory,
         area_weight=area_weight,
     )
-    made = suite.plan(asked.goal, MotionState.at_rest(posture), options=options)
+    warm_up(suite)
+    began = time.perf_counter()
+    base.check_in_workspace(*asked.start)
+    at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
+    found = None
+    if pressures or speeds:
+        with tqdm(desc="operating points", unit="plan", disable=json_, delay=BAR_DELAY) as bar:
+            found = best_operating_point(
+                *(suite, asked.goal, at_rest, options, pressures, speeds),
+                told=lambda _: bar.update(),
+            )
+    made = found.plan if found else suite.plan(asked.goal, at_rest, options=options)
     seconds = {**made.seconds, "total": time.perf_counter() - began}
     area = polytope_areas_of(suite, made)
     if json_:
-        print(json.dumps(as_json(suite.machine, made, seconds) | area))
+        print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))
     else:
-        print("\n".join([*as_text(made, seconds), area_line(area)]))
+        print("\n".join([*as_text(made, seconds), area_line(area), *point_lines(found)]))
+
+
+def _range(name: str, given: Point | None, fixed: float | None) -> Range | None:
+    """The range of an option, which must not be given with a fixed value."""
+    if given is None:
+        return None
+    if fixed is not None:
+        raise command_line.UsageError(f"give --{name} or --{name}-range, not both")
+    try:
+        return Range(*given)
+    except RequestError as error:
+        raise command_line.UsageError(f"--{name}-range: {error}") from error
 
 
 def _request(
@@ -148,6 +179,8 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
     path, motion = made.path, made.motion
     return {
         "machine": machine.name,
+        "supply_pressure_pa": machine.arrays.supply_pressure,
+        "v_max_m_s": machine.arrays.max_piston_speed,
         "energy_discrete_j": float(path.energy.sum()),
         "energy_series_discrete_j": float(path.energy_series.sum()),
         "energy_j": made.energy.paper,
@@ -229,6 +262,35 @@ def area_line(area: dict[str, float | None]) -> str:
         f"polytope: {mean:.3f} m²/s² on average along the tip's path, full from "
         f"{area['area_reference_m2_s2']:.3f} m²/s²; shortfall {area['area_shortfall_m']:.3f} m"
     )
+
+
+def curve_json(found: OperatingPoint | None) -> dict[str, Any]:
+    """All points at which a plan was looked for; nothing where none was."""
+    return {"operating_points": [_sample_json(sample) for sample in found.curve]} if found else {}
+
+
+def _sample_json(sample: Sample) -> dict[str, Any]:
+    point = {"supply_pressure_pa": sample.supply_pressure, "v_max_m_s": sample.v_max}
+    if sample.failure:
+        return point | {"failure": sample.failure}
+    return point | {
+        "energy_j": sample.energy,
+        "energy_series_j": sample.energy_series,
+        "duration_s": sample.duration,
+        "switches": sample.switches,
+        "cost": sample.cost,
+    }
+
+
+def point_lines(found: OperatingPoint | None) -> list[str]:
+    """The best point in words."""
+    if found is None:
+        return []
+    best = found.best
+    return [
+        f"operating point: {best.supply_pressure / 1e6:.3f} MPa, V_max {1e3 * best.v_max:.2f} mm/s "
+        f"cost least, {best.cost:.1f}, of {len(found.curve)} looked at"
+    ]
 
 
 def main() -> int:
