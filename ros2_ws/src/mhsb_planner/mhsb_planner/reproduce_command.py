@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,14 +13,18 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
+from mhsb_planner.reproduction import operating_points
+from mhsb_planner.reproduction.area_figure import draw_area_tradeoff
 from mhsb_planner.reproduction.expectations import Record, numbers, records
 from mhsb_planner.reproduction.fits import Fits, fit_runs
 from mhsb_planner.reproduction.joint_figures import draw_joints
+from mhsb_planner.reproduction.operating_points import Found
 from mhsb_planner.reproduction.path_figures import draw_paths
 from mhsb_planner.reproduction.polytope_figures import draw_polytopes_along, draw_velocity_polytope
 from mhsb_planner.reproduction.runs import (
     SUPPLY_PRESSURES,
     Runs,
+    area_settings,
     evaluate,
     integrated_settings,
     pressure_run,
@@ -35,6 +39,7 @@ FITTED = (
     *(pressure_run(supply) for supply in SUPPLY_PRESSURES),
     *(pressure_run(supply, keep_table=True) for supply in SUPPLY_PRESSURES),
     *integrated_settings(),
+    *area_settings(),
 )
 """Runs whose trajectory is made as well."""
 
@@ -53,8 +58,11 @@ FIGURES: dict[str, Figure] = {
     ),
     "figure_9": lambda runs, fits, *place: draw_polytopes_along(runs, *place),
     "figure_10": lambda runs, fits, *place: draw_weights(runs, *place),
+    "area_energy": draw_area_tradeoff,
 }
-"""The figures of the paper, by the name of their files."""
+"""The figures of the paper, and the area against energy, by the name of their files."""
+
+OPERATING_POINT = "operating_point"
 
 
 def reproduce(
@@ -64,10 +72,12 @@ def reproduce(
 ) -> None:
     """Run all cases and sweeps of the paper and judge what they show.
 
-    The integrated planner's runs of the same cases are told beside them.
+    The integrated planner's runs of the same cases are told beside them, Case 4 with a weight on
+    the polytope's area, and the supply pressure and V_max that serve Case 5 best.
 
-    Writes table.csv (every run), summary.json (every expectation: published, own, met) and the
-    paper's figures as PNG with their data as CSV. Energies are in J, lengths in m, times in s.
+    Writes table.csv (every run), summary.json (every expectation: published, own, met; the best
+    operating points) and the figures as PNG with their data as CSV. Energies are in J, lengths in
+    m, times in s.
 
     Args:
         output: Folder to write to.
@@ -76,8 +86,8 @@ def reproduce(
     """
     arm = load_machine(machine)
     output.mkdir(parents=True, exist_ok=True)
-    asked = settings() | integrated_settings()
-    total = work_units(arm, asked) + len(FITTED) + len(FIGURES)
+    asked = settings() | integrated_settings() | area_settings()
+    total = work_units(arm, asked) + len(FITTED) + len(FIGURES) + 1
     with tqdm(total=total, unit="step", desc="reproduce") as bar:
         runs = evaluate(arm, asked, jobs, bar.update)
         fits = fit_runs(runs, [name for name in FITTED if name in runs.runs])
@@ -85,10 +95,13 @@ def reproduce(
         for name, draw in FIGURES.items():
             draw(runs, fits, output, name)
             bar.update()
+        points = operating_points.find_points(runs)
+        operating_points.draw_points(runs, fits, points, output, OPERATING_POINT)
+        bar.update()
     found = records(runs)
     write_rows(output / "table.csv", COLUMNS, _table_rows(runs, fits))
-    write_json(output / "summary.json", _summary(runs, fits, found))
-    print("\n".join(as_text(found)))
+    write_json(output / "summary.json", _summary(runs, fits, found, points))
+    print("\n".join([*as_text(found), *operating_points.as_text(points)]))
     print(f"written to {output}")
 
 
@@ -122,7 +135,9 @@ def _table_rows(runs: Runs, fits: Fits) -> Iterator[list[Any]]:
         yield [row.get(column, "") for column in COLUMNS]
 
 
-def _summary(runs: Runs, fits: Fits, found: list[Record]) -> dict[str, Any]:
+def _summary(
+    runs: Runs, fits: Fits, found: list[Record], points: Mapping[str, Found]
+) -> dict[str, Any]:
     return {
         "machine": runs.machine.name,
         "machine_hash": runs.machine.hash,
@@ -131,6 +146,7 @@ def _summary(runs: Runs, fits: Fits, found: list[Record]) -> dict[str, Any]:
             asdict(record) | {"own": {name: _own(runs, fits, name) for name in record.own}}
             for record in found
         ],
+        "operating_points": operating_points.as_summary(points),
     }
 
 

@@ -18,6 +18,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner import s1_global_search
+from mhsb_planner.area_shortfall import area_term
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.fixed_j3 import elbow_side, fixed_j3_graph
 from mhsb_planner.grid import PAPER_SPACING, grid_nodes
@@ -38,6 +39,9 @@ PISTON_SPEEDS = (0.006, 0.009, 0.012, 0.015, 0.020, 0.025, 0.026, 0.028, 0.030) 
 SWITCH_WEIGHTS = tuple(float(w3) for w3 in range(21))
 SUPPLY_PRESSURES = (2.5e6, 10e6)  # Pa
 
+AREA_WEIGHTS = (100.0, 300.0, 1000.0, 2000.0, 3000.0, 5000.0, 10000.0, 50000.0)
+"""w₄ with which Case 4 is planned by the integrated planner, beside 0 [1/m]."""
+
 Progress = Callable[[int], None]
 
 
@@ -47,6 +51,7 @@ class Setting:
 
     supply_pressure, v_max  Pa, m/s; None: the machine's own
     keep_table              keep the machine's posture table with the changed supply pressure
+    area_weight             w₄ of the integrated planner [1/m]
     """
 
     case: PaperCase
@@ -54,6 +59,7 @@ class Setting:
     supply_pressure: float | None = None
     v_max: float | None = None
     keep_table: bool = False
+    area_weight: float = 0.0
 
     @property
     def table_pressure(self) -> float | None:
@@ -116,6 +122,11 @@ def integrated_run(case: str) -> str:
     return f"{case} integrated"
 
 
+def area_run(w4: float) -> str:
+    """Name of the run of Case 4 with the integrated planner and this weight of the area [1/m]."""
+    return integrated_run("4-1") + (f" w4 {w4:g}" if w4 > 0.0 else "")
+
+
 def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
     """All runs by name."""
     cases = paper_cases() if cases is None else cases
@@ -146,6 +157,12 @@ def integrated_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[st
         for name, case in cases.items()
         if case.planner == "table"
     }
+
+
+def area_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
+    """Case 4 planned by the integrated planner with ever more weight on the area, by name."""
+    case = replace((paper_cases() if cases is None else cases)["4-1"], planner="integrated")
+    return {area_run(w4): Setting(case, area_weight=w4) for w4 in AREA_WEIGHTS}
 
 
 def work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
@@ -224,7 +241,10 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
     try:
         if case.planner == "integrated":
             start = postures_by_rule(graph, *case.start)[0]
-            path = integrated_search.search(machine, start, normal, case.goal, case.weights)
+            area = area_term(setting.area_weight, graph.table)
+            path = integrated_search.search(
+                machine, start, normal, case.goal, case.weights, area=area
+            )
             return Run(setting, machine, path)
         if case.planner == "fixed":
             start = case.start_posture(machine)
