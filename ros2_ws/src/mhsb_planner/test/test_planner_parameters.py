@@ -22,7 +22,7 @@ def node(ros_context: Context, machine) -> Iterator[Node]:
 
 def test_left_alone_they_ask_for_the_machine_s_own_values(node, machine):
     found = planner_parameters.read(node)
-    assert (found.planner, found.options.planner) == ("table", "table")
+    assert (found.planner, found.options.planner) == ("integrated", "integrated")
     assert found.machine(machine).hash == machine.hash
 
 
