@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -95,8 +96,10 @@ def plan(
         json_: Print one JSON object instead of text.
     """
     asked = _request(start, goal, case, weights, planner, initial_j3)
-    pressures = _range("supply-pressure", supply_pressure_range, supply_pressure)
-    speeds = _range("v-max", v_max_range, v_max)
+    ranges = (
+        _range("supply-pressure", supply_pressure_range, supply_pressure),
+        _range("v-max", v_max_range, v_max),
+    )
     base = load_machine(machine)
     suite = Planner(base, table_for(base, table))
     suite.change(
@@ -118,12 +121,10 @@ def plan(
     base.check_in_workspace(*asked.start)
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
     found = None
-    if pressures or speeds:
+    if any(ranges):
         with tqdm(desc="operating points", unit="plan", disable=json_, delay=BAR_DELAY) as bar:
-            found = best_operating_point(
-                *(suite, asked.goal, at_rest, options, pressures, speeds),
-                told=lambda _: bar.update(),
-            )
+            told = partial(_advance, bar)
+            found = best_operating_point(suite, asked.goal, at_rest, options, *ranges, told=told)
     made = found.plan if found else suite.plan(asked.goal, at_rest, options=options)
     seconds = {**made.seconds, "total": time.perf_counter() - began}
     area = polytope_areas_of(suite, made)
@@ -131,6 +132,10 @@ def plan(
         print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))
     else:
         print("\n".join([*as_text(made, seconds), area_line(area), *point_lines(found)]))
+
+
+def _advance(bar: tqdm, _: Sample) -> None:
+    bar.update()
 
 
 def _range(name: str, given: Point | None, fixed: float | None) -> Range | None:
