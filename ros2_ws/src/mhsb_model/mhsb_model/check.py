@@ -11,6 +11,7 @@ import numpy as np
 import tyro
 
 from mhsb_model import command_line, hydraulics, inverse_kinematics_3r, linkage
+from mhsb_model.clearance import clearances
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
 
@@ -21,7 +22,7 @@ PSI_SAMPLES = 180
 def check(
     file: Annotated[Path | None, tyro.conf.Positional] = None,
 ) -> None:
-    """Print what a machine file amounts to: reach, moment arms, loads, where boost is needed.
+    """Print what a machine file amounts to: reach, moment arms, loads, boost, what zones leave.
 
     Args:
         file: Machine file (YAML, SI units); the suite's own arm when left out.
@@ -37,6 +38,8 @@ def report(machine: Machine) -> list[str]:
     lines += _hydraulic_lines(machine)
     if machine.joint_count == 3:
         lines += _workspace_lines(machine)
+    if machine.joint_count == 3 and machine.obstacles.names:
+        lines += _keep_out_lines(machine)
     return lines
 
 
@@ -107,6 +110,24 @@ def _workspace_lines(machine: Machine) -> list[str]:
         f"  {counts['boost']} need boost ({by_joint})",
         f"  {counts['too heavy']} are beyond the highest boost pressure",
         f"  {counts['no posture']} have no posture within the joint limits",
+    ]
+
+
+def _keep_out_lines(machine: Machine) -> list[str]:
+    """What obstacles leave of the points that the arm reaches."""
+    psi = np.linspace(-np.pi, np.pi, PSI_SAMPLES, endpoint=False)
+    reached = left = 0
+    for x, z in _nodes(machine):
+        postures = inverse_kinematics_3r.postures(machine.arrays, x, z, psi)
+        if len(postures) > 0:
+            distance, _ = clearances(machine.arrays, postures)
+            reached += 1
+            left += bool(distance.max() >= machine.arrays.path_margin)
+    share = 100.0 * left / reached if reached else 0.0
+    return [
+        f"keeping {1e3 * machine.arrays.path_margin:g} mm clear of "
+        f"{'; '.join(machine.obstacles.names)}:",
+        f"  {left} of {reached} points that can be reached are left, {share:.0f} %",
     ]
 
 

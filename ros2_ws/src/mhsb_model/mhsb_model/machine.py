@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from mhsb_model import inverse_kinematics_3r, kinematics, linkage, statics
+from mhsb_model import clearance, inverse_kinematics_3r, kinematics, linkage, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
@@ -22,10 +22,11 @@ from mhsb_model.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_model.zones import LINK, Obstacles, Zones, obstacles_of
 
 MACHINE_FILE = "mhsb_arm3.yaml"
-PLANNING_SECTIONS = {"circuit", "servo", "simulation"}
-"""Sections that do not concern the planner and so leave a posture table valid."""
+SECTIONS_WITHOUT_TABLE = {"circuit", "servo", "simulation", "keep_out"}
+"""Sections that do not concern a posture table and so leave it valid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,10 @@ class Machine:
             problems = linkage_problems(config)
         if problems:
             raise MachineFileError(source, problems)
-        return cls(config, _arrays(config))
+        machine = cls(config, _arrays(config))
+        if in_the_way := machine._obstacles_at_joint_1():
+            raise MachineFileError(source, in_the_way)
+        return machine
 
     @property
     def name(self) -> str:
@@ -76,8 +80,8 @@ class Machine:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over everything that planning depends on."""
-        content = self.config.model_dump(mode="json", exclude=PLANNING_SECTIONS)
+        """SHA-256 over everything that a posture table depends on."""
+        content = self.config.model_dump(mode="json", exclude=SECTIONS_WITHOUT_TABLE)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def changed(
@@ -86,8 +90,9 @@ class Machine:
         payload: float | None = None,
         supply_pressure: float | None = None,
         max_piston_speed: float | None = None,
+        zones: Zones | None = None,
     ) -> Machine:
-        """The same machine with another payload [kg], supply pressure [Pa] or V_max [m/s].
+        """The same machine with another payload [kg], supply pressure [Pa], V_max [m/s] or zones.
 
         Raises MachineFileError where a value is out of its range.
         """
@@ -98,6 +103,8 @@ class Machine:
             content["hydraulics"]["main_pump"]["pressure"] = supply_pressure
         if max_piston_speed is not None:
             content["motion"]["max_piston_speed"] = max_piston_speed
+        if zones is not None:
+            content["keep_out"] |= zones.content()
         return _validated(content, f"{self.name} with changes")
 
     def tip_position(self, q: FloatArray) -> FloatArray:
@@ -137,6 +144,28 @@ class Machine:
         """Distances between each cylinder's pins."""
         rows = self.arrays.linkage
         return np.array([linkage.cylinder_length(rows[j], q[j]) for j in range(self.joint_count)])
+
+    @cached_property
+    def obstacles(self) -> Obstacles:
+        """Everything that the arm keeps clear of."""
+        return obstacles_of(self.config.keep_out, self.joint_count)
+
+    def clearance(self, q: FloatArray) -> tuple[float, str]:
+        """Distance [m] to the nearest obstacle, negative inside, and its name; inf, "" without."""
+        q, none = np.asarray(q, dtype=np.float64), np.zeros(len(self.obstacles.names))
+        distance, nearest = clearance.clearance(self.arrays, q, none)
+        return distance, self.obstacles.names[nearest] if nearest >= 0 else ""
+
+    def _obstacles_at_joint_1(self) -> list[str]:
+        """The arm cannot keep clear of what is where its first link begins."""
+        m, needed = self.arrays, self.arrays.link_radius[0] + self.arrays.path_margin
+        return [
+            f"keep_out: {name} is {distance:.4g} m from joint 1, where link 1 always is; it must "
+            f"be at least {needed:.4g} m away, the link's radius and the margin"
+            for k, name in enumerate(self.obstacles.names)
+            if (m.obstacle[k, 0] != LINK and m.obstacle[k, 1] == 0)
+            and (distance := clearance.point_clearance(m, k, 0.0, 0.0)) < needed
+        ]
 
     def check_in_workspace(self, x: float, z: float) -> None:
         """Raise OutOfWorkspaceError where the tip may not be asked to go to (x, z)."""
@@ -221,4 +250,7 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         valve_coefficient=oil.valve.rated_flow / math.sqrt(oil.valve.rated_pressure_drop_per_land),
         leakage_flow=oil.valve.leakage_flow,
         max_piston_speed=config.motion.max_piston_speed,
+        link_radius=frozen(np.array(config.keep_out.link_radii or np.zeros(len(joints)))),
+        obstacle=frozen(obstacles_of(config.keep_out, len(joints)).rows),
+        path_margin=config.keep_out.margin,
     )

@@ -267,6 +267,53 @@ class Simulation(Section):
     start_posture: tuple[Angle, ...] = Field(description="joint angles at the start [rad]")
 
 
+HoldsFor = Literal["arm", "tip"]
+
+
+class Box(Section):
+    """A rectangle along the axes."""
+
+    x_min: float = Field(description="[m]")
+    z_min: float = Field(description="[m]")
+    x_max: float = Field(description="[m]")
+    z_max: float = Field(description="[m]")
+
+
+class BoxZone(Box):
+    """A box that the whole arm keeps out of, or its tip alone."""
+
+    holds_for: HoldsFor = "arm"
+
+
+class CircleZone(Section):
+    """A circle that the whole arm keeps out of, or its tip alone."""
+
+    x: float = Field(description="of the centre [m]")
+    z: float = Field(description="of the centre [m]")
+    radius: Positive = Field(le=100, description="[m]")
+    holds_for: HoldsFor = "arm"
+
+
+class KeepOut(Section):
+    """What the arm keeps clear of; all of it may be left out."""
+
+    margin: NonNegative = Field(
+        default=0.005,
+        le=0.1,
+        description="that the discrete path keeps, for the trajectory to cut corners [m]",
+    )
+    link_radii: tuple[NonNegative, ...] = Field(
+        default=(), description="half the thickness of each link [m]; none: links are lines"
+    )
+    ground: float | None = Field(default=None, description="height below which nothing gets [m]")
+    base: Box | None = Field(default=None, description="all links but the first keep out of it")
+    self_collision: bool = Field(
+        default=False, description="whether links that are not neighbours keep apart"
+    )
+    boxes: tuple[BoxZone, ...] = ()
+    circles: tuple[CircleZone, ...] = ()
+
+
 class MachineConfig(Section):
     """A whole machine file."""
 
@@ -278,6 +325,7 @@ class MachineConfig(Section):
     joints: tuple[Joint, ...] = Field(min_length=1)
     hydraulics: Hydraulics
     motion: Motion
+    keep_out: KeepOut = KeepOut()
     circuit: CircuitDynamics
     servo: Servo
     simulation: Simulation
@@ -287,7 +335,7 @@ class MachineConfig(Section):
 def problems_across(config: MachineConfig) -> list[str]:
     """Every rule across fields that the configuration breaks, as `path: sentence`."""
     problems = _workspace_problems(config) + _hydraulic_problems(config)
-    problems += _start_problems(config)
+    problems += _start_problems(config) + _keep_out_problems(config)
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
     return problems
@@ -344,6 +392,22 @@ def _start_problems(config: MachineConfig) -> list[str]:
         for j, (q, joint) in enumerate(zip(start, config.joints, strict=True))
         if not joint.limits.lower <= q <= joint.limits.upper
     ]
+
+
+def _keep_out_problems(config: MachineConfig) -> list[str]:
+    keep_out, links = config.keep_out, len(config.joints)
+    problems = []
+    if len(keep_out.link_radii) not in (0, links):
+        problems.append(
+            f"keep_out.link_radii: has {len(keep_out.link_radii)} radii, the machine has "
+            f"{links} links"
+        )
+    boxes = [(f"keep_out.boxes.{i}", box) for i, box in enumerate(keep_out.boxes)]
+    for path, box in [*boxes, *([("keep_out.base", keep_out.base)] if keep_out.base else [])]:
+        for axis, low, high in (("x", box.x_min, box.x_max), ("z", box.z_min, box.z_max)):
+            if low >= high:
+                problems.append(f"{path}.{axis}_min: {low:g} m must be below {axis}_max {high:g} m")
+    return problems
 
 
 def _joint_problems(path: str, joint: Joint) -> list[str]:

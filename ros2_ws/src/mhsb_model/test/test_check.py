@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from mhsb_model import check
+from mhsb_model.zones import Zones
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess:
@@ -38,6 +39,16 @@ def test_the_report_tells_each_joints_kind_of_linkage(machine, slider_crank_mach
 def test_four_bars_leave_no_point_of_the_workspace_without_a_posture(four_bar_machine):
     text = "\n".join(check.report(four_bar_machine))
     assert "  0 have no posture" in text
+
+
+def test_the_report_tells_what_zones_leave_of_the_workspace(machine):
+    assert "clear of" not in "\n".join(check.report(machine))
+    upper_half = machine.changed(zones=Zones(tip_boxes=((-1.0, 0.05, 2.0, 2.0),)))
+    text = "\n".join(check.report(upper_half))
+    left, reached = map(int, re.search(r"(\d+) of (\d+) points that can be reached", text).groups())
+    assert reached == 642 - int(re.search(r"(\d+) have no posture", text)[1])
+    below = [z for x, z in check._nodes(machine) if z <= 0.045]
+    assert len(below) - (642 - reached) <= left <= len(below)
 
 
 def test_the_command_prints_the_report_of_the_suites_arm():

@@ -9,6 +9,7 @@ import yaml
 from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.machine import MACHINE_FILE, load_machine
+from mhsb_model.zones import Zones
 
 
 @pytest.fixture
@@ -60,7 +61,11 @@ def test_the_hash_follows_what_the_planner_depends_on_and_nothing_else(load, mac
     def heavier_link(content):
         content["joints"][0]["link"]["mass"] += 1
 
+    def zones(content):
+        content["keep_out"] = {"boxes": [{"x_min": 0.7, "z_min": 0, "x_max": 0.8, "z_max": 0.1}]}
+
     assert load(stiffer_oil).hash == machine.hash
+    assert load(zones).hash == machine.hash
     assert load(heavier_link).hash != machine.hash
 
 
@@ -74,6 +79,19 @@ def test_changes_give_another_machine_and_leave_the_first(machine):
         machine.changed(payload=-1.0)
 
 
+def test_zones_are_given_by_any_two_corners_and_replace_those_of_the_file(machine):
+    zones = Zones(boxes=((0.9, 0.3, 0.7, 0.1),), tip_circles=((0.5, -0.5, 0.1),))
+    changed = machine.changed(zones=zones)
+    assert Zones.of(changed.config.keep_out) == Zones(
+        boxes=((0.7, 0.1, 0.9, 0.3),), tip_circles=((0.5, -0.5, 0.1),)
+    )
+    assert Zones.of(changed.changed(zones=Zones()).config.keep_out) == Zones()
+    more = zones.with_more(boxes=[(0.0, 0.9, 0.1, 1.0)], circles=[(0.9, 0.0, 0.05)])
+    assert len(machine.changed(zones=more).obstacles.names) == 4
+    with pytest.raises(MachineFileError, match=r"x_min: 0\.7 m must be below x_max 0\.7 m"):
+        machine.changed(zones=Zones(boxes=((0.7, 0.1, 0.7, 0.3),)))
+
+
 @pytest.mark.parametrize(
     ("keys", "value", "sentence"),
     [
@@ -84,6 +102,20 @@ def test_changes_give_another_machine_and_leave_the_first(machine):
         (["joints", 0, "link", "mass"], -5.0, r"joints\.0\.link\.mass: .*\(is -5\.0\)"),
         (["payload", "mass"], float("nan"), r"payload\.mass: .*(finite|nan)"),
         (["joints", 0, "limits", "upper"], 2.6, r"joints\.0\.limits: the moment arm falls to"),
+        (["keep_out"], {"walls": []}, r"keep_out\.walls: extra inputs are not permitted"),
+        (["keep_out"], {"link_radii": [0.1]}, r"keep_out\.link_radii: has 1 radii, .* 3 links"),
+        (["keep_out"], {"margin": -0.001}, r"keep_out\.margin: .*greater than or equal to 0"),
+        (["keep_out"], {"ground": 0.1}, r"the ground at z = 0\.1 m is -0\.1 m from joint 1"),
+        (
+            ["keep_out"],
+            {"boxes": [{"x_min": 0.9, "z_min": 0, "x_max": 0.8, "z_max": 0.1}]},
+            r"keep_out\.boxes\.0\.x_min: 0\.9 m must be below x_max 0\.8 m",
+        ),
+        (
+            ["keep_out"],
+            {"circles": [{"x": 0.1, "z": 0, "radius": 0.098}]},
+            r"circle of 0\.098 m around \(0\.1, 0\) m is 0\.002 m from joint 1.*at least 0\.005 m",
+        ),
         (["workspace", "max_radius"], 1.2, r"max_radius: 1\.2 m is beyond the reach 1\.029 m"),
         (["workspace", "min_radius"], 1.1, r"min_radius: 1\.1 m must be below"),
         (["hydraulics", "tank_pressure"], 5e5, None),
