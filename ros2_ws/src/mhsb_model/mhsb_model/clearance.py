@@ -6,9 +6,10 @@ max(x_min − x, x − x_max, z_min − z, z − z_max) inside, for a circle |p 
 radius. It changes by no more than the arm's points move, so that clearances at both ends of a move
 bound those in between:
 
-    clearance ≥ (c_start + c_end − D) / 2,   D = Σ_j |Δq_j| Σ_{k ≥ j} L_k
+    clearance ≥ (c_start + c_end − D) / 2,   D = Σ_k L_k |Σ_{j ≤ k} Δq_j|
 
-where no joint turns back. Source: Lipschitz bound of the distance function, as in conservative
+where all joints move in proportion, and with Σ_{j ≤ k} |Δq_j| where they do not but none turns
+back. Source: Lipschitz bound of the distance function, as in conservative
 advancement (Mirtich, 1996).
 """
 
@@ -222,12 +223,13 @@ def leeway_from(m: MachineArrays, q: FloatArray, kept: float) -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def travel(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
+def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool) -> float:
     """Farther than this no point of the arm moves between two postures [m]; D above."""
-    reach, farthest = 0.0, 0.0
-    for j in range(len(start) - 1, -1, -1):
-        reach += m.link_length[j]
-        farthest += reach * abs(end[j] - start[j])
+    turn, farthest = 0.0, 0.0
+    for k in range(len(start)):
+        turned = end[k] - start[k]
+        turn += abs(turned) if along_cylinders else turned
+        farthest += m.link_length[k] * abs(turn)
     return farthest
 
 
@@ -264,7 +266,7 @@ def move_is_clear(
     if left < kept:
         leeway = leeway_from(m, start, kept)
         left = kept
-    if left - travel(m, start, end) >= kept:
+    if left - travel(m, start, end, along_cylinders) >= kept:
         return True
     n = len(start)
     here = np.empty(n)
@@ -276,7 +278,7 @@ def move_is_clear(
         right = clear[waiting - 1]
         if right < kept - ROUNDING:
             return False
-        apart = travel(m, here, ends[waiting - 1])
+        apart = travel(m, here, ends[waiting - 1], along_cylinders)
         if apart <= FINEST or left + right - apart >= 2.0 * kept:
             here[:] = ends[waiting - 1]
             left = right

@@ -179,12 +179,14 @@ def test_a_start_in_a_zone_may_leave_it_but_not_go_deeper_or_into_another(machin
     assert not move_is_clear(both, q, q + forward, False)
 
 
-@given(st.integers(0, 10_000))
-def test_no_point_moves_farther_than_the_bound(machine, seed):
+@given(st.integers(0, 10_000), st.booleans())
+def test_no_point_moves_farther_than_the_bound(machine, seed, along_cylinders):
     start, end = postures(machine, 2, seed)
-    way = np.array([joints_in(machine, q) for q in along(start, end, 50)])
+    shares = np.linspace(0, 1, 50)[:, None] ** ([1.0, 2.0, 0.5] if along_cylinders else 1.0)
+    way = np.array([joints_in(machine, q) for q in start + shares * (end - start)])
     moved = np.hypot(*np.moveaxis(np.diff(way, axis=0), -1, 0)).sum(axis=0)
-    assert moved.max() <= clearance.travel(machine.arrays, start, end) + 1e-12
+    bound = clearance.travel(machine.arrays, start, end, along_cylinders)
+    assert moved.max() <= bound + 1e-12
 
 
 def joints_in(machine, q):

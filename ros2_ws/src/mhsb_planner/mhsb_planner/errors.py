@@ -20,15 +20,34 @@ class InfeasibleGoalError(MhsbError):
         )
 
 
-class NoPathError(MhsbError):
-    """Goal and start are each feasible, but no sequence of steps joins them."""
+class ZoneError(MhsbError):
+    """At the goal the arm would be in an obstacle, or too near to one."""
 
-    def __init__(self, start: tuple[float, float], goal: tuple[float, float]) -> None:
+    def __init__(self, x: float, z: float, sentence: str) -> None:
+        self.x = x
+        self.z = z
+        super().__init__(sentence)
+
+
+class NoPathError(MhsbError):
+    """Goal and start are each feasible, but no sequence of steps joins them.
+
+    among  the obstacles that steps had to keep clear of
+    """
+
+    def __init__(
+        self,
+        start: tuple[float, float],
+        goal: tuple[float, float],
+        among: tuple[str, ...] = (),
+    ) -> None:
         self.start = start
         self.goal = goal
+        self.among = among
+        clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
             f"no sequence of admissible steps leads from ({start[0]:.4g}, {start[1]:.4g}) m "
-            f"to ({goal[0]:.4g}, {goal[1]:.4g}) m"
+            f"to ({goal[0]:.4g}, {goal[1]:.4g}) m{clear}"
         )
 
 

@@ -23,7 +23,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
-from mhsb_planner import area_shortfall, fixed_j3, s2_search, s3_trajectory
+from mhsb_planner import area_shortfall, fixed_j3, goal_clearance, s2_search, s3_trajectory
 from mhsb_planner.area_shortfall import (
     WITHOUT_AREA,
     AreaTerm,
@@ -33,7 +33,7 @@ from mhsb_planner.area_shortfall import (
 )
 from mhsb_planner.discrete_path import DiscretePath
 from mhsb_planner.energy import Energy, motion_energy
-from mhsb_planner.errors import NoPathError, RequestError
+from mhsb_planner.errors import NoPathError, RequestError, ZoneError
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.s1_posture_table import PostureTable
 from mhsb_planner.s2_graph import StepGraph
@@ -178,8 +178,8 @@ class Planner:
         return self.graph.machine
 
     def change(self, machine: Machine) -> None:
-        """Plan for another payload, supply pressure or V_max from now on; keeps the table."""
-        if machine.hash != self.machine.hash:
+        """Plan for another payload, supply pressure, V_max or zones; keeps the table."""
+        if machine.config != self.machine.config:
             self.graph = self.graph.changed(machine)
 
     def plan(
@@ -197,8 +197,9 @@ class Planner:
 
         The integrated planner's motion is compared with that along the table's path, where the
         area has a weight also with that which has none, unless the budget is nearly over, and the
-        best one taken. Raises OutOfWorkspaceError, InfeasibleGoalError, NoPathError, FitError,
-        DeadlineError; RequestError where the area has a weight and the planner cannot weigh it.
+        best one taken. Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, NoPathError,
+        FitError, DeadlineError; RequestError where the area has a weight and the planner cannot
+        weigh it.
         """
         options = options or PlanOptions()
         if options.area_weight > 0.0 and options.planner != "integrated":
@@ -221,8 +222,11 @@ class Planner:
             others.append(partial(self._integrated, plain))
         try:
             found = self._along(task, partial(self._integrated, task))
-        except (NoPathError, FitError):
-            return self._along(task, table)
+        except (NoPathError, FitError) as error:
+            try:
+                return self._along(task, table)
+            except ZoneError:  # in the table's postures alone
+                raise error from None
         for other in others:
             if time.perf_counter() < late:
                 found = self._or_cheaper(task, found, other)
@@ -353,6 +357,7 @@ class Planner:
 
 def warm_up(planner: Planner) -> None:
     """Compile everything that a plan runs through."""
+    goal_clearance.warm_up(planner.machine)
     s2_search.warm_up(planner.graph)
     fixed_j3.warm_up(planner.graph)
     integrated_search.warm_up(planner.machine)

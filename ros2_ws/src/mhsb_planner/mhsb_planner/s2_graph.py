@@ -3,8 +3,8 @@
 A state is a node and the pattern in which it was reached; its posture is the table's. Of the
 patterns of a node many share a posture, and a step depends on where it starts only through the
 posture, so steps are stored once per distinct posture. Weights and the choice of the energy
-reading enter in the search and leave the graph as it is; for another payload, supply pressure or
-V_max, with the table kept, steps are priced anew where a search comes by.
+reading enter in the search and leave the graph as it is; for another payload, supply pressure,
+V_max or zones, with the table kept, steps are priced anew where a search comes by.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mhsb_model.clearance import clearances
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.grid import Grid
@@ -68,8 +69,15 @@ class StepGraph:
         self.postures: Postures = like.postures if like else describe(arrays, self.layout.posture)
         force = self._loads.bare + arrays.payload * self._loads.for_each_kg
         self.postures = self.postures._replace(force=frozen(force))
+        crowded = len(arrays.obstacle) > 0
         terms = Terms(
-            self.circuit, table.patterns, self.layout, self.postures, self._middle, arrays.payload
+            self.circuit,
+            table.patterns,
+            self.layout,
+            self.postures,
+            self._middle,
+            arrays,
+            clearances(arrays, self.layout.posture)[0] if crowded else np.empty(0),
         )
         room = len(like.steps.edges.state) if like else 0
         self.steps: PricedSteps = PricedSteps(terms, jobs, room)
@@ -99,7 +107,7 @@ class StepGraph:
         return np.count_nonzero(self.table.patterns != modes, axis=1)
 
     def changed(self, machine: Machine) -> StepGraph:
-        """The graph for another payload, supply pressure or V_max, on the same table."""
+        """The graph for another payload, supply pressure, V_max or zones, on the same table."""
         return StepGraph(machine, self.table, self.jobs, like=self)
 
     def _switches(self) -> IntArray:

@@ -17,12 +17,14 @@ from numba import njit
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.errors import InfeasibleGoalError
+from mhsb_planner.goal_clearance import check_tip, clear_postures
 from mhsb_planner.s2_graph import StepGraph
 from mhsb_planner.s2_layout import Layout
 from mhsb_planner.s2_step import (
     INADMISSIBLE,
     Circuit,
     Postures,
+    bar_collisions,
     describe,
     middle_forces,
     new_scratch,
@@ -79,10 +81,11 @@ def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> G
 
     Without psi, for every pattern the posture by the graph's rule, for the posture table that of
     largest velocity polytope; with psi [rad], all postures with that end-link angle, in any
-    pattern. Raises OutOfWorkspaceError, InfeasibleGoalError.
+    pattern. Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError.
     """
     machine = graph.machine
     machine.check_in_workspace(x, z)
+    check_tip(machine, x, z)
     node = None
     if psi is not None:
         postures = machine.postures(x, z, np.array([psi]))
@@ -94,6 +97,7 @@ def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> G
         node = graph.grid.node_at(x, z)
         postures, owner = np.unique(postures_by_rule(graph, x, z), axis=0, return_inverse=True)
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
+    clear_postures(machine, x, z, postures)
     return Goal((x, z), node, describe(machine.arrays, postures), first, owner)
 
 
@@ -202,6 +206,7 @@ def _steps_to_nodes(
             continue
         middle = np.empty((here, patterns.shape[1]))
         middle_forces(m, start.posture[0], postures.posture, first, middle)
+        bar_collisions(m, start.posture[0], postures.posture, first, middle)
         status = steps_to_node(
             c, patterns, start, 0, postures, first, here, layout.owner[node], middle, scratch
         )
@@ -242,6 +247,7 @@ def _steps_to_goal(
             here = goal_first[g + 1] - first
             middle = np.empty((here, patterns.shape[1]))
             middle_forces(m, start.posture[i], goal.posture, first, middle)
+            bar_collisions(m, start.posture[i], goal.posture, first, middle)
             status = steps_to_node(
                 c, patterns, start, i, goal, first, here, goal_owner[g], middle, scratch
             )

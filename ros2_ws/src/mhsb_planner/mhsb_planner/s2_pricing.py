@@ -6,6 +6,7 @@ postures, so that after a change of the machine it is cheaper to price those alo
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -16,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.clearance import move_is_clear, travel
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.s2_layout import Layout
 from mhsb_planner.s2_step import (
@@ -60,8 +62,9 @@ class Terms(NamedTuple):
     patterns: ModeArray
     layout: Layout
     postures: Postures
-    middle: Loads  # half-way along moves; not a number where a move is no step
-    payload: float  # kg
+    middle: Loads  # half-way along moves; not a number where the tip leaves the workspace
+    machine: MachineArrays
+    clearance: FloatArray  # [postures] m, from the nearest obstacle; none where there is none
 
 
 @njit(cache=True, nogil=True)
@@ -74,7 +77,7 @@ def price(
     """
     layout, patterns = t.layout, t.patterns
     bare, for_each_kg = t.middle
-    middle = s.middle
+    middle, payload, crowded = s.middle, t.machine.payload, len(t.machine.obstacle) > 0
     row = layout.move[i]
     for node in layout.neighbors[layout.node[i]]:
         first = layout.first[node] if node >= 0 else 0
@@ -83,7 +86,9 @@ def price(
             continue
         for k in range(count):
             for j in range(patterns.shape[1]):
-                middle[k, j] = bare[row + k, j] + t.payload * for_each_kg[row + k, j]
+                middle[k, j] = bare[row + k, j] + payload * for_each_kg[row + k, j]
+        if crowded:
+            _bar_collisions(t, i, first, count, middle)
         row += count
         owner = layout.owner[node]
         status = steps_to_node(
@@ -98,6 +103,28 @@ def price(
                 cost[found] = s.cost[p]
                 found += 1
     return found
+
+
+@njit(cache=True, nogil=True)
+def _bar_collisions(t: Terms, i: int, first: int, count: int, middle: FloatArray) -> None:
+    """Make middle[k] not a number where the move from posture i to first + k is not clear.
+
+    Most moves are settled by the clearances at their ends, which are known.
+    """
+    posture, kept, here = t.layout.posture, t.machine.path_margin, t.clearance[i]
+    for k in range(count):
+        if math.isnan(middle[k, 0]):
+            continue
+        there = t.clearance[first + k]
+        clear = False
+        if min(here, there) >= kept:
+            moved = travel(t.machine, posture[i], posture[first + k], False)
+            clear = here + there - moved >= 2.0 * kept
+        possible = here < kept or there >= kept
+        if not clear and possible:
+            clear = move_is_clear(t.machine, posture[i], posture[first + k], False)
+        if not clear:
+            middle[k, 0] = math.nan
 
 
 @njit(cache=True, nogil=True)

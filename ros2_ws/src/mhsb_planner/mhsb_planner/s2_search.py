@@ -84,7 +84,7 @@ def search(
     cancelled        asked now and then whether anybody still wants the path
 
     A start at the goal gives a path without steps. Raises OutOfWorkspaceError,
-    InfeasibleGoalError, NoPathError, DeadlineError, ExpansionLimitError,
+    InfeasibleGoalError, ZoneError, NoPathError, DeadlineError, ExpansionLimitError,
     PlanningCancelledError and, for useless values, RequestError.
     """
     began = time.perf_counter()
@@ -116,7 +116,7 @@ def search(
             if budget is not None and seconds > budget:
                 raise DeadlineError(budget, expanded + under_way.expanded)
         expanded += under_way.expanded
-    raise NoPathError(start.tip, goal.tip)
+    raise NoPathError(start.tip, goal.tip, graph.machine.obstacles.names)
 
 
 def _begun(query: Query, method: str, heuristic_scale: float) -> Search:

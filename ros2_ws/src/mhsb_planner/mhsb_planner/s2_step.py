@@ -9,8 +9,8 @@ A cylinder that moves against its load needs boost where p_L + m(v) + margin exc
 start, middle or end of the step. A pattern is self-consistent if it boosts exactly the joints
 that need it. Where, among the patterns that lead to a node, none is, boosting a joint without
 need is allowed; beyond the highest boost pressure a step is not possible, nor where the tip leaves
-the workspace on the way. A cylinder that moves by no more than `HELD` is held by its closed valve
-and needs nothing.
+the workspace on the way or the arm comes too near to an obstacle. A cylinder that moves by no more
+than `HELD` is held by its closed valve and needs nothing.
 
     E = Σ_j price_j (A_dir |ΔL_j| + q_leak T), load taken at the middle of the step
 
@@ -31,6 +31,7 @@ from numba import njit
 
 from mhsb_model import hydraulics
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.clearance import move_is_clear
 from mhsb_model.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
@@ -314,6 +315,18 @@ def middle_forces(
         piston_forces(m, middle, force[k])
 
 
+@njit(cache=True, nogil=True)
+def bar_collisions(
+    m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
+) -> None:
+    """Make `force` not a number also where the arm comes too near to an obstacle on the way."""
+    if len(m.obstacle) == 0:
+        return
+    for k in range(len(force)):
+        if not move_is_clear(m, start, end[first + k], False):
+            force[k] = math.nan
+
+
 @dataclass(frozen=True, eq=False)
 class StepCosts:
     """One step between two postures, in every pattern.
@@ -337,6 +350,7 @@ def step_costs(machine: Machine, start: FloatArray, end: FloatArray) -> StepCost
     to_end = describe(arrays, np.array([end], dtype=np.float64))
     middle = np.empty((1, machine.joint_count))
     middle_forces(arrays, from_start.posture[0], to_end.posture, 0, middle)
+    bar_collisions(arrays, from_start.posture[0], to_end.posture, 0, middle)
     owner = np.zeros(len(patterns), dtype=np.int64)
     scratch = new_scratch(patterns)
     circuit = circuit_of(arrays, patterns)

@@ -1,4 +1,4 @@
-"""Limits of a joint motion: joint range, node set, valves, pumps and boost, at every instant.
+"""Limits of a joint motion: joint range, node set, valves, pumps, boost and obstacles.
 
 Quasi-static, as the whole plan: forces are those of gravity. What an actuator can do depends on
 the mode it is in, so a motion is judged together with its mode schedule.
@@ -30,6 +30,7 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_model.workspace import excess_of
 from mhsb_planner.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.s3_clearance import first_contact
 
 JOINT_TOLERANCE = 1e-6  # rad, rounding of table and interpolation
 TIP_TOLERANCE = 1e-4  # m, what a step of the search may do between the instants it is looked at
@@ -57,6 +58,7 @@ class Limit(IntEnum):
     NODE_SET = 1
     USAGE = 2
     MODULES = 3
+    OBSTACLE = 4
 
 
 @dataclass(frozen=True)
@@ -66,16 +68,20 @@ class Violation:
     limit   which
     time    s from the motion's start
     amount  excess over the limit: rad (JOINT), m (NODE_SET), share of what the pumps and valves
-            can do (USAGE; infinite where no speed is possible), modules (MODULES)
+            can do (USAGE; infinite where no speed is possible), modules (MODULES), depth in m, or
+            negative what clearance is left (OBSTACLE)
+    name    of the obstacle
     """
 
     limit: Limit
     time: float
     amount: float
+    name: str = ""
 
     def __str__(self) -> str:
         """One sentence."""
         what = {
+            Limit.OBSTACLE: f"the arm gets to {self.name}",
             Limit.JOINT: f"a joint limit is passed by {self.amount:.3g} rad",
             Limit.NODE_SET: f"the tip leaves the workspace by {self.amount:.3g} m",
             Limit.USAGE: f"valves and pumps would have to give {1 + self.amount:.3g} times as much",
@@ -189,8 +195,8 @@ def first_violation(
     """The first limit that a trajectory breaks under its mode schedule, or None.
 
     Looks at every millisecond, except inside intervals that are shown to be clear of all limits
-    without. Mode changes are expected at the trajectory's points, as S4 makes them; `profile` is
-    that of the points, where it is known.
+    without; obstacles are those of `s3_clearance`. Mode changes are expected at the trajectory's
+    points, as S4 makes them; `profile` is that of the points, where it is known.
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
     modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
@@ -206,6 +212,9 @@ def first_violation(
             return found
     if within < len(modes):
         return Violation(Limit.MODULES, time[within], float(beyond[within]))
+    contact = first_contact(machine, trajectory)
+    if contact is not None:
+        return Violation(Limit.OBSTACLE, contact.time, -contact.clearance, contact.name)
     return None
 
 

@@ -33,6 +33,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
+from mhsb_planner import s3_clearance
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.energy import motion_energy
 from mhsb_planner.motion_profile import MotionProfile, motion_profile
@@ -245,6 +246,7 @@ def warm_up(machine: Machine) -> None:
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
+    s3_clearance.warm_up(machine)
 
 
 @dataclass(frozen=True, eq=False)

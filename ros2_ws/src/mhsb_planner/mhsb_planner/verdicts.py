@@ -13,12 +13,14 @@ from mhsb_planner.errors import (
     InfeasibleGoalError,
     NoPathError,
     TableError,
+    ZoneError,
 )
 from mhsb_planner.replanning import Replan
 from mhsb_planner.s3_trajectory import FitError
 
 CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (OutOfWorkspaceError, Verdict.OUT_OF_WORKSPACE),
+    (ZoneError, Verdict.ZONE),
     (InfeasibleGoalError, Verdict.INFEASIBLE),
     (NoPathError, Verdict.INFEASIBLE),
     (FitError, Verdict.INFEASIBLE),

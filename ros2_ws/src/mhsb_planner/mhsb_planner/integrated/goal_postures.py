@@ -15,6 +15,7 @@ from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
+from mhsb_planner.goal_clearance import check_tip, clear_postures
 from mhsb_planner.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
 from mhsb_planner.s2_step import Postures, describe
 
@@ -46,10 +47,11 @@ def goal_postures(
 ) -> GoalPostures:
     """Postures at (x, z) m, every `spacing` rad of ψ or less and at the ends of its intervals.
 
-    With psi [rad], the postures with that angle. Raises OutOfWorkspaceError,
-    InfeasibleGoalError.
+    Those that keep clear of obstacles. With psi [rad], the postures with that angle. Raises
+    OutOfWorkspaceError, InfeasibleGoalError, ZoneError.
     """
     machine.check_in_workspace(x, z)
+    check_tip(machine, x, z)
     samples = _all(machine, x, z, spacing) if psi is None else _with(psi)
     postures, kept = [], []
     q = np.empty(machine.joint_count)
@@ -59,12 +61,13 @@ def goal_postures(
             kept.append((elbow, angle))
     if not postures:
         raise InfeasibleGoalError(x, z, psi)
+    clear = clear_postures(machine, x, z, np.array(postures))
     elbows, angles = zip(*kept, strict=True)
     return GoalPostures(
         (x, z),
-        describe(machine.arrays, np.array(postures)),
-        frozen(np.array(elbows, dtype=np.int64)),
-        frozen(np.array(angles)),
+        describe(machine.arrays, np.array(postures)[clear]),
+        frozen(np.array(elbows, dtype=np.int64)[clear]),
+        frozen(np.array(angles)[clear]),
         psi is None,
     )
 

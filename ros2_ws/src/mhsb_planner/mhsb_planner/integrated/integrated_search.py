@@ -148,7 +148,7 @@ def search(
     area            weight of the polytope's area, and the area that counts as full
 
     A start at the goal gives a path without steps. Raises OutOfWorkspaceError,
-    InfeasibleGoalError, NoPathError.
+    InfeasibleGoalError, ZoneError, NoPathError.
     """
     began = time.perf_counter()
     effort = effort or Effort()
@@ -168,7 +168,7 @@ def search(
         best, expanded, priced = _over_lattice(task, best)
     if best is None:
         x, z = machine.tip_position(posture)
-        raise NoPathError((float(x), float(z)), goals.tip)
+        raise NoPathError((float(x), float(z)), goals.tip, machine.obstacles.names)
     if _leaves_room(task, best, GOOD_ENOUGH):
         best = _refined(task, best)
     origin = posture if certified_from is None else certified_from

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.clearance import move_is_clear
 from mhsb_model.kinematics import tip_position
 from mhsb_model.linkage import joint_angle
 from mhsb_model.machine import Machine
@@ -166,6 +167,8 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
     there = 1 - here
     m, posture = t.machine, w.points.posture
     if _leaves_workspace(m, w.points, here):
+        return INADMISSIBLE
+    if len(m.obstacle) > 0 and not move_is_clear(m, posture[here], posture[there], True):
         return INADMISSIBLE
     middle_forces(m, posture[here], posture, there, w.middle)
     status = steps_to_node(
