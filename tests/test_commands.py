@@ -44,6 +44,8 @@ BAD_ARGUMENTS = [
         ("mhsb_planner", "plan", "--case=1-1", "--v-max=0.01", "--v-max-range", "0.01", "0.02"),
         "--v-max or --v-max-range, not both",
     ),
+    (("mhsb_planner", "plan", "--case", "1-1", "--zone-box", "-0.5", "0.1"), "takes X1 Z1 X2 Z2"),
+    (("mhsb_planner", "plan", "--case", "1-1", "--zone-circle", "0.5", "0", "-1"), "radius: input"),
     (("mhsb_planner", "goal", "0.5", "up"), "Z takes"),
     (("mhsb_planner", "goal", "0.5"), "missing Z"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "positive time"),
@@ -119,6 +121,18 @@ def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
     assert 0 < plan["area_m2_s2"] < 2 * plan["area_reference_m2_s2"]
     weighed = 0.5 * plan["energy_j"] + 100 * plan["area_shortfall_m"]
     assert min(costs.values()) == pytest.approx(weighed + 2.0 * plan["switches_scheduled"])
+
+
+def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start):
+    arguments = ("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
+    zones = ("--zone-box", "0.65", "0.1", "0.9", "0.3", "--zone-circle", "0.2", "-0.6", "0.1")
+    around = start(*arguments, *zones, "--json")
+    inside = start(*arguments, *zones, "--zone-box", "0.7", "0.8", "0.5", "0.5")
+    assert around.wait(180) == 0, around.output
+    path = json.loads(around.output)["path"]
+    assert not any(0.65 < x < 0.9 and 0.1 < z < 0.3 for x, z in path)
+    assert inside.wait(180) != 0
+    assert "0.05 m deep in the keep-out box (0.5, 0.5) … (0.7, 0.8) m" in inside.output
 
 
 def test_a_case_of_the_paper_brings_its_weights(start):

@@ -36,6 +36,3 @@ class MachineArrays(NamedTuple):
     valve_coefficient: float  # m³/(s √Pa), one edge
     leakage_flow: float  # m³/s, one valve
     max_piston_speed: float  # m/s
-    link_radius: FloatArray  # [n] m
-    obstacle: FloatArray  # [obstacles, OBSTACLE_WIDTH], see `zones`
-    path_margin: float  # m, that discrete paths keep from obstacles

@@ -120,12 +120,12 @@ def _keep_out_lines(machine: Machine) -> list[str]:
     for x, z in _nodes(machine):
         postures = inverse_kinematics_3r.postures(machine.arrays, x, z, psi)
         if len(postures) > 0:
-            distance, _ = clearances(machine.arrays, postures)
+            distance, _ = clearances(machine.arrays, machine.obstacles.path_rows, postures)
             reached += 1
-            left += bool(distance.max() >= machine.arrays.path_margin)
+            left += bool(distance.max() >= 0.0)
     share = 100.0 * left / reached if reached else 0.0
     return [
-        f"keeping {1e3 * machine.arrays.path_margin:g} mm clear of "
+        f"keeping {1e3 * machine.config.keep_out.margin:g} mm clear of "
         f"{'; '.join(machine.obstacles.names)}:",
         f"  {left} of {reached} points that can be reached are left, {share:.0f} %",
     ]

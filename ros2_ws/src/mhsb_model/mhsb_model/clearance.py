@@ -24,7 +24,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kinematics import joint_positions
 from mhsb_model.linkage import cylinder_length, joint_angle
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_model.zones import CIRCLE, LINK
+from mhsb_model.zones import BOX, CIRCLE, KIND, LINK, PART, RADIUS, SHAPE
 
 FINEST = 1e-3
 """Parts of a move within which no point moves farther are not divided any more [m]: there the
@@ -132,93 +132,88 @@ def segment_to_segment(
 
 
 @njit(cache=True, nogil=True)
-def obstacle_clearance(m: MachineArrays, k: int, joint: FloatArray) -> float:
-    """Clearance of obstacle k with the joints and the tip at joint[n + 1, 2] [m]."""
-    row, radius = m.obstacle, m.link_radius
-    n = len(radius)
-    kind, first = row[k, 0], int(row[k, 1])
-    if kind == LINK:
-        other = int(row[k, 2])
-        distance = segment_to_segment(
-            joint[first, 0], joint[first, 1], joint[first + 1, 0], joint[first + 1, 1],
-            joint[other, 0], joint[other, 1], joint[other + 1, 0], joint[other + 1, 1],
-        )  # fmt: skip
-        return distance - radius[first] - radius[other]
-    if first == n:
-        return point_clearance(m, k, joint[n, 0], joint[n, 1])
-    nearest = math.inf
-    for i in range(first, n):
-        ax, az, bx, bz = joint[i, 0], joint[i, 1], joint[i + 1, 0], joint[i + 1, 1]
-        if kind == CIRCLE:
-            distance = _point_to_segment(row[k, 2], row[k, 3], ax, az, bx, bz) - row[k, 4]
-        else:
-            distance = segment_to_box(
-                ax, az, bx, bz, row[k, 2], row[k, 3], row[k, 4], row[k, 5]
-            )
-        nearest = min(nearest, distance - radius[i])
-    return nearest
+def row_clearance(rows: FloatArray, k: int, joint: FloatArray) -> float:
+    """Clearance of row k with the joints and the tip at joint[n + 1, 2] [m]."""
+    part = int(rows[k, PART])
+    if part == len(joint) - 1:
+        return point_clearance(rows, k, joint[part, 0], joint[part, 1])
+    ax, az, bx, bz = joint[part, 0], joint[part, 1], joint[part + 1, 0], joint[part + 1, 1]
+    kind, radius = rows[k, KIND], rows[k, RADIUS]
+    if kind == BOX:
+        return segment_to_box(
+            ax, az, bx, bz, rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
+        ) - radius  # fmt: skip
+    if kind == CIRCLE:
+        distance = _point_to_segment(rows[k, 2], rows[k, 3], ax, az, bx, bz)
+        return distance - rows[k, 4] - radius
+    o = int(rows[k, SHAPE])
+    return segment_to_segment(
+        ax, az, bx, bz, joint[o, 0], joint[o, 1], joint[o + 1, 0], joint[o + 1, 1]
+    ) - radius  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def point_clearance(m: MachineArrays, k: int, x: float, z: float) -> float:
-    """Distance of a point to obstacle k, which is no link [m]."""
-    row = m.obstacle
-    if row[k, 0] == CIRCLE:
-        return math.hypot(x - row[k, 2], z - row[k, 3]) - row[k, 4]
-    return _point_to_box(x, z, row[k, 2], row[k, 3], row[k, 4], row[k, 5])
+def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
+    """Clearance of row k, of a box or a circle, if the arm were but a point [m]."""
+    if rows[k, KIND] == CIRCLE:
+        distance = math.hypot(x - rows[k, 2], z - rows[k, 3]) - rows[k, 4]
+    else:
+        distance = _point_to_box(x, z, rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5])
+    return distance - rows[k, RADIUS]
 
 
 @njit(cache=True, nogil=True)
-def tip_clearance(m: MachineArrays, x: float, z: float) -> tuple[float, int]:
-    """Least clearance of the end of the last link at (x, z) m, and of which obstacle; inf, −1.
+def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[float, int]:
+    """Least clearance of the end of the last link at (x, z) m, and of which row; inf, −1.
 
     No posture with the tip there has more.
     """
-    n = len(m.link_radius)
     least, nearest = math.inf, -1
-    for k in range(len(m.obstacle)):
-        if m.obstacle[k, 0] == LINK:
+    for k in range(len(rows)):
+        if rows[k, KIND] == LINK or rows[k, PART] < links - 1:
             continue
-        distance = point_clearance(m, k, x, z)
-        if int(m.obstacle[k, 1]) < n:
-            distance -= m.link_radius[n - 1]
+        distance = point_clearance(rows, k, x, z)
         if distance < least:
             least, nearest = distance, k
     return least, nearest
 
 
 @njit(cache=True, nogil=True)
-def clearance(m: MachineArrays, q: FloatArray, leeway: FloatArray) -> tuple[float, int]:
-    """Least clearance [m] in the posture q[n] [rad], and of which obstacle; inf, −1 without any.
+def clearance(
+    m: MachineArrays, rows: FloatArray, q: FloatArray, leeway: FloatArray
+) -> tuple[float, int]:
+    """Least clearance [m] in the posture q[n] [rad], and of which row; inf, −1 without any.
 
-    leeway  float64[obstacles], added to each clearance [m]
+    leeway  float64[rows], added to each clearance [m]
     """
     joint = joint_positions(m.link_length, q)
     least, nearest = math.inf, -1
-    for k in range(len(m.obstacle)):
-        distance = obstacle_clearance(m, k, joint) + leeway[k]
+    for k in range(len(rows)):
+        distance = row_clearance(rows, k, joint) + leeway[k]
         if distance < least:
             least, nearest = distance, k
     return least, nearest
 
 
 @njit(cache=True, nogil=True)
-def clearances(m: MachineArrays, posture: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Of many postures float64[count, n]: least clearance [m], and of which obstacle."""
+def clearances(
+    m: MachineArrays, rows: FloatArray, posture: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Of many postures float64[count, n]: least clearance [m], and of which row."""
     least, nearest = np.empty(len(posture)), np.empty(len(posture), dtype=np.int64)
-    none = np.zeros(len(m.obstacle))
+    none = np.zeros(len(rows))
     for i in range(len(posture)):
-        least[i], nearest[i] = clearance(m, posture[i], none)
+        least[i], nearest[i] = clearance(m, rows, posture[i], none)
     return least, nearest
 
 
 @njit(cache=True, nogil=True)
-def leeway_from(m: MachineArrays, q: FloatArray, kept: float) -> FloatArray:
-    """What each obstacle's clearance in the posture q[n] lacks to `kept` m, float64[obstacles]."""
+def leeway_from(m: MachineArrays, rows: FloatArray, q: FloatArray, kept: float) -> FloatArray:
+    """What each row's clearance in the posture q[n] lacks to `kept` m, float64[rows]."""
     joint = joint_positions(m.link_length, q)
-    leeway = np.empty(len(m.obstacle))
-    for k in range(len(m.obstacle)):
-        leeway[k] = max(0.0, kept - obstacle_clearance(m, k, joint))
+    leeway = np.empty(len(rows))
+    for k in range(len(rows)):
+        leeway[k] = max(0.0, kept - row_clearance(rows, k, joint))
     return leeway
 
 
@@ -249,37 +244,37 @@ def _half_way(
 
 @njit(cache=True, nogil=True)
 def move_is_clear(
-    m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool
+    m: MachineArrays, rows: FloatArray, start: FloatArray, end: FloatArray, along_cylinders: bool
 ) -> bool:
-    """Whether a move between two postures [rad] keeps the path margin from all obstacles.
+    """Whether a move between two postures [rad] keeps clear of all obstacles.
 
+    rows             of the obstacles, `Obstacles.path_rows` for a discrete path
     along_cylinders  straight in cylinder lengths; otherwise in joint angles
 
-    A start that is nearer to an obstacle than the margin, or in it, may be left, but no nearer to
-    it. Never true of a move that comes nearer than the margin by more than FINEST/2.
+    A start in an obstacle may be left, but no deeper into it. Never true of a move that gets into
+    one by more than FINEST/2.
     """
-    if len(m.obstacle) == 0:
+    if len(rows) == 0:
         return True
-    kept = m.path_margin
-    leeway = np.zeros(len(m.obstacle))
-    left = clearance(m, start, leeway)[0]
-    if left < kept:
-        leeway = leeway_from(m, start, kept)
-        left = kept
-    if left - travel(m, start, end, along_cylinders) >= kept:
+    leeway = np.zeros(len(rows))
+    left = clearance(m, rows, start, leeway)[0]
+    if left < 0.0:
+        leeway = leeway_from(m, rows, start, 0.0)
+        left = 0.0
+    if left >= travel(m, start, end, along_cylinders):
         return True
     n = len(start)
     here = np.empty(n)
     ends, clear = np.empty((DEEPEST, n)), np.empty(DEEPEST)
     here[:] = start
-    ends[0], clear[0] = end, clearance(m, end, leeway)[0]
+    ends[0], clear[0] = end, clearance(m, rows, end, leeway)[0]
     waiting = 1  # parts of the move that are left, the next one last
     while waiting > 0:
         right = clear[waiting - 1]
-        if right < kept - ROUNDING:
+        if right < -ROUNDING:
             return False
         apart = travel(m, here, ends[waiting - 1], along_cylinders)
-        if apart <= FINEST or left + right - apart >= 2.0 * kept:
+        if apart <= FINEST or left + right >= apart:
             here[:] = ends[waiting - 1]
             left = right
             waiting -= 1
@@ -287,6 +282,6 @@ def move_is_clear(
         if waiting == DEEPEST:
             return False
         _half_way(m, here, ends[waiting - 1], along_cylinders, ends[waiting])
-        clear[waiting] = clearance(m, ends[waiting], leeway)[0]
+        clear[waiting] = clearance(m, rows, ends[waiting], leeway)[0]
         waiting += 1
     return True

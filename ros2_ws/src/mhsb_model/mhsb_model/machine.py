@@ -22,7 +22,7 @@ from mhsb_model.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_model.zones import LINK, Obstacles, Zones, obstacles_of
+from mhsb_model.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 SECTIONS_WITHOUT_TABLE = {"circuit", "servo", "simulation", "keep_out"}
@@ -107,6 +107,10 @@ class Machine:
             content["keep_out"] |= zones.content()
         return _validated(content, f"{self.name} with changes")
 
+    def without_obstacles(self) -> Machine:
+        """The same machine with nothing to keep clear of."""
+        return _validated(self.config.model_dump(exclude={"keep_out"}), self.name)
+
     def tip_position(self, q: FloatArray) -> FloatArray:
         """Tip (x, z) at the joint angles q, float64[2]."""
         return np.array(kinematics.tip_position(self.arrays.link_length, q))
@@ -145,6 +149,11 @@ class Machine:
         rows = self.arrays.linkage
         return np.array([linkage.cylinder_length(rows[j], q[j]) for j in range(self.joint_count)])
 
+    @property
+    def zones(self) -> Zones:
+        """The keep-out zones."""
+        return Zones.of(self.config.keep_out)
+
     @cached_property
     def obstacles(self) -> Obstacles:
         """Everything that the arm keeps clear of."""
@@ -152,20 +161,25 @@ class Machine:
 
     def clearance(self, q: FloatArray) -> tuple[float, str]:
         """Distance [m] to the nearest obstacle, negative inside, and its name; inf, "" without."""
-        q, none = np.asarray(q, dtype=np.float64), np.zeros(len(self.obstacles.names))
-        distance, nearest = clearance.clearance(self.arrays, q, none)
-        return distance, self.obstacles.names[nearest] if nearest >= 0 else ""
+        posture = np.asarray(q, dtype=np.float64)[None, :]
+        distance, row = clearance.clearances(self.arrays, self.obstacles.rows, frozen(posture))
+        return float(distance[0]), self.obstacles.name(row[0])
 
     def _obstacles_at_joint_1(self) -> list[str]:
         """The arm cannot keep clear of what is where its first link begins."""
-        m, needed = self.arrays, self.arrays.link_radius[0] + self.arrays.path_margin
-        return [
-            f"keep_out: {name} is {distance:.4g} m from joint 1, where link 1 always is; it must "
-            f"be at least {needed:.4g} m away, the link's radius and the margin"
-            for k, name in enumerate(self.obstacles.names)
-            if (m.obstacle[k, 0] != LINK and m.obstacle[k, 1] == 0)
-            and (distance := clearance.point_clearance(m, k, 0.0, 0.0)) < needed
-        ]
+        rows, problems = self.obstacles.path_rows, []
+        for k in range(len(rows)):
+            if rows[k, KIND] == LINK or rows[k, PART] != 0:
+                continue
+            needed = rows[k, RADIUS]
+            distance = needed + clearance.point_clearance(rows, k, 0.0, 0.0)
+            if distance < needed:
+                problems.append(
+                    f"keep_out: {self.obstacles.name(k)} is {distance:.4g} m from joint 1, where "
+                    f"link 1 always is; it must be at least {needed:.4g} m away, the link's "
+                    "radius and the margin"
+                )
+        return problems
 
     def check_in_workspace(self, x: float, z: float) -> None:
         """Raise OutOfWorkspaceError where the tip may not be asked to go to (x, z)."""
@@ -250,7 +264,4 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         valve_coefficient=oil.valve.rated_flow / math.sqrt(oil.valve.rated_pressure_drop_per_land),
         leakage_flow=oil.valve.leakage_flow,
         max_piston_speed=config.motion.max_piston_speed,
-        link_radius=frozen(np.array(config.keep_out.link_radii or np.zeros(len(joints)))),
-        obstacle=frozen(obstacles_of(config.keep_out, len(joints)).rows),
-        path_margin=config.keep_out.margin,
     )

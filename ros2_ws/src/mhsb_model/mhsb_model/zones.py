@@ -13,14 +13,17 @@ from typing import Any
 import numpy as np
 
 from mhsb_model.schema import Box, HoldsFor, KeepOut
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, frozen
 
 BOX, CIRCLE, LINK = 0.0, 1.0, 2.0
-"""Kinds of obstacles, the first column of a row. The second is the first link that it holds for, n
-for the tip alone. Then follow x_min, z_min, x_max, z_max of a box; x, z, radius of a circle; the
-number of an earlier link."""
+"""Kinds of obstacles."""
 
-OBSTACLE_WIDTH = 6
+KIND, PART, SHAPE, RADIUS, NUMBER = 0, 1, 2, 6, 7
+"""Columns of a row: what an obstacle is; the link that keeps clear of it, n for the tip alone; four
+numbers: x_min, z_min, x_max, z_max of a box, x, z, radius of a circle, an earlier link; the link's
+radius, of both where the obstacle is a link; which obstacle it is."""
+
+ROW_WIDTH = 8
 
 FAR = 1e3
 """The ground is a box that extends so far to all sides and down [m]."""
@@ -98,16 +101,37 @@ def _circle_content(numbers: Numbers, holds_for: HoldsFor) -> dict[str, Any]:
 class Obstacles:
     """Everything that an arm of n links keeps clear of.
 
-    rows   float64[obstacles, OBSTACLE_WIDTH]
-    names  one for each, to follow "comes too near to"
+    rows       float64[rows, ROW_WIDTH], one for each part of the arm that an obstacle holds for
+    path_rows  the same, the margin of discrete paths added to the radii
+    names      of the obstacles
     """
 
     rows: FloatArray
+    path_rows: FloatArray
     names: tuple[str, ...]
+
+    def name(self, row: int) -> str:
+        """Of the obstacle that a row belongs to; "" for −1."""
+        return self.names[int(self.rows[row, NUMBER])] if row >= 0 else ""
 
 
 def obstacles_of(keep_out: KeepOut, links: int) -> Obstacles:
     """The obstacles of a machine file for an arm of so many links."""
+    radius = (*(keep_out.link_radii or links * (0.0,)), 0.0)
+    rows, names = [], []
+    for number, (name, (kind, first, *shape)) in enumerate(_described(keep_out, links)):
+        names.append(name)
+        last = first if kind == LINK or first == links else links - 1
+        for part in range(int(first), int(last) + 1):
+            other = radius[int(shape[0])] if kind == LINK else 0.0
+            rows.append([kind, part, *shape, radius[part] + other, number])
+    all_rows = np.array(rows, dtype=np.float64).reshape(-1, ROW_WIDTH)
+    grown = all_rows + keep_out.margin * (np.arange(ROW_WIDTH) == RADIUS)
+    return Obstacles(frozen(all_rows), frozen(grown), tuple(names))
+
+
+def _described(keep_out: KeepOut, links: int) -> list[tuple[str, list[float]]]:
+    """Name of each obstacle; its kind, the first part of the arm that it holds for, its shape."""
     found: list[tuple[str, list[float]]] = []
     for box in keep_out.boxes:
         first = 0 if box.holds_for == "arm" else links
@@ -129,8 +153,7 @@ def obstacles_of(keep_out: KeepOut, links: int) -> Obstacles:
             for later in range(2, links)
             for earlier in range(later - 1)
         ]
-    rows = np.array([row for _, row in found], dtype=np.float64).reshape(-1, OBSTACLE_WIDTH)
-    return Obstacles(rows, tuple(name for name, _ in found))
+    return found
 
 
 def _bounds(box: Box) -> list[float]:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from mhsb_model import clearance
 from mhsb_model.clearance import FINEST, move_is_clear, segment_to_box, segment_to_segment
+from mhsb_model.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.zones import Zones
 
@@ -106,17 +107,21 @@ def test_the_clearance_is_that_of_the_nearest_of_all_obstacles(crowded):
     assert "itself, link 3 to link 1" in nearest
 
 
+def is_clear(machine, start, end, along_cylinders=False):
+    rows = machine.obstacles.path_rows
+    return move_is_clear(machine.arrays, rows, start, end, along_cylinders)
+
+
 def test_without_obstacles_nothing_is_near_and_every_move_is_clear(machine):
     start, end = postures(machine, 2)
     assert machine.clearance(start) == (math.inf, "")
-    assert move_is_clear(machine.arrays, start, end, False)
+    assert is_clear(machine, start, end)
 
 
 def test_no_posture_has_more_clearance_than_the_place_of_its_tip(crowded):
-    m, none = crowded.arrays, np.zeros(len(crowded.obstacles.names))
     for q in postures(crowded, 200, seed=1):
-        x, z = crowded.tip_position(q)
-        assert clearance.clearance(m, q, none)[0] <= clearance.tip_clearance(m, x, z)[0] + 1e-12
+        most, _ = clearance.tip_clearance(crowded.obstacles.rows, 3, *crowded.tip_position(q))
+        assert crowded.clearance(q)[0] <= most + 1e-12
 
 
 def way_between(machine, start, end, along_cylinders, count=300):
@@ -127,26 +132,25 @@ def way_between(machine, start, end, along_cylinders, count=300):
     lengths = along(machine.cylinder_lengths(start), machine.cylinder_lengths(end), count)
     angles = []
     for j in range(3):
-        grid = np.linspace(m.joint_min[j], m.joint_max[j], 20_001)
-        table = np.array([machine.cylinder_lengths(np.full(3, q))[j] for q in grid[::100]])
+        grid = np.linspace(m.joint_min[j], m.joint_max[j], 201)
+        table = np.array([cylinder_length(m.linkage[j], q) for q in grid])
         order = np.argsort(table)
-        angles.append(np.interp(lengths[:, j], table[order], grid[::100][order]))
-    return np.array(angles).T
+        angles.append(np.interp(lengths[:, j], table[order], grid[order]))
+    return np.column_stack(angles)
 
 
 @pytest.mark.parametrize("along_cylinders", [False, True])
 def test_moves_are_clear_where_no_posture_on_the_way_comes_near(crowded, along_cylinders):
-    m, margin = crowded.arrays, crowded.arrays.path_margin
-    none = np.zeros(len(crowded.obstacles.names))
+    margin = crowded.config.keep_out.margin
     clear = blocked = 0
     starts = postures(crowded, 400, seed=2)
     for start, other in zip(starts, postures(crowded, 400, seed=3), strict=True):
-        if clearance.clearance(m, start, none)[0] < margin:
+        if crowded.clearance(start)[0] < margin:
             continue
         end = start + 0.3 * (other - start)
         way = way_between(crowded, start, end, along_cylinders)
-        least = min(clearance.clearance(m, q, none)[0] for q in way)
-        if move_is_clear(m, start, end, along_cylinders):
+        least = clearance.clearances(crowded.arrays, crowded.obstacles.rows, way)[0].min()
+        if is_clear(crowded, start, end, along_cylinders):
             assert least >= margin - FINEST / 2 - 1e-3 * along_cylinders  # interpolated angles
             clear += 1
         else:
@@ -160,23 +164,23 @@ def test_a_long_move_does_not_pass_through_a_thin_box(machine):
     thin = machine.changed(zones=Zones(tip_boxes=((0.0, 0.0, 1.1, 1e-4),)))
     start, end = np.array([0.5, -0.5, 0.0]), np.array([-0.9, -0.5, 0.0])
     assert machine.tip_position(start)[1] > 0 > machine.tip_position(end)[1]
-    assert not move_is_clear(thin.arrays, start, end, False)
-    assert move_is_clear(thin.arrays, start, start + 0.1, False)
+    assert not is_clear(thin, start, end)
+    assert is_clear(thin, start, start + 0.1)
 
 
 def test_a_start_in_a_zone_may_leave_it_but_not_go_deeper_or_into_another(machine):
     q = np.array([0.4, -1.0, 0.2])
     x, z = machine.tip_position(q)
     inside = (x - 0.3, z - 0.3, x + 0.02, z + 0.3)  # the way out is forward
-    m = machine.changed(zones=Zones(tip_boxes=(inside,))).arrays
+    one = machine.changed(zones=Zones(tip_boxes=(inside,)))
     jacobian = machine.jacobian(q)[:, :2]
     forward = np.append(np.linalg.solve(jacobian, [0.1, 0.0]), 0.0)
-    assert move_is_clear(m, q, q + forward, False)
-    assert not move_is_clear(m, q, q - forward, False)
+    assert is_clear(one, q, q + forward)
+    assert not is_clear(one, q, q - forward)
     beyond = (x + 0.05, z - 0.3, x + 0.3, z + 0.3)
-    both = machine.changed(zones=Zones(tip_boxes=(inside, beyond))).arrays
-    assert move_is_clear(both, q, q + 0.25 * forward, False)
-    assert not move_is_clear(both, q, q + forward, False)
+    both = machine.changed(zones=Zones(tip_boxes=(inside, beyond)))
+    assert is_clear(both, q, q + 0.25 * forward)
+    assert not is_clear(both, q, q + forward)
 
 
 @given(st.integers(0, 10_000), st.booleans())

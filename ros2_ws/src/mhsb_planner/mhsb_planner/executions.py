@@ -57,9 +57,9 @@ class Executions:
             for execution in self._open
         )
 
-    def stop_all(self) -> list[ExecutionReport]:
-        """Close all on a request to stop."""
-        return self._close_all(Outcome.STOPPED, "the planner was asked to stop")
+    def stop_all(self, reason: str) -> list[ExecutionReport]:
+        """Close all because the planner stops the arm."""
+        return self._close_all(Outcome.STOPPED, reason)
 
     def abort_all(self, reason: str) -> list[ExecutionReport]:
         """Close all because they can no longer be followed."""

@@ -12,16 +12,17 @@ from mhsb_planner.errors import ZoneError
 
 def check_tip(machine: Machine, x: float, z: float) -> None:
     """Raise ZoneError where the tip at (x, z) m alone is too near to an obstacle."""
-    if len(machine.arrays.obstacle) == 0:
+    rows, margin = machine.obstacles.path_rows, machine.config.keep_out.margin
+    if len(rows) == 0:
         return
-    margin = machine.arrays.path_margin
-    distance, nearest = tip_clearance(machine.arrays, x, z)
-    if distance < margin:
+    beyond, nearest = tip_clearance(rows, machine.joint_count, x, z)
+    if beyond < 0.0:
+        distance = beyond + margin
         where = f"{-distance:.4g} m deep in" if distance < 0.0 else f"{distance:.4g} m from"
         raise ZoneError(
             x,
             z,
-            f"at ({x:.4g}, {z:.4g}) m the tip is {where} {machine.obstacles.names[nearest]}; "
+            f"at ({x:.4g}, {z:.4g}) m the tip is {where} {machine.obstacles.name(nearest)}; "
             f"a goal must leave it {margin:g} m away",
         )
 
@@ -31,24 +32,25 @@ def clear_postures(machine: Machine, x: float, z: float, posture: FloatArray) ->
 
     Raises ZoneError where none does.
     """
-    m = machine.arrays
-    if len(m.obstacle) == 0:
+    rows = machine.obstacles.path_rows
+    if len(rows) == 0:
         return np.ones(len(posture), dtype=bool)
-    distance, nearest = clearances(m, frozen(posture))
-    clear = distance >= m.path_margin
+    distance, nearest = clearances(machine.arrays, rows, frozen(posture))
+    clear = distance >= 0.0
     if not clear.any():
         best = nearest[np.argmax(distance)]
         raise ZoneError(
             x,
             z,
             f"in every posture that this planner takes with the tip at ({x:.4g}, {z:.4g}) m "
-            f"the arm is less than {m.path_margin:g} m from an obstacle, at best from "
-            f"{machine.obstacles.names[best]}; give another goal",
+            f"the arm is less than {machine.config.keep_out.margin:g} m from an obstacle, at best "
+            f"from {machine.obstacles.name(best)}; give another goal",
         )
     return clear
 
 
 def warm_up(machine: Machine) -> None:
     """Compile the kernels that are needed, whether there are obstacles or not."""
-    tip_clearance(machine.arrays, 0.0, 0.0)
-    clearances(machine.arrays, frozen(np.zeros((1, machine.joint_count))))
+    rows, n = machine.obstacles.path_rows, machine.joint_count
+    tip_clearance(rows, n, 0.0, 0.0)
+    clearances(machine.arrays, rows, frozen(np.zeros((1, n))))

@@ -29,6 +29,8 @@ from mhsb_planner.s2_step import EnergyReading
 from mhsb_planner.s3_trajectory import TrajectoryKind
 
 Point = tuple[float, float]
+Box = tuple[float, float, float, float]
+Circle = tuple[float, float, float]
 
 BAR_DELAY = 0.5
 """Before which no progress is shown [s]: what is wrong with a request shows sooner."""
@@ -58,6 +60,12 @@ def plan(
     supply_pressure_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
+    zone_box: Annotated[
+        tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
+    ] = (),
+    zone_circle: Annotated[
+        tuple[Circle, ...], tyro.conf.arg(metavar="X Z RADIUS"), tyro.conf.UseAppendAction
+    ] = (),
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Plan a motion from rest and print it: path, modes, energy, time.
@@ -93,6 +101,9 @@ def plan(
             motion costs least [Pa]; with --json the points looked at are printed, too.
         v_max_range: Likewise the piston speed [m/s].
         goal_psi: Angle of the end link at the goal [rad]; free when left out.
+        zone_box: Two opposite corners [m] of a box that the arm keeps out of, beside the machine
+            file's zones; may be given several times.
+        zone_circle: Centre and radius [m] of a circle that the arm keeps out of, likewise.
         json_: Print one JSON object instead of text.
     """
     asked = _request(start, goal, case, weights, planner, initial_j3)
@@ -104,7 +115,10 @@ def plan(
     suite = Planner(base, table_for(base, table))
     suite.change(
         base.changed(
-            payload=payload, supply_pressure=supply_pressure, max_piston_speed=v_max
+            payload=payload,
+            supply_pressure=supply_pressure,
+            max_piston_speed=v_max,
+            zones=base.zones.with_more(zone_box, zone_circle),
         )
     )
     options = replace(

@@ -356,10 +356,13 @@ class Planner:
 
 
 def warm_up(planner: Planner) -> None:
-    """Compile everything that a plan runs through."""
+    """Compile everything that a plan runs through, with nothing in its way."""
+    graph = planner.graph
+    planner.change(planner.machine.without_obstacles())
     goal_clearance.warm_up(planner.machine)
     s2_search.warm_up(planner.graph)
     fixed_j3.warm_up(planner.graph)
     integrated_search.warm_up(planner.machine)
     area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
+    planner.graph = graph

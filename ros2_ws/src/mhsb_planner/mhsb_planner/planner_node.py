@@ -33,6 +33,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mhsb_model import command_line
 from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_msgs_py import (
     goal_pose,
@@ -51,17 +52,20 @@ from mhsb_msgs_py.goal_pose import Goal
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.plan_status import GoalVerdict, PlanSummary
 from mhsb_msgs_py.status import Verdict
-from mhsb_planner import planner_diagnostics, planner_parameters, views
+from mhsb_planner import goal_clearance, planner_diagnostics, planner_parameters, views
 from mhsb_planner.departure import ArmView, Command, MovingError, NoStateError, Received
 from mhsb_planner.executions import Executions
 from mhsb_planner.planner_parameters import PlannerParameters
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replan, Replanner
+from mhsb_planner.s3_clearance import contact_ahead
 from mhsb_planner.verdicts import code_of, summary_of
 
 LONGEST_WAIT = 2.0
 """How long a goal waits for a state, for somebody who receives plans, or for an arm that has
 been asked to stop [s]."""
+
+NEWER_GOAL = "a newer goal came before this one was planned"
 
 RETRY_PERIOD = 0.02  # s
 DIAGNOSTICS_PERIOD = 1.0  # s
@@ -94,12 +98,16 @@ class PlannerNode(Node):
         self._frame_prefix = planner_parameters.declare_frame_prefix(self)
         planner_parameters.declare(self, self._machine)
         self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._take_parameters)
+        self._settings = planner_parameters.read(self)
+        self._arm = self._settings.machine(self._machine)
 
         self._view = ArmView(self._machine.joint_count)
         self._executions = Executions(self._machine)
         self._waiting: WaitingGoal | None = None
         self._job: Future[Replan | None] | None = None
         self._planning: WaitingGoal | None = None
+        self._planned_among = self._arm.zones
         self._stop_asked = False
         self._last_stamp_ns = 0
         self._verdicts = 0
@@ -107,13 +115,14 @@ class PlannerNode(Node):
         self._make_publishers()
         table = table_for(self._machine, table_path)
         self._replanner = Replanner(self._machine, table)
-        self._replanner.change(planner_parameters.read(self).machine(self._machine))
+        self._replanner.change(self._arm)
         example = self._replanner.warm_up()
         for message in (*self._messages(example), *self._views(example)):
             serialize_message(message)  # loads the support of its type
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="planning")
         self._job_done = self.create_guard_condition(self._finish_job)
         self._make_subscriptions()
+        self._show_markers()
         gc.collect()
         gc.freeze()  # what has been loaded stays: later collections need not look at it
         self.get_logger().info(
@@ -162,6 +171,13 @@ class PlannerNode(Node):
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         reason = planner_parameters.refusal(self, self._machine, changes)
         return SetParametersResult(successful=reason is None, reason=reason or "")
+
+    def _take_parameters(self, changes: list[Parameter]) -> None:
+        self._settings = planner_parameters.read(self)
+        self._arm = self._settings.machine(self._machine)
+        if any(change.name in planner_parameters.ZONES for change in changes):
+            self._show_markers()
+            self._stop_before_obstacles()
 
     # --- What is heard of the arm ----------------------------------------------------------------
 
@@ -214,11 +230,12 @@ class PlannerNode(Node):
             self._refuse(Goal(0, 0.0, 0.0), Verdict.INTERNAL, str(error))
             return
         try:
-            self._machine.check_in_workspace(goal.x, goal.z)
+            self._arm.check_in_workspace(goal.x, goal.z)
+            goal_clearance.check_tip(self._arm, goal.x, goal.z)
         except MhsbError as error:
             self._refuse(goal, code_of(error), str(error))
             return
-        self._supersede_waiting("a newer goal came before this one was planned")
+        self._supersede_waiting(NEWER_GOAL)
         self._waiting = WaitingGoal(goal, received)
         self._stop_asked = False
         self._start_job()
@@ -241,20 +258,27 @@ class PlannerNode(Node):
             self._wait_or_refuse(waiting, error)
             return
         self._waiting, self._planning = None, waiting
+        self._planned_among = self._arm.zones
         self._job = self._worker.submit(
             self._replan,
+            self._arm,
             departure,
             max(now_ns, self._last_stamp_ns + 1),
             waiting.goal,
-            planner_parameters.read(self),
+            self._settings,
         )
         self._job.add_done_callback(lambda _: self._job_done.trigger())
 
     def _replan(
-        self, departure: Command, now_ns: int, goal: Goal, parameters: PlannerParameters
+        self,
+        arm: Machine,
+        departure: Command,
+        now_ns: int,
+        goal: Goal,
+        parameters: PlannerParameters,
     ) -> Replan | None:
         """The worker's part."""
-        self._replanner.change(parameters.machine(self._machine))
+        self._replanner.change(arm)
         return self._replanner.replan(
             departure, now_ns, (goal.x, goal.z), parameters.planning_budget, parameters.options
         )
@@ -296,6 +320,9 @@ class PlannerNode(Node):
         if job is None or waiting is None or not job.done():
             return
         self._job = self._planning = None
+        if self._arm.zones != self._planned_among:
+            self._plan_among_new_zones(waiting)
+            return
         try:
             replan = job.result()
         except MhsbError as error:
@@ -310,6 +337,14 @@ class PlannerNode(Node):
                 self._accept_at_goal(waiting)
             else:
                 self._publish_plan(waiting, replan)
+        self._start_job()
+
+    def _plan_among_new_zones(self, waiting: WaitingGoal) -> None:
+        """What has been planned does not count: zones changed meanwhile."""
+        if self._waiting is None:
+            self._waiting = waiting
+        else:
+            self._refuse(waiting.goal, Verdict.SUPERSEDED, NEWER_GOAL)
         self._start_job()
 
     def _accept_at_goal(self, waiting: WaitingGoal) -> None:
@@ -369,7 +404,7 @@ class PlannerNode(Node):
         prefix = self._frame_prefix
         return (
             *views.paths(self._machine, command, prefix),
-            views.markers(self._machine, command, prefix),
+            views.markers(self._arm, command, prefix, command.stamp_ns),
         )
 
     def _send(self, command: Command) -> None:
@@ -381,6 +416,12 @@ class PlannerNode(Node):
         shown = (topics.PLANNED_PATH, topics.PLANNED_PATH_FLAT, topics.MARKERS)
         for topic, message in zip(shown, self._views(command), strict=True):
             self._publish(topic, message)
+
+    def _show_markers(self) -> None:
+        now_ns = self._now_ns()
+        self._publish(
+            topics.MARKERS, views.markers(self._arm, self._view.own, self._frame_prefix, now_ns)
+        )
 
     # --- Executions, stopping, diagnostics -------------------------------------------------------
 
@@ -404,16 +445,40 @@ class PlannerNode(Node):
             response.message = "no plan of this planner is being executed"
             return response
         now_ns = max(self._now_ns(), self._last_stamp_ns + 1)
-        command = self._replanner.stop(own, now_ns, planner_parameters.read(self).planning_budget)
-        self._send(command)
-        self._view.own = command
-        self._last_stamp_ns = command.stamp_ns
-        self._publish_reports(self._executions.stop_all())
+        command = self._stop(own, now_ns)
+        self._publish_reports(self._executions.stop_all("the planner was asked to stop"))
         response.success = True
         response.message = (
             f"the arm stands still in {(command.trajectory.end_ns - now_ns) / SECOND_NS:.2f} s"
         )
         return response
+
+    def _stop(self, own: Command, now_ns: int) -> Command:
+        """Send the command that brakes along a command's path."""
+        command = self._replanner.stop(own, now_ns, self._settings.planning_budget)
+        self._send(command)
+        self._view.own = command
+        self._last_stamp_ns = command.stamp_ns
+        return command
+
+    def _stop_before_obstacles(self) -> None:
+        """Stop where an obstacle now lies across what is left of this planner's motion."""
+        own = self._view.own
+        in_force = own is not None and self._view.in_force_ns in (None, own.stamp_ns)
+        if own is None or not (in_force or self._plan_on_its_way()):
+            return
+        now_ns = max(self._now_ns(), self._last_stamp_ns + 1)
+        if now_ns >= own.trajectory.end_ns:
+            return
+        contact = contact_ahead(self._arm, own.trajectory, now_ns)
+        if contact is None:
+            return
+        command = self._stop(own, now_ns)
+        met = contact_ahead(self._arm, command.trajectory, now_ns)
+        where = "before it" if met is None else "as soon as it can, but not before it"
+        reason = f"{contact.name} was set across the way; the arm stops {where}"
+        self.get_logger().warning(reason)
+        self._publish_reports(self._executions.stop_all(reason))
 
     def _publish_diagnostics(self) -> None:
         self._publish(

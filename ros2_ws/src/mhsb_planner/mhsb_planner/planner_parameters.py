@@ -15,6 +15,8 @@ from rclpy.parameter import Parameter
 from mhsb_model.command_line import UsageError
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
+from mhsb_model.zones import Zones
+from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, PlannerKind, PlanOptions
 from mhsb_planner.s2_search import Weights
 from mhsb_planner.s2_step import EnergyReading
@@ -26,6 +28,18 @@ HEAVIEST_PAYLOAD = 1e4  # kg
 FASTEST_PISTON = 1.0  # m/s
 LONGEST_BUDGET = 5.0  # s
 HIGHEST_AREA_WEIGHT = 1e6  # 1/m
+
+ZONE_KINDS = {
+    "boxes": (4, "x z x z [m] of two opposite corners"),
+    "circles": (3, "x z [m] of the centre, radius [m]"),
+}
+ZONES = {
+    "zone_boxes": ("boxes", "boxes", "the whole arm"),
+    "zone_circles": ("circles", "circles", "the whole arm"),
+    "tip_zone_boxes": ("tip_boxes", "boxes", "the tip"),
+    "tip_zone_circles": ("tip_circles", "circles", "the tip"),
+}
+"""Parameters of keep-out zones: field of `Zones`, kind, and what keeps out of them."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +55,7 @@ class PlannerParameters:
     planning_budget  s, from the stamp of a plan to where it leaves the previous one
     goal_psi         rad, angle of the end link at the goal; None leaves it free
     area_weight      1/m, of the velocity polytope's area; 0 leaves it out
+    zones            that the arm or its tip keeps out of
     """
 
     planner: PlannerKind
@@ -52,6 +67,7 @@ class PlannerParameters:
     planning_budget: float
     goal_psi: float | None
     area_weight: float
+    zones: Zones
 
     @property
     def options(self) -> PlanOptions:
@@ -66,11 +82,12 @@ class PlannerParameters:
         )
 
     def machine(self, base: Machine) -> Machine:
-        """The machine of the file with payload, supply pressure and V_max as asked for."""
+        """The machine of the file with payload, supply pressure, V_max and zones as asked for."""
         return base.changed(
             payload=self.payload,
             supply_pressure=self.supply_pressure,
             max_piston_speed=self.v_max,
+            zones=self.zones,
         )
 
 
@@ -150,8 +167,23 @@ def declare(node: Node, machine: Machine) -> None:
             (0.0, HIGHEST_AREA_WEIGHT),
         ),
     )
+    for name, (field, kind, who) in ZONES.items():
+        _declare_zones(node, name, kind, who, getattr(machine.zones, field))
     if reason := refusal(node, machine, ()):
         raise UsageError(reason)
+
+
+def _declare_zones(
+    node: Node, name: str, kind: str, who: str, zones: tuple[tuple[float, ...], ...]
+) -> None:
+    """Declare an array that may be empty: an empty one says nothing of its type on the wire."""
+    _, numbers = ZONE_KINDS[kind]
+    text = f"keep-out {kind} for {who}, one after the other: {numbers}"
+    descriptor = _described(text)
+    descriptor.dynamic_typing = True
+    node.declare_parameter(name, [value for zone in zones for value in zone], descriptor)
+    if not node.get_parameter(name).value:
+        node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
 
 
 def read(node: Node) -> PlannerParameters:
@@ -193,6 +225,7 @@ _CHANGEABLE = (
     "planning_budget",
     "goal_psi",
     "area_weight",
+    *ZONES,
 )
 
 
@@ -208,7 +241,22 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
         planning_budget=values["planning_budget"],
         goal_psi=None if math.isnan(values["goal_psi"]) else values["goal_psi"],
         area_weight=values["area_weight"],
+        zones=Zones(**{field: _zones(name, values[name]) for name, (field, *_) in ZONES.items()}),
     )
+
+
+def _zones(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    """Zones of a flat array; raises RequestError where it is not one."""
+    size, numbers = ZONE_KINDS[ZONES[name][1]]
+    given = [] if value is None else value
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise RequestError(name, repr(given), f"must be an array of numbers, {numbers}")
+    flat = list(given)
+    if not all(isinstance(number, (int, float)) for number in flat):
+        raise RequestError(name, flat, f"must hold nothing but numbers, {numbers}")
+    if len(flat) % size:
+        raise RequestError(name, f"{len(flat)} numbers", f"takes {size} for each, {numbers}")
+    return tuple(tuple(map(float, flat[i : i + size])) for i in range(0, len(flat), size))
 
 
 def _described(

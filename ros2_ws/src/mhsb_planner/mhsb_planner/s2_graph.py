@@ -69,7 +69,7 @@ class StepGraph:
         self.postures: Postures = like.postures if like else describe(arrays, self.layout.posture)
         force = self._loads.bare + arrays.payload * self._loads.for_each_kg
         self.postures = self.postures._replace(force=frozen(force))
-        crowded = len(arrays.obstacle) > 0
+        obstacles = machine.obstacles.path_rows
         terms = Terms(
             self.circuit,
             table.patterns,
@@ -77,7 +77,8 @@ class StepGraph:
             self.postures,
             self._middle,
             arrays,
-            clearances(arrays, self.layout.posture)[0] if crowded else np.empty(0),
+            obstacles,
+            frozen(self._clearance(obstacles)),
         )
         room = len(like.steps.edges.state) if like else 0
         self.steps: PricedSteps = PricedSteps(terms, jobs, room)
@@ -109,6 +110,11 @@ class StepGraph:
     def changed(self, machine: Machine) -> StepGraph:
         """The graph for another payload, supply pressure, V_max or zones, on the same table."""
         return StepGraph(machine, self.table, self.jobs, like=self)
+
+    def _clearance(self, obstacles: FloatArray) -> FloatArray:
+        if len(obstacles) == 0:
+            return np.empty(0)
+        return clearances(self.machine.arrays, obstacles, self.layout.posture)[0]
 
     def _switches(self) -> IntArray:
         rows = [self.switches_from(pattern) for pattern in self.table.patterns]

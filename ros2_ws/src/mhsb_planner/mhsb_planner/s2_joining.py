@@ -121,6 +121,7 @@ def steps_from_start(graph: StepGraph, start: Start, goal: Goal, rings: int = 0)
     """
     to_grid = _steps_to_nodes(
         graph.machine.arrays,
+        graph.machine.obstacles.path_rows,
         graph.circuit,
         graph.table.patterns,
         start.postures,
@@ -173,6 +174,7 @@ def _steps_to_goal_on_node(
 def _to_goal(graph: StepGraph, start: Postures, origins: IntArray, goal: Goal) -> Steps:
     return _steps_to_goal(
         graph.machine.arrays,
+        graph.machine.obstacles.path_rows,
         graph.circuit,
         graph.table.patterns,
         start,
@@ -186,6 +188,7 @@ def _to_goal(graph: StepGraph, start: Postures, origins: IntArray, goal: Goal) -
 @njit(cache=True, nogil=True)
 def _steps_to_nodes(
     m: MachineArrays,
+    obstacles: FloatArray,
     c: Circuit,
     patterns: ModeArray,
     start: Postures,
@@ -206,7 +209,7 @@ def _steps_to_nodes(
             continue
         middle = np.empty((here, patterns.shape[1]))
         middle_forces(m, start.posture[0], postures.posture, first, middle)
-        bar_collisions(m, start.posture[0], postures.posture, first, middle)
+        bar_collisions(m, obstacles, start.posture[0], postures.posture, first, middle)
         status = steps_to_node(
             c, patterns, start, 0, postures, first, here, layout.owner[node], middle, scratch
         )
@@ -224,6 +227,7 @@ def _steps_to_nodes(
 @njit(cache=True, nogil=True)
 def _steps_to_goal(
     m: MachineArrays,
+    obstacles: FloatArray,
     c: Circuit,
     patterns: ModeArray,
     start: Postures,
@@ -247,7 +251,7 @@ def _steps_to_goal(
             here = goal_first[g + 1] - first
             middle = np.empty((here, patterns.shape[1]))
             middle_forces(m, start.posture[i], goal.posture, first, middle)
-            bar_collisions(m, start.posture[i], goal.posture, first, middle)
+            bar_collisions(m, obstacles, start.posture[i], goal.posture, first, middle)
             status = steps_to_node(
                 c, patterns, start, i, goal, first, here, goal_owner[g], middle, scratch
             )

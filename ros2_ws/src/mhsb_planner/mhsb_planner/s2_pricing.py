@@ -64,7 +64,8 @@ class Terms(NamedTuple):
     postures: Postures
     middle: Loads  # half-way along moves; not a number where the tip leaves the workspace
     machine: MachineArrays
-    clearance: FloatArray  # [postures] m, from the nearest obstacle; none where there is none
+    obstacles: FloatArray  # `Obstacles.path_rows`
+    clearance: FloatArray  # [postures] m, from the nearest of them; empty where there are none
 
 
 @njit(cache=True, nogil=True)
@@ -77,7 +78,7 @@ def price(
     """
     layout, patterns = t.layout, t.patterns
     bare, for_each_kg = t.middle
-    middle, payload, crowded = s.middle, t.machine.payload, len(t.machine.obstacle) > 0
+    middle, payload, crowded = s.middle, t.machine.payload, len(t.obstacles) > 0
     row = layout.move[i]
     for node in layout.neighbors[layout.node[i]]:
         first = layout.first[node] if node >= 0 else 0
@@ -111,18 +112,17 @@ def _bar_collisions(t: Terms, i: int, first: int, count: int, middle: FloatArray
 
     Most moves are settled by the clearances at their ends, which are known.
     """
-    posture, kept, here = t.layout.posture, t.machine.path_margin, t.clearance[i]
+    posture, here = t.layout.posture, t.clearance[i]
     for k in range(count):
         if math.isnan(middle[k, 0]):
             continue
         there = t.clearance[first + k]
         clear = False
-        if min(here, there) >= kept:
-            moved = travel(t.machine, posture[i], posture[first + k], False)
-            clear = here + there - moved >= 2.0 * kept
-        possible = here < kept or there >= kept
+        if min(here, there) >= 0.0:
+            clear = here + there >= travel(t.machine, posture[i], posture[first + k], False)
+        possible = here < 0.0 or there >= 0.0
         if not clear and possible:
-            clear = move_is_clear(t.machine, posture[i], posture[first + k], False)
+            clear = move_is_clear(t.machine, t.obstacles, posture[i], posture[first + k], False)
         if not clear:
             middle[k, 0] = math.nan
 

@@ -317,13 +317,21 @@ def middle_forces(
 
 @njit(cache=True, nogil=True)
 def bar_collisions(
-    m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
+    m: MachineArrays,
+    obstacles: FloatArray,
+    start: FloatArray,
+    end: FloatArray,
+    first: int,
+    force: FloatArray,
 ) -> None:
-    """Make `force` not a number also where the arm comes too near to an obstacle on the way."""
-    if len(m.obstacle) == 0:
+    """Make `force` not a number also where the arm comes too near to an obstacle on the way.
+
+    obstacles  `Obstacles.path_rows`
+    """
+    if len(obstacles) == 0:
         return
     for k in range(len(force)):
-        if not move_is_clear(m, start, end[first + k], False):
+        if not move_is_clear(m, obstacles, start, end[first + k], False):
             force[k] = math.nan
 
 
@@ -350,7 +358,8 @@ def step_costs(machine: Machine, start: FloatArray, end: FloatArray) -> StepCost
     to_end = describe(arrays, np.array([end], dtype=np.float64))
     middle = np.empty((1, machine.joint_count))
     middle_forces(arrays, from_start.posture[0], to_end.posture, 0, middle)
-    bar_collisions(arrays, from_start.posture[0], to_end.posture, 0, middle)
+    obstacles = machine.obstacles.path_rows
+    bar_collisions(arrays, obstacles, from_start.posture[0], to_end.posture, 0, middle)
     owner = np.zeros(len(patterns), dtype=np.int64)
     scratch = new_scratch(patterns)
     circuit = circuit_of(arrays, patterns)

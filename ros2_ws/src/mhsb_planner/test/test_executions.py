@@ -110,7 +110,7 @@ def test_an_arm_that_does_not_report_plans_is_taken_to_obey(executions):
 
 
 def test_stopping_and_aborting_close_everything(executions):
-    assert outcomes(executions.stop_all()) == [Outcome.STOPPED]
+    assert outcomes(executions.stop_all("asked to")) == [Outcome.STOPPED]
     assert executions.abort_all("the clock went back") == []
 
 

@@ -53,10 +53,15 @@ def planned(planner, kind="table", goal=GOAL, start=None):
     return planner.plan(goal, MotionState.at_rest(start), options=PlanOptions(planner=kind))
 
 
+def distances(machine, postures):
+    """Clearance of each posture [m]."""
+    return clearances(machine.arrays, machine.obstacles.rows, np.array(postures))[0]
+
+
 def clearance_along(machine, trajectory):
     """Least clearance of a trajectory, looked at every 0.2 ms."""
     at = np.arange(0, trajectory.duration_ns + 1, 200_000)
-    return clearances(machine.arrays, trajectory.sample_many(at)[0])[0].min()
+    return distances(machine, trajectory.sample_many(at)[0]).min()
 
 
 @pytest.mark.parametrize("kind", PLANNER_KINDS)
@@ -68,8 +73,8 @@ def test_paths_go_around_and_motions_stay_clear(planner, arm, kind):
         crossed += clearance_along(crowded, free) < 0.0
         planner.change(crowded)
         plan = planned(planner, kind)
-        path = np.array(plan.path.posture)
-        assert clearances(crowded.arrays, path)[0].min() >= crowded.arrays.path_margin - FINEST / 2
+        margin = crowded.config.keep_out.margin
+        assert distances(crowded, plan.path.posture).min() >= margin - FINEST / 2
         assert clearance_along(crowded, plan.motion.trajectory) > 0.0
         assert crowded.tip_position(plan.motion.trajectory.position[-1]) == (
             pytest.approx(GOAL, abs=1e-6)
@@ -121,7 +126,7 @@ def test_a_zone_set_over_the_arm_may_be_left(planner, arm, kind):
     planner.change(crowded)
     plan = planned(planner, kind, start=start)
     at = np.arange(0, plan.motion.trajectory.duration_ns, 1_000_000)
-    distance = clearances(crowded.arrays, plan.motion.trajectory.sample_many(at)[0])[0]
+    distance = distances(crowded, plan.motion.trajectory.sample_many(at)[0])
     assert distance[0] == pytest.approx(-0.1)
     assert distance.min() >= -0.101
     assert distance[np.argmax(distance > 1e-3) :].min() > 0.0
@@ -129,17 +134,17 @@ def test_a_zone_set_over_the_arm_may_be_left(planner, arm, kind):
 
 def test_steps_are_those_that_stay_clear_on_their_way(graph, machine):
     crowded = machine.changed(zones=Zones(boxes=((0.65, 0.10, 0.90, 0.30),)))
-    lazily, margin = graph.changed(crowded), crowded.arrays.path_margin
+    lazily, margin = graph.changed(crowded), crowded.config.keep_out.margin
     layout, patterns = graph.layout, len(graph.table.patterns)
     kept = dropped = 0
-    distance = clearances(crowded.arrays, layout.posture)[0]
+    distance = distances(crowded, layout.posture)
     near = np.flatnonzero((distance >= margin) & (distance < 0.15))
     for i in np.random.default_rng(0).choice(near, 30, replace=False):
         before, after = edges_from(graph, i), edges_from(lazily, i)
         for state in before | after:
             start, end = layout.posture[i], graph.table.posture[divmod(state, patterns)]
             way = start + np.linspace(0, 1, 200)[:, None] * (end - start)
-            least = clearances(crowded.arrays, way)[0].min()
+            least = distances(crowded, way).min()
             if state in after:
                 assert least >= margin - FINEST / 2
                 kept += 1
@@ -167,7 +172,7 @@ def test_where_the_polynomial_cuts_a_corner_into_a_zone_the_path_is_followed(pla
     for a, b in itertools.pairwise(ends):
         way += [arm.tip_position(a + s * (b - a)) for s in np.linspace(0, 1, 50)]
     away = np.min(np.hypot(*(tips[:, None, :] - np.array(way)[None]).transpose(2, 0, 1)), axis=1)
-    radius = away.max() - arm.arrays.path_margin - 1e-3
+    radius = away.max() - arm.config.keep_out.margin - 1e-3
     assert radius > 0.0
     place = tips[np.argmax(away)]
     planner.change(arm.changed(zones=Zones(tip_circles=((*place, radius),))))

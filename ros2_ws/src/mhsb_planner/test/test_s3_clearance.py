@@ -28,7 +28,8 @@ def swing(start, end, seconds):
 
 def sampled(machine, trajectory, spacing_ns=200_000):
     at = np.arange(0, trajectory.duration_ns + 1, spacing_ns)
-    return at / SECOND_NS, clearances(machine.arrays, trajectory.sample_many(at)[0])[0]
+    postures = trajectory.sample_many(at)[0]
+    return at / SECOND_NS, clearances(machine.arrays, machine.obstacles.rows, postures)[0]
 
 
 def test_a_contact_is_told_where_sampling_finds_one_and_nowhere_else(machine):

@@ -17,6 +17,7 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.energy import Energy, energy_of_states
+from mhsb_planner.plan_command import Box, Circle
 from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
@@ -40,6 +41,12 @@ def simulate(
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
     planner: PlannerKind = ONLINE_PLANNER,
     trajectory: TrajectoryKind | None = None,
+    zone_box: Annotated[
+        tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
+    ] = (),
+    zone_circle: Annotated[
+        tuple[Circle, ...], tyro.conf.arg(metavar="X Z RADIUS"), tyro.conf.UseAppendAction
+    ] = (),
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
     audit: bool = False,
@@ -59,6 +66,9 @@ def simulate(
             integrated, as in the node, when left out.
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
             planner, polynomial for the others when left out.
+        zone_box: Two opposite corners [m] of a box that plans keep out of, beside the machine
+            file's zones; may be given several times.
+        zone_circle: Centre and radius [m] of a circle that plans keep out of, likewise.
         output: Folder for samples.csv (100 Hz, SI units) and summary.json.
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went, and what the plans had expected.
@@ -67,6 +77,7 @@ def simulate(
     arm = load_machine(machine).changed(payload=payload)
     controller_class(controller)  # refuses an unknown one before anything takes time
     replanner = Replanner(arm, table_for(arm))
+    replanner.change(arm.changed(zones=arm.zones.with_more(zone_box, zone_circle)))
     replanner.warm_up()
     simulator = Simulator(arm, controller, seed)
     simulator.step()  # compiles, which is not to be timed

@@ -62,6 +62,7 @@ class Terms(NamedTuple):
     weight    float64[3], of energy [1/J], time [1/s] and mode switches
     column    of the energy reading in a step's cost
     area      w₄ and the area that counts as full
+    obstacles `Obstacles.path_rows`
     """
 
     machine: MachineArrays
@@ -71,6 +72,7 @@ class Terms(NamedTuple):
     weight: FloatArray
     column: int
     area: AreaTerm
+    obstacles: FloatArray
 
 
 def terms(
@@ -83,7 +85,16 @@ def terms(
     circuit = circuit_of(machine.arrays, patterns)
     if area.weight > 0.0:
         circuit = circuit._replace(boost_margin=circuit.boost_margin + BOOST_RESERVE)
-    return Terms(machine.arrays, circuit, patterns, frozen(switches), frozen(weight), column, area)
+    return Terms(
+        machine.arrays,
+        circuit,
+        patterns,
+        frozen(switches),
+        frozen(weight),
+        column,
+        area,
+        machine.obstacles.path_rows,
+    )
 
 
 class Memory(NamedTuple):
@@ -168,7 +179,9 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
     m, posture = t.machine, w.points.posture
     if _leaves_workspace(m, w.points, here):
         return INADMISSIBLE
-    if len(m.obstacle) > 0 and not move_is_clear(m, posture[here], posture[there], True):
+    if len(t.obstacles) > 0 and not move_is_clear(
+        m, t.obstacles, posture[here], posture[there], True
+    ):
         return INADMISSIBLE
     middle_forces(m, posture[here], posture, there, w.middle)
     status = steps_to_node(
