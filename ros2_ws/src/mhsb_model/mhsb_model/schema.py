@@ -242,6 +242,7 @@ class IndependentServo(CascadeGains):
     pressure_integral_gain: NonNegative = Field(
         description="of the servo pumps' pressure loop [1/s²]"
     )
+    supply_margin: NonNegative = Field(description="boosted beyond what the plan needs [Pa]")
 
 
 class Servo(Section):
@@ -250,7 +251,6 @@ class Servo(Section):
     force_bias_time: Positive = Field(
         description="time in which unknown forces are taken over into the force reference [s]"
     )
-    supply_margin: NonNegative = Field(description="boosted beyond what the plan needs [Pa]")
     pressure_noise: NonNegative = Field(description="standard deviation of a sensor [Pa]")
     length_noise: NonNegative = Field(description="standard deviation of a sensor [m]")
     coordinated: CoordinatedServo

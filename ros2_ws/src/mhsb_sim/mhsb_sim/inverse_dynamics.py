@@ -73,3 +73,20 @@ def inverse_dynamics(
         fx += own_x
         fz += own_z
         torque[i] = moment
+
+
+@njit(cache=True, nogil=True)
+def gravity_torques(
+    links: Records, gravity: float, scratch: FloatArray, torque: FloatArray
+) -> None:
+    """τ = g(q) of the posture that `inverse_dynamics` has just left in scratch, to torque[n] [N m].
+
+    Inwards, each joint carries the weights beyond it: τᵢ = τᵢ₊₁ + cos φᵢ (lᵢ W + cᵢ wᵢ), with W
+    the weight beyond link i and φᵢ its angle to the horizontal.
+    """
+    weight, moment = gravity * links[len(torque)].mass, 0.0
+    for i in range(len(torque) - 1, -1, -1):
+        own = gravity * links[i].mass
+        moment += scratch[i, 0] * (links[i].length * weight + links[i].center * own)
+        weight += own
+        torque[i] = moment

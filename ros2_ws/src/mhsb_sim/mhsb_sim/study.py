@@ -35,6 +35,9 @@ from mhsb_sim.study_scenarios import Scenario
 WINDOW = 0.1
 """What is needed within this time ahead may be there now: lines are charged in time [s]."""
 
+ALLOWANCE = 2e5
+"""What a servo may keep in reserve above the need, before it counts as overshoot [Pa]."""
+
 PLANNED_EVERY = 10
 """Steps from one point of the followed reference to the next, for the planner's energy."""
 
@@ -136,7 +139,7 @@ def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
 
     p_line(t) − p(t), where p(t) is the highest of
 
-        need(t') + supply_margin                 for t ≤ t' ≤ t + WINDOW: lines are charged ahead
+        need(t') + ALLOWANCE                     for t ≤ t' ≤ t + WINDOW: lines are charged ahead
         p(t − dt) − q_leak/(C_line + C_rail) dt  pressure that was needed goes no faster than a
                                                  shut line loses it through its valve's leakage
 
@@ -150,7 +153,7 @@ def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
     capacity = (oil.line_volume + oil.rail_volume) / oil.bulk_modulus
     fall = machine.arrays.leakage_flow / capacity * run.time[:, None]
     fading = np.maximum.accumulate(ahead + fall, axis=0) - fall
-    return run.supply_pressure - fading - machine.config.servo.supply_margin
+    return run.supply_pressure - fading - ALLOWANCE
 
 
 def planned_energy(script: Script, run: Replay) -> Energy:

@@ -45,6 +45,7 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
         "nominal_valve_drop": (0.03, 1.0),
         "pressure_gain": (10.0, 1000.0),
         "pressure_integral_gain": (10.0, 20000.0),
+        "supply_margin": (1e4, 5e5),
     },
 }
 """What is searched, in the units of the machine file."""

@@ -3,7 +3,12 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine
-from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
+from mhsb_sim.inverse_dynamics import (
+    SCRATCH_WIDTH,
+    gravity_torques,
+    inverse_dynamics,
+    link_records,
+)
 from mhsb_sim.mujoco_model import build_model
 
 
@@ -27,4 +32,13 @@ def test_at_rest_they_are_the_gravity_torques(machine: Machine) -> None:
     zero, torque = np.zeros(3), np.empty(3)
     scratch = np.empty((3, SCRATCH_WIDTH))
     inverse_dynamics(link_records(machine), machine.config.gravity, q, zero, zero, scratch, torque)
+    np.testing.assert_allclose(torque, machine.gravity_torque(q), rtol=1e-12)
+
+
+def test_gravitys_part_of_a_motion_is_what_holds_its_posture(machine: Machine) -> None:
+    q, links = np.array([0.5, -1.1, -0.4]), link_records(machine)
+    scratch, torque = np.empty((3, SCRATCH_WIDTH)), np.empty(3)
+    moving = np.array([1.0, -2.0, 3.0])
+    inverse_dynamics(links, machine.config.gravity, q, moving, moving, scratch, torque)
+    gravity_torques(links, machine.config.gravity, scratch, torque)
     np.testing.assert_allclose(torque, machine.gravity_torque(q), rtol=1e-12)

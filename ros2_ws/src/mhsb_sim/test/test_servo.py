@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,37 +18,47 @@ def test_controllers_are_found_by_name() -> None:
         controller_class("fuzzy")
 
 
+MARGIN = 1e5
+
+
+@pytest.fixture
+def oil(machine: Machine) -> tuple[Any, ...]:
+    """The first cylinder, the circuit's constants and gains with a margin of the servo's own."""
+    circuit = build_circuit(machine, 5e-4)
+    gains = gain_record(machine, MARGIN)
+    return circuit.cylinders[0], circuit.constants, gains
+
+
 @pytest.mark.parametrize(("force", "speed"), [(3000.0, 0.008), (2500.0, 0.0), (-2000.0, -0.01)])
 def test_the_supply_need_is_the_planners_law_plus_the_servos_margin(
-    machine: Machine, force: float, speed: float
+    machine: Machine, oil: tuple[Any, ...], force: float, speed: float
 ) -> None:
-    circuit = build_circuit(machine, 5e-4)
-    gains = gain_record(machine)
-    found = supply_need(force, speed, circuit.cylinders[0], circuit.constants, gains)
     held, moved = (required_pressure(machine.arrays, 0, force, v) for v in (0.0, speed))
-    expected = max(held, moved) + machine.config.servo.supply_margin
-    assert found == pytest.approx(expected, rel=1e-12)
+    found = supply_need(force, force, speed, *oil)
+    assert found == pytest.approx(max(held, moved) + MARGIN, rel=1e-12)
+
+
+def test_braking_a_load_on_its_way_down_needs_no_more_than_holding_it(
+    machine: Machine, oil: tuple[Any, ...]
+) -> None:
+    found = supply_need(2500.0, 3500.0, -0.01, *oil)
+    assert found == pytest.approx(required_pressure(machine.arrays, 0, 2500.0, 0.0) + MARGIN)
 
 
 def test_the_supply_need_stays_between_the_main_pump_and_the_highest_boost(
-    machine: Machine,
+    machine: Machine, oil: tuple[Any, ...]
 ) -> None:
-    circuit = build_circuit(machine, 5e-4)
-    gains = gain_record(machine)
-    arguments = (circuit.cylinders[0], circuit.constants, gains)
-    assert supply_need(0.0, 0.0, *arguments) == machine.arrays.supply_pressure
-    assert supply_need(9000.0, 0.0, *arguments) == machine.arrays.max_boost_pressure
+    assert supply_need(0.0, 0.0, 0.0, *oil) == machine.arrays.supply_pressure
+    assert supply_need(9000.0, 9000.0, 0.0, *oil) == machine.arrays.max_boost_pressure
 
 
-def test_the_target_of_now_covers_what_is_ahead(machine: Machine) -> None:
+def test_the_target_of_now_covers_what_is_ahead(oil: tuple[Any, ...]) -> None:
     axis = np.zeros(1, AXIS)
-    axis["force"], axis["force_ahead"] = 2000.0, 3000.0
-    circuit = build_circuit(machine, 5e-4)
-    gains = gain_record(machine)
-    set_targets(axis[0], circuit.cylinders[0], circuit.constants, gains)
+    axis["hold"], axis["hold_ahead"] = 2000.0, 3000.0
+    set_targets(axis[0], *oil)
     assert axis["supply_target"][0] == axis["target_ahead"][0]
-    axis["force"] = 4000.0
-    set_targets(axis[0], circuit.cylinders[0], circuit.constants, gains)
+    axis["hold"] = 4000.0
+    set_targets(axis[0], *oil)
     assert axis["supply_target"][0] > axis["target_ahead"][0]
 
 

@@ -36,6 +36,11 @@ def tip_errors(simulator: Simulator, duration: float) -> FloatArray:
     return np.array(errors)
 
 
+def with_slow_pumps(machine: Machine) -> Machine:
+    circuit = machine.config.circuit.model_copy(update={"servo_pump_lag": 0.08})
+    return Machine.from_config(machine.config.model_copy(update={"circuit": circuit}))
+
+
 def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -123,11 +128,28 @@ def test_a_payload_that_the_servo_does_not_know_is_carried(
 
 
 def test_a_slow_servo_pump_is_still_followed(machine: Machine, motion: Motion) -> None:
-    circuit = machine.config.circuit.model_copy(update={"servo_pump_lag": 0.08})
-    slow = Machine.from_config(machine.config.model_copy(update={"circuit": circuit}))
-    simulator = Simulator(slow)
+    simulator = Simulator(with_slow_pumps(machine))
     duration = go(simulator, motion, STRETCHED)
     assert rms(tip_errors(simulator, duration)) < 1e-3
+
+
+@pytest.mark.parametrize("first", [Mode.DB, Mode.SB])
+def test_slow_pumps_overfill_no_line_that_joins_or_leaves_the_rail(
+    machine: Machine, first: Mode
+) -> None:
+    second = Mode.SB if first == Mode.DB else Mode.DB
+    modes = np.array([[first, Mode.N, Mode.N], [second, Mode.N, Mode.N]], np.uint8)
+    schedule = ModeSchedule(0, np.array([0, SECOND_NS // 2]), modes)
+    simulator = Simulator(with_slow_pumps(machine), posture=STRETCHED)
+    simulator.set_plan(standstill(STRETCHED), schedule)
+    simulator.advance(0.4)
+    settled = simulator.actuator_states.supply_pressure[0]
+    peak = 0.0
+    for _ in range(600):
+        simulator.step()
+        peak = max(peak, simulator.actuator_states.supply_pressure[0])
+    assert settled > machine.arrays.supply_pressure + 2e5
+    assert peak < settled + 1.5e5
 
 
 def test_a_boost_dropped_and_taken_up_again_at_full_speed_is_survived(

@@ -13,6 +13,7 @@ from mhsb_sim.energy_comparison import Element
 from mhsb_sim.replay import Replay
 from mhsb_sim.simulator import holding_modes
 from mhsb_sim.study import (
+    ALLOWANCE,
     WINDOW,
     ScenarioResult,
     StudyRecord,
@@ -69,14 +70,14 @@ def still_run(machine: Machine, postures: np.ndarray, line: np.ndarray) -> Repla
     return Replay(STEP, reference, postures.copy(), pressure, modes, {})
 
 
-def test_overshoot_is_counted_above_supply_pressure_and_margin(machine: Machine) -> None:
-    supply, margin = machine.arrays.supply_pressure, machine.config.servo.supply_margin
+def test_overshoot_is_counted_above_supply_pressure_and_reserve(machine: Machine) -> None:
+    supply = machine.arrays.supply_pressure
     line = np.full(1000, supply)
     line[500] += 1e6
     assert not holding_modes(machine, RAISED).any()
     excess = supply_overshoot(machine, still_run(machine, np.tile(RAISED, (1000, 1)), line))
-    assert excess[500, 0] == pytest.approx(1e6 - margin)
-    assert excess[499, 0] == pytest.approx(-margin)
+    assert excess[500, 0] == pytest.approx(1e6 - ALLOWANCE)
+    assert excess[499, 0] == pytest.approx(-ALLOWANCE)
 
 
 def test_what_is_needed_soon_may_be_there_and_what_was_needed_fades(machine: Machine) -> None:

@@ -32,7 +32,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.schema import CascadeGains
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit_elements import friction_force
-from mhsb_sim.inverse_dynamics import inverse_dynamics
+from mhsb_sim.inverse_dynamics import gravity_torques, inverse_dynamics
 from mhsb_sim.records import Record, Records
 from mhsb_sim.reference import AHEAD
 from mhsb_sim.servo.natural_frequency import joint_natural_frequencies
@@ -42,9 +42,8 @@ GAINS = np.dtype(
         (name, "f8")
         for name in (
             "step",  # s
-            "supply_margin",  # Pa
             "gravity",  # m/s²
-            "boost_margin",  # Pa
+            "supply_margin",  # Pa, the plan's and the servo's own
             "max_boost_pressure",  # Pa
         )
     ]
@@ -61,8 +60,10 @@ AXIS = np.dtype(
         ("length", "f8"),  # m, of the cylinder in the reference now
         ("speed", "f8"),  # m/s, of its piston
         ("force", "f8"),  # N, feed-forward now
+        ("hold", "f8"),  # N, what a closed valve would have to carry now
         ("speed_ahead", "f8"),  # m/s, in the reference ahead
         ("force_ahead", "f8"),  # N
+        ("hold_ahead", "f8"),  # N
         ("bias", "f8"),  # N, d; NaN until the first step takes it over
         ("stiffness", "f8"),  # N/m, k_h
         ("cap_stiffness", "f8"),  # Pa/m³, β/V_A
@@ -76,14 +77,16 @@ AXIS = np.dtype(
 )
 
 
-def gain_record(machine: Machine) -> Records:
-    """What all axes have in common, in SI units, GAINS[1]."""
+def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
+    """What all axes have in common, in SI units, GAINS[1].
+
+    supply_margin: that the controller boosts beyond what the plan does [Pa].
+    """
     config, arrays = machine.config, machine.arrays
     gains = np.zeros(1, GAINS)
     gains["step"] = config.simulation.step
-    gains["supply_margin"] = config.servo.supply_margin
     gains["gravity"] = arrays.gravity
-    gains["boost_margin"] = arrays.boost_margin
+    gains["supply_margin"] = arrays.boost_margin + supply_margin
     gains["max_boost_pressure"] = arrays.max_boost_pressure
     return gains
 
@@ -123,23 +126,27 @@ def piston_demands(
 ) -> None:
     """Write the cascade's quantities of all axes, up to the speed demand u.
 
-    scratch: float64[n, SCRATCH_WIDTH + 1]; for the other shapes see ServoSignals and Circuit.
+    scratch: float64[n, SCRATCH_WIDTH + 2]; for the other shapes see ServoSignals and Circuit.
     """
     c, g = constants[0], gains[0]
-    torque = scratch[:, -1]
+    torque, weight = scratch[:, -2], scratch[:, -1]
     for k in (AHEAD, 0):
         q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
         inverse_dynamics(links, g.gravity, q, qd, qdd, scratch, torque)
+        gravity_torques(links, g.gravity, scratch, weight)
         for j in range(len(axes)):
             axis = axes[j]
             length, arm, _ = motion(linkage[j], q[j])
+            held = weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]
             if k == AHEAD:
                 axis.speed_ahead = arm * qd[j]
                 axis.force_ahead = torque[j] / arm
+                axis.hold_ahead = held / arm
             else:
                 axis.length = length
                 axis.speed = arm * qd[j]
                 axis.force = torque[j] / arm
+                axis.hold = held / arm
     for j in range(len(axes)):
         axis, cylinder, sensor = axes[j], cylinders[j], sensors[j]
         cap, rod = cylinder.cap_area, cylinder.rod_area
@@ -166,35 +173,43 @@ def piston_demands(
 
 @njit(cache=True, nogil=True)
 def supply_need(
-    force: float, speed: float, cylinder: Record, constants: Records, gains: Records
+    hold: float, force: float, speed: float, cylinder: Record, constants: Records, gains: Records
 ) -> float:
-    """Supply pressure [Pa] that an actuator needs in boost: p_L + m(v) + margins.
+    """Supply pressure [Pa] that an actuator needs in boost: to hold its load and to move it.
 
-    The greater of what holding the load and moving it at `speed` [m/s] need, by the law of
-    `mhsb_model.hydraulics.required_pressure`, plus the servo's own margin; within P_S and the
-    highest boost pressure. force [N] of the cylinder.
+    Each by the law of `mhsb_model.hydraulics.required_pressure`, p_L + m(v) + margin; the greater
+    one, within P_S and the highest boost pressure. hold: force [N] that the closed valve would
+    have to carry; force [N] and speed [m/s] of the motion. What brakes a load on its way down
+    counts in neither: the opening to the tank does that, no pump.
     """
-    c, g = constants[0], gains[0]
+    g = gains[0]
+    need = max(
+        pressure_against(hold, 0.0, cylinder, constants),
+        pressure_against(force, speed, cylinder, constants),
+    )
+    return max(constants[0].supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
+
+
+@njit(cache=True, nogil=True)
+def pressure_against(force: float, speed: float, cylinder: Record, constants: Records) -> float:
+    """p_L + m(v) [Pa]: load pressure, and the valve's drop at `speed` [m/s]."""
+    c = constants[0]
     cap, rod = cylinder.cap_area, cylinder.rod_area
-    k_squared = c.valve_coefficient * c.valve_coefficient
-    need = 0.0
-    for v in (0.0, speed):
-        direction = v if v != 0.0 else force
-        inlet = cap if direction > 0.0 else rod
-        outlet = rod if direction > 0.0 else cap
-        load = (force if direction > 0.0 else -force) + outlet * c.tank_pressure
-        valve = v * v * (cap**3 + rod**3) / (k_squared * inlet)
-        need = max(need, load / inlet + valve)
-    need += g.boost_margin + g.supply_margin
-    return max(c.supply_pressure, min(need, g.max_boost_pressure))
+    extends = speed > 0.0 or (speed == 0.0 and force > 0.0)
+    inlet, outlet = (cap, rod) if extends else (rod, cap)
+    load = (force if extends else -force) + outlet * c.tank_pressure
+    valve = speed * speed * (cap**3 + rod**3) / (c.valve_coefficient * c.valve_coefficient)
+    return (load + valve) / inlet
 
 
 @njit(cache=True, nogil=True)
 def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
     """Write the supply pressures that an actuator needs from now on, and later at point `AHEAD`."""
-    ahead = axis.force_ahead + axis.bias
-    axis.target_ahead = supply_need(ahead, axis.speed_ahead, cylinder, constants, gains)
-    now = supply_need(axis.force + axis.bias, axis.speed, cylinder, constants, gains)
+    d = axis.bias
+    now = supply_need(axis.hold + d, axis.force + d, axis.speed, cylinder, constants, gains)
+    axis.target_ahead = supply_need(
+        axis.hold_ahead + d, axis.force_ahead + d, axis.speed_ahead, cylinder, constants, gains
+    )
     axis.supply_target = max(now, axis.target_ahead)
 
 

@@ -3,8 +3,10 @@
 The valve opens as far as the measured pressures ask for to make the demanded piston speed. The
 servo pumps deliver the very flow that the valves are about to take; the pressure error only
 trims. No pump runs faster than it can be stopped before its oil would overfill the line, judged
-by the reference ahead. Lines are charged ahead of a boost (the prepared modes), and a line is
-joined to the rail softly: throttled to what it needs until their pressures agree.
+by the reference ahead; on the rail, pumps that are no longer needed count until they have come to
+rest. Lines are charged ahead of a boost (the prepared modes), and a line is joined to the rail
+softly: throttled to what it needs until their pressures agree. As the valve goes by what is
+measured, no pressure is kept in reserve beyond the plan's.
 """
 
 from __future__ import annotations
@@ -50,8 +52,11 @@ DAMPED = 4.0
 """Time in which a throttled join charges its line, in time constants of the join valve: the
 shortest without overshoot."""
 
-IDLE_SHARE = 0.1
-"""Share of a pump's flow below which its rail may be shut off."""
+IDLE_SHARE = 0.02
+"""Share of a pump's flow below which its rail may be shut off: the rest bursts into it."""
+
+SWITCHED_OVER = 0.9
+"""Share of a lent pump's flow that has to reach the rail before it counts as feeding it."""
 
 
 class CoordinatedController:
@@ -83,7 +88,7 @@ class CoordinatedController:
             circuit.cylinders,
             circuit.constants,
             gain_record(machine),
-            np.zeros((machine.joint_count, SCRATCH_WIDTH + 1)),
+            np.zeros((machine.joint_count, SCRATCH_WIDTH + 2)),
             self._axes,
         )
         self._supply = (
@@ -366,7 +371,45 @@ def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
     """Whether a module in use feeds the rail: lent and switched over, or its line joined."""
     if home == user:
         return axes[user].joined > 0.0
-    return module.to_rail > 1.0 - IDLE_SHARE
+    return module.to_rail > SWITCHED_OVER
+
+
+@njit(cache=True, nogil=True)
+def rail_demand(
+    sensors: Records,
+    constants: Records,
+    axes: Records,
+    rail_pressure: float,
+    actuators: Records,
+    rail_target: FloatArray,
+    volume: FloatArray,
+    coasting: FloatArray,
+    g: Record,
+) -> float:
+    """Flow [m³/s] into the rail, of all pumps together: as `pump_demand` for what is joined to it.
+
+    It also feeds what still passes join valves that are closing or throttled.
+    """
+    c = constants[0]
+    drawn, capacity = 0.0, c.rail_capacity
+    rail_volume = volume[len(axes)]
+    rail_volume[:] = 0.0
+    for j in range(len(axes)):
+        axis = axes[j]
+        if axis.joined > 0.0:
+            drawn += axis.line_flow
+            rail_volume += volume[j]
+            capacity += c.line_capacity
+        else:
+            through, _ = orifice(
+                c.switching_coefficient * actuators[j].join,
+                rail_pressure - sensors[j].line_pressure,
+                c.laminar_pressure,
+            )
+            drawn += through
+    return pump_demand(
+        drawn, rail_pressure, rail_target[0], rail_target[1], capacity, rail_volume, coasting, g
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -384,43 +427,34 @@ def drive_pumps(
     volume: FloatArray,
     coasting: FloatArray,
 ) -> None:
-    """Flow command of every servo pump: its share of what its line, or the rail, will take.
+    """Flow command of every servo pump, driven ahead of the pump's lag.
 
-    Q = line flows + k C (p_ref − p), at most what can be stopped in time, driven ahead of the
-    pump's lag: Q_cmd = Q_now + λ (Q − Q_now). All modules on the rail share its flow equally; it
-    also feeds what still passes join valves that are closing or throttled.
+    Alone on its line: Q_cmd = Q + λ (Q_ref − Q). The n modules that feed the rail together:
+    Q_cmd = Q̄ + λ (Q_ref − ΣQ)/n, with Q̄ their mean flow and ΣQ all that reaches the rail, also
+    from pumps that are no longer needed and coast. So they come to share the flow equally at the
+    pace of their lag, and the sum does not suffer from it.
     """
     c, g = constants[0], own_gains[0]
-    drawn = 0.0
-    capacity = c.rail_capacity
-    rail_volume = volume[len(axes)]
-    rail_volume[:] = 0.0
-    for j in range(len(axes)):
-        axis = axes[j]
-        if axis.joined > 0.0:
-            drawn += axis.line_flow
-            rail_volume += volume[j]
-            capacity += c.line_capacity
-        else:
-            through, _ = orifice(
-                c.switching_coefficient * actuators[j].join,
-                rail_pressure - sensors[j].line_pressure,
-                c.laminar_pressure,
-            )
-            drawn += through
-    rail_demand = pump_demand(
-        drawn, rail_pressure, rail_target[0], rail_target[1], capacity, rail_volume, coasting, g
-    )
-    sharing = 0
+    sharing, shared, reaching = 0, 0.0, 0.0
     for k in range(len(modules)):
-        if serves[k] >= 0 and feeds_rail(modules[k], module_home[k], serves[k], axes):
+        module, user = modules[k], serves[k]
+        if user < 0:
+            reaching += module.flow * module.to_rail
+        elif feeds_rail(module, module_home[k], user, axes):
             sharing += 1
+            shared += module.flow
+    rail_command = 0.0
+    if sharing > 0:
+        demand = rail_demand(
+            sensors, constants, axes, rail_pressure, actuators, rail_target, volume, coasting, g
+        )
+        rail_command = (shared + g.pump_lead * (demand - shared - reaching)) / sharing
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
         module.lend = 1.0 if user >= 0 and module_home[k] != user else 0.0
-        demand = 0.0
+        command = 0.0
         if user >= 0 and feeds_rail(module, module_home[k], user, axes):
-            demand = rail_demand / sharing
+            command = rail_command
         elif user >= 0 and module.lend == 0.0:
             axis = axes[user]
             demand = pump_demand(
@@ -433,5 +467,5 @@ def drive_pumps(
                 coasting,
                 g,
             )
-        command = module.flow + g.pump_lead * (demand - module.flow)
+            command = module.flow + g.pump_lead * (demand - module.flow)
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)
