@@ -20,16 +20,20 @@ actuators feed the rail. An actuator in SB has its join valve open.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit_elements import (
     chamber_capacity,
     check_valve,
@@ -191,13 +195,19 @@ class Circuit:
 
     def advance(self, length: FloatArray, speed: FloatArray, substeps: int) -> None:
         """Advance by `substeps` substeps with pistons at `length` [m] moving at `speed` [m/s]."""
-        advance(
+        advance(*self._arguments(length, speed), substeps)
+
+    def bound_advance(self, length: FloatArray, speed: FloatArray) -> Callable[[int], None]:
+        """`advance` for pistons whose lengths and speeds are written into these arrays."""
+        return bind(advance, *self._arguments(length, speed), integers=1)
+
+    def _arguments(self, length: FloatArray, speed: FloatArray) -> tuple[NDArray[Any], ...]:
+        return (
             self.cylinders,
             self.constants,
             self.module_home,
             length,
             speed,
-            substeps,
             self.pressure,
             self.actuators,
             self.modules,
@@ -354,7 +364,6 @@ def advance(
     module_home: IntArray,
     length: FloatArray,
     speed: FloatArray,
-    substeps: int,
     pressure: FloatArray,
     actuators: Records,
     modules: Records,
@@ -364,6 +373,7 @@ def advance(
     conductance: FloatArray,
     inflow: FloatArray,
     capacity: FloatArray,
+    substeps: int,
 ) -> None:
     """Advance the circuit in place; see the module's text for the network, Circuit for shapes.
 

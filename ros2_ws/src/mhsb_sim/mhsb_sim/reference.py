@@ -8,6 +8,7 @@ from numba import njit
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_sim.bound_kernel import bind
 
 AHEAD = 2
 """Number of the point for which modes and forces are prepared."""
@@ -38,6 +39,17 @@ class Reference:
         self.trajectory = trajectory
         self.schedule = schedule
         self._planned = planned
+        self._evaluate = bind(
+            evaluate,
+            trajectory.offset_ns,
+            trajectory.position,
+            trajectory.velocity,
+            trajectory.acceleration,
+            schedule.offset_ns,
+            self._values,
+            self._rows,
+            integers=2,
+        )
         self._rows[:] = -1  # so that the next update reports the modes as changed
 
     def hold(self, time_ns: int, position: FloatArray, modes: ModeArray) -> None:
@@ -51,19 +63,8 @@ class Reference:
 
     def update(self, time_ns: int) -> bool:
         """Evaluate the reference at `time_ns`; returns whether the modes now or ahead changed."""
-        path = self.trajectory
         now, ahead = self._rows
-        evaluate(
-            path.offset_ns,
-            path.position,
-            path.velocity,
-            path.acceleration,
-            self.schedule.offset_ns,
-            time_ns - path.stamp_ns,
-            self._spacing_ns,
-            self._values,
-            self._rows,
-        )
+        self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)
         return bool(now != self._rows[0] or ahead != self._rows[1])
 
     @property
@@ -90,14 +91,14 @@ def evaluate(
     velocity: FloatArray,
     acceleration: FloatArray,
     mode_offset_ns: IntArray,
-    since_ns: int,
-    spacing_ns: int,
     values: FloatArray,
     rows: IntArray,
+    spacing_ns: int,
+    since_ns: int,
 ) -> None:
     """Reference now and ahead: the quintic Hermite between points, and rows of the modes.
 
-    since_ns: now, after the stamp of trajectory and schedule; spacing_ns: from point to point.
+    spacing_ns: from point to point; since_ns: now, after the stamp of trajectory and schedule.
     Writes values float64[points, 3, n] and rows int64[2], now and at point `AHEAD`.
     Oracle: Trajectory.sample (test/test_reference.py).
     """

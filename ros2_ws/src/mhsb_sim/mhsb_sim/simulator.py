@@ -21,6 +21,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit import ENERGY, VOLUME, build_circuit, settle
 from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.faults import Fault, set_fault
@@ -99,9 +100,16 @@ class Simulator:
         self._reset_noise()
         self._reset_servo(modes)
         signals = self._signals
-        self._sensed = (
-            *self._pistons, self._circuit.pressure, signals.sensors, signals.rail_pressure
+        self._measure = bind(
+            measure,
+            self._noise,
+            *self._pistons,
+            self._circuit.pressure,
+            signals.sensors,
+            signals.rail_pressure,
+            integers=1,
         )
+        self._advance_circuit = self._circuit.bound_advance(self._lengths, self._speeds)
 
     def _reset_mechanics(self) -> None:
         self._data = mujoco.MjData(self._model)
@@ -112,9 +120,17 @@ class Simulator:
         # MuJoCo makes a new view at each access: these are kept.
         position, velocity, control = data.qpos, data.qvel, data.ctrl
         self._pistons = (linkage, position, velocity, self._lengths, self._speeds, arms)
-        self._motion = (arms, position, velocity, control)
+        self._apply_forces = bind(
+            apply_forces,
+            self._circuit.actuators,
+            self._circuit.pressure,
+            arms,
+            position,
+            velocity,
+            control,
+        )
         move_pistons(*self._pistons)
-        apply_forces(self._circuit.actuators, self._circuit.pressure, *self._motion)
+        self._apply_forces()
         mujoco.mj_forward(self._model, data)
 
     def _reset_noise(self) -> None:
@@ -275,7 +291,7 @@ class Simulator:
         """Advance by one step; raises SimulationDivergedError where the state is not finite."""
         mujoco.mj_step1(self._model, self._data)
         self.step_hydraulics()
-        if not apply_forces(self._circuit.actuators, self._circuit.pressure, *self._motion):
+        if not self._apply_forces():
             raise self._diverged()
         mujoco.mj_step2(self._model, self._data)
         self._steps += 1
@@ -288,10 +304,10 @@ class Simulator:
         if row == 0:
             self._random.standard_normal(out=self._noise)
             self._noise *= self._noise_scale
-        if not measure(self._noise[row], *self._sensed):
+        if not self._measure(row):
             raise self._diverged()
         self._controller.update()
-        self._circuit.advance(self._lengths, self._speeds, self._substeps)
+        self._advance_circuit(self._substeps)
 
     def _update_reference(self) -> None:
         if self._reference.update(self._time_ns):
@@ -401,7 +417,7 @@ def move_pistons(
 
 @njit(cache=True, nogil=True)
 def measure(
-    noise: FloatArray,
+    noises: FloatArray,
     linkage: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
@@ -411,11 +427,14 @@ def measure(
     pressure: FloatArray,
     sensors: Records,
     rail_pressure: FloatArray,
+    row: int,
 ) -> bool:
-    """Pistons moved as by `move_pistons`; sensors: the true values plus this step's noise.
+    """Pistons moved as by `move_pistons`; sensors: the true values plus this row of the noise.
 
-    noise: float64[4 n + 1], lengths first. False where a sensor gives what is not finite.
+    noises: float64[NOISE_ROWS, 4 n + 1], lengths first. False where a sensor gives what is not
+    finite.
     """
+    noise = noises[row]
     move_pistons(linkage, position, velocity, length, speed, arm)
     n = len(sensors)
     total = 0.0

@@ -19,6 +19,7 @@ from mhsb_model.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit_elements import orifice
 from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Record, Records
@@ -80,7 +81,8 @@ class CoordinatedController:
         self._axes["joined"] = circuit.actuators["join"]
         self._axes["supply_target"] = circuit.pressure[2:-3:3]
         self._rail_target = np.full(2, circuit.rail_pressure)
-        self._cascade = (
+        self._control = bind(
+            control,
             signals.reference,
             signals.sensors,
             machine.arrays.linkage,
@@ -90,8 +92,6 @@ class CoordinatedController:
             gain_record(machine),
             np.zeros((machine.joint_count, SCRATCH_WIDTH + 2)),
             self._axes,
-        )
-        self._supply = (
             signals.rail_pressure,
             signals.modes,
             signals.serves,
@@ -106,7 +106,7 @@ class CoordinatedController:
 
     def update(self) -> None:
         """Write all commands for the next step."""
-        control(*self._cascade, *self._supply)
+        self._control()
 
 
 @njit(cache=True, nogil=True)

@@ -15,6 +15,7 @@ from numba import njit
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_sim.bound_kernel import bind
 from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Records
 from mhsb_sim.servo.cascade import (
@@ -46,7 +47,8 @@ class IndependentController:
         own_gains["nominal_valve_drop"] = servo.nominal_valve_drop * machine.arrays.supply_pressure
         own_gains["pressure_gain"] = servo.pressure_gain
         own_gains["pressure_integral_gain"] = servo.pressure_integral_gain
-        self._arguments = (
+        self._control = bind(
+            control,
             signals.reference,
             signals.sensors,
             machine.arrays.linkage,
@@ -68,7 +70,7 @@ class IndependentController:
 
     def update(self) -> None:
         """Write all commands for the next step."""
-        control(*self._arguments)
+        self._control()
 
 
 @njit(cache=True, nogil=True)
