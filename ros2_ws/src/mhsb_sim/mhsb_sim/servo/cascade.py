@@ -64,6 +64,8 @@ AXIS = np.dtype(
         ("speed_ahead", "f8"),  # m/s, in the reference ahead
         ("force_ahead", "f8"),  # N
         ("hold_ahead", "f8"),  # N
+        ("arm_ahead", "f8"),  # m, moment arm
+        ("arm_slope_ahead", "f8"),  # m/rad, its derivative
         ("bias", "f8"),  # N, d; NaN until the first step takes it over
         ("stiffness", "f8"),  # N/m, k_h
         ("cap_stiffness", "f8"),  # Pa/m³, β/V_A
@@ -136,12 +138,13 @@ def piston_demands(
         gravity_torques(links, g.gravity, scratch, weight)
         for j in range(len(axes)):
             axis = axes[j]
-            length, arm, _ = motion(linkage[j], q[j])
+            length, arm, slope = motion(linkage[j], q[j])
             held = weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]
             if k == AHEAD:
                 axis.speed_ahead = arm * qd[j]
                 axis.force_ahead = torque[j] / arm
                 axis.hold_ahead = held / arm
+                axis.arm_ahead, axis.arm_slope_ahead = arm, slope
             else:
                 axis.length = length
                 axis.speed = arm * qd[j]

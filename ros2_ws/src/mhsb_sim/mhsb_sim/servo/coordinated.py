@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.hydraulics import load_pressure
-from mhsb_model.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray
@@ -141,9 +140,7 @@ def control(
     for j in range(len(axes)):
         open_valve(axes[j], sensors[j], cylinders[j], constants, actuators[j])
         set_target(axes[j], sensors[j], cylinders[j], constants, gains, modes[j])
-    look_ahead(
-        reference, linkage, sensors, cylinders, constants, serves, own_gains, axes, volume
-    )
+    look_ahead(reference, sensors, cylinders, constants, serves, own_gains, axes, volume)
     join_lines(
         sensors,
         constants,
@@ -282,7 +279,6 @@ def is_served(j: int, serves: IntArray) -> bool:
 @njit(cache=True, nogil=True)
 def look_ahead(
     reference: FloatArray,
-    linkage: FloatArray,
     sensors: Records,
     cylinders: Records,
     constants: Records,
@@ -295,7 +291,7 @@ def look_ahead(
 
     Flow: A_dir |u| of the demanded speed, leakage, and what the next point of the reference adds
     while the pump follows. volume float64[n, REFERENCE_POINTS] m³: ∫ (A_dir |v| + leakage) dt of
-    the reference, by the trapezoidal rule.
+    the reference, by the trapezoidal rule, with moment arms linear about point `AHEAD`.
     """
     c, g = constants[0], own_gains[0]
     spacing = g.preview / AHEAD
@@ -316,7 +312,8 @@ def look_ahead(
             elif k == AHEAD:
                 speed = axis.speed_ahead
             else:
-                speed = moment_arm(linkage[j], reference[k, 0, j]) * reference[k, 1, j]
+                way = reference[k, 0, j] - reference[AHEAD, 0, j]
+                speed = (axis.arm_ahead + axis.arm_slope_ahead * way) * reference[k, 1, j]
             flow = leakage + abs(speed) * (cylinder.cap_area if speed > 0.0 else cylinder.rod_area)
             if k == 0:
                 volume[j, k] = 0.0
