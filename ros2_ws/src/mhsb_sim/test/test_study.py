@@ -150,13 +150,16 @@ def test_controllers_are_compared_by_the_worst_scenario(scenario: Scenario) -> N
         )
         for a, b in (
             ((0.5, 0.4, 1000.0), (4.0, 2.0, 990.0)),
-            ((0.2, 0.3, 1200.0), (8.0, 1.0, 1000.0)),
+            ((0.2, -0.3, 1200.0), (8.0, 1.0, 1000.0)),
         )
     ]
     found = compare(results)
     assert found["tracking_ratio"]["least"] == pytest.approx(8.0)
-    assert found["overshoot_ratio"]["largest"] == pytest.approx(0.3)
+    assert found["overshoot_max_mpa"] == {"coordinated": 0.4, "independent": 2.0}
+    assert found["overshoot_mean_mpa"] == pytest.approx({"coordinated": 0.2, "independent": 1.5})
     assert found["overshoot_ratio"]["of_largest"] == pytest.approx(0.2)
+    assert found["overshoot_ratio"]["of_mean"] == pytest.approx(0.2 / 1.5)
+    assert found["overshoot_ratio"]["worst_scenario"] == pytest.approx(0.2)
     assert found["energy_ratio"] == pytest.approx(1000.0 / 990.0)
     assert found["energy_ratio_scenarios"] == 1
     assert found["goals_refused"] == ["no", "no"]
