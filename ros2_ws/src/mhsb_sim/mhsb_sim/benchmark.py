@@ -31,7 +31,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_planner.departure import Command
-from mhsb_sim.mujoco_model import build_model
+from mhsb_sim.mechanics.mujoco_model import build_model
 from mhsb_sim.simulator import Simulator
 
 REPEATS = 5

@@ -22,7 +22,7 @@ from mhsb_msgs_py.names import PLANNER_NODE, SIM_NODE
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.goal_sender import GoalSender
 from mhsb_sim.child_process import ChildEndedError, ChildProcess
-from mhsb_sim.report_command import summary_lines, write_report
+from mhsb_sim.report.report_command import summary_lines, write_report
 
 GOALS_FILE = "demo_goals.yaml"
 START_TIMEOUT = 180.0
@@ -149,7 +149,8 @@ def _record(
     output: Path,
 ) -> None:
     """Send all goals to the running nodes while everything is recorded."""
-    with ChildProcess("mhsb_sim.record_command", "--output", str(output / "bag")) as recorder:
+    bag = str(output / "bag")
+    with ChildProcess("mhsb_sim.recording.record_command", "--output", bag) as recorder:
         recorder.wait_for("ready", ANSWER_TIMEOUT)
         if not spin_until(
             executor, lambda: sender.matched and sender.listeners >= LISTENERS, ANSWER_TIMEOUT

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from mhsb_model.types import FloatArray
-from mhsb_sim.circuit import Circuit
+from mhsb_sim.circuit.network import Circuit
 from mhsb_sim.records import Records
 
 

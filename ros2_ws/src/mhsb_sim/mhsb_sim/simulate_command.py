@@ -22,11 +22,11 @@ from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture_table_cache import table_for
 from mhsb_planner.replanning import Replanner
 from mhsb_planner.s3_trajectory import TrajectoryKind
-from mhsb_sim.energy_comparison import Element, energy_elements
-from mhsb_sim.energy_comparison import as_text as energy_text
 from mhsb_sim.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
 from mhsb_sim.servo import controller_class
 from mhsb_sim.simulator import Simulator, energy_gap, volume_gap
+from mhsb_sim.study.energy_comparison import Element, energy_elements
+from mhsb_sim.study.energy_comparison import as_text as energy_text
 
 LONGEST_TIME = 3600.0  # s
 

@@ -22,10 +22,10 @@ from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.bound_kernel import bind
-from mhsb_sim.circuit import ENERGY, VOLUME, build_circuit, settle
+from mhsb_sim.circuit.network import ENERGY, VOLUME, build_circuit, settle
 from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.faults import Fault, set_fault
-from mhsb_sim.mujoco_model import build_model, set_payload
+from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
 from mhsb_sim.records import Records
 from mhsb_sim.reference import Reference
 from mhsb_sim.servo import controller_class

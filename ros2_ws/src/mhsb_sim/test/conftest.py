@@ -13,7 +13,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, modules_in_use
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
+from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulator import warm_up
 

@@ -31,8 +31,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.schema import CascadeGains
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_sim.circuit_elements import friction_force
-from mhsb_sim.inverse_dynamics import gravity_torques, inverse_dynamics
+from mhsb_sim.circuit.elements import friction_force
+from mhsb_sim.mechanics.inverse_dynamics import gravity_torques, inverse_dynamics
 from mhsb_sim.records import Record, Records
 from mhsb_sim.reference import AHEAD
 from mhsb_sim.servo.natural_frequency import joint_natural_frequencies

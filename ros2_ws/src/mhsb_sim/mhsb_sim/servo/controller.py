@@ -9,7 +9,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_sim.circuit import Circuit
+from mhsb_sim.circuit.network import Circuit
 from mhsb_sim.records import Records
 
 SENSOR = np.dtype(

@@ -19,8 +19,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
-from mhsb_sim.circuit_elements import orifice
-from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, link_records
+from mhsb_sim.circuit.elements import orifice
+from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Record, Records
 from mhsb_sim.reference import AHEAD
 from mhsb_sim.servo.cascade import (

@@ -16,7 +16,7 @@ from numba import njit
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
-from mhsb_sim.inverse_dynamics import SCRATCH_WIDTH, link_records
+from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Records
 from mhsb_sim.servo.cascade import (
     axis_records,

@@ -35,11 +35,11 @@ from mhsb_msgs_py import (
     trajectory,
 )
 from mhsb_msgs_py.status import Outcome, Verdict
-from mhsb_sim import bag_format
-from mhsb_sim.bag_format import BagTopic
-from mhsb_sim.bag_reader import read_recording
-from mhsb_sim.bag_writer import BagWriter
-from mhsb_sim.recorded_run import RecordedRun, recorded_run
+from mhsb_sim.recording import bag_format
+from mhsb_sim.recording.bag_format import BagTopic
+from mhsb_sim.recording.bag_reader import read_recording
+from mhsb_sim.recording.bag_writer import BagWriter
+from mhsb_sim.report.recorded_run import RecordedRun, recorded_run
 
 BEGIN_NS = 100 * SECOND_NS
 PERIOD_NS = SECOND_NS // 100

@@ -10,10 +10,10 @@ from mhsb_model.figure_style import RESOLUTION, WIDTH, telling_rows
 from mhsb_model.modes import Mode
 from mhsb_planner.operating_regions import operating_regions
 from mhsb_planner.posture_table_cache import table_for
-from mhsb_sim import figures
-from mhsb_sim.bag_reader import read_recording
-from mhsb_sim.recorded_run import recorded_run
-from mhsb_sim.run_axes import mode_spans
+from mhsb_sim.recording.bag_reader import read_recording
+from mhsb_sim.report import figures
+from mhsb_sim.report.recorded_run import recorded_run
+from mhsb_sim.report.run_axes import mode_spans
 
 NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.png", "workspace.png"]
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mhsb_planner.energy import motion_energy
-from mhsb_sim.bag_reader import Timed
-from mhsb_sim.recorded_energy import energy_record
-from mhsb_sim.recorded_motion import part
+from mhsb_sim.recording.bag_reader import Timed
+from mhsb_sim.report.recorded_energy import energy_record
+from mhsb_sim.report.recorded_motion import part
 
 
 def test_a_motion_costs_what_its_published_plan_costs(run):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from mhsb_sim.recorded_goals import goal_records, take_overs
+from mhsb_sim.report.recorded_goals import goal_records, take_overs
 
 
 def records(run, **changes):

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_sim.bag_format import BagError
-from mhsb_sim.recorded_motion import (
+from mhsb_sim.recording.bag_format import BagError
+from mhsb_sim.report.recorded_motion import (
     followed_trajectory,
     modes_in_force,
     part,

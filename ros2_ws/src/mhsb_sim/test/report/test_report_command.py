@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from mhsb_sim import report_command
-from mhsb_sim.report_command import summary_lines, write_report
+from mhsb_sim.report import report_command
+from mhsb_sim.report.report_command import summary_lines, write_report
 
 FILES = [
     "energy.png",

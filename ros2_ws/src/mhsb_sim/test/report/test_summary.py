@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_sim.bag_reader import read_recording
-from mhsb_sim.recorded_run import recorded_run
-from mhsb_sim.summary import summary
+from mhsb_sim.recording.bag_reader import read_recording
+from mhsb_sim.report.recorded_run import recorded_run
+from mhsb_sim.report.summary import summary
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,1 @@
+"""The hydraulic circuit: its elements, and the network that they form."""

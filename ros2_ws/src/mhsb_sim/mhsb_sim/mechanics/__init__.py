@@ -1,0 +1,1 @@
+"""The arm: its MuJoCo model, its inverse dynamics, its pictures."""

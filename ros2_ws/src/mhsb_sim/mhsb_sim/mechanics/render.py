@@ -1,0 +1,126 @@
+"""Pictures of the arm, drawn off screen by MuJoCo.
+
+A screen is not needed, but one of the OpenGL variants EGL or OSMesa is (Debian packages libegl1,
+libegl-mesa0, libgl1-mesa-dri or libosmesa6). `python -m mhsb_sim.mechanics.render docs/arm.png`
+draws the picture of the README.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.types import FloatArray
+from mhsb_sim.mechanics.linkage_shapes import Bar, linkage_bars
+
+BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
+"""MUJOCO_GL names and the libraries they need, in the order they are tried."""
+
+GHOST_OPACITY = 0.3
+README_POSTURES = ((0.30, -1.40, -1.50), (0.75, -0.95, -0.85), (0.95, -0.45, -0.35))
+
+
+def choose_backend() -> str | None:
+    """Set MUJOCO_GL to a variant that this machine has, None where it has neither.
+
+    MuJoCo reads it when it is imported; a choice that the user has made is kept.
+    """
+    if "MUJOCO_GL" in os.environ:
+        return os.environ["MUJOCO_GL"]
+    for name, library in BACKENDS.items():
+        if ctypes.util.find_library(library):
+            os.environ["MUJOCO_GL"] = name
+            return name
+    return None
+
+
+def draw_arm(
+    machine: Machine, postures: Sequence[FloatArray], width: int = 960, height: int = 720
+) -> FloatArray | None:
+    """Picture of the arm, uint8[height, width, 3], or None after one sentence on stderr.
+
+    The last posture [rad] is drawn solid, those before it as pale shapes.
+    """
+    if choose_backend() is None:
+        print(
+            "no picture: neither EGL nor OSMesa is installed (apt-get install libegl1 "
+            "libegl-mesa0 libgl1-mesa-dri, or libosmesa6)",
+            file=sys.stderr,
+        )
+        return None
+    return _draw(machine, postures, width, height)
+
+
+def save_arm_picture(
+    machine: Machine, postures: Sequence[FloatArray], file: Path, width: int = 960
+) -> bool:
+    """Write the picture of `draw_arm` as a PNG; False where none can be drawn."""
+    from PIL import Image
+
+    pixels = draw_arm(machine, postures, width, width * 3 // 4)
+    if pixels is None:
+        return False
+    file.parent.mkdir(parents=True, exist_ok=True)
+    picture = Image.fromarray(pixels).quantize(256, method=Image.Quantize.FASTOCTREE)
+    picture.save(file, optimize=True)
+    return True
+
+
+def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: int) -> FloatArray:
+    import mujoco
+
+    from mhsb_sim.mechanics.mujoco_model import build_model
+
+    model = build_model(machine)
+    data = mujoco.MjData(model)
+    reach = float(np.sum(machine.arrays.link_length))
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = (0.40 * reach, 0.0, -0.12 * reach)
+    camera.distance, camera.azimuth, camera.elevation = 2.1 * reach, 78.0, -8.0
+    with mujoco.Renderer(model, height, width) as renderer:
+        layers = []
+        for posture in postures:
+            data.qpos[:] = posture
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, camera)
+            for bar in linkage_bars(machine, data):
+                _add_bar(renderer.scene, bar)
+            layers.append(renderer.render().astype(np.float64))
+    picture = layers[-1]
+    for ghost in layers[:-1]:
+        picture = np.minimum(picture, GHOST_OPACITY * ghost + (1.0 - GHOST_OPACITY) * picture)
+    return picture.astype(np.uint8)
+
+
+def _add_bar(scene: Any, bar: Bar) -> None:
+    import mujoco
+
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom,
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(9),
+        np.array(bar.paint, dtype=np.float32),
+    )
+    mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, bar.radius, bar.start, bar.end)
+    scene.ngeom += 1
+
+
+def main() -> None:
+    """Draw the picture of the README to the file named on the command line."""
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/arm.png")
+    drawn = save_arm_picture(load_machine(), [np.array(q) for q in README_POSTURES], file)
+    sys.exit(0 if drawn else 1)
+
+
+if __name__ == "__main__":
+    main()

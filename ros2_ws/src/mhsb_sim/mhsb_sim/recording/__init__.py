@@ -1,0 +1,1 @@
+"""Recordings: writing, mending and reading rosbag2 folders."""

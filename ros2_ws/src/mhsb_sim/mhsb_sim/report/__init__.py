@@ -1,0 +1,1 @@
+"""What a recording tells: motion, goals and energy, in numbers and figures."""

@@ -1,0 +1,28 @@
+"""The figures of a report, one PNG file each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mhsb_planner.operating_regions import OperatingRegions
+from mhsb_sim.report.hydraulic_figures import draw_energy, draw_modes, draw_pressures
+from mhsb_sim.report.motion_figures import draw_joints, draw_tip_error
+from mhsb_sim.report.recorded_run import RecordedRun
+from mhsb_sim.report.workspace_figure import draw_workspace
+
+FIGURES = {
+    "joints.png": draw_joints,
+    "modes.png": draw_modes,
+    "pressures.png": draw_pressures,
+    "energy.png": draw_energy,
+    "tip_error.png": draw_tip_error,
+}
+WORKSPACE_FIGURE = "workspace.png"
+
+
+def draw_all(run: RecordedRun, regions: OperatingRegions, folder: Path) -> list[Path]:
+    """Draw every figure of a run into a folder that is there; returns the files."""
+    draw_workspace(run, regions, folder / WORKSPACE_FIGURE)
+    for name, draw in FIGURES.items():
+        draw(run, folder / name)
+    return [folder / name for name in (WORKSPACE_FIGURE, *FIGURES)]

@@ -1,0 +1,106 @@
+"""`report`: figures and numbers of a recording."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from mhsb_model import command_line
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine, load_machine
+from mhsb_planner.operating_regions import operating_regions
+from mhsb_planner.posture_table_cache import table_for
+from mhsb_sim.recording.bag_reader import read_recording
+from mhsb_sim.report import figures
+from mhsb_sim.report.recorded_run import recorded_run
+from mhsb_sim.report.summary import summary
+
+SUMMARY_FILE = "summary.json"
+
+
+def report(
+    bag: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="BAG")],
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    namespace: str = "",
+) -> None:
+    """Draw figures (PNG) from a recording and sum it up in summary.json.
+
+    Figures show joint angles in deg, pressures in MPa, energy in J, the tip's path in m and its
+    error in mm, over time in s. Files of the same names in DIR are replaced.
+
+    Args:
+        bag: Folder of the recording (rosbag2).
+        output: Folder for figures and summary; made where it is not there.
+        machine: Machine file (YAML) of the recording; the suite's own arm when left out.
+        table: Posture table (npz), for the regions where boost is needed; built and kept in the
+            user's cache when left out.
+        namespace: Namespace of the recorded topics, such as /left.
+    """
+    content = write_report(bag, output, load_machine(machine), table, namespace)
+    print("\n".join(summary_lines(content)))
+    print(f"written to {output}")
+
+
+def write_report(
+    bag: Path,
+    output: Path,
+    machine: Machine,
+    table: Path | None = None,
+    namespace: str = "",
+) -> dict[str, Any]:
+    """Write the figures and summary.json of a recording into a folder; returns the summary.
+
+    Nothing is written where the recording cannot be used. Raises BagError, TableError, and
+    MhsbError where the output is not a folder.
+    """
+    run = recorded_run(read_recording(bag, namespace), machine)
+    regions = operating_regions(machine, table_for(machine, table))
+    content = summary(run)
+    _make_folder(output)
+    figures.draw_all(run, regions, output)
+    part = output / f"{SUMMARY_FILE}.part"
+    part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(part, output / SUMMARY_FILE)
+    return content
+
+
+def summary_lines(content: dict[str, Any]) -> list[str]:
+    """The summary for a person, one number a line; goals are left to the file."""
+    return [f"  {key}: {_text(value)}" for key, value in content.items() if key != "goals"]
+
+
+def _text(value: Any) -> str:
+    """A value with four digits, None as a dash."""
+    match value:
+        case None:
+            return "–"
+        case float():
+            return f"{value:.4g}"
+        case dict():
+            return ", ".join(f"{key} {_text(each)}" for key, each in value.items())
+        case list():
+            return ", ".join(_text(each) for each in value)
+        case _:
+            return str(value)
+
+
+def _make_folder(path: Path) -> None:
+    if path.exists() and not path.is_dir():
+        raise MhsbError(f"{path} is not a folder; name one for the report")
+    path.mkdir(parents=True, exist_ok=True)
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_sim report`."""
+    return command_line.run(report, name="report")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

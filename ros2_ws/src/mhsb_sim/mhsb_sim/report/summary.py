@@ -1,0 +1,163 @@
+"""The numbers of a recorded run: the content of `summary.json`.
+
+Lengths in mm, pressures in MPa, energies in J, times in s or ms, as each name says. What a
+recording has no data for is null.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from mhsb_model.modes import Mode
+from mhsb_msgs_py.sim_status import APPLIED
+from mhsb_msgs_py.status import Outcome, Verdict
+from mhsb_sim.recording.bag_reader import Recording
+from mhsb_sim.report.recorded_energy import EnergyRecord
+from mhsb_sim.report.recorded_goals import GoalRecord
+from mhsb_sim.report.recorded_motion import TipMotion
+from mhsb_sim.report.recorded_run import RecordedRun
+
+Summary = dict[str, Any]
+
+PER_MM, PER_MPA, PER_S = 1e3, 1e-6, 1e-9
+
+
+def summary(run: RecordedRun) -> Summary:
+    """Plain numbers, texts, lists and dicts, ready for JSON.
+
+    goals_sent, goals_accepted  goal poses, and accepting verdicts
+    switches_in_motion          accepted goals whose plan took over while the reference moved
+    tip_error_rms_mm            measured tip against reference tip, from the first to the last
+                                moment at which the reference moved; tip_error_max_mm likewise
+    tip_error_rest_max_mm       largest distance of the tip at rest from a goal that was reached
+                                (`GoalRecord.distance_at_rest`)
+    reference_jump_max_…        new minus old reference at the swap, as the simulator measured it
+    mode_switches               changes of the mode in force, summed over the actuators
+    energy_…                    as `recorded_energy` counts them
+    max_…_pressure_mpa          over all actuators; relief tells where the valves open
+    replan_ms                   goal received to plan published
+    real_time_factor            simulated over real time, between the simulator's reports
+    """
+    recording = run.recording
+    time_ns = recording.joint_states.time_ns
+    return {
+        "machine": run.machine.name,
+        "duration_s": PER_S * int(time_ns[-1] - time_ns[0]),
+        "real_time_factor": _real_time_factor(recording),
+        "goals_sent": recording.goals_sent,
+        "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
+        "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
+        "switches_in_motion": sum(goal.in_motion for goal in run.goals),
+        **_tip_errors(run.tip, run.goals),
+        **_jumps(recording),
+        "mode_switches": run.modes.switches,
+        "modes_used": [Mode(code).name for code in np.unique(run.modes.modes)],
+        **_energies(run.energy),
+        **_pressures(run),
+        "replan_ms": _replan_times(run.goals),
+        "unreadable_messages": len(recording.unreadable),
+        "goals": [_goal(goal) for goal in run.goals],
+    }
+
+
+def _tip_errors(tip: TipMotion, goals: Iterable[GoalRecord]) -> Summary:
+    error = PER_MM * tip.error[tip.moving]
+    at_rest = [goal.distance_at_rest for goal in goals if goal.distance_at_rest is not None]
+    return {
+        "tip_error_rms_mm": _number(np.sqrt(np.mean(error**2)) if len(error) else None),
+        "tip_error_max_mm": _largest(error),
+        "tip_error_rest_max_mm": _largest([PER_MM * each for each in at_rest]),
+    }
+
+
+def _jumps(recording: Recording) -> Summary:
+    applied = [each.value for each in recording.hand_overs if each.value.outcome == APPLIED]
+    return {
+        "plans_applied": len(applied),
+        "plans_refused": len(recording.hand_overs) - len(applied),
+        "reference_jump_max_rad": _largest([each.position_jump for each in applied]),
+        "reference_jump_max_rad_s": _largest([each.velocity_jump for each in applied]),
+    }
+
+
+def _energies(energy: EnergyRecord) -> Summary:
+    def total(counter: np.ndarray) -> float | None:
+        return float(counter[-1]) if len(counter) > 1 else None
+
+    return {
+        "energy_planned_j": total(energy.planned),
+        "energy_planned_series_j": total(energy.planned_series),
+        "energy_measured_j": {"mp": total(energy.main_pump), "sp": total(energy.servo_pumps)},
+        "energy_span_s": PER_S * int(np.ptp(energy.time_ns)) if len(energy.time_ns) else None,
+    }
+
+
+def _pressures(run: RecordedRun) -> Summary:
+    quantity, circuit = run.recording.actuators.quantity, run.machine.config.circuit
+    supply = _largest(quantity["supply_pressure"])
+    chamber = _largest([quantity["cap_pressure"], quantity["rod_pressure"]])
+    limits = (circuit.line_relief_pressure, circuit.chamber_relief_pressure)
+    known = [(p, limit) for p, limit in zip((supply, chamber), limits, strict=True) if p]
+    return {
+        "max_supply_pressure_mpa": _number(supply, PER_MPA),
+        "max_chamber_pressure_mpa": _number(chamber, PER_MPA),
+        "relief_mpa": {"line": PER_MPA * limits[0], "chamber": PER_MPA * limits[1]},
+        "relief_exceeded": any(p > limit for p, limit in known) if known else None,
+    }
+
+
+def _replan_times(goals: Iterable[GoalRecord]) -> Summary:
+    times = [
+        goal.verdict.plan.plan_ms
+        for goal in goals
+        if goal.verdict.code is Verdict.OK and goal.verdict.plan is not None
+    ]
+    if not times:
+        return {"p50": None, "p99": None, "max": None}
+    p50, p99 = np.percentile(times, [50, 99])
+    return {"p50": _number(p50), "p99": _number(p99), "max": _number(max(times))}
+
+
+def _real_time_factor(recording: Recording) -> float | None:
+    """Each report's factor belongs to the time since the report before."""
+    simulated = real = 0.0
+    for before, after in pairwise(each.value for each in recording.simulator_reports):
+        span = PER_S * (after.sim_time_ns - before.sim_time_ns)
+        if span > 0.0 and after.real_time_factor > 0.0:
+            simulated += span
+            real += span / after.real_time_factor
+    return simulated / real if real > 0.0 else None
+
+
+def _goal(goal: GoalRecord) -> Summary:
+    verdict = goal.verdict
+    plan = verdict.plan
+    return {
+        "x_m": _number(verdict.goal_x),
+        "z_m": _number(verdict.goal_z),
+        "code": verdict.code.value,
+        "sentence": verdict.sentence,
+        "outcome": goal.outcome.value if goal.outcome else None,
+        "in_motion": goal.in_motion,
+        "plan_ms": _number(plan.plan_ms) if plan else None,
+        "plan_energy_j": _number(plan.energy_j) if plan else None,
+        "plan_duration_s": _number(plan.duration_s) if plan else None,
+        "distance_at_rest_mm": _number(goal.distance_at_rest, PER_MM),
+    }
+
+
+def _largest(values: Any) -> float | None:
+    """The largest finite value, None where there is none."""
+    array = np.asarray(values, dtype=np.float64).ravel()
+    array = array[np.isfinite(array)]
+    return float(array.max()) if len(array) else None
+
+
+def _number(value: float | None, factor: float = 1.0) -> float | None:
+    """A plain float times a factor; None where there is no finite value."""
+    return None if value is None or not math.isfinite(value) else factor * float(value)

@@ -1,0 +1,1 @@
+"""Experiments over many runs: the servo study, tuning, planners side by side."""

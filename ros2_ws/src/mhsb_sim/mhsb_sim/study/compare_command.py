@@ -1,0 +1,169 @@
+"""`compare`: the planners side by side on the paper's cases and on random moves, simulated."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.errors import RequestError
+from mhsb_planner.moves import case_moves, random_moves
+from mhsb_planner.planner import Planner, warm_up
+from mhsb_planner.posture_table_cache import table_for
+from mhsb_planner.result_files import write_json
+from mhsb_planner.s2_search import Weights
+from mhsb_sim import simulator
+from mhsb_sim.study.compare_figure import draw_proportions
+from mhsb_sim.study.planner_comparison import (
+    BASELINE,
+    GROUND_TRUTH,
+    PLANNERS,
+    Comparison,
+    Ratios,
+    Request,
+    compare_all,
+    ratios,
+)
+
+
+def compare(
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/compare"),
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    weights: Annotated[tuple[float, float, float], tyro.conf.arg(metavar="W1 W2 W3")] = (
+        0.5,
+        0.0,
+        2.0,
+    ),
+    moves: int = 100,
+    truths: int = 10,
+    jobs: int | None = None,
+) -> None:
+    """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
+
+    Every motion follows its path, whichever planner found that. Writes DIR/records.json (energies
+    in J, times in s, errors in mm), DIR/summary.json and DIR/proportions.png.
+
+    Args:
+        output: Folder for records, summary and figure.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        weights: Of energy [1/J], time [1/s] and mode switches.
+        moves: Number of random moves between nodes of the grid.
+        truths: Of so many of these the ground truth is sought, too; seconds each.
+        jobs: Processes; as many as there are processors when left out.
+    """
+    if jobs is not None and jobs < 1:
+        raise command_line.UsageError(f"--jobs: {jobs} is below 1")
+    for name, count in (("--moves", moves), ("--truths", truths)):
+        if count < 0:
+            raise command_line.UsageError(f"{name}: {count} is negative")
+    try:
+        chosen = Weights(*weights)
+    except RequestError as error:
+        raise command_line.UsageError(f"--weights: {error}") from error
+    arm = load_machine(machine)
+    asked = requests(arm, moves, truths)
+    bar = tqdm(compare_all(arm, chosen, asked, jobs), total=len(asked), unit="move", disable=None)
+    found = list(bar)
+    cases, others = found[: len(found) - moves], found[len(found) - moves :]
+    summary = {"weights": weights, "cases": summarize(cases), "random moves": summarize(others)}
+    write_json(output / "records.json", [asdict(each) for each in found])
+    write_json(output / "summary.json", summary)
+    draw_proportions(cases, others, output / "proportions.png")
+    print("\n".join(as_text(cases, summary)))
+    print(f"written to {output}")
+
+
+def requests(machine: Machine, moves: int, truths: int) -> list[Request]:
+    """The moves of the cases by name, then random ones by number."""
+    planner = Planner(machine, table_for(machine))
+    warm_up(planner)  # so that the processes find compiled kernels
+    simulator.warm_up(machine)
+    cases = [Request(name, move, True) for name, move in case_moves(machine).items()]
+    others = [
+        Request(str(number), move, number <= truths)
+        for number, move in enumerate(random_moves(planner, moves), start=1)
+    ]
+    return cases + others
+
+
+def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+    """Each planner against the baseline: ratios as geometric mean and extremes."""
+    summary: dict[str, Any] = {}
+    for kind in (*PLANNERS, GROUND_TRUTH):
+        if kind == BASELINE:
+            continue
+        found = ratios(comparisons, kind)
+        if len(found.energy) > 0:
+            summary[kind] = _ratio_numbers(found) | {
+                "failures": {c.name: c.failures[kind] for c in comparisons if kind in c.failures}
+            }
+    truths = ratios(comparisons, "integrated", GROUND_TRUTH)
+    if len(truths.energy) > 0:
+        summary["integrated over ground truth"] = _ratio_numbers(truths)
+    return summary
+
+
+def _ratio_numbers(found: Ratios) -> dict[str, Any]:
+    return {
+        "moves": len(found.energy),
+        "energy": _spread(found.energy),
+        "energy_series": _spread(found.series),
+        "energy_simulated": _spread(found.simulated),
+        "simulated_over_planned_ratio": _spread(found.proportion),
+        "duration": _spread(found.duration),
+    }
+
+
+def _spread(values: FloatArray) -> dict[str, float]:
+    return {
+        "geometric_mean": float(np.exp(np.mean(np.log(values)))),
+        "least": float(values.min()),
+        "largest": float(values.max()),
+    }
+
+
+def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
+    """The cases line by line, then the summaries."""
+    lines = [
+        "case  planner       path   planned   series  simulated [J]  least [J]  time [s]  switches"
+        "  largest step [rad]"
+    ]
+    for case in cases:
+        for kind, r in case.records.items():
+            lines.append(
+                f"{case.name:5s} {kind:13s}{r.energy_path_j:6.0f}{r.energy_j:10.0f}"
+                f"{r.energy_series_j:9.0f}{r.energy_simulated_j:11.0f}{r.lower_bound_j:15.0f}"
+                f"{r.duration_s:10.1f}{r.switches:10d}{r.largest_step_rad:20.3f}"
+            )
+        lines += [f"{case.name:5s} {kind:13s} {why}" for kind, why in case.failures.items()]
+    for title in ("cases", "random moves"):
+        for kind, numbers in summary[title].items():
+            over = "" if "over" in kind else f" over {BASELINE}"
+            lines.append(f"{title}, {kind}{over} ({numbers['moves']} moves):")
+            lines += [
+                f"  {name:30s} {spread['geometric_mean']:.3f}  "
+                f"({spread['least']:.3f} to {spread['largest']:.3f})"
+                for name, spread in numbers.items()
+                if name not in ("moves", "failures")
+            ]
+            if numbers.get("failures"):
+                lines.append(f"  no plan for {len(numbers['failures'])} moves")
+    return lines
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_sim compare`."""
+    return command_line.run(compare, name="compare")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

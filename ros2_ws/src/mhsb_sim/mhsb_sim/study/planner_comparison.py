@@ -1,0 +1,205 @@
+"""Planners side by side: the same moves, planned by each and then simulated.
+
+Every motion follows its path (S3 `followed`), so that what differs is path, posture and modes. The
+simulated energy is what all pumps deliver from the motion's first to its last instant.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.types import FloatArray
+from mhsb_planner.departure import Command
+from mhsb_planner.integrated.ground_truth import ground_truth
+from mhsb_planner.moves import Move
+from mhsb_planner.planner import Plan, Planner, PlannerKind, PlanOptions
+from mhsb_planner.posture_table_cache import table_for
+from mhsb_planner.s2_search import Weights
+from mhsb_planner.s4_mode_schedule import StartModes
+from mhsb_sim.simulator import Simulator, holding_modes
+from mhsb_sim.study.replay import replay
+
+BASELINE: PlannerKind = "table"
+PLANNERS: tuple[PlannerKind, ...] = ("table", "fixed", "integrated")
+GROUND_TRUTH = "ground truth"
+
+
+@dataclass(frozen=True)
+class Request:
+    """A move to be compared, and whether its ground truth is sought as well."""
+
+    name: str
+    move: Move
+    with_truth: bool
+
+
+@dataclass(frozen=True)
+class Record:
+    """One planner's plan for a move, and its simulation.
+
+    energy_path_j      of the discrete path, reading `paper`
+    energy_j, energy_series_j  of the motion as planned, in both readings
+    energy_simulated_j delivered by all pumps in the simulator
+    lower_bound_j      see `Plan.lower_bound`
+    largest_step_rad   largest change of a joint from one point of the path to the next
+    joint_travel_rad   sum of all joints' changes along the path
+    plan_ms            wall time of the plan, beside whatever else the machine does
+    """
+
+    energy_path_j: float
+    energy_j: float
+    energy_series_j: float
+    energy_simulated_j: float
+    lower_bound_j: float
+    duration_s: float
+    switches: int
+    largest_step_rad: float
+    joint_travel_rad: float
+    tip_error_rms_mm: float
+    tip_error_max_mm: float
+    plan_ms: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A move's records by planner, and why planners have none."""
+
+    name: str
+    records: Mapping[str, Record]
+    failures: Mapping[str, str]
+
+
+class Comparer:
+    """Plans and simulates moves on one machine."""
+
+    def __init__(self, machine: Machine, weights: Weights) -> None:
+        self._planner = Planner(machine, table_for(machine))
+        self._weights = weights
+
+    def compare(self, request: Request) -> Comparison:
+        """One move by all planners, and by the ground truth where that is asked for."""
+        records: dict[str, Record] = {}
+        failures: dict[str, str] = {}
+        plans: dict[str, Callable[[Move, StartModes], Plan]] = {
+            kind: partial(self._planned, kind) for kind in PLANNERS
+        }
+        if request.with_truth:
+            plans[GROUND_TRUTH] = self._truth
+        for kind, plan in plans.items():
+            try:
+                modes = holding_modes(self._planner.machine, request.move.start)
+                made = plan(request.move, StartModes.settled(modes))
+                records[kind] = self._simulated(request.move.start, made)
+            except MhsbError as error:
+                failures[kind] = str(error)
+        return Comparison(request.name, records, failures)
+
+    def _planned(self, kind: PlannerKind, move: Move, modes: StartModes) -> Plan:
+        start = MotionState.at_rest(move.start)
+        options = PlanOptions(self._weights, planner=kind, trajectory="followed")
+        return self._planner.plan(move.goal, start, modes, options=options)
+
+    def _truth(self, move: Move, modes: StartModes) -> Plan:
+        path = ground_truth(
+            self._planner.machine, move.start, modes.modes, move.goal, self._weights
+        )
+        options = PlanOptions(self._weights, trajectory="followed")
+        return self._planner.follow(path, modes, options)
+
+    def _simulated(self, start: FloatArray, plan: Plan) -> Record:
+        machine, path, motion = self._planner.machine, plan.path, plan.motion
+        duration = motion.trajectory.duration_ns / SECOND_NS
+        simulator = Simulator(machine, posture=start)
+        run = replay(simulator, [Command(motion.trajectory, motion.schedule)], duration)
+        error = 1e3 * run.tip_error(machine)
+        steps = np.abs(np.diff(path.posture, axis=0))
+        return Record(
+            energy_path_j=float(path.energy.sum()),
+            energy_j=plan.energy.paper,
+            energy_series_j=plan.energy.series,
+            energy_simulated_j=run.energies["main_pump"] + run.energies["servo_pumps"],
+            lower_bound_j=plan.lower_bound,
+            duration_s=duration,
+            switches=motion.schedule.switches,
+            largest_step_rad=float(steps.max(initial=0.0)),
+            joint_travel_rad=float(steps.sum()),
+            tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
+            tip_error_max_mm=float(error.max()),
+            plan_ms=1e3 * sum(plan.seconds.values()),
+        )
+
+
+def compare_all(
+    machine: Machine, weights: Weights, requests: Iterable[Request], jobs: int | None = None
+) -> Iterator[Comparison]:
+    """Comparisons in the order of the requests, each in one of `jobs` processes.
+
+    jobs: by default one for each processor this process may use.
+    """
+    workers = jobs or len(os.sched_getaffinity(0))
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_begin, initargs=(machine, weights)
+    ) as pool:
+        tasks = [pool.submit(_compare, request) for request in requests]
+        try:
+            for task in tasks:
+                yield task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+
+
+_comparers: list[Comparer] = []  # of this process
+
+
+def _begin(machine: Machine, weights: Weights) -> None:
+    _comparers.append(Comparer(machine, weights))
+
+
+def _compare(request: Request) -> Comparison:
+    return _comparers[-1].compare(request)
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """One planner's figures over the baseline's, for all moves that both have.
+
+    energy, series, simulated, duration   float64[moves], as planned in both readings, as simulated
+    """
+
+    energy: FloatArray
+    series: FloatArray
+    simulated: FloatArray
+    duration: FloatArray
+
+    @property
+    def proportion(self) -> FloatArray:
+        """Simulated over planned ratio, series reading, float64[moves]: 1 where it is kept."""
+        return self.simulated / self.series
+
+
+def ratios(comparisons: Iterable[Comparison], kind: str, baseline: str = BASELINE) -> Ratios:
+    """What a planner takes over what another one takes."""
+    pairs = [
+        (each.records[kind], each.records[baseline])
+        for each in comparisons
+        if kind in each.records and baseline in each.records
+    ]
+
+    def of(name: str) -> FloatArray:
+        return np.array([getattr(own, name) / getattr(base, name) for own, base in pairs])
+
+    return Ratios(
+        of("energy_j"), of("energy_series_j"), of("energy_simulated_j"), of("duration_s")
+    )

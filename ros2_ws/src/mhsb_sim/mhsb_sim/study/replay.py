@@ -1,0 +1,93 @@
+"""Replaying plans: what a servo makes of commands that are known in advance, step by step.
+
+Plans follow from the commands before them and never from how well these are followed, so that
+every controller and every gain can be given the very same ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.departure import Command
+from mhsb_sim.report.recorded_motion import tip_positions
+from mhsb_sim.simulator import Simulator
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A run of k steps, n joints.
+
+    step       s, from one row to the next
+    reference  float64[k, 3, n], q [rad], q̇ [rad/s], q̈ [rad/s²] that the servo followed
+    position   float64[k, n], joint angles [rad]
+    pressure   float64[k, 3 n + 3], Pa, in the order of the circuit's nodes
+    modes      uint8[k, n], in force
+    energies   J, as `Simulator.energies` at the end
+    """
+
+    step: float
+    reference: FloatArray
+    position: FloatArray
+    pressure: FloatArray
+    modes: ModeArray
+    energies: dict[str, float]
+
+    @property
+    def time(self) -> FloatArray:
+        """Of each row, after the start, float64[k] s."""
+        return self.step * np.arange(1.0, len(self.position) + 1.0, dtype=np.float64)
+
+    @property
+    def supply_pressure(self) -> FloatArray:
+        """Of each actuator's line, float64[k, n] Pa."""
+        return self.pressure[:, 2:-3:3]
+
+    @property
+    def chamber_pressure(self) -> FloatArray:
+        """The higher one of each cylinder's chambers, float64[k, n] Pa."""
+        return np.maximum(self.pressure[:, 0:-3:3], self.pressure[:, 1:-3:3])
+
+    def tip_error(self, machine: Machine) -> FloatArray:
+        """Distance of the tip from its reference, float64[k] m."""
+        wanted = tip_positions(machine, self.reference[:, 0])
+        return np.hypot(*(tip_positions(machine, self.position) - wanted).T)
+
+    def followed(self, every: int = 1) -> tuple[Trajectory, ModeSchedule]:
+        """What was followed: the reference of every so many steps, and all changes of mode."""
+        step_ns = round(self.step * SECOND_NS)
+        path = self.reference[::every]
+        offset = every * step_ns * np.arange(len(path))
+        changed = np.any(np.diff(self.modes.astype(int), axis=0) != 0, axis=1)
+        rows = np.flatnonzero(np.concatenate([[True], changed]))
+        trajectory = Trajectory(0, offset, path[:, 0], path[:, 1], path[:, 2])
+        return trajectory, ModeSchedule(0, rows * step_ns, self.modes[rows])
+
+
+def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -> Replay:
+    """Run a simulator for `duration` [s] and give it each command at its stamp.
+
+    The commands' stamps increase; each continues what the simulator follows by then. Raises
+    SimulationDivergedError.
+    """
+    steps = round(duration * SECOND_NS / simulator.step_ns)
+    n = simulator.machine.joint_count
+    reference = np.empty((steps, 3, n))
+    position = np.empty((steps, n))
+    pressure = np.empty((steps, 3 * n + 3))
+    modes = np.empty((steps, n), dtype=np.uint8)
+    waiting = list(reversed(commands))
+    for k in range(steps):
+        if waiting and simulator.time_ns >= waiting[-1].stamp_ns:
+            command = waiting.pop()
+            simulator.set_plan(command.trajectory, command.schedule)
+        simulator.step()
+        simulator.copy_state(reference[k], position[k], pressure[k], modes[k])
+    step = simulator.step_ns / SECOND_NS
+    return Replay(step, reference, position, pressure, modes, simulator.energies)

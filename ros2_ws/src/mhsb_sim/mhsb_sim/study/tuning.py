@@ -1,0 +1,219 @@
+"""Tuning the servo: the same random search, on the same scenarios, for every controller.
+
+Gains are drawn log-uniformly from their ranges first, then from ever smaller surroundings of the
+best. Only the training scenarios of config/study_scenarios.yaml are looked at; the search has a
+seed and its result does not depend on the number of processes.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_sim.errors import TuningError
+from mhsb_sim.study.servo_study import Script, judge, perform
+
+Gains = dict[str, float]
+
+CASCADE = {
+    "position_gain": (0.2, 2.0),
+    "force_bandwidth": (0.02, 0.5),
+    "force_damping": (0.5, 4.0),
+}
+
+RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "coordinated": {
+        **CASCADE,
+        "pressure_gain": (0.3, 4.0),
+        "pump_response": (0.2, 3.0),
+        "preview": (0.06, 0.2),
+        "allowed_rise": (1e4, 1e6),
+    },
+    "independent": {
+        **CASCADE,
+        "nominal_valve_drop": (0.03, 1.0),
+        "pressure_gain": (10.0, 1000.0),
+        "pressure_integral_gain": (10.0, 20000.0),
+        "supply_margin": (1e4, 5e5),
+    },
+}
+"""What is searched, in the units of the machine file."""
+
+BATCH = 8
+NARROWING = 0.85
+"""By which the surroundings of the best shrink from batch to batch, in the second half."""
+
+RELIEF_COST = 10.0
+FAILURE_COST = 1e3
+
+COMMENT = "# assumption: tuned by `ros2 run mhsb_sim tune`"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Gains and what they cost."""
+
+    gains: Gains
+    cost: float
+
+
+def cost_of(script: Script, controller: str, gains: Gains) -> float:
+    """Tip error RMS [mm] + supply overshoot [MPa], + 10 where a relief valve opened.
+
+    A run that diverges, or gains that are no gains, cost 1000.
+    """
+    try:
+        tuned = with_gains(script.machine, controller, gains)
+        record = judge(script, controller, perform(script, controller, tuned))
+    except MhsbError:
+        return FAILURE_COST
+    relief = RELIEF_COST if record.relief_opened else 0.0
+    return record.tip_error_rms_mm + max(0.0, record.supply_overshoot_mpa) + relief
+
+
+def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:
+    """The machine with other gains of one controller."""
+    servo = machine.config.servo
+    own = getattr(servo, controller).model_copy(update=gains)
+    changed = servo.model_copy(update={controller: own})
+    return Machine.from_config(machine.config.model_copy(update={"servo": changed}))
+
+
+def present_gains(machine: Machine, controller: str) -> Gains:
+    """The gains that the machine file has, of those that are searched."""
+    own = getattr(machine.config.servo, controller)
+    return {name: getattr(own, name) for name in RANGES[controller]}
+
+
+def tune(
+    scripts: Sequence[Script],
+    controller: str,
+    budget: int,
+    seed: int = 0,
+    jobs: int | None = None,
+    progress: Callable[[Trial], None] | None = None,
+) -> Trial:
+    """The best of `budget` trials, each on all scripts; the present gains are the first trial.
+
+    progress is called with the best so far after each trial. Raises TuningError where the
+    controller has no ranges or there are no scripts.
+    """
+    if controller not in RANGES:
+        raise TuningError(f"{controller!r} cannot be tuned; valid are {', '.join(RANGES)}")
+    if not scripts:
+        raise TuningError("there are no training scenarios")
+    random = np.random.default_rng(seed)
+    best = Trial(present_gains(scripts[0].machine, controller), math.inf)
+    width = 0.5
+    done = 0
+    with _evaluator(scripts, controller, jobs) as evaluate:
+        while done < budget:
+            around = best.gains if done >= budget // 2 else None
+            batch = [
+                _draw(random, controller, around, width) for _ in range(min(BATCH, budget - done))
+            ]
+            if done == 0:
+                batch[0] = best.gains
+            for gains, cost in zip(batch, evaluate(batch), strict=True):
+                if cost < best.cost:
+                    best = Trial(gains, cost)
+                if progress is not None:
+                    progress(best)
+            width *= NARROWING if around is not None else 1.0
+            done += len(batch)
+    return best
+
+
+@contextmanager
+def _evaluator(
+    scripts: Sequence[Script], controller: str, jobs: int | None
+) -> Iterator[Callable[[Sequence[Gains]], list[float]]]:
+    """Mean cost of each gains over all scripts, in `jobs` processes; in this one where it is 1."""
+
+    def means(costs: Iterable[float], size: int) -> list[float]:
+        return [float(mean) for mean in np.reshape(list(costs), (size, -1)).mean(axis=1)]
+
+    numbers = range(len(scripts))
+    if jobs == 1:
+        yield lambda batch: means(
+            (cost_of(scripts[k], controller, gains) for gains in batch for k in numbers), len(batch)
+        )
+        return
+    with ProcessPoolExecutor(
+        jobs or len(os.sched_getaffinity(0)),
+        multiprocessing.get_context("spawn"),
+        initializer=_set_scripts,
+        initargs=(list(scripts), controller),
+    ) as pool:
+        yield lambda batch: means(
+            pool.map(_cost_in_process, [(gains, k) for gains in batch for k in numbers]), len(batch)
+        )
+
+
+def write_gains(file: Path, controller: str, gains: Gains) -> None:
+    """Write gains into the servo section of a machine file, leaving all else as it is.
+
+    Raises TuningError where the file has no line for a gain.
+    """
+    text = file.read_text(encoding="utf-8")
+    head, section, rest = _split_section(text, controller)
+    for name, value in gains.items():
+        line = rf"(?m)^(\s+{name}:).*$"
+        if not re.search(line, section):
+            raise TuningError(f"{file}: servo.{controller}.{name}: there is no such line")
+        section = re.sub(line, rf"\g<1> {value:.3g}  {COMMENT}", section)
+    part = file.with_name(f"{file.name}.part")
+    part.write_text(head + section + rest, encoding="utf-8")
+    os.replace(part, file)
+
+
+def _split_section(text: str, controller: str) -> tuple[str, str, str]:
+    """The text before, of and after the servo's section of a controller."""
+    servo, own = r"^servo:\n(?:[ #].*\n|\n)*?", rf"  {controller}:.*\n(?P<own>(?:    .*\n)+)"
+    found = re.search(servo + own, text, re.MULTILINE)
+    if found is None:
+        raise TuningError(f"the machine file has no section servo.{controller}")
+    begin, end = found.span("own")
+    return text[:begin], text[begin:end], text[end:]
+
+
+def _draw(
+    random: np.random.Generator, controller: str, around: Gains | None, width: float
+) -> Gains:
+    """Gains from the whole of their ranges, or near others: `width` as a share of a range's log."""
+    gains = {}
+    for name, (lowest, highest) in RANGES[controller].items():
+        span = math.log(highest / lowest)
+        if around is None:
+            value = lowest * math.exp(span * random.uniform())
+        else:
+            value = around[name] * math.exp(span * width * random.normal() / 2.0)
+        gains[name] = float(f"{min(max(value, lowest), highest):.3g}")
+    return gains
+
+
+_scripts: list[Script] = []
+_controller = ""
+
+
+def _set_scripts(scripts: list[Script], controller: str) -> None:
+    """Once in each process: scripts are large."""
+    global _controller
+    _scripts[:] = scripts
+    _controller = controller
+
+
+def _cost_in_process(task: tuple[Gains, int]) -> float:
+    gains, number = task
+    return cost_of(_scripts[number], _controller, gains)

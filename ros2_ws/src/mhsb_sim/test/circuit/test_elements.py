@@ -1,0 +1,119 @@
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from mhsb_sim.circuit import elements
+
+DP_LAMINAR = 5e4
+drops = st.floats(-2e7, 2e7)
+
+
+def slope_by_differences(flow: Callable[[float], float], at: float) -> float:
+    step = 1.0
+    return (flow(at + step) - flow(at - step)) / (2 * step)
+
+
+@given(drops)
+def test_the_orifice_follows_its_equation_and_slope(drop: float) -> None:
+    k = 1.8e-8
+    flow, slope = elements.orifice(k, drop, DP_LAMINAR)
+    assert flow == pytest.approx(k * drop / (drop**2 + DP_LAMINAR**2) ** 0.25, rel=1e-12)
+    numeric = slope_by_differences(lambda p: elements.orifice(k, p, DP_LAMINAR)[0], drop)
+    assert slope == pytest.approx(numeric, rel=1e-5)
+
+
+def test_the_orifice_gives_its_rated_flow_and_is_laminar_at_zero() -> None:
+    rated = 3.5e6
+    flow, _ = elements.orifice(3.333e-5 / math.sqrt(rated), rated, DP_LAMINAR)
+    assert flow == pytest.approx(3.333e-5, rel=1e-4)
+    _, slope = elements.orifice(1.0, 0.0, DP_LAMINAR)
+    assert slope == pytest.approx(1.0 / math.sqrt(DP_LAMINAR))
+
+
+@given(drops)
+def test_a_check_valve_is_an_orifice_forwards_and_tight_backwards(drop: float) -> None:
+    assume(abs(drop) > 1e-9)
+    flow, slope = elements.check_valve(1e-7, drop, DP_LAMINAR)
+    if drop <= 0:
+        assert (flow, slope) == (0.0, 0.0)
+        return
+    forwards, tangent = elements.orifice(1e-7, drop, DP_LAMINAR)
+    assert flow == forwards
+    assert slope >= tangent * (1.0 - 1e-9)
+    assert slope * drop == pytest.approx(flow)
+
+
+@given(drops)
+def test_a_relief_valve_opens_above_its_setting(drop: float) -> None:
+    setting, gain = 1.4e7, 1e-11
+    assume(abs(drop - setting) > 2.0)
+    flow, slope = elements.relief_valve(gain, drop, setting)
+    assert flow == pytest.approx(gain * max(0.0, drop - setting))
+    numeric = slope_by_differences(lambda p: elements.relief_valve(gain, p, setting)[0], drop)
+    assert slope == pytest.approx(numeric, rel=1e-5, abs=1e-15)
+
+
+@given(st.floats(3.9e6, 4.1e6))
+def test_the_main_pump_keeps_its_pressure_within_its_flow(pressure: float) -> None:
+    largest, setting, droop = 3.3e-5, 4e6, 2e4
+    assume(min(abs(pressure - setting), abs(pressure - setting + droop)) > 2.0)
+    flow, slope = elements.constant_pressure_pump(largest, setting, droop, pressure)
+    share = np.clip((setting - pressure) / droop, 0.0, 1.0)
+    assert flow == pytest.approx(largest * share)
+    numeric = slope_by_differences(
+        lambda p: elements.constant_pressure_pump(largest, setting, droop, p)[0], pressure
+    )
+    assert slope == pytest.approx(-numeric, rel=1e-5, abs=1e-15)
+
+
+def test_the_servo_pump_follows_with_its_lag_within_slew_and_flow() -> None:
+    lag, dt = 0.02, 5e-4
+    decay = math.exp(-dt / lag)
+    flow = 0.0
+    for _ in range(40):
+        flow = elements.servo_pump_flow(flow, 2e-6, 5e-6, decay, 1.0)
+    assert flow == pytest.approx(2e-6 * (1 - math.exp(-1.0)), rel=1e-9)
+    assert elements.servo_pump_flow(0.0, 5e-6, 5e-6, decay, 1e-8) == pytest.approx(1e-8)
+    for _ in range(2000):
+        flow = elements.servo_pump_flow(flow, 1.0, 5e-6, decay, 1.0)
+    assert flow == pytest.approx(5e-6)
+    for _ in range(2000):
+        flow = elements.servo_pump_flow(flow, -1.0, 5e-6, decay, 1.0)
+    assert flow == pytest.approx(0.0, abs=1e-15)
+
+
+@given(st.floats(20.0, 300.0), st.floats(0.1, 2.5), st.floats(1e-4, 2e-3))
+def test_the_spool_moves_as_the_matrix_exponential_of_its_equation(
+    frequency: float, damping: float, dt: float
+) -> None:
+    omega = 2 * math.pi * frequency
+    system = np.array([[0.0, 1.0], [-(omega**2), -2 * damping * omega]])
+    found = np.array(elements.spool_transition(frequency, damping, dt)).reshape(2, 2)
+    np.testing.assert_allclose(found, expm(system * dt), rtol=1e-7, atol=1e-9)
+
+
+def test_a_critically_damped_spool_has_the_limit_of_the_formula() -> None:
+    omega, dt = 2 * math.pi * 100.0, 5e-4
+    system = np.array([[0.0, 1.0], [-(omega**2), -2 * omega]])
+    found = np.array(elements.spool_transition(100.0, 1.0, dt)).reshape(2, 2)
+    np.testing.assert_allclose(found, expm(system * dt), rtol=1e-7)
+
+
+def test_a_switching_valve_closes_the_gap_by_its_time_constant() -> None:
+    assert elements.first_order_lag(0.0, 1.0, math.exp(-1.0)) == pytest.approx(1 - math.exp(-1))
+
+
+def test_a_chamber_holds_its_dead_volume_and_the_swept_one() -> None:
+    assert elements.chamber_capacity(1e-5, 5e-4, 0.04, 1e9) == pytest.approx(3e-5 / 1e9)
+
+
+@given(st.floats(-0.05, 0.05))
+def test_friction_opposes_the_motion(speed: float) -> None:
+    force = elements.friction_force(40.0, 2000.0, 1e-3, speed)
+    assert force == pytest.approx(40.0 * math.tanh(speed / 1e-3) + 2000.0 * speed)
+    assert force * speed >= 0.0

@@ -1,0 +1,299 @@
+"""The circuit against SciPy's Radau on the same equations, written anew here."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_sim.circuit.network import Circuit, build_circuit, settle
+from mhsb_sim.simulator import energy_gap, volume_gap
+
+START = np.array([0.3, -1.4, -1.5])
+MODES_N = np.zeros(3, np.uint8)
+SPEED = np.array([0.006, -0.004, 0.002])
+
+# time [s], flows of the valves' edges at their rated drop [m³/s], join commands, pump flows [m³/s]
+# (the first one's on top of its line's leakage, where it runs), modules lent
+PROGRAM = [
+    (0.00, (10e-6, -7e-6, 3e-6), (0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0)),
+    (0.05, (10e-6, -7e-6, 3e-6), (0, 0, 0), (4e-6, 0, 0, 2e-6), (0, 0, 0, 0)),
+    (0.10, (7e-6, -7e-6, 3e-6), (1, 0, 0), (4e-6, 0, 2e-6, 4e-6), (0, 0, 1, 0)),
+    (0.18, (8e-6, 7e-6, -7e-6), (0, 0, 0), (0, 0, 0, 0), (0, 0, 0, 0)),
+]
+END = 0.25
+
+
+def commands(machine: Machine) -> list[tuple]:
+    """The program in commands to this machine: valves' openings, pumps' flows [m³/s]."""
+    valve = machine.config.hydraulics.valve
+    return [
+        (
+            time,
+            tuple(flow / valve.rated_flow for flow in edges),
+            joins,
+            (first + valve.leakage_flow if first > 0.0 else 0.0, *others),
+            lent,
+        )
+        for time, edges, joins, (first, *others), lent in PROGRAM
+    ]
+
+
+def command(circuit: Circuit, row: tuple) -> None:
+    _, valves, joins, flows, lent = row
+    circuit.actuators["valve_command"] = valves
+    circuit.actuators["join_command"] = joins
+    circuit.modules["flow_command"] = flows
+    circuit.modules["lend"] = lent
+
+
+def run(machine: Machine, substep: float) -> tuple[FloatArray, Circuit]:
+    """Pressures every millisecond, float64[times, nodes], and the circuit at the end."""
+    circuit = build_circuit(machine, substep)
+    settle(circuit, machine, START, MODES_N)
+    length = machine.cylinder_lengths(START)
+    substeps = round(1e-3 / substep)
+    rows = commands(machine)
+    pressures = []
+    for k in range(round(END * 1e3)):
+        command(circuit, [row for row in rows if row[0] <= k * 1e-3 + 1e-9][-1])
+        for i in range(substeps):
+            circuit.advance(length + SPEED * (k * 1e-3 + i * substep), SPEED, 1)
+        pressures.append(circuit.pressure.copy())
+    return np.array(pressures), circuit
+
+
+class Oracle:
+    """State: 11 pressures, then per actuator spool, its speed, join; per module flow, share."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self.oil = machine.config.circuit
+        self.length = machine.cylinder_lengths(START)
+        ends = [
+            machine.cylinder_lengths(q)
+            for q in (machine.arrays.joint_min, machine.arrays.joint_max)
+        ]
+        self.shortest, self.longest = np.minimum(*ends), np.maximum(*ends)
+
+    def orifice(self, k: float, drop: float) -> float:
+        return k * drop / (drop**2 + self.oil.laminar_pressure**2) ** 0.25
+
+    def rates(self, time: float, state: FloatArray, row: tuple) -> FloatArray:
+        m, oil = self.machine.arrays, self.oil
+        chambers, (rail, manifold) = state[:9].reshape(3, 3), state[9:11]
+        spool, spool_speed, join = state[11:20].reshape(3, 3)
+        flow, share = state[20:28].reshape(2, 4)
+        _, valves, joins, flows, lent = row
+        tank = m.tank_pressure
+        k_check = oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop)
+        k_switch = oil.switching_valve_flow / math.sqrt(oil.switching_valve_pressure_drop)
+        fill = oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop
+        k_leak = m.leakage_flow / math.sqrt(m.supply_pressure - tank)
+        q_chamber = np.zeros((3, 3))
+        q_rail = -oil.rail_bleed_flow / 1e7 * (rail - tank)
+        q_manifold = m.main_pump_flow * np.clip(
+            (m.supply_pressure - manifold) / oil.main_pump_droop, 0.0, 1.0
+        )
+        q = self.orifice(k_check, max(0.0, manifold - rail))
+        q_rail, q_manifold = q_rail + q, q_manifold - q
+        for j, (a, b, line) in enumerate(chambers):
+            k = m.valve_coefficient * abs(spool[j])
+            if spool[j] >= 0:
+                into_a, from_b = self.orifice(k, line - a), self.orifice(k, b - tank)
+                q_chamber[j] += (into_a, -from_b, -into_a)
+            else:
+                into_b, from_a = self.orifice(k, line - b), self.orifice(k, a - tank)
+                q_chamber[j] += (-from_a, into_b, -into_b)
+            q_chamber[j, 0] += fill * max(0.0, tank - a)
+            q_chamber[j, 1] += fill * max(0.0, tank - b)
+            q_chamber[j, 2] -= self.orifice(k_leak, line - tank)
+            q = self.orifice(k_check, max(0.0, manifold - line))
+            q_chamber[j, 2] += q
+            q_manifold -= q
+            q = self.orifice(k_switch * join[j], rail - line)
+            q_chamber[j, 2] += q
+            q_rail -= q
+            q_chamber[j, 0] -= m.cap_area[j] * SPEED[j]
+            q_chamber[j, 1] += m.rod_area[j] * SPEED[j]
+        for k in range(4):
+            q_manifold -= flow[k]
+            q_rail += flow[k] * share[k]
+            if k < 3:
+                q_chamber[k, 2] += flow[k] * (1 - share[k])
+        stroke = self.length + SPEED * time
+        beta, dead = oil.bulk_modulus, oil.chamber_dead_volume
+        volumes = np.stack(
+            [
+                dead + m.cap_area * (stroke - self.shortest),
+                dead + m.rod_area * (self.longest - stroke),
+                np.full(3, oil.line_volume),
+            ],
+            axis=1,
+        )
+        omega = 2 * math.pi * oil.valve_frequency
+        to_rail = np.array([*lent[:3], 1.0])
+        wanted = (np.array(flows) - flow) / oil.servo_pump_lag
+        return np.concatenate(
+            [
+                (q_chamber / volumes * beta).ravel(),
+                [q_rail / oil.rail_volume * beta, q_manifold / oil.manifold_volume * beta],
+                spool_speed,
+                omega**2 * (np.array(valves) - spool) - 2 * oil.valve_damping * omega * spool_speed,
+                (np.array(joins) - join) / oil.switching_valve_time,
+                np.clip(wanted, -oil.servo_pump_slew, oil.servo_pump_slew),
+                (to_rail - share) / oil.switching_valve_time,
+            ]
+        )
+
+
+def oracle_run(machine: Machine) -> FloatArray:
+    oracle = Oracle(machine)
+    circuit = build_circuit(machine, 1e-3)
+    settle(circuit, machine, START, MODES_N)
+    state = np.zeros(28)
+    state[:11] = circuit.pressure[:11]
+    state[27] = 1.0
+    times = (np.arange(round(END * 1e3)) + 1) * 1e-3
+    pressures = []
+    rows = commands(machine)
+    ends = [row[0] for row in rows[1:]] + [END]
+    scale = np.concatenate(
+        [np.full(11, 1e6), np.ones(3), np.full(3, 100.0), np.ones(3), np.full(4, 1e-6), np.ones(4)]
+    )
+    for row, end in zip(rows, ends, strict=True):
+        at = times[(times > row[0] + 1e-9) & (times <= end + 1e-9)]
+        solution = solve_ivp(
+            oracle.rates,
+            (row[0], end),
+            state,
+            "Radau",
+            at,
+            args=(row,),
+            rtol=1e-6,
+            atol=1e-6 * scale,
+        )
+        assert solution.success
+        pressures.append(solution.y[:11].T)
+        state = solution.y[:, -1]
+    return np.vstack(pressures)
+
+
+def rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_pressures_agree_with_radau_and_converge_with_the_step(machine: Machine) -> None:
+    exact = oracle_run(machine)
+    substep = machine.config.simulation.step / machine.config.simulation.circuit_substeps
+    coarse, _ = run(machine, substep)
+    fine, _ = run(machine, substep / 4)
+    assert exact[:, 2].max() > machine.arrays.supply_pressure + 1e6  # the run boosts
+    assert rms(coarse[:, :11] - exact) < 20e3
+    assert rms(fine[:, :11] - exact) < 0.4 * rms(coarse[:, :11] - exact)
+
+
+def test_energy_is_accounted_for_to_rounding(machine: Machine) -> None:
+    _, circuit = run(machine, 5e-4)
+    record = circuit.energy[0]
+    energies = {name: float(record[name]) for name in record.dtype.names}
+    assert energies["main_pump"] > 1.0
+    assert energies["servo_pumps"] > 1.0
+    assert abs(energy_gap(energies)) < 1e-9 * energies["main_pump"]
+
+
+def test_oil_is_accounted_for_to_rounding(machine: Machine) -> None:
+    _, circuit = run(machine, 5e-4)
+    record = circuit.volume[0]
+    volumes = {name: float(record[name]) for name in record.dtype.names}
+    assert volumes["main_pump"] > 1e-7
+    made = (machine.arrays.cap_area - machine.arrays.rod_area) @ SPEED * END
+    assert volumes["pistons"] == pytest.approx(made, rel=1e-9)
+    assert abs(volume_gap(volumes)) < 1e-9 * volumes["main_pump"]
+
+
+def test_pressures_at_rest_equal_statics_and_stay(machine: Machine) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    for q in (START, np.array([0.9, -0.6, -0.5]), np.array([-0.7, -0.3, 0.1])):
+        settle(circuit, machine, q, MODES_N)
+        circuit.advance(machine.cylinder_lengths(q), np.zeros(3), 400)
+        p = circuit.pressure
+        force = machine.arrays.cap_area * p[0:9:3] - machine.arrays.rod_area * p[1:9:3]
+        np.testing.assert_allclose(force, machine.piston_forces(q), rtol=1e-9)
+        assert p[:9].min() >= machine.arrays.tank_pressure
+
+
+def test_a_leaking_line_is_fed_steadily_and_lets_nothing_back(machine: Machine) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    settle(circuit, machine, START, MODES_N)
+    length, lines, losses = machine.cylinder_lengths(START), [], []
+    for _ in range(400):
+        circuit.advance(length, np.zeros(3), 1)
+        lines.append(circuit.pressure[2:9:3].copy())
+        losses.append(circuit.energy["check_valves"][0])
+    assert np.ptp(lines[200:], axis=0).max() < 100.0
+    assert np.all(np.diff(losses) > 0.0)
+
+
+def test_settling_in_boost_puts_the_line_above_the_load(machine: Machine) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    q = np.array([0.5, -0.3, -0.3])
+    settle(circuit, machine, q, np.array([2, 1, 0], np.uint8))
+    cap, line = circuit.pressure[0:9:3], circuit.pressure[2:9:3]
+    assert np.all(line[:2] > cap[:2])
+    assert np.all(line[:2] > machine.arrays.supply_pressure)
+    assert circuit.rail_pressure == line[0]
+    assert line[2] == machine.arrays.supply_pressure
+
+
+def test_a_shut_line_is_relieved_and_the_pump_obeys_its_power(machine: Machine) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    length = machine.cylinder_lengths(START)
+    circuit.modules["flow_command"] = 1.0
+    circuit.advance(length, np.zeros(3), 2000)
+    setting = machine.config.circuit.line_relief_pressure
+    lines = circuit.pressure[2:9:3]
+    assert np.all(lines > setting)
+    assert np.all(lines < setting + 1e6)
+    power = circuit.modules["flow"] * (lines.max() - circuit.manifold_pressure)
+    largest = machine.config.circuit.servo_pump_power * machine.arrays.servo_pump_efficiency
+    assert np.all(power <= largest * 1.01)
+    assert circuit.energy["relief_valves"][0] > 0.0
+
+
+def test_an_emptied_chamber_is_filled_from_the_tank(machine: Machine) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    settle(circuit, machine, START, MODES_N)
+    speed = np.array([0.02, 0.0, 0.0])
+    circuit.advance(machine.cylinder_lengths(START), speed, 1000)
+    assert 0.0 < circuit.pressure[0] <= machine.arrays.tank_pressure
+    assert circuit.energy["anti_cavitation"][0] > 0.0
+
+
+def test_the_main_pump_sags_beyond_its_flow(machine: Machine) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    settle(circuit, machine, START, MODES_N)
+    speed = np.array([0.06, 0.06, 0.06])
+    circuit.actuators["valve_command"] = 1.0
+    circuit.advance(machine.cylinder_lengths(START), speed, 1000)
+    assert circuit.manifold_pressure < 0.9 * machine.arrays.supply_pressure
+
+
+@pytest.mark.parametrize("mode", [0, 1, 2])
+def test_any_number_of_actuators_and_modules_needs_no_code(machine: Machine, mode: int) -> None:
+    content = machine.config.model_dump()
+    content["joints"] = content["joints"][:2]
+    content["simulation"]["start_posture"] = content["simulation"]["start_posture"][:2]
+    content["workspace"]["max_radius"] = 0.85
+    content["hydraulics"]["modules"]["count"] = 2
+    smaller = Machine.from_config(type(machine.config).model_validate(content))
+    circuit = build_circuit(smaller, 5e-4)
+    q = START[:2]
+    settle(circuit, smaller, q, np.array([mode, 0], np.uint8))
+    circuit.advance(smaller.cylinder_lengths(q), np.zeros(2), 200)
+    assert circuit.pressure.shape == (9,)
+    assert np.all(np.isfinite(circuit.pressure))

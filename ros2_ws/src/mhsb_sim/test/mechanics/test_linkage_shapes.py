@@ -1,0 +1,46 @@
+import mujoco
+import numpy as np
+import pytest
+
+from mhsb_model.machine import Machine
+from mhsb_sim.mechanics import linkage_shapes
+from mhsb_sim.mechanics.linkage_shapes import linkage_bars
+from mhsb_sim.mechanics.mujoco_model import build_model
+
+
+def drawn(machine: Machine, share: float) -> tuple[np.ndarray, list[linkage_shapes.Bar]]:
+    """A posture at that share of all joints' ranges, and what is drawn of its linkages."""
+    lower, upper = machine.arrays.joint_min, machine.arrays.joint_max
+    model = build_model(machine)
+    data = mujoco.MjData(model)
+    data.qpos[:] = lower + share * (upper - lower)
+    mujoco.mj_forward(model, data)
+    return data.qpos.copy(), linkage_bars(machine, data)
+
+
+def lengths(bars: list[linkage_shapes.Bar], paint: tuple[float, ...]) -> list[float]:
+    return [float(np.linalg.norm(bar.end - bar.start)) for bar in bars if bar.paint == paint]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_rockers_couplers_and_rods_are_drawn_as_long_as_they_are(
+    four_bar_machine: Machine, share: float
+) -> None:
+    q, bars = drawn(four_bar_machine, share)
+    four_bars = [joint.linkage for joint in four_bar_machine.config.joints]
+    rockers = lengths(bars, linkage_shapes.ROCKER_PAINT)
+    couplers = lengths(bars, linkage_shapes.COUPLER_PAINT)
+    np.testing.assert_allclose(rockers, [each.rocker_length for each in four_bars])
+    np.testing.assert_allclose(couplers, [each.coupler_length for each in four_bars])
+    rods = lengths(bars, linkage_shapes.ROD_PAINT)
+    np.testing.assert_allclose(rods, four_bar_machine.cylinder_lengths(q))
+
+
+def test_a_slider_crank_is_drawn_as_a_rod_and_a_barrel_shorter_than_it(
+    slider_crank_machine: Machine,
+) -> None:
+    q, bars = drawn(slider_crank_machine, 0.0)
+    assert len(bars) == 2 * slider_crank_machine.joint_count
+    rods = lengths(bars, linkage_shapes.ROD_PAINT)
+    np.testing.assert_allclose(rods, slider_crank_machine.cylinder_lengths(q))
+    assert np.all(np.array(lengths(bars, linkage_shapes.BARREL_PAINT)) < rods)

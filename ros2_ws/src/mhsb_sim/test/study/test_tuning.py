@@ -1,0 +1,97 @@
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from mhsb_model.config_files import config_file
+from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_planner.departure import Command
+from mhsb_planner.s2_search import Weights
+from mhsb_sim.errors import TuningError
+from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.study.scenarios import Scenario
+from mhsb_sim.study.servo_study import Script
+from mhsb_sim.study.tuning import (
+    RANGES,
+    Trial,
+    cost_of,
+    present_gains,
+    tune,
+    with_gains,
+    write_gains,
+)
+
+LIFTED = np.array([1.0, -1.3, -1.7])
+
+
+@pytest.fixture
+def script(machine: Machine, motion: Callable[..., tuple[Trajectory, ModeSchedule]]) -> Script:
+    """One second of a lift."""
+    start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
+    scenario = Scenario("lift", ((0.5, 0.5),), 1.0, 0.0, Weights(0.5, 0.0, 2.0), 0.02, 10.0, False)
+    return Script(scenario, machine, (Command(*motion(start, LIFTED)),), ())
+
+
+def test_every_controller_is_tuned_within_ranges_that_hold_its_present_gains(
+    machine: Machine,
+) -> None:
+    assert set(RANGES) == set(CONTROLLERS)
+    for controller, ranges in RANGES.items():
+        for name, value in present_gains(machine, controller).items():
+            lowest, highest = ranges[name]
+            assert lowest <= value <= highest
+
+
+@pytest.mark.parametrize("controller", sorted(RANGES))
+def test_the_search_only_improves_and_repeats_itself(script: Script, controller: str) -> None:
+    seen: list[Trial] = []
+    best = tune([script], controller, 10, seed=3, jobs=1, progress=seen.append)
+    assert len(seen) == 10
+    assert all(b.cost <= a.cost for a, b in pairwise(seen))
+    assert best == tune([script], controller, 10, seed=3, jobs=1)
+    assert best.cost <= cost_of(script, controller, present_gains(script.machine, controller))
+    assert best.cost == cost_of(script, controller, best.gains)
+
+
+def test_gains_that_diverge_cost_much(script: Script) -> None:
+    assert cost_of(script, "coordinated", {"position_gain": float("nan")}) == 1e3
+
+
+def test_what_cannot_be_tuned_is_an_error(script: Script) -> None:
+    with pytest.raises(TuningError, match="valid are coordinated, independent"):
+        tune([script], "magic", 1)
+
+
+def test_gains_are_written_into_their_section_alone(tmp_path: Path) -> None:
+    own = config_file(MACHINE_FILE).read_text(encoding="utf-8")
+    file = tmp_path / "arm.yaml"
+    file.write_text(own, encoding="utf-8")
+    write_gains(file, "independent", {"position_gain": 0.1234, "pressure_gain": 55.0})
+    before, after = yaml.safe_load(own), yaml.safe_load(file.read_text(encoding="utf-8"))
+    assert after["servo"]["independent"].pop("position_gain") == 0.123
+    assert after["servo"]["independent"].pop("pressure_gain") == 55.0
+    for name in ("position_gain", "pressure_gain"):
+        del before["servo"]["independent"][name]
+    assert after == before
+    assert load_machine(file).config.servo.coordinated == load_machine().config.servo.coordinated
+    assert file.read_text(encoding="utf-8").count("# paper") == own.count("# paper")
+
+
+def test_a_file_without_the_gain_is_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text("servo:\n  coordinated:\n    position_gain: 1.0\n")
+    with pytest.raises(TuningError, match="pump_response: there is no such line"):
+        write_gains(file, "coordinated", {"pump_response": 1.0})
+    with pytest.raises(TuningError, match=r"no section servo\.independent"):
+        write_gains(file, "independent", {})
+
+
+def test_with_gains_changes_one_controller(machine: Machine) -> None:
+    changed = with_gains(machine, "independent", {"pressure_gain": 33.0}).config.servo
+    assert changed.independent.pressure_gain == 33.0
+    assert changed.coordinated == machine.config.servo.coordinated
