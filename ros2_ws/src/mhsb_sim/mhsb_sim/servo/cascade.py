@@ -128,7 +128,8 @@ def piston_demands(
 ) -> None:
     """Write the cascade's quantities of all axes, up to the speed demand u.
 
-    scratch: float64[n, SCRATCH_WIDTH + 2]; for the other shapes see ServoSignals and Circuit.
+    A closed valve would have to hold what the posture weighs, or the whole force where that is
+    less. scratch: float64[n, SCRATCH_WIDTH + 2]; for the other shapes see ServoSignals and Circuit.
     """
     c, g = constants[0], gains[0]
     torque, weight = scratch[:, -2], scratch[:, -1]

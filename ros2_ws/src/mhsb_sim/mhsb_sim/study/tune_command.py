@@ -28,8 +28,9 @@ def tune_servo(
     """Tune the gains of both servo controllers, with the same effort, and write them down.
 
     Minimises tip error RMS [mm] + supply overshoot [MPa], averaged over the training scenarios of
-    the study; an opened relief valve costs 10 more. To be run again whenever linkages, masses,
-    cylinders or pumps of a machine change. Same arguments, same gains.
+    the study; an opened relief valve costs 10 more. Gains with which the arm would swing itself up
+    in some posture are left out. To be run again whenever linkages, masses, cylinders or pumps of a
+    machine change. Same arguments, same gains.
 
     Args:
         machine: Machine file (YAML) to tune and to change; the suite's own arm when left out.
@@ -56,7 +57,7 @@ def tune_servo(
                 bar.set_postfix(cost=f"{best.cost:.3f}", refresh=False)
                 bar.update()
 
-            found = tune(scripts, controller, budget, seed, jobs, show)
+            found = tune(arm, scripts, controller, budget, seed, jobs, show)
         gains = ", ".join(f"{name} {value:g}" for name, value in found.gains.items())
         print(f"{controller}: cost {found.cost:.3f} with {gains}", flush=True)
         if not dry_run:

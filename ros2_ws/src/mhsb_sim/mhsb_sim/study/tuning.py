@@ -22,6 +22,7 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_sim.errors import TuningError
+from mhsb_sim.servo.stability import slowest_decay
 from mhsb_sim.study.servo_study import Script, judge, perform
 
 Gains = dict[str, float]
@@ -54,6 +55,10 @@ BATCH = 8
 NARROWING = 0.85
 """By which the surroundings of the best shrink from batch to batch, in the second half."""
 
+SLOWEST_DECAY = 0.3
+"""At which every swing of the linear loop has to die out, in every posture, with any payload of
+the scripts [1/s]."""
+
 RELIEF_COST = 10.0
 FAILURE_COST = 1e3
 
@@ -82,6 +87,15 @@ def cost_of(script: Script, controller: str, gains: Gains) -> float:
     return record.tip_error_rms_mm + max(0.0, record.supply_overshoot_mpa) + relief
 
 
+def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Gains) -> bool:
+    """Whether the arm does not swing itself up in any posture under any payload [kg].
+
+    The servo goes by the machine's own payload.
+    """
+    own = getattr(with_gains(machine, controller, gains).config.servo, controller)
+    return all(slowest_decay(machine, own, payload) > SLOWEST_DECAY for payload in payloads)
+
+
 def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:
     """The machine with other gains of one controller."""
     servo = machine.config.servo
@@ -97,6 +111,7 @@ def present_gains(machine: Machine, controller: str) -> Gains:
 
 
 def tune(
+    machine: Machine,
     scripts: Sequence[Script],
     controller: str,
     budget: int,
@@ -106,6 +121,7 @@ def tune(
 ) -> Trial:
     """The best of `budget` trials, each on all scripts; the present gains are the first trial.
 
+    Gains with which the machine's servo is not stable under every payload of the scripts cost 1000.
     progress is called with the best so far after each trial. Raises TuningError where the
     controller has no ranges or there are no scripts.
     """
@@ -114,7 +130,8 @@ def tune(
     if not scripts:
         raise TuningError("there are no training scenarios")
     random = np.random.default_rng(seed)
-    best = Trial(present_gains(scripts[0].machine, controller), math.inf)
+    best = Trial(present_gains(machine, controller), math.inf)
+    payloads = {script.scenario.payload for script in scripts}
     width = 0.5
     done = 0
     with _evaluator(scripts, controller, jobs) as evaluate:
@@ -125,7 +142,10 @@ def tune(
             ]
             if done == 0:
                 batch[0] = best.gains
-            for gains, cost in zip(batch, evaluate(batch), strict=True):
+            stable = [g for g in batch if is_stable(machine, payloads, controller, g)]
+            costs = iter(evaluate(stable))
+            for gains in batch:
+                cost = next(costs) if gains in stable else FAILURE_COST
                 if cost < best.cost:
                     best = Trial(gains, cost)
                 if progress is not None:
@@ -142,7 +162,8 @@ def _evaluator(
     """Mean cost of each gains over all scripts, in `jobs` processes; in this one where it is 1."""
 
     def means(costs: Iterable[float], size: int) -> list[float]:
-        return [float(mean) for mean in np.reshape(list(costs), (size, -1)).mean(axis=1)]
+        rows = np.reshape(list(costs), (size, len(scripts)))
+        return [float(mean) for mean in rows.mean(axis=1)]
 
     numbers = range(len(scripts))
     if jobs == 1:

@@ -20,6 +20,7 @@ from mhsb_sim.study.tuning import (
     RANGES,
     Trial,
     cost_of,
+    is_stable,
     present_gains,
     tune,
     with_gains,
@@ -50,10 +51,10 @@ def test_every_controller_is_tuned_within_ranges_that_hold_its_present_gains(
 @pytest.mark.parametrize("controller", sorted(RANGES))
 def test_the_search_only_improves_and_repeats_itself(script: Script, controller: str) -> None:
     seen: list[Trial] = []
-    best = tune([script], controller, 10, seed=3, jobs=1, progress=seen.append)
+    best = tune(script.machine, [script], controller, 10, seed=3, jobs=1, progress=seen.append)
     assert len(seen) == 10
     assert all(b.cost <= a.cost for a, b in pairwise(seen))
-    assert best == tune([script], controller, 10, seed=3, jobs=1)
+    assert best == tune(script.machine, [script], controller, 10, seed=3, jobs=1)
     assert best.cost <= cost_of(script, controller, present_gains(script.machine, controller))
     assert best.cost == cost_of(script, controller, best.gains)
 
@@ -62,9 +63,18 @@ def test_gains_that_diverge_cost_much(script: Script) -> None:
     assert cost_of(script, "coordinated", {"position_gain": float("nan")}) == 1e3
 
 
+def test_gains_that_let_the_arm_swing_itself_up_cost_much_without_a_run(script: Script) -> None:
+    machine, payloads = script.machine, {10.0, 13.0}
+    assert is_stable(machine, payloads, "independent", {"force_damping": 2.1, "position_gain": 0.5})
+    lively = {"force_damping": 0.5, "position_gain": 2.0}
+    assert not is_stable(machine, payloads, "independent", lively)
+    unstable = with_gains(machine, "independent", lively)
+    assert tune(unstable, [script], "independent", 1, jobs=1).cost == 1e3
+
+
 def test_what_cannot_be_tuned_is_an_error(script: Script) -> None:
     with pytest.raises(TuningError, match="valid are coordinated, independent"):
-        tune([script], "magic", 1)
+        tune(script.machine, [script], "magic", 1)
 
 
 def test_gains_are_written_into_their_section_alone(tmp_path: Path) -> None:
