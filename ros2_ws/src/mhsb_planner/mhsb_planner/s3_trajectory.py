@@ -374,7 +374,9 @@ def _stretched(
             overrun = _overrun(machine, candidate.start, position, candidate.furthest)
             if overrun > rules.overrun:
                 return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
-        profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+        profile = motion_profile(
+            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
+        )
         time = trajectory.offset_ns / SECOND_NS
         preferred = _preferred(path, curve.node_time, time, first)
         intervals = interval_modes(machine, time, profile, modes, preferred, rules.switching)

@@ -2,7 +2,8 @@
 
 An actuator is boosted where it moves against its load and p_L + m(v) + margin > P_S, from a
 little before (the servo pump has to raise its pressure first), in SB where one servo pump's flow
-is not enough, and never shorter than a least dwell.
+is not enough, and never shorter than a least dwell. Where inertia takes most of the margin,
+p_L(F + inertia) + m(v) + margin/2 > P_S, it is boosted as well, as far as the modules go.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from mhsb_model.hydraulics import (
     needs_boost,
     oil_of,
     opposes_motion,
+    pressure_to_move,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -31,6 +33,9 @@ from mhsb_planner.s3_limits import DEAD_BAND
 
 RESERVE = 1.005
 """Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
+
+LEFT_BY_INERTIA = 0.5
+"""Share of the boost margin that inertia leaves to friction and servo."""
 
 _ROUNDING = 1e-9  # s
 
@@ -103,7 +108,9 @@ def mode_schedule(
     Where all flows cannot be had within the budget, SB gives way to DB: compare the result with
     `s3_limits.first_violation`. A load above P_S holds in DB, one below in N.
     """
-    profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+    profile = motion_profile(
+        machine, trajectory.position, trajectory.velocity, trajectory.acceleration
+    )
     modes = interval_modes(
         machine, trajectory.offset_ns / SECOND_NS, profile, start, preferred, rules
     )
@@ -130,6 +137,7 @@ def interval_modes(
         time,
         profile.speed,
         profile.force,
+        profile.inertia,
         np.array(preferred, dtype=np.uint8),
         start.modes,
         start.age,
@@ -174,6 +182,7 @@ def _interval_modes(
     time: FloatArray,
     speed: FloatArray,
     force: FloatArray,
+    inertia: FloatArray,
     preferred: ModeArray,
     start: ModeArray,
     age: FloatArray,
@@ -196,6 +205,8 @@ def _interval_modes(
             demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
         _drop_short_holds(time, on, lifts, hold, holding[j] != N)
         needed[:, j] = on
+        for i in range(intervals):
+            on[i] = on[i] or _accelerates(m, j, speed, force, inertia, i)
         for i in range(intervals):
             kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
             on[i] = on[i] or (kept and start[j] != N)
@@ -232,6 +243,21 @@ def _needs(
         lifts[k] = abs(v) > 0.5 * DEAD_BAND and opposes_motion(f, v)
         flow[k] = inlet_area(cap, rod, v) * abs(v)
     return need, lifts, flow
+
+
+@njit(cache=True, nogil=True)
+def _accelerates(
+    m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray, i: int
+) -> bool:
+    """Whether actuator j lacks pressure to accelerate at an end of interval i."""
+    oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
+    for k in (i, i + 1):
+        v, load = speed[k, j], force[k, j] + inertia[k, j]
+        if abs(v) > DEAD_BAND and opposes_motion(load, v):
+            needed = pressure_to_move(oil, cap, rod, load, v)
+            if needed - (1.0 - LEFT_BY_INERTIA) * oil.boost_margin > oil.supply_pressure:
+                return True
+    return False
 
 
 @njit(cache=True, nogil=True)

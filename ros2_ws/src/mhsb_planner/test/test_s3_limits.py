@@ -29,7 +29,7 @@ def speed_limit(machine, j, force, direction, mode):
 
 def usage(machine, speed, force, modes):
     """Usage at one instant."""
-    instant = MotionProfile(speed[None], force[None], np.array([[0.6, 0.0]]))
+    instant = MotionProfile(speed[None], force[None], np.array([[0.6, 0.0]]), np.zeros((1, 3)))
     return Demand.of(machine, instant, np.array(modes, dtype=np.uint8)[None]).usage[0]
 
 

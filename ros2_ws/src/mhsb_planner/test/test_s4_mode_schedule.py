@@ -26,11 +26,14 @@ SPACING = 0.02
 NORMAL = StartModes.settled([N, N, N])
 
 
-def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT)):
-    """Times and profile with speed(t) float64[k, n] or a row, and likewise force."""
+def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)):
+    """Times and profile with speed(t) float64[k, n] or a row, and likewise force and inertia."""
     time = np.arange(0, seconds + SPACING / 2, SPACING)
-    rows = [np.broadcast_to(f(time) if callable(f) else f, (len(time), 3)) for f in (speed, force)]
-    return time, MotionProfile(rows[0].copy(), rows[1].copy(), np.zeros((len(time), 2)))
+    speeds, forces, inertias = (
+        np.broadcast_to(f(time) if callable(f) else f, (len(time), 3)).copy()
+        for f in (speed, force, inertia)
+    )
+    return time, MotionProfile(speeds, forces, np.zeros((len(time), 2)), inertias)
 
 
 def lifts(begin, end):
@@ -63,6 +66,30 @@ def test_boost_begins_before_its_need_and_ends_with_it(machine):
     assert [mode for mode, _, _ in found] == [N, DB, N]
     assert found[1][1] == pytest.approx(2.0 - SPACING - 0.1, abs=0.021)
     assert found[1][2] == pytest.approx(4.0 + SPACING, abs=0.021)
+
+
+def test_what_the_pump_cannot_accelerate_is_boosted_meanwhile(machine):
+    def accelerated(time):
+        return lifts(2.0, 2.4)(time) - LIGHT
+
+    time, motion = profile(5, [0.006, 0.0, 0.0], inertia=accelerated)
+    found = runs(interval_modes(machine, time, motion, NORMAL), time)
+    assert [mode for mode, _, _ in found] == [N, DB, N]
+    assert found[1][1] == pytest.approx(2.0 - SPACING - 0.1, abs=0.021)
+    assert found[1][2] == pytest.approx(2.4 + SPACING, abs=0.021)
+    _, slowed = profile(5, [0.006, 0.0, 0.0], inertia=lambda time: -accelerated(time))
+    assert not interval_modes(machine, time, slowed, NORMAL).any()
+
+
+def test_the_margin_covers_inertia_up_to_a_half(machine):
+    oil, cap = machine.arrays, machine.arrays.cap_area[0]
+    rod = machine.arrays.rod_area[0]
+    load = cap * (oil.supply_pressure - oil.boost_margin) - rod * oil.tank_pressure
+    load -= 20.0  # the valve's drop at 0.5 mm/s, and rounding
+    for share, boosted in ((0.0, False), (0.4, False), (0.6, True)):
+        push = [share * cap * oil.boost_margin, 0.0, 0.0]
+        time, motion = profile(2, [0.0005, 0.0, 0.0], [load, LIGHT, LIGHT], push)
+        assert interval_modes(machine, time, motion, NORMAL).any() == boosted
 
 
 def test_more_flow_than_one_servo_pump_has_is_shared_boost(machine):
@@ -219,7 +246,7 @@ def random_motion(seed):
     speed = random.uniform(0.003, 0.014) * waves[0] * fade
     force = random.uniform(-500, 1500, 3) + random.uniform(0, 2500, 3) * waves[1]
     start = StartModes(random.integers(0, 2, 3), random.choice([0.0, 0.1, 0.25, 5.0], 3))
-    return time, MotionProfile(speed, force, np.zeros((len(time), 2))), start
+    return time, MotionProfile(speed, force, np.zeros((len(time), 2)), 0.0 * force), start
 
 
 @settings(max_examples=150)
