@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import math
 import os
 import shutil
 import sys
+import time
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,6 +21,9 @@ PACKAGES = ("mhsb_model", "mhsb_planner", "mhsb_sim")
 MARK = b"jit"
 KEPT = 3
 """How many fingerprints' folders are kept; another checkout or version may use them."""
+
+IN_USE = 86400.0
+"""Folders used within so many seconds are kept too: whoever compiles into them still runs."""
 
 
 def use_kernel_cache() -> None:
@@ -69,4 +74,13 @@ def _drop_old(current: Path) -> None:
     except OSError:
         return  # no place to keep kernels in: numba says so where it matters
     for old in folders[:-KEPT]:
-        shutil.rmtree(old, ignore_errors=True)
+        if time.time() - _last_use(old) > IN_USE:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def _last_use(folder: Path) -> float:
+    """When a process last began to use a folder; infinite where it is gone [s]."""
+    try:
+        return folder.stat().st_mtime
+    except OSError:
+        return math.inf

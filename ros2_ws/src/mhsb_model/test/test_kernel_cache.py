@@ -68,3 +68,13 @@ def test_old_folders_are_dropped_and_the_newest_kept(monkeypatch, tmp_path):
     kernel_cache.use_kernel_cache()
     kept = {folder.name for folder in kernels.iterdir()}
     assert kept == {"old0", "old1", kernel_cache.kernel_cache_folder().name}
+
+
+def test_folders_that_somebody_may_be_using_are_kept(monkeypatch, tmp_path):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kernels = tmp_path / "mhsb" / "kernels"
+    for number in range(5):
+        (kernels / f"used{number}").mkdir(parents=True)
+    kernel_cache.use_kernel_cache()
+    assert len(list(kernels.iterdir())) == 6

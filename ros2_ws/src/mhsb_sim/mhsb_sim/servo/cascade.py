@@ -15,7 +15,8 @@ A joint that swings on its oil at ω obeys, with everything else ideal,
     τ s⁴ + (1 + ω_F τ) s³ + ω² τ s² + ω² (1 + k_p τ) s + ω² k_p = 0,
 
 which is stable, for ω_F τ well above 1, where ω² (1 + k_p τ) > ω_F k_p: slow swings bear neither
-fast gains nor a fast bias. So k_p and ω_F go by each joint's own lowest ω, and τ ≥ 3 ω_F/ω².
+fast gains nor a fast bias, and where k_p < ω_F. So k_p and ω_F go by each joint's own lowest ω,
+τ ≥ 3 ω_F/ω² and k_p ≤ ⅔ ω_F.
 Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback).
 """
 
@@ -51,6 +52,9 @@ GAINS = np.dtype(
 
 BIAS_RESERVE = 3.0
 """τ ω²/ω_F, at least: with 1 the slowest swing would be at the limit of stability."""
+
+POSITION_SHARE = 2.0 / 3.0
+"""k_p/ω_F, at most: with 1 the fastest swing would be at the limit of stability."""
 
 AXIS = np.dtype(
     [
@@ -103,9 +107,11 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     frequency = joint_natural_frequencies(machine)
     valve = 2.0 * math.pi * config.circuit.valve_frequency
     axes = np.zeros(machine.joint_count, AXIS)
-    axes["position_gain"] = own.position_gain * frequency
     axes["force_bandwidth"] = np.minimum(
         own.force_bandwidth * valve, 2.0 * own.force_damping * frequency
+    )
+    axes["position_gain"] = np.minimum(
+        own.position_gain * frequency, POSITION_SHARE * axes["force_bandwidth"]
     )
     axes["bias_time"] = np.maximum(
         config.servo.force_bias_time, BIAS_RESERVE * axes["force_bandwidth"] / frequency**2

@@ -18,6 +18,16 @@ def test_the_loop_is_stable_in_every_posture_with_any_of_the_payloads(
     assert slowest_decay(machine, gains, payload) > SLOWEST_DECAY
 
 
+@pytest.mark.parametrize("controller", ["coordinated", "independent"])
+@pytest.mark.parametrize("payload", [0.0, 13.0])
+def test_it_is_stable_as_well_where_the_servo_knows_of_the_payload(
+    machine: Machine, controller: str, payload: float
+) -> None:
+    gains = getattr(machine.config.servo, controller)
+    loaded = machine.changed(payload=payload)
+    assert slowest_decay(loaded, gains, payload) > SLOWEST_DECAY
+
+
 def test_swings_of_the_slowest_posture_die_out_in_the_simulator(machine: Machine) -> None:
     simulator = Simulator(machine, posture=SLOW)
     simulator.set_payload(0.8 * machine.arrays.payload)
