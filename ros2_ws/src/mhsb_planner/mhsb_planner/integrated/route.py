@@ -21,7 +21,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
-from mhsb_planner.area_shortfall import AreaTerm, price_shortfall
+from mhsb_planner.area_shortfall import WITHOUT_AREA, AreaTerm, price_shortfall
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.lower_bound import least_cost_between
 from mhsb_planner.s2_step import (
@@ -76,7 +76,11 @@ class Terms(NamedTuple):
 
 
 def terms(
-    machine: Machine, start_modes: ModeArray, weight: FloatArray, column: int, area: AreaTerm
+    machine: Machine,
+    start_modes: ModeArray,
+    weight: FloatArray,
+    column: int,
+    area: AreaTerm = WITHOUT_AREA,
 ) -> Terms:
     """Terms for routes that begin with the modes uint8[n] in force."""
     patterns = machine.patterns
