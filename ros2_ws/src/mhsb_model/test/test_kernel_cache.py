@@ -34,11 +34,13 @@ def test_numba_alone_would_go_on_with_an_old_callee_and_the_fingerprint_prevents
     (tmp_path / "caller.py").write_text(CALLER)
 
     def answer(cache):
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+        environment = {
+            **os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(tmp_path)
+        }  # fmt: skip
         code = "from caller import outer; print(outer(1))"
         command = [sys.executable, "-c", code]
         result = subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+            command, env=environment, capture_output=True, text=True, check=True
         )
         return int(result.stdout)
 
