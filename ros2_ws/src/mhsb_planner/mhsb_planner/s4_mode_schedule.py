@@ -205,8 +205,9 @@ def _interval_modes(
             demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
         _drop_short_holds(time, on, lifts, hold, holding[j] != N)
         needed[:, j] = on
+        lacks = _lacks_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):
-            on[i] = on[i] or _accelerates(m, j, speed, force, inertia, i)
+            on[i] = on[i] or lacks[i] or lacks[i + 1]
         for i in range(intervals):
             kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
             on[i] = on[i] or (kept and start[j] != N)
@@ -246,18 +247,19 @@ def _needs(
 
 
 @njit(cache=True, nogil=True)
-def _accelerates(
-    m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray, i: int
-) -> bool:
-    """Whether actuator j lacks pressure to accelerate at an end of interval i."""
+def _lacks_to_accelerate(
+    m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray
+) -> np.ndarray:
+    """Whether P_S leaves actuator j too little to accelerate, at each instant."""
     oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
-    for k in (i, i + 1):
+    spared = (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
+    lacks = np.zeros(len(speed), dtype=np.bool_)
+    for k in range(len(speed)):
         v, load = speed[k, j], force[k, j] + inertia[k, j]
         if abs(v) > DEAD_BAND and opposes_motion(load, v):
             needed = pressure_to_move(oil, cap, rod, load, v)
-            if needed - (1.0 - LEFT_BY_INERTIA) * oil.boost_margin > oil.supply_pressure:
-                return True
-    return False
+            lacks[k] = needed - spared > oil.supply_pressure
+    return lacks
 
 
 @njit(cache=True, nogil=True)
