@@ -20,7 +20,7 @@ import numpy as np
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.area_shortfall import WITHOUT_AREA, AreaTerm
 from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.errors import NoPathError
@@ -45,6 +45,9 @@ SEARCH_SHARE = 0.4
 
 GOOD_ENOUGH = 1e-3
 """A route within this share of the lower bound is not improved further."""
+
+SPARSE = 3
+"""Straight lines lead to every so manyth goal posture first."""
 
 WORTH_A_LATTICE = 1e-2
 """Likewise, for the lattice to be searched."""
@@ -218,17 +221,28 @@ def _leaves_room(task: Task, best: Route | None, share: float) -> bool:
 
 
 def _straight(task: Task) -> Route | None:
-    """The cheapest straight line to a goal posture."""
-    best = None
-    for k in np.argsort(task.least, kind="stable"):
+    """The cheapest straight line to one of every few goal postures, or to one beside its end."""
+    numbers = np.arange(len(task.least))
+    sparse = numbers % SPARSE == 0
+    best, end = _cheapest_of(task, numbers[sparse], None)
+    near = (best is None) | (np.abs(numbers - end) < SPARSE)
+    return _cheapest_of(task, numbers[~sparse & near], best)[0]
+
+
+def _cheapest_of(
+    task: Task, numbers: IntArray, best: Route | None
+) -> tuple[Route | None, int]:
+    """The best route, or a cheaper straight line to one of these goal postures, and to which."""
+    end = -1
+    for k in numbers[np.argsort(task.least[numbers], kind="stable")]:
         limit = math.inf if best is None else best.cost
         if task.least[k] >= limit:
             break
         via = np.array([task.lengths, task.goals.postures.length[k]])
         cost = task.price(via, limit)
         if cost < limit:
-            best = task.to_goal(via, int(k), cost)
-    return best
+            best, end = task.to_goal(via, int(k), cost), int(k)
+    return best, end
 
 
 def _spacing(task: Task, best: Route | None) -> float:
