@@ -1,5 +1,6 @@
 """Work over index ranges in threads."""
 
+import time
 from contextlib import closing
 
 import pytest
@@ -20,7 +21,12 @@ def test_nothing_to_do_gives_nothing():
 
 def test_closing_drops_what_has_not_begun():
     begun = []
-    with closing(over_ranges(lambda begin, end: begun.append(begin), 1000, 1, 1)) as parts:
+
+    def work(begin, end):
+        begun.append(begin)
+        time.sleep(0.01)
+
+    with closing(over_ranges(work, 1000, 1, 1)) as parts:
         next(parts)
     assert len(begun) < 1000
 
