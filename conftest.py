@@ -12,7 +12,6 @@ import random
 import re
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -24,14 +23,9 @@ import pytest
 import yaml
 from hypothesis import settings
 
-# `python -m pytest` looks in the working directory first. A package found there goes by another
-# path than everywhere else, and numba would compile its kernels once more.
-sys.path[:] = [entry for entry in sys.path if entry not in ("", os.getcwd())]
-os.environ["PYTHONSAFEPATH"] = "1"  # likewise in all processes that tests start
-
-from mhsb_model.config_files import config_file  # noqa: E402
-from mhsb_model.machine import MACHINE_FILE, Machine  # noqa: E402
-from mhsb_model.schema import MachineConfig  # noqa: E402
+from mhsb_model.config_files import config_file
+from mhsb_model.machine import MACHINE_FILE, Machine
+from mhsb_model.schema import MachineConfig
 
 settings.register_profile("mhsb", deadline=None, derandomize=True)
 settings.load_profile("mhsb")

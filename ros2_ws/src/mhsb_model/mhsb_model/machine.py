@@ -171,12 +171,11 @@ class Machine:
         for k in range(len(rows)):
             if rows[k, KIND] == LINK or rows[k, PART] != 0:
                 continue
-            needed = rows[k, RADIUS]
-            distance = needed + clearance.point_clearance(rows, k, 0.0, 0.0)
-            if distance < needed:
+            beyond, needed = clearance.point_clearance(rows, k, 0.0, 0.0), rows[k, RADIUS]
+            if beyond < 0.0:
                 problems.append(
-                    f"keep_out: {self.obstacles.name(k)} is {distance:.4g} m from joint 1, where "
-                    f"link 1 always is; it must be at least {needed:.4g} m away, the link's "
+                    f"keep_out: {self.obstacles.name(k)} is {beyond + needed:.4g} m from joint 1, "
+                    f"where link 1 always is; it must be at least {needed:.4g} m away, the link's "
                     "radius and the margin"
                 )
         return problems

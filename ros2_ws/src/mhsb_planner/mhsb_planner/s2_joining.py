@@ -97,7 +97,7 @@ def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> G
         node = graph.grid.node_at(x, z)
         postures, owner = np.unique(postures_by_rule(graph, x, z), axis=0, return_inverse=True)
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
-    clear_postures(machine, x, z, postures)
+    clear_postures(machine, x, z, postures)  # steps to those that are not will be barred
     return Goal((x, z), node, describe(machine.arrays, postures), first, owner)
 
 

@@ -46,11 +46,11 @@ SEARCH_SHARE = 0.4
 GOOD_ENOUGH = 1e-3
 """A route within this share of the lower bound is not improved further."""
 
-SPARSE = 3
-"""Straight lines lead to every so manyth goal posture first."""
-
 WORTH_A_LATTICE = 1e-2
 """Likewise, for the lattice to be searched."""
+
+SPARSE = 3
+"""Straight lines lead to one in so many goal postures first."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from mhsb_sim.circuit.elements import friction_force
 from mhsb_sim.mechanics.inverse_dynamics import gravity_torques, inverse_dynamics
 from mhsb_sim.records import Record, Records
 from mhsb_sim.reference import AHEAD
-from mhsb_sim.servo.natural_frequency import joint_natural_frequencies
+from mhsb_sim.servo.natural_frequency import lowest_joint_frequencies
 
 GAINS = np.dtype(
     [
@@ -104,7 +104,7 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     loop is the same in all: a slow joint has slow gains.
     """
     config = machine.config
-    frequency = joint_natural_frequencies(machine)
+    frequency = lowest_joint_frequencies(machine)
     valve = 2.0 * math.pi * config.circuit.valve_frequency
     axes = np.zeros(machine.joint_count, AXIS)
     axes["force_bandwidth"] = np.minimum(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigh
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -26,28 +25,19 @@ def oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
     return oil.bulk_modulus * (arrays.cap_area**2 / cap_volume + arrays.rod_area**2 / rod_volume)
 
 
-def natural_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
-    """ω [rad/s] of the arm on its shut cylinders at q [rad], ascending, float64[n].
+def joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
+    """ω_j = |r_j| √(k_h,j / M_jj) of each joint at q [rad], all others locked, float64[n] rad/s.
 
-    det(R K R − ω² M) = 0, with moment arms R = diag(r), oil stiffness K = diag(k_h) and mass
-    matrix M, payload included.
+    With moment arms r, oil stiffness k_h and mass matrix M, payload included.
     """
     stiffness = machine.moment_arms(q) ** 2 * oil_stiffness(machine, q)
-    return np.sqrt(eigh(np.diag(stiffness), machine.mass_matrix(q), eigvals_only=True))
+    return np.sqrt(stiffness / np.diag(machine.mass_matrix(q)))
 
 
-def joint_natural_frequencies(machine: Machine) -> FloatArray:
-    """Lowest natural frequency of each joint, all others locked, float64[n] rad/s.
-
-    ω_j = r_j √(k_h,j / M_jj), least of postures spread evenly over the joints' ranges.
-    """
+def lowest_joint_frequencies(machine: Machine) -> FloatArray:
+    """The lowest of each joint [rad/s], of postures spread evenly over the joints' ranges."""
     arrays = machine.arrays
     postures = np.random.default_rng(SEED).uniform(
         arrays.joint_min, arrays.joint_max, (POSTURES, machine.joint_count)
     )
-    found = [
-        np.abs(machine.moment_arms(q))
-        * np.sqrt(oil_stiffness(machine, q) / np.diag(machine.mass_matrix(q)))
-        for q in postures
-    ]
-    return np.array(np.min(found, axis=0))
+    return np.array(np.min([joint_frequencies(machine, q) for q in postures], axis=0))
