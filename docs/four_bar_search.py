@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import differential_evolution
 
-from mhsb_model import four_bar, linkage
+from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.schema import FourBar, Pin
 from mhsb_model.types import FloatArray
 

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from mhsb_model import four_bar, linkage
+from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.schema import FourBar, Pin, SliderCrank
 from mhsb_model.types import FloatArray
 

@@ -7,11 +7,11 @@ bars of the linkages, the joints' limits, flows of valve and main pump, leakage,
 the two initial angles of J3 in Case 4. It keeps the ELITE best; each new one is a change of one of
 them, or between two of them.
 
-The objective is the misfit of `mhsb_planner.reproduction`, in which Cases 1 to 3 count twice, and
-UNREACHED for the share of the grid that the arm does not reach. It is found in three stages, Cases
-1 to 4, the two supply pressures, the sweeps; what cannot become one of the best any more is given
-up. Of the best so far machine.yaml and numbers.yaml are written, as soon as found. Same arguments,
-same result.
+The objective is the misfit of `mhsb_planner.evaluation.reproduction`, in which Cases 1 to 3 count
+twice, and UNREACHED for the share of the grid that the arm does not reach. It is found in three
+stages, Cases 1 to 4, the two supply pressures, the sweeps; what cannot become one of the best any
+more is given up. Of the best so far machine.yaml and numbers.yaml are written, as soon as found.
+Same arguments, same result.
 """
 
 from __future__ import annotations
@@ -31,9 +31,14 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.schema import MachineConfig
 from mhsb_model.types import FloatArray
-from mhsb_planner.paper_cases import PaperCase, paper_cases
-from mhsb_planner.reproduction import runs
-from mhsb_planner.reproduction.expectations import EXPECTATIONS, Record, judged, misfit_of
+from mhsb_planner.evaluation.paper_cases import PaperCase, paper_cases
+from mhsb_planner.evaluation.reproduction import runs
+from mhsb_planner.evaluation.reproduction.expectations import (
+    EXPECTATIONS,
+    Record,
+    judged,
+    misfit_of,
+)
 
 UNREACHED = 3.0
 """Misfit of a machine that reaches no point of the grid, in expectations."""

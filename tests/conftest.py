@@ -17,12 +17,12 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.machine import load_machine
+from mhsb_model.verdict import ExecutionReport, GoalVerdict
 from mhsb_msgs_py import reference, sim_status, stamps, topics
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
-from mhsb_msgs_py.plan_status import ExecutionReport, GoalVerdict
 from mhsb_msgs_py.reference import Reference
 from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
-from mhsb_planner.goal_sender import GoalSender
+from mhsb_planner.ros.goal_sender import GoalSender
 
 READY_TIMEOUT = 180.0
 """The first start of a node compiles its kernels [s]."""

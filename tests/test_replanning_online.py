@@ -8,8 +8,8 @@ import pytest
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from std_msgs.msg import Header
 
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import stamps
-from mhsb_msgs_py.status import Outcome, Verdict
 
 UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)
 

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from mhsb_msgs_py.status import Outcome, Verdict
+from mhsb_model.verdict import Outcome, Verdict
 
 UP, DOWN = (0.55, 0.60), (0.55, -0.60)
 

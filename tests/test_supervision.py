@@ -10,8 +10,8 @@ import pytest
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import mode_schedule, stamps, topics, trajectory
-from mhsb_msgs_py.status import Outcome, Verdict
 
 UP = (0.55, 0.60)
 SPACING_NS = SECOND_NS // 50

@@ -11,10 +11,10 @@ from visualization_msgs.msg import Marker
 
 from mhsb_model.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, Machine
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.schema import MachineConfig
-from mhsb_model.zones import Zones
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import topics, trajectory
-from mhsb_msgs_py.status import Outcome, Verdict
 
 UP, AWAY = (0.55, 0.60), (0.45, -0.35)
 BOX = (0.65, 0.10, 0.95, 0.30)

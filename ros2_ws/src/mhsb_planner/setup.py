@@ -20,11 +20,11 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "planner_node = mhsb_planner.planner_node:main",
+            "planner_node = mhsb_planner.ros.planner_node:main",
             "build_table = mhsb_planner.build_table:main",
-            "plan = mhsb_planner.plan_command:main",
-            "goal = mhsb_planner.goal_command:main",
-            "reproduce = mhsb_planner.reproduce_command:main",
+            "plan = mhsb_planner.commands.plan_command:main",
+            "goal = mhsb_planner.commands.goal_command:main",
+            "reproduce = mhsb_planner.commands.reproduce_command:main",
         ],
     },
 )

@@ -30,14 +30,14 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "sim_node = mhsb_sim.sim_node:main",
-            "simulate = mhsb_sim.simulate_command:main",
+            "sim_node = mhsb_sim.ros.sim_node:main",
+            "simulate = mhsb_sim.commands.simulate_command:main",
             "compare = mhsb_sim.study.compare_command:main",
             "study = mhsb_sim.study.study_command:main",
             "tune = mhsb_sim.study.tune_command:main",
             "record = mhsb_sim.recording.record_command:main",
             "report = mhsb_sim.report.report_command:main",
-            "demo = mhsb_sim.demo_command:main",
+            "demo = mhsb_sim.commands.demo_command:main",
         ],
     },
 )

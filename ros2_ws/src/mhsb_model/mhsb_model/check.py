@@ -10,9 +10,10 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from mhsb_model import command_line, hydraulics, inverse_kinematics_3r, linkage
-from mhsb_model.clearance import clearances
+from mhsb_model import command_line, hydraulics, inverse_kinematics_3r
+from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine, load_machine
+from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray
 
 GRID = 0.05

@@ -14,15 +14,17 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from mhsb_model import clearance, inverse_kinematics_3r, kinematics, linkage, statics
+from mhsb_model import inverse_kinematics_3r, kinematics, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
-from mhsb_model.linkage_rules import linkage_problems
+from mhsb_model.linkages import linkage
+from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
+from mhsb_model.obstacles import clearance
+from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_model.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 SECTIONS_WITHOUT_TABLE = {"circuit", "servo", "simulation", "keep_out"}

@@ -9,7 +9,7 @@ from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kinematics import joint_positions
-from mhsb_model.linkage import moment_arm
+from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.types import FloatArray
 
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from mhsb_model import check
-from mhsb_model.zones import Zones
+from mhsb_model.obstacles.zones import Zones
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess:

@@ -9,7 +9,7 @@ import yaml
 from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.machine import MACHINE_FILE, load_machine
-from mhsb_model.zones import Zones
+from mhsb_model.obstacles.zones import Zones
 
 
 @pytest.fixture

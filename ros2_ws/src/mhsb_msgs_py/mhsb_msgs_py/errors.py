@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mhsb_model.errors import MhsbError
-from mhsb_msgs_py.status import Verdict
+from mhsb_model.verdict import Verdict
 
 
 class MessageError(MhsbError):

@@ -9,27 +9,18 @@ opaque id of the goal.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from geometry_msgs.msg import Point, Pose, PoseStamped
 from std_msgs.msg import Header
 
+from mhsb_model.goal import Goal
+from mhsb_model.verdict import Verdict
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import GoalError
 from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
-from mhsb_msgs_py.status import Verdict
 
 OFF_PLANE_TOLERANCE = 1e-3
 """How far a goal may lie beside the arm's plane [m]."""
-
-
-@dataclass(frozen=True)
-class Goal:
-    """Where the tip shall go: x forward, z up from the base [m]; `stamp_ns` is the goal's id."""
-
-    stamp_ns: int
-    x: float
-    z: float
 
 
 def encode(goal: Goal, frame_prefix: str = "") -> PoseStamped:

@@ -2,72 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.names import PLANNER_NODE
-from mhsb_msgs_py.status import Outcome, Verdict
 from mhsb_msgs_py.status_values import StatusValues, status
 
 GOAL_STATUS = "goal"
 EXECUTION_STATUS = "execution"
-
-
-@dataclass(frozen=True)
-class PlanSummary:
-    """What an accepted goal will cost.
-
-    plan_stamp_ns    stamp of the plan's messages, ns; 0 where nothing had to be published
-    energy_j         in the planner's energy reading, J
-    energy_series_j  in the series reading, J
-    duration_s       s
-    switches         mode changes
-    plan_ms          from goal received to plan published, ms
-    lower_bound_j    no plan to this goal needs less, J
-    """
-
-    plan_stamp_ns: int
-    energy_j: float
-    energy_series_j: float
-    duration_s: float
-    switches: int
-    plan_ms: float
-    lower_bound_j: float
-
-
-@dataclass(frozen=True)
-class GoalVerdict:
-    """What became of a goal, which is named by its stamp [ns] and was at x, z [m].
-
-    `sentence` tells a person. Accepted goals have a plan, others None; anything else is a
-    ValueError.
-    """
-
-    code: Verdict
-    sentence: str
-    goal_stamp_ns: int
-    goal_x: float
-    goal_z: float
-    plan: PlanSummary | None = None
-
-    def __post_init__(self) -> None:
-        if self.code.accepted != (self.plan is not None):
-            raise ValueError(f"a verdict {self.code} and a plan {self.plan} do not go together")
-
-
-@dataclass(frozen=True)
-class ExecutionReport:
-    """How the execution of an accepted goal ended; stamps of goal and plan in ns."""
-
-    outcome: Outcome
-    sentence: str
-    goal_stamp_ns: int
-    plan_stamp_ns: int
 
 
 Report = GoalVerdict | ExecutionReport

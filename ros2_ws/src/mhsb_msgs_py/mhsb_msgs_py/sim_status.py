@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
+from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.names import SIM_NODE
-from mhsb_msgs_py.status import Level
 from mhsb_msgs_py.status_values import StatusValues, status
 
 HAND_OVER_STATUS = f"{SIM_NODE}: hand_over"

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
-from mhsb_msgs_py.status import Level
 
 
 def status(

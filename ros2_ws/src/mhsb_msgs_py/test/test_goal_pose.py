@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
+from mhsb_model.verdict import Verdict
 from mhsb_msgs_py import goal_pose as codec
 from mhsb_msgs_py.errors import GoalError
-from mhsb_msgs_py.status import Verdict
 
 coordinate = st.floats(-10, 10)
 

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import plan_status as codec
 from mhsb_msgs_py.errors import MessageError
-from mhsb_msgs_py.status import Outcome, Verdict
 
 number = st.floats(allow_nan=False)
 stamp = st.integers(0, 10**18)

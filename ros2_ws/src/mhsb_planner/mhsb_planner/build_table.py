@@ -13,11 +13,11 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
-from mhsb_planner import s1_global_search, s1_slsqp
-from mhsb_planner.grid import PAPER_SPACING, grid_nodes
-from mhsb_planner.posture_table_cache import cached_table_path
-from mhsb_planner.s1_global_search import build_posture_table
-from mhsb_planner.s1_posture_table import PostureTable
+from mhsb_planner.posture import s1_global_search, s1_slsqp
+from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.posture.posture_table_cache import cached_table_path
+from mhsb_planner.posture.s1_global_search import build_posture_table
+from mhsb_planner.posture.s1_posture_table import PostureTable
 
 SOLVERS = {"global": s1_global_search.search_globally, "slsqp": s1_slsqp.search_by_slsqp}
 

@@ -23,24 +23,11 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
-from mhsb_planner import area_shortfall, fixed_j3, goal_clearance, s2_search, s3_trajectory
-from mhsb_planner.area_shortfall import (
-    WITHOUT_AREA,
-    AreaTerm,
-    area_along_motion,
-    area_along_path,
-    area_term,
-)
-from mhsb_planner.discrete_path import DiscretePath
-from mhsb_planner.energy import Energy, motion_energy
 from mhsb_planner.errors import NoPathError, RequestError, ZoneError
 from mhsb_planner.integrated import integrated_search
-from mhsb_planner.s1_posture_table import PostureTable
-from mhsb_planner.s2_graph import StepGraph
-from mhsb_planner.s2_published import DEFAULT_HEURISTIC_SCALE
-from mhsb_planner.s2_search import SearchMethod, Weights, search
-from mhsb_planner.s2_step import EnergyReading
-from mhsb_planner.s3_trajectory import (
+from mhsb_planner.motion import s3_trajectory
+from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitRules,
     FittedMotion,
@@ -48,7 +35,21 @@ from mhsb_planner.s3_trajectory import (
     fit_braking,
     fit_trajectory,
 )
-from mhsb_planner.s4_mode_schedule import StartModes
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.search import area_shortfall, fixed_j3, goal_clearance, s2_search
+from mhsb_planner.search.area_shortfall import (
+    WITHOUT_AREA,
+    AreaTerm,
+    area_along_motion,
+    area_along_path,
+    area_term,
+)
+from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
+from mhsb_planner.search.s2_search import SearchMethod, Weights, search
+from mhsb_planner.search.s2_step import EnergyReading
 
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""

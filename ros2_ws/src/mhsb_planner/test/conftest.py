@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine, load_machine
-from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.s1_global_search import build_posture_table
-from mhsb_planner.s1_posture_table import PostureTable
-from mhsb_planner.s2_graph import StepGraph
-from mhsb_planner.s2_step import step_costs
+from mhsb_planner.posture.s1_global_search import build_posture_table
+from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_step import step_costs
 
 
 @pytest.fixture(scope="session")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.area_shortfall import AreaProfile, area_along_motion, area_along_path
-from mhsb_planner.area_shortfall import reference_area as full_area
-from mhsb_planner.paper_cases import paper_case
+from mhsb_planner.evaluation.paper_cases import paper_case
 from mhsb_planner.planner import Plan, Planner, PlanOptions
+from mhsb_planner.search.area_shortfall import AreaProfile, area_along_motion, area_along_path
+from mhsb_planner.search.area_shortfall import reference_area as full_area
 
 WEIGHTS = (0.0, 300.0, 1000.0, 3000.0, 10000.0)
 

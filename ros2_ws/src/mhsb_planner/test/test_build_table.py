@@ -7,8 +7,8 @@ import pytest
 
 from mhsb_model import command_line
 from mhsb_planner.build_table import build_table
-from mhsb_planner.posture_table_cache import cached_table_path
-from mhsb_planner.s1_posture_table import PostureTable
+from mhsb_planner.posture.posture_table_cache import cached_table_path
+from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
 def run(*arguments):

@@ -7,8 +7,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray
 from mhsb_planner.planner import Planner
-from mhsb_planner.s1_global_search import build_posture_table
-from mhsb_planner.s1_posture_table import PostureTable
+from mhsb_planner.posture.s1_global_search import build_posture_table
+from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
 @pytest.fixture(scope="module")

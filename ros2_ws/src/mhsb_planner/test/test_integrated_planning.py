@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from mhsb_model.command import Command
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.departure import Command
 from mhsb_planner.errors import NoPathError
+from mhsb_planner.motion.s3_trajectory import FitError
+from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions
-from mhsb_planner.replanning import Replanner
-from mhsb_planner.s2_search import Weights
-from mhsb_planner.s3_trajectory import FitError
+from mhsb_planner.search.s2_search import Weights
 
 INTEGRATED = PlanOptions(planner="integrated")
 FOLLOWED = PlanOptions(trajectory="followed")

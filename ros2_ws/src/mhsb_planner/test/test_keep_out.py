@@ -5,16 +5,16 @@ import itertools
 import numpy as np
 import pytest
 
-from mhsb_model.clearance import FINEST, clearances
 from mhsb_model.machine import Machine
+from mhsb_model.obstacles.clearance import FINEST, clearances
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
-from mhsb_model.zones import Zones
-from mhsb_msgs_py.status import Verdict
+from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import NoPathError, ZoneError
+from mhsb_planner.motion.s3_trajectory import FitMethod
+from mhsb_planner.online.verdicts import code_of
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
-from mhsb_planner.s2_graph import StepGraph
-from mhsb_planner.s3_trajectory import FitMethod
-from mhsb_planner.verdicts import code_of
+from mhsb_planner.search.s2_graph import StepGraph
 
 START, GOAL = (0.55, -0.05), (0.55, 0.60)
 ON_THE_WAY = {

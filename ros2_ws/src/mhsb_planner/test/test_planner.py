@@ -5,9 +5,9 @@ import pytest
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
+from mhsb_planner.motion.s3_limits import joint_excess
+from mhsb_planner.motion.s3_trajectory import START_NOISE, FitError
 from mhsb_planner.planner import Planner, PlanOptions
-from mhsb_planner.s3_limits import joint_excess
-from mhsb_planner.s3_trajectory import START_NOISE, FitError
 
 BEYOND = 1e-3  # rad
 

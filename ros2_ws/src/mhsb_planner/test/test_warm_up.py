@@ -10,10 +10,10 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import load_machine
-from mhsb_planner.s1_posture_table import PostureTable
-from mhsb_planner.s2_graph import StepGraph
+from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.integrated import integrated_search
-from mhsb_planner.s2_search import Weights, search, warm_up
+from mhsb_planner.search.s2_search import Weights, search, warm_up
 
 def compiled():
     return {

@@ -26,13 +26,13 @@ import numpy as np
 import tyro
 
 from mhsb_model import command_line
+from mhsb_model.command import Command
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.departure import Command
 from mhsb_sim.mechanics.mujoco_model import build_model
-from mhsb_sim.simulator import Simulator
+from mhsb_sim.simulation.simulator import Simulator
 
 REPEATS = 5
 DURATION = 5.0

@@ -15,7 +15,7 @@ from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_he
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
 from mhsb_sim.servo import CONTROLLERS
-from mhsb_sim.simulator import warm_up
+from mhsb_sim.simulation.simulator import warm_up
 
 POINT_SPACING = 0.02
 SWITCH_MARGIN = 7  # points by which a boost begins early and ends late

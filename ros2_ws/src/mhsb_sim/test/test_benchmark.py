@@ -3,7 +3,7 @@ import pytest
 
 from mhsb_model.machine import Machine
 from mhsb_sim.benchmark import ACTUATORS, arm_of, boosted_swing
-from mhsb_sim.simulator import Simulator
+from mhsb_sim.simulation.simulator import Simulator
 
 
 @pytest.mark.parametrize("joints", ACTUATORS)

@@ -23,12 +23,12 @@ from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
-from mhsb_model.linkage import cylinder_length
+from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.goal_postures import GoalPostures
-from mhsb_planner.lower_bound import least_cost_between
-from mhsb_planner.s2_step import Circuit
+from mhsb_planner.search.lower_bound import least_cost_between
+from mhsb_planner.search.s2_step import Circuit
 
 TOLERANCE = 1e-3
 """Share of the bound by which it may be lower than the least it could be."""

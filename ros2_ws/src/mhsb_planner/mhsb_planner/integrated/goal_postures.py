@@ -15,9 +15,9 @@ from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
-from mhsb_planner.goal_clearance import check_tip, clear_postures
-from mhsb_planner.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
-from mhsb_planner.s2_step import Postures, describe
+from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
+from mhsb_planner.search.goal_clearance import check_tip, clear_postures
+from mhsb_planner.search.s2_step import Postures, describe
 
 PSI_SPACING = math.radians(1.0)
 FEWEST = 8

@@ -21,8 +21,6 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.area_shortfall import WITHOUT_AREA, AreaTerm
-from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures, goal_postures
@@ -37,8 +35,10 @@ from mhsb_planner.integrated.route import (
     price_route,
     terms,
 )
-from mhsb_planner.s2_search import SAME_POINT, Weights
-from mhsb_planner.s2_step import ENERGY_COLUMN, EnergyReading, Postures
+from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.s2_search import SAME_POINT, Weights
+from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading, Postures
 
 SEARCH_SHARE = 0.4
 """Of the budget; the rest is for the trajectory."""

@@ -19,15 +19,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from mhsb_model.linkage import cylinder_length, joint_angle
+from mhsb_model.linkages.linkage import cylinder_length, joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.indexed_heap import NOT_IN_HEAP, pop, sift_up
 from mhsb_planner.integrated.route import Memory, Terms, least_step, price_piece
-from mhsb_planner.s2_joining import NOWHERE
-from mhsb_planner.s2_query import EXHAUSTED, FOUND, PAUSED
-from mhsb_planner.s2_step import DURATION, INADMISSIBLE, Postures
+from mhsb_planner.search.indexed_heap import NOT_IN_HEAP, pop, sift_up
+from mhsb_planner.search.s2_joining import NOWHERE
+from mhsb_planner.search.s2_query import EXHAUSTED, FOUND, PAUSED
+from mhsb_planner.search.s2_step import DURATION, INADMISSIBLE, Postures
 
 
 class Lattice(NamedTuple):

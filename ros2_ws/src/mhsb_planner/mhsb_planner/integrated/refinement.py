@@ -12,7 +12,7 @@ from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
-from mhsb_model.linkage import cylinder_length
+from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.route import (
     Memory,

@@ -14,17 +14,17 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.clearance import move_is_clear
 from mhsb_model.kinematics import tip_position
-from mhsb_model.linkage import joint_angle
+from mhsb_model.linkages.linkage import joint_angle
 from mhsb_model.machine import Machine
+from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
-from mhsb_planner.area_shortfall import WITHOUT_AREA, AreaTerm, price_shortfall
-from mhsb_planner.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.lower_bound import least_cost_between
-from mhsb_planner.s2_step import (
+from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm, price_shortfall
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.lower_bound import least_cost_between
+from mhsb_planner.search.s2_step import (
     DURATION,
     ENERGY_PAPER,
     ENERGY_SERIES,

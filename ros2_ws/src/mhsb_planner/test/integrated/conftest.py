@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine
-from mhsb_planner.area_shortfall import WITHOUT_AREA
 from mhsb_planner.integrated.route import Terms, terms
+from mhsb_planner.search.area_shortfall import WITHOUT_AREA
 
 
 @pytest.fixture(params=["slider_cranks", "four_bars"])

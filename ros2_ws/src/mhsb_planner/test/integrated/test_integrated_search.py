@@ -9,10 +9,10 @@ import pytest
 from mhsb_model.errors import OutOfWorkspaceError
 from mhsb_planner.errors import InfeasibleGoalError, NoPathError
 from mhsb_planner.integrated.integrated_search import Effort, search
-from mhsb_planner.lower_bound import energy_lower_bound
-from mhsb_planner.s2_search import Weights
-from mhsb_planner.s2_search import search as table_search
-from mhsb_planner.s2_step import step_costs
+from mhsb_planner.search.lower_bound import energy_lower_bound
+from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_search import search as table_search
+from mhsb_planner.search.s2_step import step_costs
 
 ENERGY, TIME = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)

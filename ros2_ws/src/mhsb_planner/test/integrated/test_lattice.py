@@ -13,7 +13,7 @@ from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.integrated.lattice import LatticeSearch, lattice_around
 from mhsb_planner.integrated.route import new_memory
-from mhsb_planner.s2_step import describe, step_costs
+from mhsb_planner.search.s2_step import describe, step_costs
 
 SPACING = 6e-3
 MARGIN = 1

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_planner.area_shortfall import AreaTerm
-from mhsb_planner.discrete_path import SearchStatistics
 from mhsb_planner.integrated.route import BOOST_RESERVE, new_memory, path_of, price_route
-from mhsb_planner.lower_bound import energy_lower_bound
-from mhsb_planner.s1_polytope import polytope_area
-from mhsb_planner.s2_step import step_costs
+from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.search.area_shortfall import AreaTerm
+from mhsb_planner.search.discrete_path import SearchStatistics
+from mhsb_planner.search.lower_bound import energy_lower_bound
+from mhsb_planner.search.s2_step import step_costs
 
 NOTHING = SearchStatistics(0, 0, 0.0)
 

@@ -29,7 +29,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mhsb_model.hydraulics import required_pressure
-from mhsb_model.linkage import cylinder_length
+from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray

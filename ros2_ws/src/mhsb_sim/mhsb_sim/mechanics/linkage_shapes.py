@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mhsb_model import four_bar, linkage
+from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.machine import Machine
 from mhsb_model.schema import FourBar
 from mhsb_model.types import FloatArray

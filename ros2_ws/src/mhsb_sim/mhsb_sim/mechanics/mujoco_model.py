@@ -1,7 +1,7 @@
 """The machine as a MuJoCo model: links and payload, and a motor for each cylinder's torque.
 
 Linkages have no mass: a cylinder acts on its joint alone, by τ = r(q) F with the moment arm of
-`mhsb_model.linkage`, which holds for every kind and is exact. (Rocker and coupler as bodies of
+`mhsb_model.linkages`, which holds for every kind and is exact. (Rocker and coupler as bodies of
 50 g, closed by an equality constraint, are 4e-4 of the torque off and double the time of a step.)
 The plane is x (forward), z (up); joints turn about −y, so that a positive angle raises the tip.
 """

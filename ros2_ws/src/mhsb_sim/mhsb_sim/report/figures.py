@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mhsb_planner.operating_regions import OperatingRegions
+from mhsb_planner.evaluation.operating_regions import OperatingRegions
 from mhsb_sim.report.hydraulic_figures import draw_energy, draw_modes, draw_pressures
 from mhsb_sim.report.motion_figures import draw_joints, draw_tip_error
 from mhsb_sim.report.recorded_run import RecordedRun

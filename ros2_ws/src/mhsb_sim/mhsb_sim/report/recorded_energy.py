@@ -12,7 +12,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py.sim_status import SimulatorReport
-from mhsb_planner.energy import motion_energy
+from mhsb_planner.motion.energy import motion_energy
 from mhsb_sim.recording.bag_reader import Recording
 from mhsb_sim.report.recorded_motion import part
 
@@ -41,11 +41,11 @@ def energy_record(
     """Measured and planned energy over one and the same time.
 
     Both are counted from the first report of the simulator to the last one, second by second.
-    Planned is the model by which plans are priced (`mhsb_planner.energy`), over the reference
-    that was followed and the modes that were in force: every plan from its take-over until the
-    next plan took over, and also all rests, which cost leakage at the price of the modes that
-    hold. An interval in which the simulator was started anew (its counters fall) is left out of
-    both.
+    Planned is the model by which plans are priced (`mhsb_planner.motion.energy`), over the
+    reference that was followed and the modes that were in force: every plan from its take-over
+    until the next plan took over, and also all rests, which cost leakage at the price of the
+    modes that hold. An interval in which the simulator was started anew (its counters
+    fall) is left out of both.
 
     followed, modes  see `recorded_motion`
     """

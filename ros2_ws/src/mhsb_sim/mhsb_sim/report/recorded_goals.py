@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_msgs_py.plan_status import ExecutionReport, GoalVerdict
-from mhsb_msgs_py.status import Outcome
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
 from mhsb_sim.recording.bag_reader import Recording
 from mhsb_sim.report.recorded_motion import STANDSTILL, TipMotion
 

@@ -13,8 +13,8 @@ import tyro
 from mhsb_model import command_line
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
-from mhsb_planner.operating_regions import operating_regions
-from mhsb_planner.posture_table_cache import table_for
+from mhsb_planner.evaluation.operating_regions import operating_regions
+from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.recording.bag_reader import read_recording
 from mhsb_sim.report import figures
 from mhsb_sim.report.recorded_run import recorded_run

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from mhsb_model.modes import Mode
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py.sim_status import APPLIED
-from mhsb_msgs_py.status import Outcome, Verdict
 from mhsb_sim.recording.bag_reader import Recording
 from mhsb_sim.report.recorded_energy import EnergyRecord
 from mhsb_sim.report.recorded_goals import GoalRecord

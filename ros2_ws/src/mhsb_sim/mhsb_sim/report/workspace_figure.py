@@ -9,8 +9,8 @@ import numpy as np
 
 from mhsb_model.figure_style import BLACK, BLUE, VERMILION, written_figure
 from mhsb_model.modes import Mode
-from mhsb_planner.operating_regions import OperatingRegions
-from mhsb_planner.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
+from mhsb_planner.evaluation.operating_regions import OperatingRegions
+from mhsb_planner.evaluation.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_sim.report.recorded_run import RecordedRun
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ import math
 import numpy as np
 from numba import njit
 
-from mhsb_model.linkage import motion
+from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.schema import CascadeGains
@@ -35,8 +35,8 @@ from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
 from mhsb_sim.mechanics.inverse_dynamics import gravity_torques, inverse_dynamics
 from mhsb_sim.records import Record, Records
-from mhsb_sim.reference import AHEAD
 from mhsb_sim.servo.natural_frequency import lowest_joint_frequencies
+from mhsb_sim.servo.reference import AHEAD
 
 GAINS = np.dtype(
     [

@@ -22,7 +22,6 @@ from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Record, Records
-from mhsb_sim.reference import AHEAD
 from mhsb_sim.servo.cascade import (
     axis_records,
     gain_record,
@@ -31,6 +30,7 @@ from mhsb_sim.servo.cascade import (
     set_targets,
 )
 from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
+from mhsb_sim.servo.reference import AHEAD
 
 SMALLEST_DROP = 2e4
 """Pressure drop [Pa] that an edge is taken to have at least, so that openings stay moderate."""

@@ -16,12 +16,12 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
-from mhsb_planner.moves import case_moves, random_moves
+from mhsb_planner.evaluation.moves import case_moves, random_moves
 from mhsb_planner.planner import Planner, warm_up
-from mhsb_planner.posture_table_cache import table_for
+from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
-from mhsb_planner.s2_search import Weights
-from mhsb_sim import simulator
+from mhsb_planner.search.s2_search import Weights
+from mhsb_sim.simulation import simulator
 from mhsb_sim.study.compare_figure import draw_proportions
 from mhsb_sim.study.planner_comparison import (
     BASELINE,

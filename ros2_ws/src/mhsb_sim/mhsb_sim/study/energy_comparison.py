@@ -1,7 +1,7 @@
 """Planned against simulated energy, element by element.
 
-Planned is the planner's model (`mhsb_planner.energy`, pumps in series) of the motion that the
-servo followed and the modes that were in force. It is quasi-static and knows ideal lines and
+Planned is the planner's model (`mhsb_planner.motion.energy`, pumps in series) of the motion that
+the servo followed and the modes that were in force. It is quasi-static and knows ideal lines and
 pumps: friction, compression, the servo's own margin and bias, check and switching valves are in
 the simulation alone.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from mhsb_planner.energy import Energy
+from mhsb_planner.motion.energy import Energy
 
 OTHER_VALVES = ("check_valves", "join_valves", "relief_valves", "anti_cavitation", "bleed")
 

@@ -7,7 +7,7 @@ from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import required_pressure
-from mhsb_model.linkage import moment_arm
+from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, ModeArray

@@ -15,18 +15,18 @@ from functools import partial
 
 import numpy as np
 
+from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray
-from mhsb_planner.departure import Command
-from mhsb_planner.integrated.ground_truth import ground_truth
-from mhsb_planner.moves import Move
+from mhsb_planner.evaluation.ground_truth import ground_truth
+from mhsb_planner.evaluation.moves import Move
+from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import Plan, Planner, PlannerKind, PlanOptions
-from mhsb_planner.posture_table_cache import table_for
-from mhsb_planner.s2_search import Weights
-from mhsb_planner.s4_mode_schedule import StartModes
-from mhsb_sim.simulator import Simulator, holding_modes
+from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.search.s2_search import Weights
+from mhsb_sim.simulation.simulator import Simulator, holding_modes
 from mhsb_sim.study.replay import replay
 
 BASELINE: PlannerKind = "table"

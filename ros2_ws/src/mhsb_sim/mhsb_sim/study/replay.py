@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.departure import Command
 from mhsb_sim.report.recorded_motion import tip_positions
-from mhsb_sim.simulator import Simulator
+from mhsb_sim.simulation.simulator import Simulator
 
 
 @dataclass(frozen=True, eq=False)

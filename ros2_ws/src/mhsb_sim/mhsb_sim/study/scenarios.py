@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from mhsb_model.config_files import config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
-from mhsb_planner.s2_search import Weights
+from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.errors import ScenarioError
 
 SCENARIOS_FILE = "study_scenarios.yaml"

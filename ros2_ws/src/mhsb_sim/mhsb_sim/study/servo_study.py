@@ -15,19 +15,19 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
-from mhsb_planner.departure import Command
-from mhsb_planner.energy import Energy, motion_energy
+from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
-from mhsb_planner.posture_table_cache import table_for
-from mhsb_planner.replanning import Replanner
-from mhsb_sim.headless import BUDGET
+from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.servo import CONTROLLERS
-from mhsb_sim.simulator import Simulator, holding_modes
+from mhsb_sim.simulation.simulator import Simulator, holding_modes
 from mhsb_sim.study.energy_comparison import Element, energy_elements
+from mhsb_sim.study.headless import BUDGET
 from mhsb_sim.study.needed_pressure import needed_pressure
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.scenarios import Scenario

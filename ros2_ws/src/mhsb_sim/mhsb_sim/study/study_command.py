@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
-from mhsb_sim.simulator import warm_up
+from mhsb_sim.simulation.simulator import warm_up
 from mhsb_sim.study.energy_comparison import Element, total
 from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.scenarios import load_scenarios

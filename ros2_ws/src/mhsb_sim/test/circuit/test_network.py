@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.network import Circuit, build_circuit, settle
-from mhsb_sim.simulator import energy_gap, volume_gap
+from mhsb_sim.simulation.simulator import energy_gap, volume_gap
 
 START = np.array([0.3, -1.4, -1.5])
 MODES_N = np.zeros(3, np.uint8)

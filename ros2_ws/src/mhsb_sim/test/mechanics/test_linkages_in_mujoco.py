@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mhsb_model import four_bar, linkage
+from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.machine import Machine
 from mhsb_model.schema import FourBar, Pin, SliderCrank
 from mhsb_model.types import FloatArray

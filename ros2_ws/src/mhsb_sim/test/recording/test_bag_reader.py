@@ -10,6 +10,7 @@ from rclpy.serialization import serialize_message
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import (
     actuator_states,
     goal_pose,
@@ -24,7 +25,6 @@ from mhsb_msgs_py import (
     topics,
     trajectory,
 )
-from mhsb_msgs_py.status import Outcome, Verdict
 from mhsb_sim.recording import bag_format
 from mhsb_sim.recording.bag_format import BagError, BagTopic
 from mhsb_sim.recording.bag_reader import Recording, read_recording

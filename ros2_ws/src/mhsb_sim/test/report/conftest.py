@@ -20,6 +20,7 @@ from rclpy.serialization import serialize_message
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import (
     actuator_states,
     goal_pose,
@@ -34,7 +35,6 @@ from mhsb_msgs_py import (
     topics,
     trajectory,
 )
-from mhsb_msgs_py.status import Outcome, Verdict
 from mhsb_sim.recording import bag_format
 from mhsb_sim.recording.bag_format import BagTopic
 from mhsb_sim.recording.bag_reader import read_recording

@@ -8,8 +8,8 @@ import pytest
 
 from mhsb_model.figure_style import RESOLUTION, WIDTH, telling_rows
 from mhsb_model.modes import Mode
-from mhsb_planner.operating_regions import operating_regions
-from mhsb_planner.posture_table_cache import table_for
+from mhsb_planner.evaluation.operating_regions import operating_regions
+from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.recording.bag_reader import read_recording
 from mhsb_sim.report import figures
 from mhsb_sim.report.recorded_run import recorded_run

@@ -3,7 +3,7 @@ import pytest
 
 from mhsb_model.machine import Machine
 from mhsb_sim.servo.stability import slowest_decay
-from mhsb_sim.simulator import Simulator
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.tuning import SLOWEST_DECAY
 
 SLOW = np.array([-1.1, -0.3, 0.6])  # stretched out low, where J1's moment arm is short

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.energy import motion_energy
-from mhsb_sim.simulator import Simulator
+from mhsb_planner.motion.energy import motion_energy
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.energy_comparison import as_text, energy_elements, total
 
 LOW, HIGH = np.array([-0.1, -0.3, -0.4]), np.array([0.2, -0.2, -0.4])

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from mhsb_model.machine import Machine
-from mhsb_planner.moves import Move
+from mhsb_planner.evaluation.moves import Move
 from mhsb_planner.planner import ENERGY_OPTIMAL
-from mhsb_planner.s1_global_search import postures_at
+from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_sim.study.compare_command import as_text, summarize
 from mhsb_sim.study.compare_figure import draw_proportions
 from mhsb_sim.study.planner_comparison import Comparer, Comparison, Record, Request, ratios

@@ -2,11 +2,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.departure import Command
-from mhsb_sim.simulator import Simulator
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import replay
 
 LIFTED = np.array([1.0, -1.3, -1.7])

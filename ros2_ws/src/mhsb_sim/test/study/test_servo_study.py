@@ -8,8 +8,8 @@ import pytest
 
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_planner.s2_search import Weights
-from mhsb_sim.simulator import holding_modes
+from mhsb_planner.search.s2_search import Weights
+from mhsb_sim.simulation.simulator import holding_modes
 from mhsb_sim.study.energy_comparison import Element
 from mhsb_sim.study.replay import Replay
 from mhsb_sim.study.scenarios import Scenario

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import yaml
 
+from mhsb_model.command import Command
 from mhsb_model.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MotionState, Trajectory
-from mhsb_planner.departure import Command
-from mhsb_planner.s2_search import Weights
+from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.errors import TuningError
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.study.scenarios import Scenario

@@ -1,0 +1,112 @@
+"""Verdicts on goals, outcomes of executions, and how serious each of them is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+
+class Level(IntEnum):
+    """Levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+class Verdict(StrEnum):
+    """What became of a goal; each goal that is received gets exactly one."""
+
+    OK = "OK"  # planned and published
+    AT_GOAL = "AT_GOAL"  # accepted, and there already: nothing to do
+    SUPERSEDED = "SUPERSEDED"  # a newer goal came before the plan
+    NO_STATE = "NO_STATE"  # nobody says where the arm is
+    MOVING = "MOVING"  # a first plan needs an arm at rest
+    NOT_FINITE = "NOT_FINITE"  # NaN or infinite numbers
+    FRAME = "FRAME"  # a frame that goals cannot be given in
+    OUT_OF_WORKSPACE = "OUT_OF_WORKSPACE"
+    INFEASIBLE = "INFEASIBLE"  # no path within the machine's limits
+    ZONE = "ZONE"  # in a keep-out zone
+    DEADLINE = "DEADLINE"  # planning took longer than its budget
+    TABLE = "TABLE"  # the posture table cannot be used
+    INTERNAL = "INTERNAL"  # a fault of the planner
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the goal was accepted."""
+        return self in (Verdict.OK, Verdict.AT_GOAL)
+
+    @property
+    def level(self) -> Level:
+        """OK where accepted, WARN where superseded, ERROR where refused."""
+        if self.accepted:
+            return Level.OK
+        return Level.WARN if self is Verdict.SUPERSEDED else Level.ERROR
+
+
+class Outcome(StrEnum):
+    """How the execution of an accepted goal ended."""
+
+    REACHED = "reached"
+    REPLACED = "replaced"  # by the plan of a later goal
+    STOPPED = "stopped"  # on request
+    ABORTED = "aborted"  # the plan was not executed to its end
+
+    @property
+    def level(self) -> Level:
+        """OK where the goal was reached, ERROR where the plan was aborted, else WARN."""
+        if self is Outcome.REACHED:
+            return Level.OK
+        return Level.ERROR if self is Outcome.ABORTED else Level.WARN
+
+
+@dataclass(frozen=True)
+class PlanSummary:
+    """What an accepted goal will cost.
+
+    plan_stamp_ns    stamp of the plan's messages, ns; 0 where nothing had to be published
+    energy_j         in the planner's energy reading, J
+    energy_series_j  in the series reading, J
+    duration_s       s
+    switches         mode changes
+    plan_ms          from goal received to plan published, ms
+    lower_bound_j    no plan to this goal needs less, J
+    """
+
+    plan_stamp_ns: int
+    energy_j: float
+    energy_series_j: float
+    duration_s: float
+    switches: int
+    plan_ms: float
+    lower_bound_j: float
+
+
+@dataclass(frozen=True)
+class GoalVerdict:
+    """What became of a goal, which is named by its stamp [ns] and was at x, z [m].
+
+    `sentence` tells a person. Accepted goals have a plan, others None; anything else is a
+    ValueError.
+    """
+
+    code: Verdict
+    sentence: str
+    goal_stamp_ns: int
+    goal_x: float
+    goal_z: float
+    plan: PlanSummary | None = None
+
+    def __post_init__(self) -> None:
+        if self.code.accepted != (self.plan is not None):
+            raise ValueError(f"a verdict {self.code} and a plan {self.plan} do not go together")
+
+
+@dataclass(frozen=True)
+class ExecutionReport:
+    """How the execution of an accepted goal ended; stamps of goal and plan in ns."""
+
+    outcome: Outcome
+    sentence: str
+    goal_stamp_ns: int
+    plan_stamp_ns: int

@@ -1,0 +1,1 @@
+"""What `ros2 run mhsb_planner` offers beside the node."""

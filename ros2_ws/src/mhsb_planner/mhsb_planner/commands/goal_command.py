@@ -1,0 +1,93 @@
+"""`goal`: sends one goal to a running planner and tells what became of it."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import tyro
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from mhsb_model import command_line
+from mhsb_model.verdict import GoalVerdict, Outcome
+from mhsb_msgs_py.node_process import ros_running, serving, spin_until
+from mhsb_planner.ros.goal_sender import GoalSender
+
+ACCEPTED, REFUSED, NO_ANSWER = 0, 1, 2
+
+
+def goal(
+    x: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="X")],
+    z: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="Z")],
+    wait: bool = False,
+    timeout: Annotated[float, tyro.conf.arg(metavar="S")] = 10.0,
+) -> int:
+    """Send the tip to (X, Z) and print what the planner says.
+
+    Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 2: nobody
+    answered in time.
+
+    Args:
+        x: Forward, from the base [m].
+        z: Up, from the base [m].
+        wait: Also wait until the motion has ended.
+        timeout: How long to wait for a planner, and again for its answer [s].
+    """
+    if timeout <= 0:
+        raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
+    try:
+        with ros_running(), serving(GoalSender) as (executor, sender):
+            return _send_and_wait(sender, executor, (x, z), wait, timeout)
+    except ExternalShutdownException:
+        return command_line.INTERRUPTED
+
+
+def _send_and_wait(
+    sender: GoalSender,
+    executor: SingleThreadedExecutor,
+    target: tuple[float, float],
+    wait: bool,
+    timeout: float,
+) -> int:
+    if not spin_until(executor, lambda: sender.matched, timeout):
+        print(f"no planner was found within {timeout:g} s; is planner_node running?")
+        return NO_ANSWER
+    verdict = sender.ask(executor, *target, timeout)
+    if verdict is None:
+        print(f"the planner gave no answer within {timeout:g} s")
+        return NO_ANSWER
+    stamp_ns = verdict.goal_stamp_ns
+    print("\n".join(_verdict_lines(verdict)))
+    if not verdict.code.accepted:
+        return REFUSED
+    if not wait or verdict.plan is None or verdict.plan.plan_stamp_ns == 0:
+        return ACCEPTED
+    if not spin_until(
+        executor, lambda: stamp_ns in sender.executions, verdict.plan.duration_s + timeout
+    ):
+        print(f"the planner did not report an end within {timeout:g} s of the planned one")
+        return NO_ANSWER
+    report = sender.executions[stamp_ns]
+    print(f"{report.outcome.value}: {report.sentence}")
+    return ACCEPTED if report.outcome is Outcome.REACHED else REFUSED
+
+
+def _verdict_lines(verdict: GoalVerdict) -> list[str]:
+    lines = [f"{verdict.code.value}: {verdict.sentence}"]
+    plan = verdict.plan
+    if plan is not None and plan.plan_stamp_ns != 0:
+        lines.append(
+            f"  {plan.duration_s:.2f} s, {plan.energy_j:.0f} J ({plan.energy_series_j:.0f} J in "
+            f"series reading, at least {plan.lower_bound_j:.0f} J), {plan.switches} mode switches, "
+            f"planned in {plan.plan_ms:.1f} ms"
+        )
+    return lines
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_planner goal`."""
+    return command_line.run(goal, name="goal", node=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

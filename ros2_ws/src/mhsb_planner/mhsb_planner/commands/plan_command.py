@@ -1,0 +1,326 @@
+"""`plan`: one plan, offline, without a ROS graph."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.modes import pattern_name
+from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_planner.errors import RequestError
+from mhsb_planner.evaluation.operating_point import (
+    OperatingPoint,
+    Range,
+    Sample,
+    best_operating_point,
+)
+from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
+from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.search.area_shortfall import area_along_motion, area_along_path, reference_area
+from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
+from mhsb_planner.search.s2_search import SearchMethod, Weights
+from mhsb_planner.search.s2_step import EnergyReading
+
+Point = tuple[float, float]
+Box = tuple[float, float, float, float]
+Circle = tuple[float, float, float]
+
+BAR_DELAY = 0.5
+"""Before which no progress is shown [s]: what is wrong with a request shows sooner."""
+
+
+def plan(
+    start: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
+    goal: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
+    case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    weights: Annotated[
+        tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3")
+    ] = None,
+    area_weight: Annotated[float, tyro.conf.arg(metavar="W4")] = 0.0,
+    planner: PlannerKind | None = None,
+    initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
+    search: SearchMethod = "exact",
+    heuristic_scale: Annotated[
+        float, tyro.conf.arg(metavar="PER_M")
+    ] = DEFAULT_HEURISTIC_SCALE,
+    trajectory: TrajectoryKind | None = None,
+    energy_reading: EnergyReading = "paper",
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
+    v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S")] = None,
+    supply_pressure_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
+    v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
+    goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
+    zone_box: Annotated[
+        tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
+    ] = (),
+    zone_circle: Annotated[
+        tuple[Circle, ...], tyro.conf.arg(metavar="X Z RADIUS"), tyro.conf.UseAppendAction
+    ] = (),
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Plan a motion from rest and print it: path, modes, energy, time.
+
+    Give --start and --goal, or --case for one of the paper's. The start posture is that of the
+    posture table in normal mode, or the one with the initial angle of joint 3 if that is fixed.
+    Energies are in J, lengths in m, angles in rad, times in s.
+
+    Args:
+        start: Tip position at the start [m].
+        goal: Tip position at the goal [m].
+        case: One of the paper's cases, such as 1-1; it sets start, goal, weights and planner.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        table: Posture table (npz); built and kept in the user's cache when left out.
+        weights: Of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
+        area_weight: Of the velocity polytope's area that is lost along the tip's path, for the
+            integrated planner [1/m]; 0 leaves the area out.
+        planner: Where postures come from: table takes those of the posture table, fixed keeps
+            joint 3 and changes it by 1 degree at a time where the others have no solution,
+            integrated decides them together with path and modes; table when left out.
+        initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture
+            table at the start when left out.
+        search: The exact search, or the published one with one label for each node.
+        heuristic_scale: Of the published search, cost per distance from the goal [1/m].
+        trajectory: How the trajectory is made: polynomial as published, or the discrete path
+            followed; followed for the integrated planner, polynomial for the others when left
+            out.
+        energy_reading: Price of boosted oil that the search minimises.
+        payload: Mass at the tip [kg]; the machine file's when left out.
+        supply_pressure: Of the main pump [Pa]; the machine file's when left out.
+        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out.
+        supply_pressure_range: Choose the constant supply pressure in this range with which the
+            motion costs least [Pa]; with --json the points looked at are printed, too.
+        v_max_range: Likewise the piston speed [m/s].
+        goal_psi: Angle of the end link at the goal [rad]; free when left out.
+        zone_box: Two opposite corners [m] of a box that the arm keeps out of, beside the machine
+            file's zones; may be given several times.
+        zone_circle: Centre and radius [m] of a circle that the arm keeps out of, likewise.
+        json_: Print one JSON object instead of text.
+    """
+    asked = _request(start, goal, case, weights, planner, initial_j3)
+    ranges = (
+        _range("supply-pressure", supply_pressure_range, supply_pressure),
+        _range("v-max", v_max_range, v_max),
+    )
+    base = load_machine(machine)
+    suite = Planner(base, table_for(base, table))
+    suite.change(
+        base.changed(
+            payload=payload,
+            supply_pressure=supply_pressure,
+            max_piston_speed=v_max,
+            zones=base.zones.with_more(zone_box, zone_circle),
+        )
+    )
+    options = replace(
+        asked.options,
+        energy_reading=energy_reading,
+        goal_psi=goal_psi,
+        search=search,
+        heuristic_scale=heuristic_scale,
+        trajectory=trajectory,
+        area_weight=area_weight,
+    )
+    warm_up(suite)
+    began = time.perf_counter()
+    base.check_in_workspace(*asked.start)
+    at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
+    found = None
+    if any(ranges):
+        with tqdm(desc="operating points", unit="plan", disable=json_, delay=BAR_DELAY) as bar:
+            told = partial(_advance, bar)
+            found = best_operating_point(suite, asked.goal, at_rest, options, *ranges, told=told)
+    made = found.plan if found else suite.plan(asked.goal, at_rest, options=options)
+    seconds = {**made.seconds, "total": time.perf_counter() - began}
+    area = polytope_areas_of(suite, made)
+    if json_:
+        print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))
+    else:
+        print("\n".join([*as_text(made, seconds), area_line(area), *point_lines(found)]))
+
+
+def _advance(bar: tqdm, _: Sample) -> None:
+    bar.update()
+
+
+def _range(name: str, given: Point | None, fixed: float | None) -> Range | None:
+    """The range of an option, which must not be given with a fixed value."""
+    if given is None:
+        return None
+    if fixed is not None:
+        raise command_line.UsageError(f"give --{name} or --{name}-range, not both")
+    try:
+        return Range(*given)
+    except RequestError as error:
+        raise command_line.UsageError(f"--{name}-range: {error}") from error
+
+
+def _request(
+    start: Point | None,
+    goal: Point | None,
+    case: str | None,
+    weights: tuple[float, float, float] | None,
+    planner: PlannerKind | None,
+    initial_j3: float | None,
+) -> PaperCase:
+    """What is asked for: the case where one is named, with what is given itself in its place."""
+    named = paper_case(case) if case is not None else None
+    start = start or (named.start if named else None)
+    goal = goal or (named.goal if named else None)
+    if start is None or goal is None:
+        raise command_line.UsageError("give --start X Z and --goal X Z, or --case NAME")
+    base = named or PaperCase("", start, goal, ENERGY_OPTIMAL)
+    try:
+        chosen = Weights(*weights) if weights is not None else base.weights
+    except RequestError as error:
+        raise command_line.UsageError(f"--weights: {error}") from error
+    return replace(
+        base,
+        start=start,
+        goal=goal,
+        weights=chosen,
+        planner=planner or base.planner,
+        initial_j3=base.initial_j3 if initial_j3 is None else initial_j3,
+    )
+
+
+def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str, Any]:
+    """Everything about a plan in plain types."""
+    path, motion = made.path, made.motion
+    return {
+        "machine": machine.name,
+        "supply_pressure_pa": machine.arrays.supply_pressure,
+        "v_max_m_s": machine.arrays.max_piston_speed,
+        "energy_discrete_j": float(path.energy.sum()),
+        "energy_series_discrete_j": float(path.energy_series.sum()),
+        "energy_j": made.energy.paper,
+        "energy_series_j": made.energy.series,
+        "lower_bound_j": made.lower_bound,
+        "gap": made.gap,
+        "duration_discrete_s": float(path.duration.sum()),
+        "duration_s": motion.trajectory.duration_ns / SECOND_NS,
+        "switches": path.switches,
+        "switches_scheduled": motion.schedule.switches,
+        "cost": path.cost,
+        "path": path.tip.tolist(),
+        "modes": path.modes.tolist(),
+        "joint_path": path.posture.tolist(),
+        "fit": {
+            "method": motion.method.value,
+            "stretch": motion.stretch,
+            "speed_excess": motion.speed_excess,
+            "tip_deviation_m": motion.tip_deviation,
+            "joint_deviation_rad": motion.joint_deviation,
+            "refused": list(motion.refused),
+        },
+        "warnings": [str(overload) for overload in motion.overloads],
+        "expanded": path.statistics.expanded,
+        "out_of_time": path.statistics.out_of_time,
+        "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
+    }
+
+
+def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
+    """A table of the steps and the sums."""
+    path, motion = made.path, made.motion
+    lines = ["step   tip x, z [m]      modes           time [s]   energy [J]"]
+    for k in range(path.steps):
+        x, z = path.tip[k + 1]
+        lines.append(
+            f"{k + 1:4d}   {x:6.3f} {z:7.3f}   {pattern_name(path.modes[k]):14s}"
+            f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}"
+        )
+    lines += [
+        f"discrete path: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
+        f"({path.energy_series.sum():.1f} J in series reading, at least "
+        f"{made.lower_bound:.1f} J), {path.switches} mode switches",
+        f"trajectory:    {motion.trajectory.duration_ns / SECOND_NS:.2f} s, "
+        f"{made.energy.paper:.1f} J ({made.energy.series:.1f} J in series reading), "
+        f"{motion.schedule.switches} mode switches, {100 * made.gap:.0f} % above the least energy",
+        f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
+        f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
+        f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
+        *(f"warning: {overload}" for overload in motion.overloads),
+        "planned in "
+        + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
+    ]
+    return lines
+
+
+def polytope_areas_of(planner: Planner, made: Plan) -> dict[str, float | None]:
+    """The polytope's mean area along path and motion, what counts as full, and what is missing.
+
+    The means are None where the tip does not move.
+    """
+    motion, reference = made.motion, reference_area(planner.graph.table)
+    path = area_along_path(planner.machine, made.path)
+    along = area_along_motion(planner.machine, motion.trajectory, motion.schedule)
+    return {
+        "area_discrete_m2_s2": path.mean,
+        "area_m2_s2": along.mean,
+        "area_reference_m2_s2": reference,
+        "area_shortfall_m": along.shortfall(reference),
+    }
+
+
+def area_line(area: dict[str, float | None]) -> str:
+    """The same in words."""
+    mean = area["area_m2_s2"]
+    if mean is None:
+        return "polytope: the tip stays"
+    return (
+        f"polytope: {mean:.3f} m²/s² on average along the tip's path, full from "
+        f"{area['area_reference_m2_s2']:.3f} m²/s²; shortfall {area['area_shortfall_m']:.3f} m"
+    )
+
+
+def curve_json(found: OperatingPoint | None) -> dict[str, Any]:
+    """All points at which a plan was looked for; nothing where none was."""
+    return {"operating_points": [_sample_json(sample) for sample in found.curve]} if found else {}
+
+
+def _sample_json(sample: Sample) -> dict[str, Any]:
+    point = {"supply_pressure_pa": sample.supply_pressure, "v_max_m_s": sample.v_max}
+    if sample.failure:
+        return point | {"failure": sample.failure}
+    return point | {
+        "energy_j": sample.energy,
+        "energy_series_j": sample.energy_series,
+        "duration_s": sample.duration,
+        "switches": sample.switches,
+        "cost": sample.cost,
+    }
+
+
+def point_lines(found: OperatingPoint | None) -> list[str]:
+    """The best point in words."""
+    if found is None:
+        return []
+    best = found.best
+    return [
+        f"operating point: {best.supply_pressure / 1e6:.3f} MPa, V_max {1e3 * best.v_max:.2f} mm/s "
+        f"cost least, {best.cost:.1f}, of {len(found.curve)} looked at"
+    ]
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_planner plan`."""
+    return command_line.run(plan, name="plan")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

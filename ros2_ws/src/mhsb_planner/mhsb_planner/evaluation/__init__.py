@@ -1,0 +1,1 @@
+"""How good plans are: the paper's cases, ground truth, benchmarks, operating points."""

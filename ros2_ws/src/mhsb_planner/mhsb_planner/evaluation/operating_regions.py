@@ -1,0 +1,56 @@
+"""Operating regions: where in the workspace which joints need boost (paper, Figure 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.hydraulics import required_pressure
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_planner.posture.s1_posture_table import PostureTable
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingRegions:
+    """Need for boost at every node of the grid that the arm can reach, in its N posture.
+
+    spacing  of the grid [m]
+    nodes    int64[nodes, 2], (x, z) in units of the spacing
+    boosted  bool[nodes, n], whether P_S is not enough for joint j
+    heavy    bool[nodes], whether even the highest boost pressure is not enough for a joint
+    """
+
+    spacing: float
+    nodes: IntArray
+    boosted: np.ndarray
+    heavy: np.ndarray
+
+
+def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions:
+    """Regions of a machine by its posture table.
+
+    A joint needs boost where p_L + m(V_max) + margin > P_S for a motion against its load at
+    V_max (`mhsb_model.hydraulics.required_pressure`).
+    """
+    normal = int(np.flatnonzero(~np.any(table.patterns, axis=1))[0])
+    reached = table.feasible
+    pressure = np.array([_pressures(machine, q) for q in table.posture[reached, normal]])
+    pressure = pressure.reshape(-1, machine.joint_count)
+    return OperatingRegions(
+        table.spacing,
+        table.nodes[reached],
+        pressure > machine.arrays.supply_pressure,
+        np.any(pressure > machine.arrays.max_boost_pressure, axis=1),
+    )
+
+
+def _pressures(machine: Machine, q: FloatArray) -> FloatArray:
+    """Supply pressures [Pa] that move all joints against their loads at V_max."""
+    m = machine.arrays
+    force = machine.piston_forces(np.ascontiguousarray(q))
+    speed = np.copysign(m.max_piston_speed, force)
+    return np.array(
+        [required_pressure(m, j, force[j], speed[j]) for j in range(machine.joint_count)]
+    )

@@ -1,0 +1,305 @@
+"""How fast planning is: the posture table, plans, and how both grow with the grid.
+
+    scripts/bench planning
+
+Times are medians of `RUNS` runs, on whatever else the machine does meanwhile; ratios are of
+times taken one after the other.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+import tyro
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.evaluation.integrated_benchmark import integrated_figures
+from mhsb_planner.evaluation.moves import Move, random_moves
+from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
+from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
+from mhsb_planner.posture.s1_global_search import build_posture_table
+from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
+from mhsb_planner.result_files import write_json
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_search import search
+from mhsb_planner.search.s2_step import DURATION, ENERGY_PAPER
+
+RUNS = 5
+SEED = 0
+SPACINGS = (0.05, 0.025, 0.0125)  # m
+MILLI = 1e3
+
+Figures = dict[str, Any]
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    Plans, SLSQP entries, ground truths, plans for each spacing, and the spacings [m].
+    """
+
+    moves: int = 500
+    entries: int = 200
+    truths: int = 60
+    growth_moves: int = 100
+    spacings: tuple[float, ...] = SPACINGS
+    runs: int = RUNS
+
+
+def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figures:
+    """All figures of the benchmark, with the keys of its JSON file."""
+    warm_up(Planner(machine, build_posture_table(machine, jobs=jobs)))
+    table, table_figures = _table_figures(machine, effort, jobs)
+    planner = Planner(machine, table)
+    bar = tqdm(random_moves(planner, effort.moves), "moves", effort.moves, unit="move")
+    moves = list(bar)
+    return {
+        "table": table_figures,
+        "plan": {
+            "table": _plan_figures(planner, moves, effort),
+            "integrated": integrated_figures(planner, moves, effort.truths, effort.runs),
+        },
+        "scipy_dijkstra": _dijkstra_figures(planner.graph, moves, effort.runs),
+        "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
+    }
+
+
+# --- Posture table -------------------------------------------------------------------------------
+
+
+def _table_figures(
+    machine: Machine, effort: Effort, jobs: int | None
+) -> tuple[PostureTable, Figures]:
+    build_s, table = _timed(lambda: build_posture_table(machine, jobs=jobs), effort.runs)
+    random = np.random.default_rng(SEED)
+    feasible = np.flatnonzero(table.feasible)
+    seconds, ratios = 0.0, []
+    for node in tqdm(random.choice(feasible, effort.entries), desc="SLSQP", unit="entry"):
+        p = int(random.integers(len(table.patterns)))
+        x, z = table.nodes[node] * table.spacing
+        began = time.perf_counter()
+        found = largest_by_slsqp(machine, float(x), float(z), table.patterns[p], seed=p)
+        seconds += time.perf_counter() - began
+        if found is not None:
+            ratios.append(float(table.area[node, p]) / found[1])
+    per_entry = seconds / effort.entries
+    return table, {
+        "entries": table.entries,
+        "build_s": build_s,
+        "slsqp_s_per_entry": per_entry,
+        "speedup_over_slsqp": per_entry / (build_s / table.entries),
+        "worst_area_ratio": min(ratios),
+    }
+
+
+# --- Plans ---------------------------------------------------------------------------------------
+
+
+def _plan_figures(planner: Planner, moves: list[Move], effort: Effort) -> Figures:
+    """Percentiles over all moves of S2 to S4 together and of each, and of a first plan."""
+    settled = StartModes.settled(np.full(planner.machine.joint_count, Mode.N))
+    runs = []
+    for _ in tqdm(range(effort.runs), desc="plans", unit="run"):
+        times = np.empty((len(moves), 4))
+        for row, move in zip(times, moves, strict=True):
+            plan = planner.plan(move.goal, MotionState.at_rest(move.start))
+            began = time.perf_counter()
+            mode_schedule(planner.machine, plan.motion.trajectory, settled)
+            s4 = time.perf_counter() - began
+            s2, fit = plan.seconds["search"], plan.seconds["fit"]
+            row[:] = s2 + fit, s2, fit - s4, s4
+        runs.append(MILLI * times)
+    percentiles = np.median([np.percentile(times, [50, 99], axis=0) for times in runs], axis=0)
+    (p50, *_), (p99, s2_p99, s3_p99, s4_p99) = percentiles.tolist()
+    return {
+        "p50_ms": p50,
+        "p99_ms": p99,
+        "s2_p99_ms": s2_p99,
+        "s3_p99_ms": s3_p99,
+        "s4_p99_ms": s4_p99,
+        "rebuild_ms": _rebuild_ms(planner, moves, effort.runs),
+    }
+
+
+def _rebuild_ms(planner: Planner, moves: list[Move], runs: int) -> float:
+    """First plan after a change of payload or supply pressure, the table kept; the median."""
+    base, times = planner.machine, []
+    for run in range(1, runs + 1):
+        changes = (
+            base.changed(payload=base.arrays.payload * (1.0 - 0.01 * run)),
+            base.changed(supply_pressure=base.arrays.supply_pressure * (1.0 + 0.01 * run)),
+        )
+        for machine in changes:
+            move = moves[run % len(moves)]
+            began = time.perf_counter()
+            planner.change(machine)
+            planner.plan(move.goal, MotionState.at_rest(move.start))
+            times.append(time.perf_counter() - began)
+    planner.change(base)
+    return MILLI * statistics.median(times)
+
+
+# --- Comparison and growth -----------------------------------------------------------------------
+
+
+def explicit_graph(graph: StepGraph) -> csr_array:
+    """All states and steps with the cost of the energy-optimal weights, for SciPy's searches.
+
+    A step of no cost is given the smallest number there is: SciPy takes 0 for no step.
+    Of parallel steps there are none, since each state is entered in its own pattern.
+    """
+    edges, patterns = graph.edges, len(graph.table.patterns)
+    owner = graph.layout.owner.ravel()
+    states = np.flatnonzero(owner >= 0)
+    count = (edges.last - edges.first)[owner[states]]
+    origin = np.repeat(states, count)
+    within = np.arange(len(origin)) - np.repeat(np.cumsum(count) - count, count)
+    edge = np.repeat(edges.first[owner[states]], count) + within
+    weights = ENERGY_OPTIMAL
+    cost = weights.energy * edges.cost[edge, ENERGY_PAPER]
+    cost += weights.time * edges.cost[edge, DURATION]
+    cost += weights.switches * graph.switches[origin % patterns, edges.pattern[edge]]
+    shape = (len(owner), len(owner))
+    return csr_array((np.maximum(cost, np.finfo(float).tiny), (origin, edges.state[edge])), shape)
+
+
+def _dijkstra_figures(graph: StepGraph, moves: list[Move], runs: int) -> Figures:
+    """SciPy's Dijkstra from the same starts, to all states; making its graph does not count."""
+    matrix = explicit_graph(graph)
+    table = graph.table
+    starts = [
+        int(np.flatnonzero(np.all(table.posture[:, 0] == move.start, axis=1))[0])
+        * len(table.patterns)
+        for move in moves
+    ]
+    times = np.empty((runs, len(moves)))
+    for row in tqdm(times, desc="SciPy", unit="run"):
+        for k, start in enumerate(starts):
+            began = time.perf_counter()
+            dijkstra(matrix, indices=start)
+            row[k] = time.perf_counter() - began
+    p50, p99 = MILLI * np.median(np.percentile(times, [50, 99], axis=1), axis=1)
+    return {"p50_ms": float(p50), "p99_ms": float(p99)}
+
+
+def _growth_figures(
+    machine: Machine, spacing: float, effort: Effort, jobs: int | None
+) -> Figures:
+    """Sizes and times for one spacing: table, graph, and the search between random nodes."""
+    build_s, table = _timed(lambda: build_posture_table(machine, spacing, jobs), 1)
+    graph_s, graph = _timed(lambda: StepGraph(machine, table, jobs), 1)
+    random = np.random.default_rng(SEED)
+    nodes = np.flatnonzero(table.feasible)
+    times: list[float] = []
+    expanded: list[int] = []
+    bar = tqdm(total=effort.growth_moves, desc=f"{1e3 * spacing:g} mm", unit="plan")
+    while len(times) < effort.growth_moves:
+        here, there = random.choice(nodes, 2, replace=False)
+        x, z = table.nodes[there] * spacing
+        try:
+            began = time.perf_counter()
+            path = search(
+                graph, table.posture[here, 0], table.patterns[0], (x, z), ENERGY_OPTIMAL
+            )
+            times.append(MILLI * (time.perf_counter() - began))
+        except MhsbError:
+            continue
+        expanded.append(path.statistics.expanded)
+        bar.update()
+    bar.close()
+    return {
+        "spacing_m": spacing,
+        "nodes": len(table.nodes),
+        "states": int(np.count_nonzero(graph.layout.owner >= 0)),
+        "steps": len(graph.edges.state),
+        "build_s": build_s,
+        "graph_s": graph_s,
+        "expanded_p50": float(np.median(expanded)),
+        "search_p50_ms": float(np.percentile(times, 50)),
+        "search_p99_ms": float(np.percentile(times, 99)),
+    }
+
+
+def _timed(work: Callable[[], Result], runs: int) -> tuple[float, Result]:
+    """Median of the seconds that some runs take, and the last one's result."""
+    times = []
+    for _ in range(runs):
+        began = time.perf_counter()
+        result = work()
+        times.append(time.perf_counter() - began)
+    return statistics.median(times), result
+
+
+# --- Command -------------------------------------------------------------------------------------
+
+
+def planning(
+    output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/planning.json"),
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+) -> None:
+    """Measure planning, print a table and write the figures as JSON.
+
+    Args:
+        output: JSON file to write.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        jobs: Number of threads; one for each processor when left out.
+    """
+    figures = measure(load_machine(machine), Effort(), jobs)
+    write_json(output, figures)
+    print("\n".join(as_text(figures)))
+    print(f"written to {output}")
+
+
+def as_text(figures: Figures) -> list[str]:
+    """The figures as a table."""
+    table, plan, other = figures["table"], figures["plan"]["table"], figures["scipy_dijkstra"]
+    integrated = figures["plan"]["integrated"]
+    lines = [
+        f"posture table    {table['entries']} entries in {table['build_s']:.2f} s; SLSQP "
+        f"{1e3 * table['slsqp_s_per_entry']:.1f} ms an entry, {table['speedup_over_slsqp']:.0f} "
+        f"times as long; smallest area over SLSQP's {table['worst_area_ratio']:.9f}",
+        f"plans (S2-S4)    p50 {plan['p50_ms']:.2f} ms, p99 {plan['p99_ms']:.2f} ms "
+        f"(S2 {plan['s2_p99_ms']:.2f}, S3 {plan['s3_p99_ms']:.2f}, S4 {plan['s4_p99_ms']:.2f})",
+        f"integrated plans p50 {integrated['p50_ms']:.1f} ms, p99 {integrated['p99_ms']:.1f} ms; "
+        f"energy over the table planner's {integrated['energy_ratio_geomean']:.3f} (Cases 1-4), "
+        f"at worst {integrated['worst_energy_ratio']:.3f}; over the ground truth "
+        f"{integrated['ground_truth_ratio_mean']:.3f}, at worst "
+        f"{integrated['ground_truth_ratio_max']:.3f}",
+        f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
+        f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
+        "spacing [mm]   states     steps   table [s]   graph [s]   search p50, p99 [ms]   expanded",
+    ]
+    lines += [
+        f"{1e3 * row['spacing_m']:12.4g} {row['states']:8d} {row['steps']:9d} "
+        f"{row['build_s']:11.2f} {row['graph_s']:11.2f} {row['search_p50_ms']:13.2f} "
+        f"{row['search_p99_ms']:8.2f} {row['expanded_p50']:10.0f}"
+        for row in figures["growth"]
+    ]
+    return lines
+
+
+def main() -> int:
+    """Entry point of `scripts/bench planning`."""
+    return command_line.run(planning, name="bench planning")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""Figures 6 and 8: joint angles and modes over time, and joint 1 in the plane of its power."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mhsb_model import hydraulics
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    MODE_COLOR,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    legend_above,
+    written_figure,
+)
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.types import FloatArray
+from mhsb_planner.evaluation.reproduction.fits import Fit, Fits
+from mhsb_planner.evaluation.reproduction.runs import Runs
+from mhsb_planner.result_files import write_rows
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+JOINT_COLORS = (BLACK, BLUE, GREEN, PURPLE, ORANGE)
+WIDTH, ROW = 10.0, 3.6  # in
+PER_MM = 1e3
+PER_KN = 1e-3
+FORCE_POINTS = 400
+
+
+def draw_joints(
+    runs: Runs,
+    fits: Fits,
+    names: Sequence[str],
+    folder: Path,
+    figure_name: str,
+    *,
+    load_lines: bool,
+) -> list[Path]:
+    """Joint angles with mode bands, one column for each case; below joint 1's load lines.
+
+    Writes `figure_name`.png and the sampled trajectories as CSV; returns both.
+    """
+    picture = folder / f"{figure_name}.png"
+    rows = 3 if load_lines else 2
+    heights = [ROW, 1.0, ROW][:rows]
+    with written_figure(picture, sum(heights), WIDTH) as figure:
+        panels = figure.subplots(
+            rows, len(names), squeeze=False, gridspec_kw={"height_ratios": heights}
+        )
+        for column, name in enumerate(names):
+            if name not in fits.of:
+                continue
+            fit = fits.of[name]
+            angles, modes = panels[0, column], panels[1, column]
+            _draw_angles(runs, name, fit, angles)
+            _draw_modes(fit, modes)
+            modes.sharex(angles)
+            if load_lines:
+                _draw_load_line(runs[name].machine, fit, 0, panels[2, column])
+        legend_above(figure, *panels.ravel())
+    header = ("case", "time_s", *_columns(runs.machine))
+    data = folder / f"{figure_name}.csv"
+    return [picture, write_rows(data, header, _rows(fits, names))]
+
+
+def _draw_angles(runs: Runs, name: str, fit: Fit, axes: Axes) -> None:
+    path = runs[name].path
+    for joint, color in zip(range(fit.position.shape[1]), JOINT_COLORS, strict=False):
+        label = f"joint {joint + 1}"
+        axes.plot(fit.time, np.degrees(fit.position[:, joint]), color=color, label=label)
+        if path is not None:
+            due = path.time * (fit.duration / path.time[-1])
+            axes.plot(
+                due,
+                np.degrees(path.posture[:, joint]),
+                color=VERMILION,
+                linewidth=0.8,
+                marker=".",
+                markersize=3,
+                label="discrete path (S2), over the trajectory's duration",
+            )
+    axes.set_title(f"Case {name}")
+    axes.set_ylabel("joint angle [°]")
+    axes.tick_params(labelbottom=False)
+
+
+def _draw_modes(fit: Fit, axes: Axes) -> None:
+    """A band for each actuator, coloured by its mode."""
+    for actuator in range(fit.modes.shape[1]):
+        for begin, end, mode in _spans(fit, actuator):
+            axes.broken_barh(
+                [(begin, end - begin)],
+                (actuator - 0.4, 0.8),
+                color=MODE_COLOR[mode],
+                label=f"mode {mode.name}",
+            )
+    axes.set_yticks(range(fit.modes.shape[1]), [f"J{j + 1}" for j in range(fit.modes.shape[1])])
+    axes.invert_yaxis()
+    axes.grid(visible=False)
+    axes.set_xlabel("time [s]")
+
+
+def _spans(fit: Fit, actuator: int) -> Iterator[tuple[float, float, Mode]]:
+    """Begin, end [s] and mode of the times between an actuator's mode changes."""
+    mode = fit.modes[:, actuator]
+    edges = [0, *(np.flatnonzero(np.diff(mode.astype(int))) + 1).tolist(), len(mode) - 1]
+    for begin, end in pairwise(edges):
+        yield float(fit.time[begin]), float(fit.time[end]), Mode(int(mode[begin]))
+
+
+def _draw_load_line(machine: Machine, fit: Fit, joint: int, axes: Axes) -> None:
+    """Speed over force of one cylinder, with what the valve and the servo pumps allow."""
+    force, speed = fit.profile.force[:, joint], fit.profile.speed[:, joint]
+    mode = fit.modes[:, joint]
+    for each in Mode:
+        chosen = mode == each
+        axes.plot(
+            PER_KN * force[chosen],
+            PER_MM * speed[chosen],
+            linestyle="none",
+            marker=".",
+            markersize=3,
+            color={Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}[each],
+            label=f"joint {joint + 1} in {each.name}",
+        )
+    span = max(1.0, float(np.ptp(force)))
+    forces = np.linspace(force.min() - 0.3 * span, force.max() + 0.3 * span, FORCE_POINTS)
+    for supply, color, label in (
+        (machine.arrays.supply_pressure, GREY, "valve at P_S"),
+        (machine.arrays.max_boost_pressure, SKY, "valve at the highest boost pressure"),
+    ):
+        out, back = _valve_limits(machine, joint, supply, forces)
+        axes.plot(PER_KN * forces, PER_MM * out, color=color, label=label)
+        axes.plot(PER_KN * forces, PER_MM * back, color=color)
+    fastest = PER_MM * machine.arrays.max_piston_speed
+    for limit in (fastest, -fastest):
+        axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.9, label="V_max of the search")
+    axes.set_ylim(-2.2 * fastest, 2.2 * fastest)
+    axes.set_xlabel(f"cylinder force of joint {joint + 1} [kN]")
+    axes.set_ylabel("piston speed [mm/s]")
+
+
+def _valve_limits(
+    machine: Machine, joint: int, supply: float, forces: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Highest and lowest piston speed [m/s] by force [N] with the valve fully open."""
+    m = machine.arrays
+    k, cap, rod, tank = m.valve_coefficient, m.cap_area[joint], m.rod_area[joint], m.tank_pressure
+    out = [hydraulics.extension_speed(k, cap, rod, supply, tank, f) for f in forces]
+    back = [-hydraulics.retraction_speed(k, cap, rod, supply, tank, f) for f in forces]
+    return np.array(out), np.array(back)
+
+
+def _columns(machine: Machine) -> list[str]:
+    return [
+        *(f"{joint}_rad" for joint in machine.joint_names),
+        *(f"{actuator}_mode" for actuator in machine.actuator_names),
+        *(f"{actuator}_speed_m_s" for actuator in machine.actuator_names),
+        *(f"{actuator}_force_n" for actuator in machine.actuator_names),
+    ]
+
+
+def _rows(fits: Fits, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+    for name in names:
+        if name in fits.of:
+            fit = fits.of[name]
+            for k, time in enumerate(fit.time):
+                yield (
+                    name,
+                    time,
+                    *fit.position[k],
+                    *fit.modes[k],
+                    *fit.profile.speed[k],
+                    *fit.profile.force[k],
+                )

@@ -1,0 +1,294 @@
+"""Limits of a joint motion: joint range, node set, valves, pumps, boost and obstacles.
+
+Quasi-static, as the whole plan: forces are those of gravity. What an actuator can do depends on
+the mode it is in, so a motion is judged together with its mode schedule.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import (
+    Oil,
+    extension_speed,
+    inlet_area,
+    load_pressure,
+    oil_of,
+    opposes_motion,
+    pressure_to_move,
+    retraction_speed,
+)
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.workspace import excess_of
+from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.s3_clearance import first_contact
+
+JOINT_TOLERANCE = 1e-6  # rad, rounding of table and interpolation
+TIP_TOLERANCE = 1e-4  # m, what a step of the search may do between the instants it is looked at
+DEAD_BAND = 2e-4
+"""Piston speed below which a cylinder counts as held by its valve [m/s]."""
+
+CHECK_SPACING = 1e-3
+"""Spacing of the instants at which a motion is checked [s]."""
+
+ROWS_AT_ONCE = 32
+"""Intervals of a trajectory that are looked at closely before the result is looked at."""
+
+# Reserve at both ends of an interval of the trajectory that makes its inside safe: over 20 ms,
+# curvature moves a joint by q̈ h²/8 = 0.05 mrad per rad/s².
+CLEAR_DISTANCE = 2e-3  # m
+CLEAR_USAGE = 0.95
+CLEAR_PRESSURE = 0.999
+"""A lower share of the pressure leaves enough for the valve at the least speeds."""
+
+
+class Limit(IntEnum):
+    """What a motion can break first."""
+
+    JOINT = 0
+    NODE_SET = 1
+    USAGE = 2
+    MODULES = 3
+    OBSTACLE = 4
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit that a motion breaks.
+
+    limit   which
+    time    s from the motion's start
+    amount  excess over the limit: rad (JOINT), m (NODE_SET), share of what the pumps and valves
+            can do (USAGE; infinite where no speed is possible), modules (MODULES), depth in m, or
+            negative what clearance is left (OBSTACLE)
+    name    of the obstacle
+    """
+
+    limit: Limit
+    time: float
+    amount: float
+    name: str = ""
+
+    def __str__(self) -> str:
+        """One sentence."""
+        what = {
+            Limit.OBSTACLE: f"the arm gets to {self.name}",
+            Limit.JOINT: f"a joint limit is passed by {self.amount:.3g} rad",
+            Limit.NODE_SET: f"the tip leaves the workspace by {self.amount:.3g} m",
+            Limit.USAGE: f"valves and pumps would have to give {1 + self.amount:.3g} times as much",
+            Limit.MODULES: f"{self.amount:.0f} booster modules more than fitted are needed",
+        }[self.limit]
+        return f"{what} at {self.time:.3f} s"
+
+
+@njit(cache=True, nogil=True)
+def speed_limit(
+    oil: Oil, cap: float, rod: float, force: float, direction: float, modules: int
+) -> float:
+    """Largest speed [m/s] of a piston under `force` [N], in `direction` (±), with booster modules.
+
+    Against the load: K √((p − margin − p_L) A_dir/(A³+a³)), p being P_S without modules and the
+    highest boost pressure with them. With it: the valve at P_S, and the filling of the inlet
+    chamber, K √P_S/A_dir. Boosted also n Q_SP/A_dir for n modules. cap, rod in m².
+    """
+    inlet = inlet_area(cap, rod, direction)
+    k = oil.valve_coefficient
+    if opposes_motion(force, direction):
+        supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
+        drive = supply - oil.boost_margin
+        drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
+        speed = k * math.sqrt(max(0.0, drive) * inlet / (cap**3 + rod**3))
+    else:
+        if direction > 0.0:
+            speed = extension_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
+        else:
+            speed = retraction_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
+        speed = min(speed, k * math.sqrt(oil.supply_pressure) / inlet)
+    if modules > 0:
+        speed = min(speed, modules * oil.servo_pump_flow / inlet)
+    return speed
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """What states of motion ask for, float64[k] each.
+
+    outside   m, how far the tip is out of the node set; negative within it
+    usage     max( Σ A_dir|v|/(Q_MP − n q_leak), max_j |v_j|/speed_limit_j ): share of what main
+              pump, servo pumps and valves can do. Slowing the motion by this factor, or less,
+              brings it within the limits. Cylinders in the dead band are left out of the second
+              term: the closed valve carries their load
+    pressure  largest share of its pressure that the load of a cylinder takes which may be lifting
+              it. Far below the dead band it does not: the valve is closed
+    """
+
+    outside: FloatArray
+    usage: FloatArray
+    pressure: FloatArray
+
+    @classmethod
+    def of(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> Demand:
+        """Of the states of a profile, each in its modes uint8[k, n]."""
+        return cls(*_demand(machine.arrays, profile.speed, profile.force, profile.tip, modes))
+
+    def clear(self) -> np.ndarray:
+        """Whether states have so much in reserve that those close by are safe, bool[k]."""
+        share = np.maximum(self.usage, self.pressure)
+        return (self.outside < -CLEAR_DISTANCE) & (share < CLEAR_USAGE)
+
+
+@njit(cache=True, nogil=True)
+def _demand(
+    m: MachineArrays, speed: FloatArray, force: FloatArray, tip: FloatArray, modes: ModeArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Kernel of `Demand.of`; its oracle in the tests uses the Machine's methods."""
+    rows, n = speed.shape
+    oil, cap, rod, modules_of = oil_of(m), m.cap_area, m.rod_area, m.modules_per_mode
+    min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
+    shared_flow = oil.main_pump_flow - n * oil.leakage_flow
+    outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
+    for k in range(rows):
+        flow = fastest = heaviest = 0.0
+        for j in range(n):
+            v, f, modules = speed[k, j], force[k, j], modules_of[modes[k, j]]
+            flow += inlet_area(cap[j], rod[j], v) * abs(v)
+            if abs(v) > DEAD_BAND:
+                limit = speed_limit(oil, cap[j], rod[j], f, v, modules)
+                fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
+            lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
+            if lifts and abs(v) > 0.25 * DEAD_BAND:
+                supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
+                needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
+                heaviest = max(heaviest, needed / supply)
+        outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
+        usage[k] = max(fastest, flow / shared_flow)
+        pressure[k] = heaviest
+    return outside, usage, pressure
+
+
+def largest_usage(machine: Machine, profile: MotionProfile, modes: ModeArray) -> float:
+    """Largest usage at a profile's instants, in the modes uint8[k - 1, n] before and after each."""
+    ends = (profile[:-1], profile[1:])
+    return float(max(Demand.of(machine, end, modes).usage.max() for end in ends))
+
+
+def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
+    """How far the worst joint of q float64[…, n] lies beyond its limits [rad]; negative within."""
+    return np.maximum(m.joint_min - q, q - m.joint_max).max(axis=-1)
+
+
+def first_violation(
+    machine: Machine,
+    trajectory: Trajectory,
+    schedule: ModeSchedule,
+    profile: MotionProfile | None = None,
+) -> Violation | None:
+    """The first limit that a trajectory breaks under its mode schedule, or None.
+
+    Looks at every millisecond, except inside intervals that are shown to be clear of all limits
+    without; obstacles are those of `s3_clearance`. Mode changes are expected at the trajectory's
+    points, as S4 makes them; `profile` is that of the points, where it is known.
+    """
+    m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
+    modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
+    beyond = m.modules_per_mode[modes].sum(axis=1) - m.module_count
+    within = len(modes) if np.all(beyond <= 0) else int(np.argmax(beyond > 0))
+    if profile is None:
+        profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+    doubtful = np.flatnonzero(_doubtful(machine, trajectory, profile, modes)[:within])
+    for first in range(0, len(doubtful), ROWS_AT_ONCE):
+        rows = doubtful[first : first + ROWS_AT_ONCE]
+        found = _first_within(machine, trajectory, modes, rows)
+        if found is not None:
+            return found
+    if within < len(modes):
+        return Violation(Limit.MODULES, time[within], float(beyond[within]))
+    contact = first_contact(machine, trajectory)
+    if contact is not None:
+        return Violation(Limit.OBSTACLE, contact.time, -contact.clearance, contact.name)
+    return None
+
+
+def _doubtful(
+    machine: Machine, trajectory: Trajectory, profile: MotionProfile, modes: ModeArray
+) -> np.ndarray:
+    """Intervals in which a limit may be broken, by their ends and middles, bool[k - 1].
+
+    A parabola exceeds the highest of its ends and its middle by a quarter of the middle's bow at
+    most; the whole bow is added.
+    """
+    middle = trajectory.inside(np.arange(len(modes)), np.array([0.5]))
+    left, right = (Demand.of(machine, ends, modes) for ends in (profile[:-1], profile[1:]))
+    between = Demand.of(machine, motion_profile(machine, *middle), modes)
+    bounded = np.ones(len(modes), dtype=bool)
+    bounds = (("outside", 0.0), ("usage", 1.0), ("pressure", CLEAR_PRESSURE))
+    for name, bound in bounds:
+        a, b, c = (getattr(demand, name) for demand in (left, between, right))
+        with np.errstate(invalid="ignore"):  # infinite where no speed is possible
+            bow = np.abs(b - 0.5 * (a + c))
+        bounded &= np.maximum(np.maximum(a, c), b) + bow < bound
+    clear = bounded | (left.clear() & right.clear())
+    time = trajectory.offset_ns / SECOND_NS
+    motion = trajectory.position, trajectory.velocity, trajectory.acceleration
+    return ~clear | (_joint_bound(machine.arrays, time, *motion) > JOINT_TOLERANCE)
+
+
+@njit(cache=True, nogil=True)
+def _joint_bound(
+    m: MachineArrays,
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+) -> FloatArray:
+    """Bound on the joint excess [rad] within each interval of a trajectory, float64[k - 1].
+
+    A quintic stays within the hull of its control points b₀ = q, b₁ = q + q̇h/5,
+    b₂ = q + 2q̇h/5 + q̈h²/20, and likewise from the interval's end, with h < 0.
+    """
+    rows, n = position.shape
+    bound = np.empty(rows - 1)
+    for i in range(rows - 1):
+        highest = -math.inf
+        for k, h in ((i, time[i + 1] - time[i]), (i + 1, time[i] - time[i + 1])):
+            for j in range(n):
+                q, turn = position[k, j], 0.2 * h * velocity[k, j]
+                bent = q + 2.0 * turn + 0.05 * h * h * acceleration[k, j]
+                above = max(q, q + turn, bent) - m.joint_max[j]
+                below = m.joint_min[j] - min(q, q + turn, bent)
+                highest = max(highest, above, below)
+        bound[i] = highest
+    return bound
+
+
+def _first_within(
+    machine: Machine, trajectory: Trajectory, modes: ModeArray, rows: IntArray
+) -> Violation | None:
+    """The first violation within some intervals, looked at every millisecond or closer."""
+    time = trajectory.offset_ns / SECOND_NS
+    h = np.diff(time)[rows]
+    shares = np.linspace(0.0, 1.0, int(np.ceil(h.max() / CHECK_SPACING)) + 1)
+    q, qd = trajectory.inside(rows, shares)
+    demand = Demand.of(
+        machine, motion_profile(machine, q, qd), np.repeat(modes[rows], len(shares), axis=0)
+    )
+    excess = joint_excess(machine.arrays, q)
+    broken = np.array(
+        [excess > JOINT_TOLERANCE, demand.outside > TIP_TOLERANCE, demand.usage > 1.0]
+    )
+    if not broken.any():
+        return None
+    k = int(np.argmax(broken.any(axis=0)))
+    limit = Limit(int(np.argmax(broken[:, k])))
+    amount = (excess[k], demand.outside[k], demand.usage[k] - 1.0)[limit]
+    row, part = divmod(k, len(shares))
+    return Violation(limit, float(time[rows[row]] + shares[part] * h[row]), float(amount))

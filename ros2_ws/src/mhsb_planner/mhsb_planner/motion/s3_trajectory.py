@@ -1,0 +1,497 @@
+"""S3: the time trajectory of a discrete path, with the mode schedule that makes it possible.
+
+Tried in this order; the first that keeps every limit is taken, and the result says which:
+
+1. where asked for, the published sixth-degree polynomials, from a moving start only where they do
+   not run on further than braking would;
+2. the discrete path smoothed over a window, ever shorter ones; from a moving start, where the
+   polynomials are not asked for, first setting out while still braking;
+3. the discrete path step by step, from rest to rest.
+
+From a moving start all others, and 1 where it has been refused, come after braking. Durations
+are stretched until valves, servo pumps and the main pump can follow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import partial
+from itertools import chain
+from typing import Literal, Protocol
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.errors import MhsbError
+from mhsb_model.kinematics import tip_position
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_model.workspace import node_set_excess
+from mhsb_planner.motion import s3_clearance
+from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.overloads import Overload, overloads
+from mhsb_planner.motion.s3_following import followed_path
+from mhsb_planner.motion.s3_limits import (
+    JOINT_TOLERANCE,
+    Limit,
+    first_violation,
+    joint_excess,
+    largest_usage,
+)
+from mhsb_planner.motion.s3_piecewise import smoothed_path, stepped_path
+from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
+from mhsb_planner.motion.s4_mode_schedule import (
+    StartModes,
+    SwitchingRules,
+    holding_modes,
+    interval_modes,
+    mode_schedule,
+    schedule_of_intervals,
+)
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+
+POINT_SPACING_NS = 20_000_000
+"""Largest distance of a trajectory's points."""
+
+FEWEST_INTERVALS = 10
+"""Intervals between a trajectory's points, at least."""
+
+SHORTEST_MOVE = 0.5
+"""Shortest duration of a polynomial [s]."""
+
+SAME_POSTURE = 1e-9  # rad, rounding
+
+START_NOISE = 0.01
+"""A start this far outside the limits [rad, m] is taken as measurement noise on a valid one: its
+motion returns inside and stays there."""
+
+USAGE_RESERVE = 1.003
+"""Durations are stretched by this much more than the points need, for what lies between them."""
+
+ROUNDS = 8
+"""Times that a curve is stretched before it is given up."""
+
+
+TrajectoryKind = Literal["polynomial", "followed"]
+"""How S3 begins: with the published polynomials, or with the discrete path smoothed."""
+
+TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
+
+
+class FitMethod(StrEnum):
+    """How the trajectory was made of the discrete path."""
+
+    POLYNOMIAL = "polynomial"
+    PIECEWISE = "piecewise"
+    STEPPED = "stepped"
+    BRAKING = "braking"
+
+
+class Curve(Protocol):
+    """A joint motion with the times at which the discrete path's nodes are due."""
+
+    @property
+    def breaks(self) -> FloatArray:
+        """Times between which the curve is smooth, from 0 to its end [s]."""
+
+    @property
+    def node_time(self) -> FloatArray:
+        """When the path's nodes are due, float64[k + 1] s."""
+
+    def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """q, q̇, q̈ at the times [s], float64[times, n] each."""
+
+
+@dataclass(frozen=True)
+class FitRules:
+    """What a fit may do.
+
+    trajectory   whether the published polynomials are tried, or the path is followed at once
+    switching    how modes are switched
+    windows      s, over which the discrete path is smoothed, in the order tried
+    max_stretch  largest factor on the discrete path's durations
+    max_excess   largest |v|/V_max − 1 of a piston, for the motion to count as quasi-static
+    overrun      m, by which a piston may run on beyond what braking and the path need
+    """
+
+    trajectory: TrajectoryKind = "polynomial"
+    switching: SwitchingRules = field(default_factory=SwitchingRules)
+    windows: tuple[float, ...] = (0.8, 0.4, 0.2)
+    max_stretch: float = 3.0
+    max_excess: float = 1.0
+    overrun: float = 2e-3
+
+    @classmethod
+    def following(cls) -> FitRules:
+        """Rules for a motion that follows its path, within V_max but for rounding."""
+        return cls("followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
+
+
+class FitError(MhsbError):
+    """No trajectory along the discrete path keeps every limit; `refused` says why not."""
+
+    def __init__(self, refused: tuple[str, ...]) -> None:
+        self.refused = refused
+        super().__init__(f"no motion along the path keeps every limit; {refused[-1]}")
+
+
+@dataclass(frozen=True, eq=False)
+class FittedMotion:
+    """A trajectory and its mode schedule, both with stamp 0, and how they came about.
+
+    method           what the part after braking is
+    braked           whether it begins with braking
+    stretch          factor on the discrete path's durations
+    speed_excess     greatest |v|/V_max − 1 of a piston; negative where V_max is kept
+    tip_deviation    m, greatest distance of the tip from a node when that node is due
+    joint_deviation  rad, likewise of a joint
+    refused          one sentence for each curve that was tried before
+    overloads        what rests under more than the highest boost can carry
+    """
+
+    trajectory: Trajectory
+    schedule: ModeSchedule
+    method: FitMethod
+    braked: bool
+    stretch: float
+    speed_excess: float
+    tip_deviation: float
+    joint_deviation: float
+    refused: tuple[str, ...] = ()
+    overloads: tuple[Overload, ...] = ()
+
+
+def fit_trajectory(
+    machine: Machine,
+    path: DiscretePath,
+    start: MotionState,
+    modes: StartModes,
+    brake: Trajectory | None = None,
+    rules: FitRules | None = None,
+) -> FittedMotion:
+    """Trajectory and mode schedule from `start` along a discrete path, at rest at its end.
+
+    modes  in force at the start
+    brake  for a moving start: how it comes to rest (`mhsb_model.braking`); the path begins at
+           the brake's end, and at `start` itself where there is none
+
+    Raises ValueError where start, brake and path do not meet, FitError where no curve keeps every
+    limit.
+    """
+    if brake is not None and brake.duration_ns == 0:
+        brake = None
+    _check_meeting(path, start, brake)
+    limits, machine = machine.arrays, _admitting(machine, start.position)
+    rules = rules or FitRules()
+    refused: list[str] = []
+    for candidate in _candidates(machine, path, start, brake, rules):
+        outcome = _stretched(machine, limits, path, modes, candidate, rules)
+        if isinstance(outcome, FittedMotion):
+            return replace(outcome, refused=tuple(refused))
+        refused.append(f"{candidate.name}: {outcome}")
+    raise FitError(tuple(refused))
+
+
+def fit_braking(
+    machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
+) -> FittedMotion:
+    """Braking alone, as a motion with its mode schedule; for stopping."""
+    switching = (rules or FitRules()).switching
+    trajectory = brake.shifted(-brake.stamp_ns)
+    schedule = mode_schedule(machine, trajectory, modes, rules=switching)
+    profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+    return FittedMotion(
+        trajectory,
+        schedule,
+        FitMethod.BRAKING,
+        braked=True,
+        stretch=1.0,
+        speed_excess=_speed_excess(machine, profile),
+        tip_deviation=0.0,
+        joint_deviation=0.0,
+        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
+    )
+
+
+def warm_up(machine: Machine) -> None:
+    """Compile every kernel of S3, S4 and the energy: the first plan then is as fast as others."""
+    arrays = machine.arrays
+    middle = 0.5 * (arrays.joint_min + arrays.joint_max)
+    posture = np.array([middle, 0.99 * middle + 0.01 * arrays.joint_max])
+    normal = np.zeros((1, machine.joint_count), dtype=np.uint8)
+    nothing = np.zeros(1)
+    path = DiscretePath(
+        tip=np.array([machine.tip_position(q) for q in posture]),
+        posture=posture,
+        modes=normal,
+        duration=np.ones(1),
+        energy=nothing,
+        energy_series=nothing,
+        cost=0.0,
+        start_modes=normal[0],
+        lower_bound=0.0,
+        statistics=SearchStatistics(0, 0, 0.0),
+    )
+    start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
+    still = standstill(middle)
+    following = _candidates(machine, path, start, still, FitRules.following())
+    for candidate in chain(_candidates(machine, path, start, None, rules), following):
+        motion = _stretched(machine, machine.arrays, path, modes, candidate, rules)
+        if isinstance(motion, FittedMotion):
+            motion_energy(machine, motion.trajectory, motion.schedule)
+    s3_clearance.warm_up(machine)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A kind of curve, what comes before it, and its first stretch."""
+
+    method: FitMethod
+    name: str
+    curve_at: Callable[[float], Curve]
+    start: MotionState
+    lead_in: Trajectory | None = None
+    stretch: float = 1.0
+    furthest: FloatArray | None = None
+
+
+def _check_meeting(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
+    if len(path.duration) == 0:
+        raise ValueError("a path without steps needs no trajectory")
+    if brake is None and (start.velocity.any() or start.acceleration.any()):
+        raise ValueError("a moving start needs a braking motion")
+    if brake is not None and not _same(brake.position[0], start.position):
+        raise ValueError("the braking motion must begin at the start")
+    first = start.position if brake is None else brake.position[-1]
+    if not _same(path.posture[0], first):
+        raise ValueError("the path must begin where the start comes to rest")
+
+
+def _same(one: FloatArray, other: FloatArray) -> bool:
+    return bool(np.max(np.abs(one - other)) <= SAME_POSTURE)
+
+
+def _admitting(machine: Machine, posture: FloatArray) -> Machine:
+    """The machine, its limits widened to a start that noise has put a little outside of them."""
+    arrays = machine.arrays
+    x, z = tip_position(arrays.link_length, posture)
+    beyond, outside = float(joint_excess(arrays, posture)), node_set_excess(arrays, x, z)
+    if max(beyond, outside) <= 0.0 or beyond > START_NOISE or outside > START_NOISE:
+        return machine
+    radius = math.hypot(x, z)
+    widened = arrays._replace(
+        joint_min=frozen(np.minimum(arrays.joint_min, posture)),
+        joint_max=frozen(np.maximum(arrays.joint_max, posture)),
+        min_x=min(arrays.min_x, x),
+        min_radius=min(arrays.min_radius, radius),
+        max_radius=max(arrays.max_radius, radius),
+    )
+    return replace(machine, arrays=widened)
+
+
+def _candidates(
+    machine: Machine,
+    path: DiscretePath,
+    start: MotionState,
+    brake: Trajectory | None,
+    rules: FitRules,
+) -> Iterator[_Candidate]:
+    rest = MotionState.at_rest(path.posture[0])
+    if rules.trajectory == "polynomial":
+        yield from _polynomials(machine, path, start, brake)
+    elif brake is not None:
+        yield _Candidate(
+            FitMethod.PIECEWISE,
+            "smoothed from the moving start",
+            partial(followed_path, machine, path, rules.windows[0], brake),
+            start,
+        )
+    for window in rules.windows:
+        yield _Candidate(
+            FitMethod.PIECEWISE,
+            f"smoothed over {window:g} s",
+            partial(smoothed_path, machine, path, window),
+            rest,
+            brake,
+        )
+    yield _Candidate(FitMethod.STEPPED, "stepped", partial(stepped_path, path), rest, brake)
+
+
+def _polynomials(
+    machine: Machine, path: DiscretePath, start: MotionState, brake: Trajectory | None
+) -> Iterator[_Candidate]:
+    """The published curves: from a moving start, and from rest."""
+    rest = MotionState.at_rest(path.posture[0])
+    shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
+    if brake is not None:
+        delay = brake.duration_ns / SECOND_NS / 2
+        yield _Candidate(
+            FitMethod.POLYNOMIAL,
+            "polynomial from the moving start",
+            lambda stretch: fit_polynomial(path, start, delay, stretch),
+            start,
+            stretch=shortest,
+            furthest=_furthest(start, np.vstack([brake.position, path.posture])),
+        )
+    yield _Candidate(
+        FitMethod.POLYNOMIAL,
+        "polynomial",
+        lambda stretch: fit_polynomial(path, rest, 0.0, stretch),
+        rest,
+        brake,
+        shortest,
+    )
+
+
+def _stretched(
+    machine: Machine,
+    limits: MachineArrays,
+    path: DiscretePath,
+    modes: StartModes,
+    candidate: _Candidate,
+    rules: FitRules,
+) -> FittedMotion | str:
+    """The candidate's motion, stretched as far as its limits ask; or why there is none.
+
+    The machine admits the start, `limits` are those to which a joint beyond them has to return.
+    """
+    lead_in, stretch = candidate.lead_in, candidate.stretch
+    for _ in range(ROUNDS):
+        curve = candidate.curve_at(stretch)
+        trajectory, first = _sampled(curve, candidate.start, path.posture[-1], lead_in)
+        position = trajectory.position[first:]
+        beyond = _going_out(limits, position)
+        if beyond > JOINT_TOLERANCE:
+            return f"a joint limit is passed by {beyond:.3g} rad"
+        if candidate.furthest is not None:
+            overrun = _overrun(machine, candidate.start, position, candidate.furthest)
+            if overrun > rules.overrun:
+                return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
+        profile = motion_profile(
+            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
+        )
+        time = trajectory.offset_ns / SECOND_NS
+        preferred = _preferred(path, curve.node_time, time, first)
+        intervals = interval_modes(machine, time, profile, modes, preferred, rules.switching)
+        after = profile[first:]
+        quasi_static = (1 + _speed_excess(machine, after)) / (1 + rules.max_excess)
+        used = max(largest_usage(machine, after, intervals[first:]), quasi_static)
+        needed = USAGE_RESERVE * used
+        if needed <= 1.0:
+            hold = holding_modes(machine, profile.force[-1])
+            schedule = schedule_of_intervals(0, trajectory.offset_ns, intervals, hold)
+            violation = first_violation(machine, trajectory, schedule, profile)
+            if violation is None:
+                return _fitted(
+                    machine, path, candidate, curve, trajectory, schedule, profile, stretch
+                )
+            if violation.limit != Limit.USAGE or violation.time < time[first]:
+                return str(violation)
+            needed = USAGE_RESERVE * (1.0 + violation.amount)
+        stretch *= needed
+        if stretch > rules.max_stretch * candidate.stretch:
+            return "valves and pumps would need more than the longest duration allowed"
+    return "stretching it did not bring it within what valves and pumps can do"
+
+
+def _going_out(limits: MachineArrays, position: FloatArray) -> float:
+    """How far a joint goes beyond its limits [rad], other than where it comes back from beyond."""
+    excess = np.maximum(limits.joint_min - position, position - limits.joint_max)
+    before = np.minimum.accumulate(np.maximum(excess, 0.0), axis=0)
+    return float((excess - before).max())
+
+
+def _sampled(
+    curve: Curve, start: MotionState, end: FloatArray, lead_in: Trajectory | None
+) -> tuple[Trajectory, int]:
+    """Points of a lead-in and a curve, exact at both ends; and the curve's first row.
+
+    A polynomial from or to rest has an acceleration there; its first and last interval ramp it.
+    """
+    offset = _point_times(curve.breaks)
+    q, qd, qdd = curve.sample(offset / SECOND_NS)
+    q[0], qd[0], qdd[0] = start.position, start.velocity, start.acceleration
+    q[-1], qd[-1], qdd[-1] = end, 0.0, 0.0
+    if lead_in is None:
+        return Trajectory(0, offset, q, qd, qdd), 0
+    first = len(lead_in.offset_ns) - 1
+    joined = Trajectory(
+        0,
+        np.concatenate([lead_in.offset_ns[:-1], lead_in.duration_ns + offset]),
+        np.vstack([lead_in.position[:-1], q]),
+        np.vstack([lead_in.velocity[:-1], qd]),
+        np.vstack([lead_in.acceleration[:-1], qdd]),
+    )
+    return joined, first
+
+
+def _point_times(breaks: FloatArray) -> IntArray:
+    """Times of a trajectory's points, ns: the breaks [s], and evenly spread between them.
+
+    With points at the breaks, quintics between the points follow the curve within rounding.
+    """
+    at_ns = np.rint(breaks * SECOND_NS).astype(np.int64)
+    span = np.diff(at_ns)
+    parts = np.maximum(-(-span // POINT_SPACING_NS), -(-FEWEST_INTERVALS // len(span)))
+    row = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    between = np.rint(row * np.repeat(span / parts, parts)).astype(np.int64)
+    return np.append(np.repeat(at_ns[:-1], parts) + between, at_ns[-1])
+
+
+def _preferred(
+    path: DiscretePath, node_time: FloatArray, time: FloatArray, first: int
+) -> ModeArray:
+    """The discrete path's modes at the points; N during a lead-in of `first` points."""
+    step = np.searchsorted(node_time, time - time[first], "right") - 1
+    modes = path.modes[np.clip(step, 0, len(path.modes) - 1)]
+    modes[:first] = Mode.N
+    return modes
+
+
+def _furthest(start: MotionState, position: FloatArray) -> FloatArray:
+    """How far each joint gets in the direction of its first velocity, float64[n] rad."""
+    return np.max(np.sign(start.velocity) * (position - start.position), axis=0)
+
+
+def _overrun(
+    machine: Machine, start: MotionState, position: FloatArray, furthest: FloatArray
+) -> float:
+    """By how much a piston runs further in its first direction than it has to [m]."""
+    beyond = _furthest(start, position) - furthest
+    return float(np.max(beyond * np.abs(machine.moment_arms(start.position))))
+
+
+def _fitted(
+    machine: Machine,
+    path: DiscretePath,
+    candidate: _Candidate,
+    curve: Curve,
+    trajectory: Trajectory,
+    schedule: ModeSchedule,
+    profile: MotionProfile,
+    stretch: float,
+) -> FittedMotion:
+    at_nodes = curve.sample(curve.node_time)[0]
+    tips = np.array([machine.tip_position(q) for q in at_nodes])
+    return FittedMotion(
+        trajectory,
+        schedule,
+        candidate.method,
+        candidate.lead_in is not None,
+        stretch,
+        _speed_excess(machine, profile),
+        float(np.max(np.hypot(*(tips - path.tip).T))),
+        float(np.max(np.abs(at_nodes - path.posture))),
+        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
+    )
+
+
+def _speed_excess(machine: Machine, profile: MotionProfile) -> float:
+    return float(np.max(np.abs(profile.speed))) / machine.arrays.max_piston_speed - 1.0

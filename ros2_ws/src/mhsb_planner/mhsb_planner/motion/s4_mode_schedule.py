@@ -1,0 +1,395 @@
+"""S4: the switching times of every actuator, from a time trajectory and the force it needs.
+
+An actuator is boosted where it moves against its load and p_L + m(v) + margin > P_S, from a
+little before (the servo pump has to raise its pressure first), in SB where one servo pump's flow
+is not enough, and never shorter than a least dwell. Where inertia takes most of the margin,
+p_L(F + inertia) + m(v) + margin/2 > P_S, it is boosted as well, as far as the modules go.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import (
+    inlet_area,
+    lacks_pressure,
+    needs_boost,
+    oil_of,
+    opposes_motion,
+    pressure_to_move,
+)
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.s3_limits import DEAD_BAND
+
+RESERVE = 1.005
+"""Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
+
+LEFT_BY_INERTIA = 0.5
+"""Share of the boost margin that inertia leaves to friction and servo."""
+
+_ROUNDING = 1e-9  # s
+
+N, DB, SB = int(Mode.N), int(Mode.DB), int(Mode.SB)
+
+# What lies outside the intervals that `_settle` looks at.
+_OFF, _ON, _EDGE = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class SwitchingRules:
+    """How modes are switched.
+
+    min_dwell  s, shortest time between two switches of an actuator
+    lead       s, by which boost precedes its need
+    max_hold   s, how long a closed valve holds a load above P_S without boost
+    """
+
+    min_dwell: float = 0.3
+    lead: float = 0.1
+    max_hold: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class StartModes:
+    """Modes in force where a schedule begins, and for how long they have been.
+
+    modes  uint8[n]
+    age    float64[n] s since each actuator's last switch
+    """
+
+    modes: ModeArray
+    age: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "modes", frozen(np.asarray(self.modes, dtype=np.uint8)))
+        object.__setattr__(self, "age", frozen(np.asarray(self.age, dtype=np.float64)))
+
+    @classmethod
+    def settled(cls, modes: ModeArray) -> StartModes:
+        """Modes that have been in force for long."""
+        return cls(modes, np.full(len(modes), math.inf))
+
+    @classmethod
+    def during(cls, schedule: ModeSchedule, time_ns: int) -> StartModes:
+        """The modes of a schedule at an absolute time; before its start they are taken as old."""
+        before = schedule.offset_ns + schedule.stamp_ns <= time_ns
+        rows = schedule.modes[before] if before.any() else schedule.modes[:1]
+        times = (schedule.offset_ns + schedule.stamp_ns)[: len(rows)]
+        age = np.full(rows.shape[1], math.inf)
+        for j in range(rows.shape[1]):
+            switched = np.flatnonzero(np.diff(rows[:, j]))
+            if len(switched) > 0:
+                age[j] = (time_ns - times[switched[-1] + 1]) / SECOND_NS
+        return cls(rows[-1], age)
+
+
+def mode_schedule(
+    machine: Machine,
+    trajectory: Trajectory,
+    start: StartModes,
+    preferred: ModeArray | None = None,
+    rules: SwitchingRules | None = None,
+) -> ModeSchedule:
+    """Schedule of a trajectory, with its stamp; the last row, at its end, is the holding modes.
+
+    preferred  uint8[points, n]: modes chosen by S2 around each point; SB there is kept in boost
+               where the module budget allows, even if one servo pump's flow would do
+
+    Where all flows cannot be had within the budget, SB gives way to DB: compare the result with
+    `s3_limits.first_violation`. A load above P_S holds in DB, one below in N.
+    """
+    profile = motion_profile(
+        machine, trajectory.position, trajectory.velocity, trajectory.acceleration
+    )
+    modes = interval_modes(
+        machine, trajectory.offset_ns / SECOND_NS, profile, start, preferred, rules
+    )
+    hold = holding_modes(machine, profile.force[-1])
+    return schedule_of_intervals(trajectory.stamp_ns, trajectory.offset_ns, modes, hold)
+
+
+def interval_modes(
+    machine: Machine,
+    time: FloatArray,
+    profile: MotionProfile,
+    start: StartModes,
+    preferred: ModeArray | None = None,
+    rules: SwitchingRules | None = None,
+) -> ModeArray:
+    """Modes between the instants `time` float64[k] s of a profile, uint8[k - 1, n]."""
+    rules = rules or SwitchingRules()
+    if preferred is None:
+        preferred = np.full(profile.speed.shape, Mode.N)
+    if len(time) < 2:
+        return np.empty((0, machine.joint_count), dtype=np.uint8)
+    return _interval_modes(
+        machine.arrays,
+        time,
+        profile.speed,
+        profile.force,
+        profile.inertia,
+        np.array(preferred, dtype=np.uint8),
+        start.modes,
+        start.age,
+        rules.lead,
+        rules.min_dwell,
+        rules.max_hold,
+    )
+
+
+def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
+    """Modes that hold the loads `force` float64[n] N at rest: N where P_S does, otherwise DB.
+
+    Where modules run out, the closed valves of the last actuators have to do.
+    """
+    return _holding_modes(machine.arrays, np.asarray(force, dtype=np.float64))
+
+
+def schedule_of_intervals(
+    stamp_ns: int, offset_ns: IntArray, modes: ModeArray, hold: ModeArray
+) -> ModeSchedule:
+    """Schedule with the modes uint8[k-1, n] between k times, `hold` uint8[n] from the last on."""
+    rows = np.vstack([modes, hold])
+    keep = np.ones(len(rows), dtype=bool)
+    keep[1:-1] = np.any(np.diff(modes, axis=0), axis=1)
+    return ModeSchedule(stamp_ns, offset_ns[keep], rows[keep])
+
+
+@njit(cache=True, nogil=True)
+def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
+    modes = np.zeros(len(force), dtype=np.uint8)
+    free = m.module_count
+    for j in range(len(force)):
+        if needs_boost(m, j, force[j], 0.0) and free >= m.modules_per_mode[DB]:
+            modes[j] = DB
+            free -= m.modules_per_mode[DB]
+    return modes
+
+
+@njit(cache=True, nogil=True)
+def _interval_modes(
+    m: MachineArrays,
+    time: FloatArray,
+    speed: FloatArray,
+    force: FloatArray,
+    inertia: FloatArray,
+    preferred: ModeArray,
+    start: ModeArray,
+    age: FloatArray,
+    lead: float,
+    dwell: float,
+    hold: float,
+) -> ModeArray:
+    """Kernel of `interval_modes`; the tests check its result against the rules, one by one."""
+    intervals, n = len(speed) - 1, speed.shape[1]
+    modes = np.zeros((intervals, n), dtype=np.uint8)
+    needed = np.zeros((intervals, n), dtype=np.bool_)
+    demand = np.zeros((intervals, n))
+    holding = _holding_modes(m, force[-1])
+    on = np.empty(intervals, dtype=np.bool_)
+    shared = np.empty(intervals, dtype=np.bool_)
+    for j in range(n):
+        need, lifts, flow = _needs(m, j, speed, force)
+        for i in range(intervals):
+            on[i] = need[i] or need[i + 1]
+            demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
+        _drop_short_holds(time, on, lifts, hold, holding[j] != N)
+        needed[:, j] = on
+        lacks = _lacks_to_accelerate(m, j, speed, force, inertia)
+        for i in range(intervals):
+            on[i] = on[i] or lacks[i] or lacks[i + 1]
+        for i in range(intervals):
+            kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
+            on[i] = on[i] or (kept and start[j] != N)
+        before = _ON if start[j] != N else _OFF
+        after = _ON if holding[j] != N else _OFF
+        _settle(time, on, 0, intervals, lead, dwell, before, after)
+
+        one_pump = m.modules_per_mode[DB] * m.servo_pump_flow
+        for i in range(intervals):
+            kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
+            wanted = demand[i, j] > one_pump or preferred[i, j] == SB
+            shared[i] = on[i] and (wanted or (kept and start[j] == SB))
+        _settle_shared(time, on, shared, lead, dwell, start[j], holding[j])
+        for i in range(intervals):
+            modes[i, j] = SB if shared[i] else (DB if on[i] else N)
+    _keep_budget(m, modes, demand, needed)
+    return modes
+
+
+@njit(cache=True, nogil=True)
+def _needs(
+    m: MachineArrays, j: int, speed: FloatArray, force: FloatArray
+) -> tuple[np.ndarray, np.ndarray, FloatArray]:
+    """Of actuator j at each instant: need for boost, motion against the load, flow [m³/s]."""
+    need = np.empty(len(speed), dtype=np.bool_)
+    lifts = np.empty(len(speed), dtype=np.bool_)
+    flow = np.empty(len(speed))
+    oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
+    for k in range(len(speed)):
+        v, f = speed[k, j], force[k, j]
+        moved = RESERVE * v if abs(v) > DEAD_BAND else 0.0
+        need[k] = lacks_pressure(oil, cap, rod, RESERVE * f, moved)
+        # Half the dead band: between the points a cylinder may be a little faster than at them.
+        lifts[k] = abs(v) > 0.5 * DEAD_BAND and opposes_motion(f, v)
+        flow[k] = inlet_area(cap, rod, v) * abs(v)
+    return need, lifts, flow
+
+
+@njit(cache=True, nogil=True)
+def _lacks_to_accelerate(
+    m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray
+) -> np.ndarray:
+    """Whether P_S leaves actuator j too little to accelerate, at each instant."""
+    oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
+    spared = (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
+    lacks = np.zeros(len(speed), dtype=np.bool_)
+    for k in range(len(speed)):
+        v, load = speed[k, j], force[k, j] + inertia[k, j]
+        if abs(v) > DEAD_BAND and opposes_motion(load, v):
+            needed = pressure_to_move(oil, cap, rod, load, v)
+            lacks[k] = needed - spared > oil.supply_pressure
+    return lacks
+
+
+@njit(cache=True, nogil=True)
+def _run_end(on: np.ndarray, first: int, last: int) -> int:
+    """End of the run of equal values that begins at `first`, at most `last`."""
+    end = first + 1
+    while end < last and on[end] == on[first]:
+        end += 1
+    return end
+
+
+@njit(cache=True, nogil=True)
+def _drop_short_holds(
+    time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
+) -> None:
+    """Clear runs that only hold the load, where the closed valve can do so meanwhile."""
+    first = 0
+    while first < len(on):
+        end = _run_end(on, first, len(on))
+        lasting = time[end] - time[first] >= longest or (end == len(on) and held_after)
+        if on[first] and not lasting and not lifts[first : end + 1].any():
+            on[first:end] = False
+        first = end
+
+
+@njit(cache=True, nogil=True)
+def _settle(
+    time: FloatArray,
+    on: np.ndarray,
+    first: int,
+    last: int,
+    lead: float,
+    dwell: float,
+    before: int,
+    after: int,
+) -> None:
+    """Give the runs of `on` within [first, last) their lead and least length, and close gaps.
+
+    before, after: what lies outside: _ON (runs that touch it count as long), _OFF (gaps that
+    touch it stay) or _EDGE (neither). Interval i lasts from time[i] to time[i + 1].
+    """
+    since = math.inf
+    for i in range(last - 1, first - 1, -1):
+        if on[i]:
+            since = time[i] - lead
+        on[i] = time[i + 1] > since + _ROUNDING
+
+    i = first
+    while i < last:
+        end = _run_end(on, i, last)
+        touches = (i == first and before == _ON) or (end == last and after == _ON)
+        if on[i] and not touches:
+            while end < last and time[end] - time[i] < dwell - _ROUNDING:
+                end += 1
+            start = i
+            while start > first and time[end] - time[start] < dwell - _ROUNDING:
+                start -= 1
+            on[start:end] = True
+        i = end
+
+    i = first
+    while i < last:
+        end = _run_end(on, i, last)
+        stays = (i == first and before == _OFF) or (end == last and after == _OFF)
+        if not on[i] and not stays and time[end] - time[i] < dwell - _ROUNDING:
+            on[i:end] = True
+        i = end
+
+
+@njit(cache=True, nogil=True)
+def _settle_shared(
+    time: FloatArray,
+    on: np.ndarray,
+    shared: np.ndarray,
+    lead: float,
+    dwell: float,
+    start: int,
+    holding: int,
+) -> None:
+    """Settle the SB parts of every boosted run, so that its DB parts are long enough too."""
+    first = 0
+    while first < len(on):
+        end = _run_end(on, first, len(on))
+        if on[first] and shared[first:end].any():
+            before = after = _EDGE
+            if first == 0 and start != N:
+                before = _ON if start == SB else _OFF
+            if end == len(on) and holding == DB:
+                after = _OFF
+            _settle(time, shared, first, end, lead, dwell, before, after)
+        first = end
+
+
+@njit(cache=True, nogil=True)
+def _keep_budget(
+    m: MachineArrays, modes: ModeArray, demand: FloatArray, needed: np.ndarray
+) -> None:
+    """Bring every interval within the module budget.
+
+    The SB run with the least flow demand falls back to DB first; then boost that is there only
+    for lead or dwell is given up. What still does not fit stays, for the caller to find.
+    """
+    intervals, n = modes.shape
+    for i in range(intervals):
+        while True:
+            used = 0
+            for j in range(n):
+                used += m.modules_per_mode[modes[i, j]]
+            if used <= m.module_count:
+                break
+            loser = -1
+            least = math.inf
+            first = last = 0
+            for j in range(n):
+                if modes[i, j] != SB:
+                    continue
+                a, b = i, i
+                while a > 0 and modes[a - 1, j] == SB:
+                    a -= 1
+                while b < intervals and modes[b, j] == SB:
+                    b += 1
+                peak = demand[a:b, j].max()
+                if peak < least:
+                    loser, least, first, last = j, peak, a, b
+            if loser >= 0:
+                modes[first:last, loser] = DB
+                continue
+            for j in range(n):
+                if modes[i, j] == DB and not needed[i, j]:
+                    loser = j
+            if loser < 0:
+                break
+            modes[i, loser] = N

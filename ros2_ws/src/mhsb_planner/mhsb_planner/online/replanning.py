@@ -1,0 +1,128 @@
+"""Planning online: from the command in force to the command that takes over.
+
+A new command repeats the old one until the planning budget is over, and leaves it there with its
+position, velocity and acceleration. A motion that has to be left is first braked along its path.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.braking import brake_along
+from mhsb_model.command import Command
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.s3_trajectory import fit_braking
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
+from mhsb_planner.planner import Plan, Planner, PlanOptions, warm_up
+from mhsb_planner.posture.s1_posture_table import PostureTable
+
+AT_GOAL_DISTANCE = 1e-4
+"""A tip at rest within this of the goal has nothing to do [m]."""
+
+AT_GOAL_ANGLE = 1e-3  # rad, of the end link, where one is asked for
+
+@dataclass(frozen=True, eq=False)
+class Replan:
+    """A command that takes over from another one.
+
+    command    what to publish
+    plan       where it comes from
+    change_ns  absolute time at which it leaves the old command
+    """
+
+    command: Command
+    plan: Plan
+    change_ns: int
+
+
+class Replanner:
+    """Makes commands that continue other commands.
+
+    budget [s] is the time from a command's stamp to where it leaves the one before.
+    """
+
+    def __init__(self, machine: Machine, table: PostureTable) -> None:
+        self._planner = Planner(machine, table)
+
+    def warm_up(self) -> Command:
+        """Compile and run everything that a plan runs through; an example of what comes out."""
+        warm_up(self._planner)
+        return self._rehearse()
+
+    def change(self, machine: Machine) -> None:
+        """Plan for another payload, supply pressure or V_max from now on."""
+        self._planner.change(machine)
+
+    def replan(
+        self,
+        in_force: Command,
+        now_ns: int,
+        goal: tuple[float, float],
+        budget: float,
+        options: PlanOptions,
+    ) -> Replan | None:
+        """Command to the goal (x, z) m, or None where the arm is at rest there already.
+
+        Raises what `Planner.plan` raises.
+        """
+        times = change_over(in_force, now_ns, round(budget * SECOND_NS))
+        start = in_force.trajectory.sample(times.change_ns)
+        moving = bool(start.velocity.any() or start.acceleration.any())
+        if not moving and self._at_goal(start.position, goal, options.goal_psi):
+            return None
+        plan = self._planner.plan(
+            goal,
+            start,
+            StartModes.during(in_force.schedule, times.change_ns),
+            self._brake(in_force, times) if moving else None,
+            options,
+        )
+        new = Command(plan.motion.trajectory, plan.motion.schedule)
+        return Replan(hand_over(in_force, times, new), plan, times.change_ns)
+
+    def stop(self, in_force: Command, now_ns: int, budget: float) -> Command:
+        """Command that brakes along the path of the one in force and holds."""
+        times = change_over(in_force, now_ns, round(budget * SECOND_NS))
+        modes = StartModes.during(in_force.schedule, times.change_ns)
+        motion = fit_braking(self._planner.machine, self._brake(in_force, times), modes)
+        return hand_over(in_force, times, Command(motion.trajectory, motion.schedule))
+
+    def _brake(self, in_force: Command, times: ChangeOver) -> Trajectory:
+        return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
+
+    def _at_goal(
+        self, posture: FloatArray, goal: tuple[float, float], psi: float | None
+    ) -> bool:
+        tip = self._planner.machine.tip_position(posture)
+        if np.hypot(*(tip - goal)) > AT_GOAL_DISTANCE:
+            return False
+        return psi is None or abs(float(np.sum(posture)) - psi) <= AT_GOAL_ANGLE
+
+    def _rehearse(self) -> Command:
+        """A move between two neighbours on the grid, changed on its way: first calls are slow."""
+        graph = self._planner.graph
+        patterns = len(graph.table.patterns)
+        edges = graph.edges
+        leaving = int(np.argmax(edges.last - edges.first))
+        node = int(edges.state[edges.first[leaving]]) // patterns
+        goal = graph.table.nodes[node] * graph.table.spacing
+        start = graph.layout.posture[leaving]
+        modes = np.full(len(start), Mode.N, dtype=np.uint8)
+        command = Command.hold(0, start, modes)
+        for kind, now_ns in itertools.product(
+            (PlanOptions(), PlanOptions(planner="integrated")),
+            (SECOND_NS, SECOND_NS + SECOND_NS // 2),
+        ):
+            with contextlib.suppress(MhsbError):
+                replan = self.replan(command, now_ns, (goal[0], goal[1]), 0.1, kind)
+                command = replan.command if replan is not None else command
+        return command

@@ -1,0 +1,56 @@
+"""Posture tables that have been built before, in the user's cache directory."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+
+from mhsb_model.machine import Machine
+from mhsb_planner.errors import TableError
+from mhsb_planner.posture.grid import PAPER_SPACING
+from mhsb_planner.posture.s1_global_search import Progress, build_posture_table
+from mhsb_planner.posture.s1_posture_table import PostureTable
+
+_log = logging.getLogger(__name__)
+
+
+def cached_table_path(
+    machine: Machine, spacing: float = PAPER_SPACING, solver: str = "global"
+) -> Path:
+    """Where the table of a machine is kept: $XDG_CACHE_HOME/mhsb, else ~/.cache/mhsb.
+
+    Tables of another solver than the global search are kept apart; nothing looks for them.
+    """
+    base = os.environ.get("XDG_CACHE_HOME")
+    cache = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
+    kind = "" if solver == "global" else f"-{solver}"
+    return cache / "mhsb" / f"{machine.name}-{machine.hash[:16]}-{spacing * 1e3:g}mm{kind}.npz"
+
+
+def table_for(
+    machine: Machine,
+    path: str | Path | None = None,
+    spacing: float = PAPER_SPACING,
+    progress: Progress | None = None,
+) -> PostureTable:
+    """Posture table of a machine: the one of the file `path`, else from the cache, else built.
+
+    A table that is built is kept in the cache; a damaged one there is replaced, and a cache that
+    cannot be written does no harm: both are logged. Raises TableError where `path` is given and
+    cannot be used.
+    """
+    if path is not None:
+        return PostureTable.load(path, machine)
+    cached = cached_table_path(machine, spacing)
+    if cached.exists():
+        try:
+            return PostureTable.load(cached, machine, spacing)
+        except TableError as error:
+            _log.warning("%s; it is built anew", error)
+    table = build_posture_table(machine, spacing, progress=progress)
+    try:
+        table.save(cached)
+    except TableError as error:
+        _log.warning("%s; it will have to be built again next time", error)
+    return table

@@ -1,0 +1,303 @@
+"""Posture of largest velocity polytope at a tip position, by global search (paper, step S1).
+
+With the tip held, the arm with three joints has one degree of freedom left, the end-link angle
+ψ, on each of two elbow branches. Most maxima lie at the ends of the feasible intervals, which are
+known in closed form; between them the area is sampled and every local maximum refined. Samples
+lie at ψ = middle − half·cos t for equally spaced t, which resolves the square-root behaviour of
+the joint angles at the edge of the reach.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_planner.errors import InfeasibleGoalError, PlanningCancelledError
+from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.posture.s1_polytope import (
+    cross_products,
+    flow_limits,
+    flow_scale,
+    projected_area,
+    shared_flow,
+    tip_columns,
+)
+from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
+from mhsb_planner.threads import over_ranges
+
+SAMPLES_PER_TURN = 720
+"""Where flow limits change places the area has ridges; with four-bars some are 5 mrad wide."""
+
+LEAST_SAMPLES = 8
+REFINED_TO = 1e-7
+"""Width to which the parameter t of a maximum is narrowed [rad]."""
+
+SAME_AREA = 1e-9
+"""A relative gain in area below this is none: the candidate met first stays, interval ends are
+met before what lies between them, elbow −1 before +1, smaller ψ before larger."""
+
+RISE_BETWEEN = 2.0
+"""A local maximum of the samples is refined if the area could be the largest: between samples it
+is taken to rise by at most so many times the drop to the next sample (once, were it concave)."""
+
+NODES_PER_TASK = 8
+
+Progress = Callable[[int, int], None]
+Cancelled = Callable[[], bool]
+NodeSolver = Callable[[Machine, FloatArray, FloatArray, FloatArray], None]
+"""Fills posture[nodes, patterns, n] and area[nodes, patterns] for the tip positions given as
+float64[nodes, 2], with NaN where there is no posture within limits."""
+
+
+@njit(cache=True, nogil=True)
+def _angle(lower: float, upper: float, t: float) -> float:
+    """ψ = middle − half·cos t, exact at both ends."""
+    if t <= 0.0:
+        return lower
+    if t >= math.pi:
+        return upper
+    return 0.5 * (lower + upper) - 0.5 * (upper - lower) * math.cos(t)
+
+
+@njit(cache=True, nogil=True)
+def _measure(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    psi: float,
+    elbow: int,
+    q: FloatArray,
+    cross: FloatArray,
+    limit: FloatArray,
+) -> bool:
+    """What the area needs of a posture; False where it is not within limits."""
+    if not feasible(m, x, z, psi, elbow, q):
+        return False
+    flow_limits(m, q, limit)
+    cross_products(tip_columns(m, q), cross)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _refine(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    interval: FloatArray,
+    low: float,
+    high: float,
+    pattern: ModeArray,
+    q: FloatArray,
+) -> float:
+    """Golden section for the largest area in t ∈ [low, high]; posture written to q."""
+    n = len(q)
+    cross = np.empty((n, n))
+    limit = np.empty((n, 3, 2))
+    scale = flow_scale(m)
+    flow = shared_flow(m)
+    elbow = int(interval[0])
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    area = np.empty(2)
+    t = np.array([high - ratio * (high - low), low + ratio * (high - low)])
+    pending = 2
+    while True:
+        for side in range(2):
+            if pending == side or pending == 2:
+                psi = _angle(interval[1], interval[2], t[side])
+                area[side] = -1.0
+                if _measure(m, x, z, psi, elbow, q, cross, limit):
+                    area[side] = projected_area(cross, scale, limit, pattern, flow)
+        if high - low < REFINED_TO:
+            break
+        if area[0] >= area[1]:
+            high, t[1], area[1], pending = t[1], t[0], area[0], 0
+            t[0] = high - ratio * (high - low)
+        else:
+            low, t[0], area[0], pending = t[0], t[1], area[1], 1
+            t[1] = low + ratio * (high - low)
+    best = 0 if area[0] >= area[1] else 1
+    feasible(m, x, z, _angle(interval[1], interval[2], t[best]), elbow, q)
+    return area[best]
+
+
+@njit(cache=True, nogil=True)
+def largest_polytopes(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    patterns: ModeArray,
+    posture: FloatArray,
+    area: FloatArray,
+) -> bool:
+    """Posture of largest polytope area at (x, z) m under each pattern.
+
+    Written to posture[patterns, 3] [rad] and area[patterns] [m²/s²]. Returns False, with both
+    NaN, where no posture is within limits. Oracle: a dense scan of ψ on both branches.
+    """
+    posture[:] = np.nan
+    area[:] = np.nan
+    interval = np.empty((MAX_INTERVALS, 3))
+    intervals = feasible_intervals(m, x, z, interval)
+    if intervals == 0:
+        return False
+
+    first = np.empty(intervals + 1, dtype=np.int64)
+    first[0] = 0
+    for i in range(intervals):
+        turns = (interval[i, 2] - interval[i, 1]) / (2.0 * math.pi)
+        between = math.ceil(turns * SAMPLES_PER_TURN * 0.5 * math.pi)  # widest step at the middle
+        first[i + 1] = first[i] + max(LEAST_SAMPLES, between) + 1
+    samples = first[intervals]
+    q = np.empty(3)
+    q_at = np.empty((samples, 3))
+    valid = np.empty(samples, dtype=np.bool_)
+    cross = np.empty((samples, 3, 3))
+    limit = np.empty((samples, 3, 3, 2))
+    for i in range(intervals):
+        steps = first[i + 1] - first[i] - 1
+        for s in range(first[i], first[i + 1]):
+            t = math.pi * ((s - first[i]) / steps)
+            psi = _angle(interval[i, 1], interval[i, 2], t)
+            valid[s] = _measure(m, x, z, psi, int(interval[i, 0]), q, cross[s], limit[s])
+            q_at[s] = q
+
+    scale = flow_scale(m)
+    flow = shared_flow(m)
+    value = np.empty(samples)
+    for p in range(len(patterns)):
+        best = -1.0
+        for s in range(samples):
+            value[s] = -1.0
+            if valid[s]:
+                value[s] = projected_area(cross[s], scale, limit[s], patterns[p], flow)
+        for i in range(intervals):
+            for s in (first[i], first[i + 1] - 1):
+                if value[s] > best * (1.0 + SAME_AREA):
+                    best = value[s]
+                    posture[p] = q_at[s]
+        for s in range(samples):
+            if value[s] > best * (1.0 + SAME_AREA):
+                best = value[s]
+                posture[p] = q_at[s]
+        for i in range(intervals):
+            last = first[i + 1] - 1
+            for s in range(first[i], last + 1):
+                before = value[s - 1] if s > first[i] else -math.inf
+                after = value[s + 1] if s < last else -math.inf
+                if value[s] < 0.0 or value[s] < before or value[s] <= after:
+                    continue
+                drop = 0.0
+                if s > first[i]:
+                    drop = value[s] - before
+                if s < last:
+                    drop = max(drop, value[s] - after)
+                if value[s] + RISE_BETWEEN * drop <= best:
+                    continue
+                step = math.pi / (last - first[i])
+                low = step * max(s - first[i] - 1, 0)
+                high = step * min(s - first[i] + 1, last - first[i])
+                refined = _refine(m, x, z, interval[i], low, high, patterns[p], q)
+                if refined > best * (1.0 + SAME_AREA):
+                    best = refined
+                    posture[p] = q
+        area[p] = best
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _search_nodes(
+    m: MachineArrays,
+    position: FloatArray,
+    patterns: ModeArray,
+    posture: FloatArray,
+    area: FloatArray,
+) -> None:
+    for i in range(len(position)):
+        largest_polytopes(m, position[i, 0], position[i, 1], patterns, posture[i], area[i])
+
+
+def search_globally(
+    machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
+) -> None:
+    """The `NodeSolver` of this module."""
+    _search_nodes(machine.arrays, position, machine.patterns, posture, area)
+
+
+@dataclass(frozen=True, eq=False)
+class PointPostures:
+    """Postures of largest polytope at one tip position: what the table holds for a node.
+
+    posture  float64[patterns, n], rad
+    area     float64[patterns], m²/s²
+    """
+
+    posture: FloatArray
+    area: FloatArray
+
+
+def postures_at(machine: Machine, x: float, z: float) -> PointPostures:
+    """Postures of largest polytope at any point (x, z) m, on the grid or off it.
+
+    Raises InfeasibleGoalError where no posture is within limits.
+    """
+    posture = np.empty(machine.patterns.shape)
+    area = np.empty(len(machine.patterns))
+    if not largest_polytopes(machine.arrays, x, z, machine.patterns, posture, area):
+        raise InfeasibleGoalError(x, z)
+    return PointPostures(frozen(posture), frozen(area))
+
+
+def build_posture_table(
+    machine: Machine,
+    spacing: float = PAPER_SPACING,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+    cancelled: Cancelled | None = None,
+    solver: NodeSolver = search_globally,
+) -> PostureTable:
+    """Posture table of a machine on a grid with the given spacing [m].
+
+    jobs is the number of threads (default: one for each processor); the result does not depend
+    on it. progress(done, total) is told the nodes, cancelled() is asked between tasks.
+    Raises RequestError for a useless spacing, PlanningCancelledError.
+    """
+    nodes = grid_nodes(machine, spacing)
+    position = nodes.astype(np.float64) * spacing
+    posture = np.empty((len(nodes), *machine.patterns.shape))
+    area = np.empty((len(nodes), len(machine.patterns)))
+
+    def work(begin: int, end: int) -> int:
+        part = slice(begin, end)
+        solver(machine, position[part], posture[part], area[part])
+        return end
+
+    with closing(over_ranges(work, len(nodes), NODES_PER_TASK, jobs)) as parts:
+        for done in parts:
+            if progress is not None:
+                progress(done, len(nodes))
+            if cancelled is not None and cancelled():
+                raise PlanningCancelledError("building the posture table")
+    return PostureTable(
+        machine_name=machine.name,
+        machine_hash=machine.hash,
+        spacing=spacing,
+        nodes=nodes,
+        patterns=machine.patterns,
+        posture=posture,
+        area=area,
+    )
+
+
+def warm_up(machine: Machine) -> None:
+    """Compile the kernels of this module."""
+    patterns, n = machine.patterns.shape
+    search_globally(machine, np.empty((0, 2)), np.empty((0, patterns, n)), np.empty((0, patterns)))

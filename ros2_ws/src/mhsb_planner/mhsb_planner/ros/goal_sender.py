@@ -1,0 +1,76 @@
+"""A node that sends goals and keeps what the planner says of them; for commands and tests."""
+
+from __future__ import annotations
+
+import os
+import time
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from mhsb_model.goal import Goal
+from mhsb_model.verdict import ExecutionReport, GoalVerdict
+from mhsb_msgs_py import goal_pose, plan_status, topics
+from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.node_process import spin_until
+
+SEND_AGAIN_AFTER = 3.0
+"""Time without an answer after which a goal is sent anew [s]; longer than a planner lets it wait.
+
+A match is known to each side on its own: the first message may still meet deaf ears."""
+
+
+class GoalSender(Node):
+    """Publishes goals and keeps what the planner says of them."""
+
+    def __init__(self) -> None:
+        super().__init__(f"mhsb_goal_{os.getpid()}")
+        goal, status = topics.GOAL_POSE, topics.PLAN_STATUS
+        self._goals = self.create_publisher(goal.message, goal.name, goal.qos)
+        self._status = self.create_subscription(
+            status.message, status.name, self._on_status, status.qos
+        )
+        self.verdicts: dict[int, GoalVerdict] = {}
+        self.executions: dict[int, ExecutionReport] = {}
+
+    @property
+    def matched(self) -> bool:
+        """Whether a planner listens to goals and its verdicts can be heard."""
+        return self.listeners > 0 and self._status.get_publisher_count() > 0
+
+    @property
+    def listeners(self) -> int:
+        """How many subscribers hear goals."""
+        return int(self._goals.get_subscription_count())
+
+    def send(self, x: float, z: float) -> int:
+        """Publish a goal (x, z) m in base_link; returns its stamp, a new one each time [ns]."""
+        stamp_ns = time.time_ns()
+        self._goals.publish(goal_pose.encode(Goal(stamp_ns, x, z)))
+        return stamp_ns
+
+    def ask(
+        self, executor: SingleThreadedExecutor, x: float, z: float, timeout: float
+    ) -> GoalVerdict | None:
+        """Send a goal until the planner answers; its verdict, or None after `timeout` s."""
+        end = time.monotonic() + timeout
+        while (left := end - time.monotonic()) > 0:
+            stamp_ns = self.send(x, z)
+            answered = partial(self.verdicts.__contains__, stamp_ns)
+            if spin_until(executor, answered, min(left, SEND_AGAIN_AFTER)):
+                return self.verdicts[stamp_ns]
+        return None
+
+    def _on_status(self, message: DiagnosticArray) -> None:
+        try:
+            reports = plan_status.decode(message)
+        except MessageError as error:
+            self.get_logger().warning(f"plan_status is not understood: {error}")
+            return
+        for report in reports:
+            if isinstance(report, GoalVerdict):
+                self.verdicts[report.goal_stamp_ns] = report
+            else:
+                self.executions[report.goal_stamp_ns] = report

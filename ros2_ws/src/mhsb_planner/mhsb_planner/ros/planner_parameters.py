@@ -1,0 +1,270 @@
+"""Parameters of the planner node: declaration, ranges, and what a change is refused for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from mhsb_model.command_line import UsageError
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.obstacles.zones import Zones
+from mhsb_planner.errors import RequestError
+from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, PlannerKind, PlanOptions
+from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_step import EnergyReading
+
+READINGS = ("paper", "series")
+FREE_PSI = math.nan
+HIGHEST_PRESSURE = 5e7  # Pa
+HEAVIEST_PAYLOAD = 1e4  # kg
+FASTEST_PISTON = 1.0  # m/s
+LONGEST_BUDGET = 5.0  # s
+HIGHEST_AREA_WEIGHT = 1e6  # 1/m
+
+ZONE_KINDS = {
+    "boxes": (4, "x z x z [m] of two opposite corners"),
+    "circles": (3, "x z [m] of the centre, radius [m]"),
+}
+ZONES = {
+    "zone_boxes": ("boxes", "boxes", "the whole arm"),
+    "zone_circles": ("circles", "circles", "the whole arm"),
+    "tip_zone_boxes": ("tip_boxes", "boxes", "the tip"),
+    "tip_zone_circles": ("tip_circles", "circles", "the tip"),
+}
+"""Parameters of keep-out zones: field of `Zones`, kind, and what keeps out of them."""
+
+
+@dataclass(frozen=True)
+class PlannerParameters:
+    """What the parameters ask for; SI units.
+
+    planner          where postures come from, `table`, `fixed` or `integrated`
+    weights          (w1, w2, w3) of energy, time and mode switches
+    energy_reading   price of boosted oil, `paper` or `series`
+    payload          kg
+    supply_pressure  Pa
+    v_max            m/s, piston speed
+    planning_budget  s, from the stamp of a plan to where it leaves the previous one
+    goal_psi         rad, angle of the end link at the goal; None leaves it free
+    area_weight      1/m, of the velocity polytope's area; 0 leaves it out
+    zones            that the arm or its tip keeps out of
+    """
+
+    planner: PlannerKind
+    weights: tuple[float, float, float]
+    energy_reading: EnergyReading
+    payload: float
+    supply_pressure: float
+    v_max: float
+    planning_budget: float
+    goal_psi: float | None
+    area_weight: float
+    zones: Zones
+
+    @property
+    def options(self) -> PlanOptions:
+        """What a plan is to be like; the search may take the whole planning budget."""
+        return PlanOptions(
+            weights=Weights(*self.weights),
+            energy_reading=self.energy_reading,
+            goal_psi=self.goal_psi,
+            budget=self.planning_budget,
+            planner=self.planner,
+            area_weight=self.area_weight,
+        )
+
+    def machine(self, base: Machine) -> Machine:
+        """The machine of the file with payload, supply pressure, V_max and zones as asked for."""
+        return base.changed(
+            payload=self.payload,
+            supply_pressure=self.supply_pressure,
+            max_piston_speed=self.v_max,
+            zones=self.zones,
+        )
+
+
+def declare_machine(node: Node) -> Machine:
+    """Declare `machine` and read the file that it names; raises MachineFileError."""
+    node.declare_parameter(
+        "machine",
+        "",
+        _described("machine file (YAML); empty for the suite's own arm", read_only=True),
+    )
+    return load_machine(node.get_parameter("machine").value or None)
+
+
+def declare_table_path(node: Node) -> Path | None:
+    """Declare `table`: a posture table's file, None for the one in the user's cache."""
+    node.declare_parameter(
+        "table",
+        "",
+        _described("posture table (npz); empty builds one and keeps it", read_only=True),
+    )
+    value = node.get_parameter("table").value
+    return Path(value) if value else None
+
+
+def declare_frame_prefix(node: Node) -> str:
+    """Declare `frame_prefix`: what stands before the frames' names."""
+    node.declare_parameter(
+        "frame_prefix", "", _described("put before base_link and work_plane", read_only=True)
+    )
+    return str(node.get_parameter("frame_prefix").value)
+
+
+def declare(node: Node, machine: Machine) -> None:
+    """Declare all parameters that can be changed between plans; UsageError where they clash."""
+    arrays = machine.arrays
+    node.declare_parameter(
+        "planner",
+        ONLINE_PLANNER,
+        _described(
+            f"one of {', '.join(PLANNER_KINDS)}: postures of the posture table, joint 3 kept as it "
+            "is at the start, or path, posture and modes decided together"
+        ),
+    )
+    node.declare_parameter(
+        "weights", [0.5, 0.0, 2.0], _described("of energy [1/J], time [1/s] and mode switches [-]")
+    )
+    node.declare_parameter(
+        "energy_reading", READINGS[0], _described(f"one of {', '.join(READINGS)}")
+    )
+    node.declare_parameter(
+        "payload", arrays.payload, _described("at the tip [kg]", (0.0, HEAVIEST_PAYLOAD))
+    )
+    node.declare_parameter(
+        "supply_pressure",
+        arrays.supply_pressure,
+        _described("of the main pump, P_S [Pa]", (1e5, HIGHEST_PRESSURE)),
+    )
+    node.declare_parameter(
+        "v_max",
+        arrays.max_piston_speed,
+        _described("piston speed of the discrete plan, V_max [m/s]", (1e-4, FASTEST_PISTON)),
+    )
+    node.declare_parameter(
+        "planning_budget",
+        0.1,
+        _described("from a plan's stamp to its first new motion [s]", (0.01, LONGEST_BUDGET)),
+    )
+    node.declare_parameter(
+        "goal_psi", FREE_PSI, _described("angle of the end link at the goal [rad]; .nan is free")
+    )
+    node.declare_parameter(
+        "area_weight",
+        0.0,
+        _described(
+            "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for the planner "
+            "'integrated'",
+            (0.0, HIGHEST_AREA_WEIGHT),
+        ),
+    )
+    for name, (field, kind, who) in ZONES.items():
+        _declare_zones(node, name, kind, who, getattr(machine.zones, field))
+    if reason := refusal(node, machine, ()):
+        raise UsageError(reason)
+
+
+def _declare_zones(
+    node: Node, name: str, kind: str, who: str, zones: tuple[tuple[float, ...], ...]
+) -> None:
+    """Declare an array that may be empty: an empty one says nothing of its type on the wire."""
+    _, numbers = ZONE_KINDS[kind]
+    text = f"keep-out {kind} for {who}, one after the other: {numbers}"
+    descriptor = _described(text)
+    descriptor.dynamic_typing = True
+    node.declare_parameter(name, [value for zone in zones for value in zone], descriptor)
+    if not node.get_parameter(name).value:
+        node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
+
+
+def read(node: Node) -> PlannerParameters:
+    """The parameters as they are now."""
+    return _from_values({name: node.get_parameter(name).value for name in _CHANGEABLE})
+
+
+def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
+    """Why a set of changes cannot be made, in one sentence, or None where it can."""
+    values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
+    values |= {change.name: change.value for change in changes if change.name in values}
+    for name, allowed in (("planner", PLANNER_KINDS), ("energy_reading", READINGS)):
+        if values[name] not in allowed:
+            return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
+    weights = list(values["weights"])
+    if len(weights) != 3 or not all(math.isfinite(w) and w >= 0 for w in weights):
+        return f"weights {weights} must be three finite numbers that are not negative"
+    if math.isinf(values["goal_psi"]):
+        return "goal_psi must be an angle in rad, or .nan to leave it free"
+    if values["area_weight"] > 0.0 and values["planner"] != "integrated":
+        return (
+            f"area_weight {values['area_weight']:g} needs planner 'integrated' (is "
+            f"'{values['planner']}'); set it to 0 or choose that planner"
+        )
+    try:
+        _from_values(values).machine(machine)
+    except MhsbError as error:
+        return str(error)
+    return None
+
+
+_CHANGEABLE = (
+    "planner",
+    "weights",
+    "energy_reading",
+    "payload",
+    "supply_pressure",
+    "v_max",
+    "planning_budget",
+    "goal_psi",
+    "area_weight",
+    *ZONES,
+)
+
+
+def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
+    first, second, third = values["weights"]
+    return PlannerParameters(
+        planner=values["planner"],
+        weights=(first, second, third),
+        energy_reading=values["energy_reading"],
+        payload=values["payload"],
+        supply_pressure=values["supply_pressure"],
+        v_max=values["v_max"],
+        planning_budget=values["planning_budget"],
+        goal_psi=None if math.isnan(values["goal_psi"]) else values["goal_psi"],
+        area_weight=values["area_weight"],
+        zones=Zones(**{field: _zones(name, values[name]) for name, (field, *_) in ZONES.items()}),
+    )
+
+
+def _zones(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    """Zones of a flat array; raises RequestError where it is not one."""
+    size, numbers = ZONE_KINDS[ZONES[name][1]]
+    given = [] if value is None else value
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise RequestError(name, repr(given), f"must be an array of numbers, {numbers}")
+    flat = list(given)
+    if not all(isinstance(number, (int, float)) for number in flat):
+        raise RequestError(name, flat, f"must hold nothing but numbers, {numbers}")
+    if len(flat) % size:
+        raise RequestError(name, f"{len(flat)} numbers", f"takes {size} for each, {numbers}")
+    return tuple(tuple(map(float, flat[i : i + size])) for i in range(0, len(flat), size))
+
+
+def _described(
+    text: str, limits: tuple[float, float] | None = None, *, read_only: bool = False
+) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=text, read_only=read_only)
+    if limits is not None:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=limits[0], to_value=limits[1], step=0.0)
+        ]
+    return descriptor

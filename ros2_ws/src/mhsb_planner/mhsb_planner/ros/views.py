@@ -1,0 +1,165 @@
+"""What viewers are shown: a plan's tip path, coloured by mode, its goal posture, and obstacles.
+
+Everything is drawn twice: in the arm's own plane (base_link) and in the same plane laid flat
+(work_plane), where tools that know only x and y can show it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3
+from nav_msgs.msg import Path
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mhsb_model import kinematics
+from mhsb_model.command import Command
+from mhsb_model.machine import Machine
+from mhsb_model.obstacles.zones import CIRCLE, LINK
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_msgs_py import stamps
+from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
+
+PATH_SPACING_NS = 50_000_000
+LINE_WIDTH = 0.006  # m
+GOAL_SIZE = 0.04  # m
+COLORS = ((0.2, 0.6, 0.3), (0.95, 0.6, 0.1), (0.85, 0.2, 0.2))
+"""Red, green, blue of a path whose most boosted actuator is in N, DB, SB."""
+
+GOAL_COLOR = (0.2, 0.3, 0.8)
+OBSTACLE_COLORS = {True: (0.9, 0.5, 0.1), False: (0.8, 0.1, 0.1)}
+"""Of what holds for the tip alone, and for links."""
+
+OBSTACLE_OPACITY = 0.4
+OBSTACLE_DEPTH = 0.02  # m, across the arm's plane
+SEEN_AROUND = 1.2
+"""Obstacles are drawn as far as so many reaches of the arm from its base."""
+
+ON_ITS_SIDE = Quaternion(x=math.sqrt(0.5), w=math.sqrt(0.5))
+"""Turns the axis of a cylinder from z to y."""
+
+
+def paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
+    """The tip's path in base_link and in work_plane."""
+    _, tips = _tip_path(machine, command)
+    in_base, laid_flat = (
+        Path(
+            header=_header(command.stamp_ns, frame, prefix),
+            poses=[
+                PoseStamped(
+                    header=_header(command.stamp_ns, frame, prefix),
+                    pose=Pose(position=_point(tip, frame)),
+                )
+                for tip in tips
+            ],
+        )
+        for frame in (BASE_FRAME, WORK_PLANE_FRAME)
+    )
+    return in_base, laid_flat
+
+
+def markers(
+    machine: Machine, command: Command | None, prefix: str, stamp_ns: int
+) -> MarkerArray:
+    """Obstacles and, of a command, path, goal and goal posture, in both frames.
+
+    They replace all that have been shown before.
+    """
+    shown = [Marker(header=_header(stamp_ns, BASE_FRAME, prefix), action=Marker.DELETEALL)]
+    for frame in (BASE_FRAME, WORK_PLANE_FRAME):
+        header = _header(stamp_ns, frame, prefix)
+        shown += _obstacle_markers(machine, header, frame)
+        if command is not None:
+            shown += _command_markers(machine, command, header, frame)
+    return MarkerArray(markers=shown)
+
+
+def _obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[Marker]:
+    """Boxes and circles; the ground as far as the arm can get."""
+    arrays, flat = machine.arrays, frame == WORK_PLANE_FRAME
+    edge = SEEN_AROUND * float(arrays.link_length.sum())
+    shown: set[int] = set()
+    for kind, part, *numbers, _, number in machine.obstacles.rows.tolist():
+        if kind == LINK or number in shown:
+            continue
+        shown.add(number)
+        if kind == CIRCLE:
+            x, z, width = numbers[0], numbers[1], 2 * numbers[2]
+            height, shape = width, Marker.CYLINDER
+        else:
+            x_min, z_min, x_max, z_max = np.clip(numbers, -edge, edge).tolist()
+            x, z, shape = (x_min + x_max) / 2, (z_min + z_max) / 2, Marker.CUBE
+            width, height = x_max - x_min, z_max - z_min
+        marker = _marker(header, f"obstacles_{frame}", shape, OBSTACLE_DEPTH)
+        marker.id = int(number)
+        marker.pose.position = _point(np.array([x, z]), frame)
+        if shape == Marker.CYLINDER:
+            marker.scale.x = marker.scale.y = width
+            marker.pose.orientation = Quaternion(w=1.0) if flat else ON_ITS_SIDE
+        else:
+            marker.scale.x = width
+            marker.scale.y, marker.scale.z = (
+                (height, OBSTACLE_DEPTH) if flat else (OBSTACLE_DEPTH, height)
+            )
+        marker.color = _color(OBSTACLE_COLORS[part == machine.joint_count], OBSTACLE_OPACITY)
+        yield marker
+
+
+def _command_markers(
+    machine: Machine, command: Command, header: Header, frame: str
+) -> Iterable[Marker]:
+    times, tips = _tip_path(machine, command)
+    boosted = command.schedule.modes_at_many(times).max(axis=1)
+    line = _marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
+    line.points = [_point(tip, frame) for tip in tips]
+    line.colors = [_color(COLORS[mode]) for mode in boosted]
+    yield line
+    posture = _marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
+    joints = kinematics.joint_positions(
+        machine.arrays.link_length, command.trajectory.position[-1]
+    )
+    posture.points = [_point(joint, frame) for joint in joints]
+    posture.color = _color(GOAL_COLOR)
+    yield posture
+    goal = _marker(header, f"goal_{frame}", Marker.SPHERE, GOAL_SIZE)
+    goal.pose.position = _point(tips[-1], frame)
+    goal.color = _color(GOAL_COLOR)
+    yield goal
+
+
+def _tip_path(machine: Machine, command: Command) -> tuple[IntArray, FloatArray]:
+    """Absolute times [ns] and tip positions along the trajectory, its end included."""
+    trajectory = command.trajectory
+    times = np.append(
+        np.arange(trajectory.stamp_ns, trajectory.end_ns, PATH_SPACING_NS, dtype=np.int64),
+        trajectory.end_ns,
+    )
+    positions = trajectory.sample_many(times)[0]
+    return times, np.array([machine.tip_position(q) for q in positions])
+
+
+def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
+    return Marker(
+        header=header,
+        ns=namespace,
+        id=0,
+        type=kind,
+        action=Marker.ADD,
+        scale=Vector3(x=size, y=size, z=size),
+    )
+
+
+def _header(stamp_ns: int, frame: str, prefix: str) -> Header:
+    return Header(stamp=stamps.to_time(stamp_ns), frame_id=frame_name(frame, prefix))
+
+
+def _point(place: FloatArray, frame: str) -> Point:
+    x, z = float(place[0]), float(place[1])
+    return Point(x=x, y=z, z=0.0) if frame == WORK_PLANE_FRAME else Point(x=x, y=0.0, z=z)
+
+
+def _color(rgb: tuple[float, float, float], opacity: float = 1.0) -> ColorRGBA:
+    return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)

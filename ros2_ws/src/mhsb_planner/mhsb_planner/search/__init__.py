@@ -1,0 +1,1 @@
+"""S2: the path over positions and modes."""

@@ -1,0 +1,56 @@
+"""Goals at which the arm would be in an obstacle, or nearer to one than paths get."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.obstacles.clearance import clearances, tip_clearance
+from mhsb_model.types import FloatArray, frozen
+from mhsb_planner.errors import ZoneError
+
+
+def check_tip(machine: Machine, x: float, z: float) -> None:
+    """Raise ZoneError where the tip at (x, z) m alone is too near to an obstacle."""
+    rows, margin = machine.obstacles.path_rows, machine.config.keep_out.margin
+    if len(rows) == 0:
+        return
+    beyond, nearest = tip_clearance(rows, machine.joint_count, x, z)
+    if beyond < 0.0:
+        distance = beyond + margin
+        where = f"{-distance:.4g} m deep in" if distance < 0.0 else f"{distance:.4g} m from"
+        raise ZoneError(
+            x,
+            z,
+            f"at ({x:.4g}, {z:.4g}) m the tip is {where} {machine.obstacles.name(nearest)}; "
+            f"a goal must leave it {margin:g} m away",
+        )
+
+
+def clear_postures(machine: Machine, x: float, z: float, posture: FloatArray) -> np.ndarray:
+    """Which postures float64[count, n] [rad] with the tip at (x, z) m keep clear, bool[count].
+
+    Raises ZoneError where none does.
+    """
+    rows = machine.obstacles.path_rows
+    if len(rows) == 0:
+        return np.ones(len(posture), dtype=bool)
+    distance, nearest = clearances(machine.arrays, rows, frozen(posture))
+    clear = distance >= 0.0
+    if not clear.any():
+        best = nearest[np.argmax(distance)]
+        raise ZoneError(
+            x,
+            z,
+            f"in every posture that this planner takes with the tip at ({x:.4g}, {z:.4g}) m "
+            f"the arm is less than {machine.config.keep_out.margin:g} m from an obstacle, at best "
+            f"from {machine.obstacles.name(best)}; give another goal",
+        )
+    return clear
+
+
+def warm_up(machine: Machine) -> None:
+    """Compile the kernels that are needed, whether there are obstacles or not."""
+    rows, n = machine.obstacles.path_rows, machine.joint_count
+    tip_clearance(rows, n, 0.0, 0.0)
+    clearances(machine.arrays, rows, frozen(np.zeros((1, n))))

@@ -1,0 +1,88 @@
+"""What every plan between two postures must at least take, whatever its path and modes.
+
+Cylinder strokes add up to no less than the distance between start and goal, each litre costs at
+least P_S, and leakage flows for as long as the motion must last:
+
+    T_lb = max( max_j |ΔL_j| / V_max , Σ_j A_dir |ΔL_j| / (Q_MP − n q_leak) )
+    E_lb = P_S [ Σ_j A_dir |ΔL_j| + n q_leak T_lb ]
+
+Both hold step by step for the costs of `s2_step`, since boosted oil never costs less than P_S
+there; so w₁ E_lb + w₂ T_lb is also a consistent estimate of the cost that remains in the search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.search.s2_step import Circuit, Postures, circuit_of, describe
+
+
+@njit(cache=True, nogil=True)
+def least_cost(
+    area: FloatArray,
+    pace: FloatArray,
+    shared_flow: float,
+    leakage: float,
+    start: FloatArray,
+    goal: FloatArray,
+    volume_weight: float,
+    time_weight: float,
+) -> float:
+    """Least cost from cylinder lengths start[n] to goal[n] [m].
+
+    area, pace, shared_flow  see `s2_step.Circuit`
+    leakage                  of all valves [m³/s]
+    volume_weight            w₁ P_S [1/m³]
+    time_weight              w₂ [1/s]
+    """
+    duration = 0.0
+    volume = 0.0
+    for j in range(len(start)):
+        delta = goal[j] - start[j]
+        d = 0 if delta > 0.0 else 1
+        duration = max(duration, abs(delta) * pace[j, 0, d])
+        volume += area[j, d] * abs(delta)
+    duration = max(duration, volume / shared_flow)
+    return volume_weight * (volume + leakage * duration) + time_weight * duration
+
+
+@njit(cache=True, nogil=True)
+def least_cost_between(
+    c: Circuit, start: FloatArray, goal: FloatArray, weight: FloatArray
+) -> float:
+    """The same with the weights float64[2 or more] of energy [1/J] and time [1/s]."""
+    return least_cost(
+        c.area,
+        c.pace,
+        c.shared_flow,
+        len(start) * c.leakage_flow,
+        start,
+        goal,
+        weight[0] * c.supply_pressure,
+        weight[1],
+    )
+
+
+def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
+    """E_lb [J] from the posture start[n] to the cheapest of the postures goals[goals, n] [rad]."""
+    arrays = machine.arrays
+    one, many = (describe(arrays, np.atleast_2d(np.asarray(q, float))) for q in (start, goals))
+    circuit = circuit_of(arrays, machine.patterns)
+    return float(_energy_between_lengths(circuit, one.length[0], many.length))
+
+
+def energy_bound_between(circuit: Circuit, start: Postures, goals: Postures) -> float:
+    """The same from the only posture of `start` to the cheapest of `goals`, lengths known [J]."""
+    return float(_energy_between_lengths(circuit, start.length[0], goals.length))
+
+
+@njit(cache=True, nogil=True)
+def _energy_between_lengths(c: Circuit, start: FloatArray, goals: FloatArray) -> float:
+    least = np.inf
+    energy = np.array([1.0, 0.0])
+    for goal in goals:
+        least = min(least, least_cost_between(c, start, goal, energy))
+    return least

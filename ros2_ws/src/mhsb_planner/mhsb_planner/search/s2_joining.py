@@ -1,0 +1,268 @@
+"""Start and goal of a search, and the steps that join them to the grid.
+
+Neither need lie on the grid. The start is the actual posture; the goal is the posture that the
+graph's rule gives at that very point, for every pattern its own, or all postures with a given
+end-link angle. Both are joined to the corners of the cells they lie in, and to each other within
+one cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.errors import InfeasibleGoalError
+from mhsb_planner.search.goal_clearance import check_tip, clear_postures
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_layout import Layout
+from mhsb_planner.search.s2_step import (
+    INADMISSIBLE,
+    Circuit,
+    Postures,
+    bar_collisions,
+    describe,
+    middle_forces,
+    new_scratch,
+    steps_to_node,
+)
+
+NOWHERE = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a search begins: tip (x, z) m and posture, one row with what steps need of it."""
+
+    tip: tuple[float, float]
+    postures: Postures
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Where a search may end.
+
+    tip       (x, z) m
+    node      of the graph whose postures these are, None where there is none
+    postures  the admissible ones
+    first     int64[groups + 1]: postures first[g] … first[g + 1] are alternatives by pattern
+    owner     int64[groups, patterns], posture in which a step in that pattern ends
+    """
+
+    tip: tuple[float, float]
+    node: int | None
+    postures: Postures
+    first: IntArray
+    owner: IntArray
+
+
+class Steps(NamedTuple):
+    """Steps from the start or to the goal."""
+
+    origin: IntArray  # [steps] posture of the graph that is left; NOWHERE for the start
+    state: IntArray  # [steps] state of the graph that is reached; NOWHERE for the goal
+    end: IntArray  # [steps] posture of the goal that is reached; NOWHERE for a state
+    pattern: IntArray  # [steps]
+    cost: FloatArray  # [steps, 3] as in `Edges`
+
+
+def start_at(graph: StepGraph, posture: FloatArray) -> Start:
+    """A search's start in a posture [rad]."""
+    x, z = graph.machine.tip_position(posture)
+    return Start((float(x), float(z)), describe(graph.machine.arrays, posture[None, :]))
+
+
+def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> Goal:
+    """A search's goal at (x, z) m.
+
+    Without psi, for every pattern the posture by the graph's rule, for the posture table that of
+    largest velocity polytope; with psi [rad], all postures with that end-link angle, in any
+    pattern. Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError.
+    """
+    machine = graph.machine
+    machine.check_in_workspace(x, z)
+    check_tip(machine, x, z)
+    node = None
+    if psi is not None:
+        postures = machine.postures(x, z, np.array([psi]))
+        if len(postures) == 0:
+            raise InfeasibleGoalError(x, z, psi)
+        first = np.arange(len(postures) + 1)
+        owner = np.repeat(first[:-1, None], len(machine.patterns), axis=1)
+    else:
+        node = graph.grid.node_at(x, z)
+        postures, owner = np.unique(postures_by_rule(graph, x, z), axis=0, return_inverse=True)
+        first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
+    clear_postures(machine, x, z, postures)  # steps to those that are not will be barred
+    return Goal((x, z), node, describe(machine.arrays, postures), first, owner)
+
+
+def postures_by_rule(graph: StepGraph, x: float, z: float) -> FloatArray:
+    """Posture for each pattern at (x, z) m, float64[patterns, n] [rad]; the table's on a node.
+
+    Raises InfeasibleGoalError.
+    """
+    node = graph.grid.node_at(x, z)
+    if node is None:
+        return graph.resolve(graph.machine, x, z)
+    if not graph.table.feasible[node]:
+        raise InfeasibleGoalError(x, z)
+    return graph.table.posture[node]
+
+
+def steps_from_start(graph: StepGraph, start: Start, goal: Goal, rings: int = 0) -> Steps:
+    """Steps to the nodes around the start, and to the goal where both share a cell.
+
+    rings: how many further rings of nodes count as around.
+    """
+    to_grid = _steps_to_nodes(
+        graph.machine.arrays,
+        graph.machine.obstacles.path_rows,
+        graph.circuit,
+        graph.table.patterns,
+        start.postures,
+        graph.layout,
+        graph.postures,
+        graph.grid.around(*start.tip, rings),
+    )
+    if not graph.grid.share_cell(start.tip, goal.tip):
+        return to_grid
+    direct = _to_goal(graph, start.postures, np.array([0]), goal)
+    direct.origin[:] = NOWHERE
+    return Steps(*(np.concatenate(pair) for pair in zip(to_grid, direct, strict=True)))
+
+
+def steps_to_goal(graph: StepGraph, goal: Goal, rings: int = 0) -> tuple[Steps, IntArray]:
+    """Steps from the nodes around the goal, and where those of each posture begin.
+
+    The second is int64[postures + 1]: steps from posture i are first[i] … first[i + 1].
+    """
+    first = graph.layout.first
+    around = np.sort(graph.grid.around(*goal.tip, rings))
+    nothing = np.empty(0, dtype=np.int64)
+    origins = np.concatenate(
+        [nothing, *(np.arange(first[node], first[node + 1]) for node in around)]
+    )
+    if goal.node is not None and rings == 0:
+        steps = _steps_to_goal_on_node(graph, goal.node, origins, goal.owner[0])
+    else:
+        steps = _to_goal(graph, graph.postures, origins, goal)
+    leaving = np.bincount(steps.origin, minlength=len(graph.layout.posture))
+    return steps, np.concatenate([[0], np.cumsum(leaving)])
+
+
+def _steps_to_goal_on_node(
+    graph: StepGraph, node: int, origins: IntArray, owner: IntArray
+) -> Steps:
+    """Steps to a goal that is a node: the graph's own to that node's states."""
+    graph.steps.price(origins)
+    edges, patterns = graph.steps.edges, len(graph.table.patterns)
+    begin, count = edges.first[origins], edges.last[origins] - edges.first[origins]
+    before = np.cumsum(count) - count
+    edge = np.arange(count.sum()) + np.repeat(begin - before, count)
+    arriving = edges.state[edge] // patterns == node
+    edge, origin = edge[arriving], np.repeat(origins, count)[arriving]
+    pattern = edges.pattern[edge]
+    nowhere = np.full(len(edge), NOWHERE)
+    return Steps(origin, nowhere, owner[pattern], pattern, edges.cost[edge])
+
+
+def _to_goal(graph: StepGraph, start: Postures, origins: IntArray, goal: Goal) -> Steps:
+    return _steps_to_goal(
+        graph.machine.arrays,
+        graph.machine.obstacles.path_rows,
+        graph.circuit,
+        graph.table.patterns,
+        start,
+        origins,
+        goal.postures,
+        goal.first,
+        goal.owner,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _steps_to_nodes(
+    m: MachineArrays,
+    obstacles: FloatArray,
+    c: Circuit,
+    patterns: ModeArray,
+    start: Postures,
+    layout: Layout,
+    postures: Postures,
+    nodes: IntArray,
+) -> Steps:
+    """Steps from the only posture of `start` to nodes of the graph."""
+    scratch = new_scratch(patterns)
+    count = len(patterns)
+    state = np.empty(len(nodes) * count, dtype=np.int64)
+    cost = np.empty((len(nodes) * count, 3))
+    found = 0
+    for node in nodes:
+        first = layout.first[node]
+        here = layout.first[node + 1] - first
+        if here == 0:
+            continue
+        middle = np.empty((here, patterns.shape[1]))
+        middle_forces(m, start.posture[0], postures.posture, first, middle)
+        bar_collisions(m, obstacles, start.posture[0], postures.posture, first, middle)
+        status = steps_to_node(
+            c, patterns, start, 0, postures, first, here, layout.owner[node], middle, scratch
+        )
+        if status == INADMISSIBLE:
+            continue
+        for p in range(count):
+            if scratch.status[p] == status:
+                state[found] = node * count + p
+                cost[found] = scratch.cost[p]
+                found += 1
+    nowhere = np.full(found, NOWHERE)
+    return Steps(nowhere, state[:found], nowhere.copy(), state[:found] % count, cost[:found])
+
+
+@njit(cache=True, nogil=True)
+def _steps_to_goal(
+    m: MachineArrays,
+    obstacles: FloatArray,
+    c: Circuit,
+    patterns: ModeArray,
+    start: Postures,
+    origins: IntArray,
+    goal: Postures,
+    goal_first: IntArray,
+    goal_owner: IntArray,
+) -> Steps:
+    """Steps from postures of `start`, named by `origins`, to the goal."""
+    scratch = new_scratch(patterns)
+    count = len(patterns)
+    capacity = len(origins) * len(goal_owner) * count
+    origin = np.empty(capacity, dtype=np.int64)
+    end = np.empty(capacity, dtype=np.int64)
+    pattern = np.empty(capacity, dtype=np.int64)
+    cost = np.empty((capacity, 3))
+    found = 0
+    for i in origins:
+        for g in range(len(goal_owner)):
+            first = goal_first[g]
+            here = goal_first[g + 1] - first
+            middle = np.empty((here, patterns.shape[1]))
+            middle_forces(m, start.posture[i], goal.posture, first, middle)
+            bar_collisions(m, obstacles, start.posture[i], goal.posture, first, middle)
+            status = steps_to_node(
+                c, patterns, start, i, goal, first, here, goal_owner[g], middle, scratch
+            )
+            if status == INADMISSIBLE:
+                continue
+            for p in range(count):
+                if scratch.status[p] == status:
+                    origin[found] = i
+                    end[found] = goal_owner[g, p]
+                    pattern[found] = p
+                    cost[found] = scratch.cost[p]
+                    found += 1
+    nowhere = np.full(found, NOWHERE)
+    return Steps(origin[:found], nowhere, end[:found], pattern[:found], cost[:found])

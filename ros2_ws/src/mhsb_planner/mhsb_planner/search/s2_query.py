@@ -1,0 +1,142 @@
+"""A question to the search, the graph extended by a start and a goal, and the answer's assembly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.lower_bound import energy_bound_between
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_joining import Goal, Start, Steps, steps_from_start, steps_to_goal
+from mhsb_planner.search.s2_step import DURATION, ENERGY_PAPER, ENERGY_SERIES
+
+PAUSED, FOUND, EXHAUSTED = 0, 1, 2
+"""What a portion of a search can end with: the limit, the goal, or nothing left to expand."""
+
+
+class Link(NamedTuple):
+    """One step of an answer: state left (None: start), state reached (None: goal), its number.
+
+    The number is that of the step in the graph's edges, in `Query.from_start` or in
+    `Query.to_goal`, whichever the two states imply.
+    """
+
+    parent: int | None
+    state: int | None
+    step: int
+
+
+class Search(Protocol):
+    """A search under way, taken further portion by portion.
+
+    portion  states to expand before a look at budget and cancellation, some milliseconds' work
+    """
+
+    portion: int
+
+    @property
+    def expanded(self) -> int:
+        """States expanded so far."""
+
+    @property
+    def generated(self) -> int:
+        """Steps looked at so far."""
+
+    @property
+    def cost(self) -> float:
+        """Cost of the path found."""
+
+    def expand(self, limit: int) -> int:
+        """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED."""
+
+    def links(self) -> Sequence[Link]:
+        """The path found, from the start on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """What is asked for.
+
+    start_modes     uint8[n], in force at the start
+    weight          float64[3], of energy [1/J], time [1/s] and mode switches
+    column          of the energy reading in a step's cost
+    from_start      steps that leave the start
+    start_switches  int64[patterns], actuators that change their mode from those in force
+    to_goal         steps to the goal; of posture i those from goal_first[i] to goal_first[i + 1]
+    """
+
+    graph: StepGraph
+    start: Start
+    start_modes: ModeArray
+    goal: Goal
+    weight: FloatArray
+    column: int
+    from_start: Steps
+    start_switches: IntArray
+    to_goal: Steps
+    goal_first: IntArray
+
+    @classmethod
+    def joined(
+        cls,
+        graph: StepGraph,
+        start: Start,
+        start_modes: ModeArray,
+        goal: Goal,
+        weight: FloatArray,
+        column: int,
+        rings: int,
+    ) -> Query:
+        """The question with start and goal joined to so many rings of nodes around them."""
+        to_goal, goal_first = steps_to_goal(graph, goal, rings)
+        return cls(
+            graph=graph,
+            start=start,
+            start_modes=start_modes,
+            goal=goal,
+            weight=weight,
+            column=column,
+            from_start=steps_from_start(graph, start, goal, rings),
+            start_switches=graph.switches_from(start_modes),
+            to_goal=to_goal,
+            goal_first=goal_first,
+        )
+
+    def path(self, found: Search, seconds: float) -> DiscretePath:
+        """The path that a search has found, `seconds` after it was asked for."""
+        graph, table, ends = self.graph, self.graph.table, self.goal.postures.posture
+        tips, postures = [self.start.tip], [self.start.postures.posture[0]]
+        patterns, costs = [], []
+        for parent, state, step in found.links():
+            steps = self.from_start if parent is None else self.to_goal
+            if state is None:
+                tips.append(self.goal.tip)
+                postures.append(ends[steps.end[step]])
+                pattern, cost = steps.pattern[step], steps.cost[step]
+            else:
+                node, pattern = divmod(state, len(table.patterns))
+                tips.append(tuple(table.nodes[node] * table.spacing))
+                postures.append(table.posture[node, pattern])
+                cost = steps.cost[step] if parent is None else graph.steps.edges.cost[step]
+            patterns.append(pattern)
+            costs.append(cost)
+        cost_of = np.array(costs)
+        return DiscretePath(
+            tip=np.array(tips),
+            posture=np.array(postures),
+            modes=table.patterns[patterns],
+            duration=cost_of[:, DURATION],
+            energy=cost_of[:, ENERGY_PAPER],
+            energy_series=cost_of[:, ENERGY_SERIES],
+            cost=found.cost,
+            start_modes=self.start_modes,
+            lower_bound=energy_bound_between(
+                graph.circuit, self.start.postures, self.goal.postures
+            ),
+            statistics=SearchStatistics(found.expanded, found.generated, seconds),
+        )

@@ -1,0 +1,118 @@
+"""The command writes every table and figure, and they agree with each other."""
+
+import csv
+import itertools
+import json
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from mhsb_planner.commands import reproduce_command
+from mhsb_planner.evaluation.reproduction.expectations import records
+from mhsb_planner.evaluation.reproduction.runs import (
+    Runs,
+    area_settings,
+    evaluate,
+    integrated_run,
+    integrated_settings,
+)
+
+FIGURES = (
+    *(f"figure_{number}" for number in (3, 5, 6, 7, 8, 9, 10)),
+    *("area_energy", "operating_point"),
+)
+
+
+@pytest.fixture(scope="module")
+def weighed(machine, runs):
+    """The runs of Case 4 with more and more weight on the area."""
+    asked = {integrated_run("4-1"): integrated_settings()[integrated_run("4-1")]}
+    return evaluate(machine, asked | area_settings(), known=runs)
+
+
+@pytest.fixture(scope="module")
+def folder(runs, weighed, tmp_path_factory):
+    """What the command writes, with the runs that are there already."""
+    every = Runs(runs.machine, runs.table, {**runs.runs, **weighed.runs})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reproduce_command, "evaluate", lambda *_: every)
+        folder = tmp_path_factory.mktemp("reproduce") / "new"
+        reproduce_command.reproduce(folder)
+    return folder
+
+
+def rows(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_summary_has_a_record_for_every_expectation(folder, runs):
+    summary = json.loads((folder / "summary.json").read_text())
+    found = summary["expectations"]
+    assert [(each["id"], each["met"]) for each in found] == [
+        (each.id, each.met) for each in records(runs)
+    ]
+    assert summary["met"] == sum(each["met"] for each in found)
+    case_4 = next(each for each in found if each["id"] == "e.4-1")
+    assert {"energy_discrete_j", "energy_fitted_j"} <= set(case_4["own"]["4-1"])
+
+
+def test_the_table_has_a_row_for_every_run(folder, runs, weighed):
+    found = {row["run"]: row for row in rows(folder / "table.csv")}
+    assert list(found) == [*runs.runs, *weighed.runs]
+    for name, run in runs.runs.items():
+        if run.path is not None:
+            assert float(found[name]["energy_discrete_j"]) == pytest.approx(run.path.energy.sum())
+    assert all(found[name]["energy_fitted_j"] for name in ("1-1", "2-1", "4-2"))
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_each_figure_is_drawn_and_its_data_are_beside_it(folder, name):
+    picture = matplotlib.image.imread(folder / f"{name}.png")[..., :3]
+    assert np.mean(np.any(picture < 0.97, axis=2)) > 0.02
+    data = sorted(folder.glob(f"{name}*.csv"))
+    assert data
+    assert all(rows(path) for path in data)
+
+
+def test_the_figures_data_are_the_runs(folder, runs):
+    path = runs["1-1"].path
+    drawn = [
+        (float(row["x_m"]), float(row["z_m"]))
+        for row in rows(folder / "figure_5_paths.csv")
+        if (row["case"], row["path"]) == ("1-1", "discrete")
+    ]
+    assert np.array(drawn) == pytest.approx(path.tip)
+    areas = [float(row["area_m2_s2"]) for row in rows(folder / "figure_9.csv")]
+    assert len(areas) == sum(runs[name].path.steps for name in ("4-1", "4-2", "4-3"))
+
+
+def test_area_and_energy_grow_with_the_weight_of_the_area(folder, weighed):
+    found = {row["run"]: row for row in rows(folder / "area_energy.csv")}
+    assert list(found) == [*weighed.runs, "4-1", "4-2", "4-3"]
+    front = [found[name] for name in weighed.runs]
+    for before, after in itertools.pairwise(front):
+        assert float(after["w4_per_m"]) > float(before["w4_per_m"])
+        assert float(after["energy_discrete_j"]) > 0.995 * float(before["energy_discrete_j"])
+        assert float(after["area_discrete_m2_s2"]) > 0.995 * float(before["area_discrete_m2_s2"])
+        assert float(after["area_m2_s2"]) > 0.995 * float(before["area_m2_s2"])
+    for name in ("4-1", "4-2", "4-3"):
+        assert float(found[name]["energy_j"]) > float(front[0]["energy_j"])
+        assert float(found[name]["area_m2_s2"]) < float(front[0]["area_m2_s2"])
+
+
+def test_the_best_operating_points_are_the_cheapest_of_their_curves(folder):
+    best = json.loads((folder / "summary.json").read_text())["operating_points"]
+    curves = rows(folder / "operating_point.csv")
+    assert len(best) == 4
+    for name, point in best.items():
+        curve = [row for row in curves if row["run"] == name]
+        assert len(curve) == point["looked_at"] > 25
+        assert point["cost"] == min(float(row["cost"]) for row in curve)
+        kept = "v_max_m_s" if ".ps" in name else "supply_pressure_pa"
+        assert len({row[kept] for row in curve}) == 1
+
+
+def test_nothing_half_written_is_left(folder):
+    assert not list(folder.glob("*.part"))

@@ -1,0 +1,70 @@
+"""The benchmark of planning, with little effort: its keys, and that they make sense."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import dijkstra
+
+from mhsb_planner.evaluation import planning_benchmark
+from mhsb_planner.evaluation.planning_benchmark import Effort, as_text, explicit_graph, measure
+from mhsb_planner.search.s2_search import search
+
+LITTLE = Effort(moves=4, entries=3, truths=1, growth_moves=2, spacings=(0.2, 0.1), runs=1)
+
+
+@pytest.fixture(scope="module")
+def figures(machine):
+    return measure(machine, LITTLE)
+
+
+def test_the_keys_are_all_there(figures):
+    assert set(figures) == {"table", "plan", "scipy_dijkstra", "growth"}
+    assert set(figures["table"]) == {
+        *("entries", "build_s", "slsqp_s_per_entry", "speedup_over_slsqp", "worst_area_ratio")
+    }
+    assert set(figures["plan"]["table"]) == {
+        *("p50_ms", "p99_ms", "s2_p99_ms", "s3_p99_ms", "s4_p99_ms", "rebuild_ms")
+    }
+    assert set(figures["plan"]["integrated"]) == {
+        *("p50_ms", "p99_ms", "energy_ratio_geomean", "worst_energy_ratio"),
+        *("ground_truth_ratio_mean", "ground_truth_ratio_max"),
+    }
+    assert set(figures["scipy_dijkstra"]) == {"p50_ms", "p99_ms"}
+    assert [row["spacing_m"] for row in figures["growth"]] == [0.2, 0.1]
+
+
+def test_the_figures_make_sense(figures):
+    assert figures["table"]["entries"] == 14766
+    assert figures["table"]["worst_area_ratio"] >= 1 - 1e-6
+    assert figures["table"]["speedup_over_slsqp"] > 1
+    plan = figures["plan"]["table"]
+    assert 0 < plan["p50_ms"] <= plan["p99_ms"]
+    assert all(value > 0 for value in plan.values())
+    integrated = figures["plan"]["integrated"]
+    assert 0 < integrated["p50_ms"] <= integrated["p99_ms"]
+    assert integrated["energy_ratio_geomean"] < 1
+    assert integrated["worst_energy_ratio"] <= 1.001
+    assert integrated["ground_truth_ratio_mean"] < 1.1
+    assert integrated["ground_truth_ratio_max"] < 1.25
+    assert figures["growth"][0]["states"] < figures["growth"][1]["states"]
+    assert len(as_text(figures)) > 4
+
+
+def test_the_command_writes_them(figures, tmp_path, monkeypatch):
+    monkeypatch.setattr(planning_benchmark, "measure", lambda *_: figures)
+    planning_benchmark.planning(tmp_path / "new" / "planning.json")
+    assert json.loads((tmp_path / "new" / "planning.json").read_text()) == figures
+
+
+def test_scipy_is_given_the_graph_that_is_searched(graph):
+    """From node to node in state N, where nothing has to be joined to the grid."""
+    patterns = len(graph.table.patterns)
+    here, there = graph.grid.node_at(0.55, 0.20), graph.grid.node_at(0.65, -0.10)
+    costs = dijkstra(explicit_graph(graph), indices=here * patterns)
+    reached = costs[there * patterns : (there + 1) * patterns].min()
+    goal = tuple(graph.table.nodes[there] * graph.table.spacing)
+    path = search(
+        graph, graph.table.posture[here, 0], np.zeros(3), goal, planning_benchmark.ENERGY_OPTIMAL
+    )
+    assert path.cost == pytest.approx(reached, rel=1e-9)

@@ -1,0 +1,145 @@
+"""Energy of a motion with its modes, against sums done by hand."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.hydraulics import load_pressure, required_pressure
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
+from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.search.s2_step import step_costs
+
+
+def constant_speed(machine, start, speeds, duration):
+    """Constant piston speeds [m/s] over a short time, from the posture `start`."""
+    offset = np.arange(0, int(duration * SECOND_NS) + 1, 20_000_000)
+    qd = speeds / machine.moment_arms(start)
+    q = start + qd * (offset / SECOND_NS)[:, None]
+    return Trajectory(0, offset, q, np.broadcast_to(qd, q.shape), np.zeros_like(q))
+
+
+def modes(*pattern):
+    return ModeSchedule(0, [0], [pattern])
+
+
+def test_an_arm_at_rest_takes_leakage_at_the_price_of_each_mode(machine):
+    rest = np.array([0.0, 0.0, 0.0])
+    still = np.zeros((2, 3))
+    motion = Trajectory(0, [0, 3 * SECOND_NS], np.array([rest, rest]), still, still)
+    m, force = machine.arrays, machine.piston_forces(rest)
+    normal = motion_energy(machine, motion, modes(0, 0, 0))
+    assert normal.paper == pytest.approx(3 * 3 * m.supply_pressure * m.leakage_flow)
+    assert normal.series == pytest.approx(normal.paper)
+
+    boosted = motion_energy(machine, motion, modes(1, 0, 0))
+    load = load_pressure(m.cap_area[0], m.rod_area[0], m.tank_pressure, force[0], 1.0)
+    supply = required_pressure(m, 0, force[0], 0.0)
+    oil = 3 * m.leakage_flow
+    two_normal = 2 * m.supply_pressure * oil
+    eta = m.servo_pump_efficiency
+    assert boosted.paper == pytest.approx(two_normal + load / eta * oil)
+    series = m.supply_pressure + (supply - m.supply_pressure) / eta
+    assert boosted.series == pytest.approx(two_normal + series * oil * more_leakage(m, supply))
+
+
+def more_leakage(m, supply):
+    """Factor on the leakage of an orifice by its supply pressure."""
+    return np.sqrt((supply - m.tank_pressure) / (m.supply_pressure - m.tank_pressure))
+
+
+def test_energy_is_delivered_where_it_is_used(machine):
+    start, speeds = np.array([0.05, -0.1, -0.1]), np.array([0.008, -0.006, 0.002])
+    motion = constant_speed(machine, start, speeds, 0.02)
+    energy = motion_energy(machine, motion, modes(2, 1, 0))
+    middle = motion.sample(motion.duration_ns // 2).position
+    m, force = machine.arrays, machine.piston_forces(middle)
+    assert energy.series == pytest.approx(energy.main_pump + energy.servo_pumps)
+    assert energy.piston_work == pytest.approx(0.02 * float(force @ speeds), rel=1e-2)
+    assert energy.servo_pump_losses == pytest.approx(
+        (1 - m.servo_pump_efficiency) * energy.servo_pumps
+    )
+    # The edges of the servo valves take what lies between the supply's and the load's pressures.
+    supply = np.array(
+        [max(required_pressure(m, j, force[j], v) for v in (0.0, speeds[j])) for j in range(3)]
+    )
+    supply = np.where([1, 1, 0], supply, m.supply_pressure)
+    inlet = np.where(speeds > 0, m.cap_area, m.rod_area)
+    outlet = np.where(speeds > 0, m.rod_area, m.cap_area)
+    flow = np.abs(speeds)
+    lost = supply * inlet * flow - force * speeds - m.tank_pressure * outlet * flow
+    assert energy.servo_valves == pytest.approx(0.02 * float(lost.sum()), rel=1e-2)
+
+
+def test_a_boosted_load_is_carried_while_it_is_held_and_lowered(machine):
+    """Whatever the sign of a speed too small to matter, and of one that is not."""
+    start = np.array([0.0, 0.0, 0.0])
+    motions = (constant_speed(machine, start, np.array([v, 0, 0]), 0.1) for v in (1e-9, -1e-9))
+    held, creeping = (motion_energy(machine, motion, modes(1, 0, 0)) for motion in motions)
+    assert creeping.series == pytest.approx(held.series, rel=1e-6)
+    assert creeping.paper == pytest.approx(held.paper, rel=1e-6)
+    m = machine.arrays
+    supply = required_pressure(m, 0, machine.piston_forces(start)[0], 0.0)
+    lowered = constant_speed(machine, start, np.array([-0.005, 0, 0]), 0.02)
+    oil = 0.02 * (m.rod_area[0] * 0.005 + m.leakage_flow * more_leakage(m, supply))
+    shaft = motion_energy(machine, lowered, modes(1, 0, 0)).servo_pumps
+    price = (supply - m.supply_pressure) / m.servo_pump_efficiency
+    assert shaft == pytest.approx(price * oil, rel=1e-2)
+
+
+@pytest.mark.parametrize("pattern", [(0, 0, 0), (1, 0, 0), (2, 0, 0), (2, 2, 0), (1, 1, 1)])
+def test_a_short_step_at_constant_speed_costs_what_the_search_says(machine, pattern):
+    start = np.array([0.05, -0.1, -0.1])
+    speeds = np.array([0.008, 0.006, 0.002])
+    motion = constant_speed(machine, start, speeds, 0.1)
+    m, q = machine.arrays, motion.position
+    middle = 0.5 * (q[0] + q[-1])
+    force = machine.piston_forces(middle)
+    stroke = machine.cylinder_lengths(q[-1]) - machine.cylinder_lengths(q[0])
+    needed = np.array([required_pressure(m, j, force[j], speeds[j]) for j in range(3)])
+    shared = np.array(pattern) == 2
+    supply = np.where(shared, needed[shared].max(initial=0.0), needed)
+    load = (force + m.rod_area * m.tank_pressure) / m.cap_area
+    boosted = np.array(pattern) > 0
+    eta, normal = m.servo_pump_efficiency, m.supply_pressure
+    paper = np.where(boosted, np.maximum(normal, load / eta), normal)
+    series = np.where(boosted, normal + np.maximum(0.0, supply - normal) / eta, normal)
+    energy = motion_energy(machine, motion, modes(*pattern))
+    leakage = np.full(3, m.leakage_flow * 0.1)
+    assert energy.paper == pytest.approx(float(paper @ (m.cap_area * stroke + leakage)), rel=2e-3)
+    leakage *= more_leakage(m, np.where(boosted, np.maximum(supply, normal), normal))
+    assert energy.series == pytest.approx(float(series @ (m.cap_area * stroke + leakage)), rel=2e-3)
+
+
+def test_a_step_of_the_search_driven_at_its_own_speed_has_its_own_energy(slider_crank_machine):
+    machine = slider_crank_machine
+    start = np.array([0.05, -0.1, -0.1])
+    end = start + [0.02, 0.01, 0.01]
+    costs = step_costs(machine, start, end)
+    best = int(np.nanargmin(costs.energy))
+    duration = costs.duration[best]
+    stroke = machine.cylinder_lengths(end) - machine.cylinder_lengths(start)
+    motion = constant_speed(machine, 0.5 * (start + end), stroke / duration, duration)
+    # Moved back by half of it, so that the motion lies around the middle of the step.
+    shifted = motion.position + start - 0.5 * (start + end)
+    motion = Trajectory(0, motion.offset_ns, shifted, motion.velocity, motion.acceleration)
+    share = motion.duration_ns / SECOND_NS / duration
+    energy = motion_energy(machine, motion, modes(*machine.patterns[best]))
+    assert energy.paper == pytest.approx(share * costs.energy[best], rel=0.01)
+    # The search has the valves leak as at P_S.
+    assert energy.series == pytest.approx(share * costs.energy_series[best], rel=0.05)
+
+
+def test_a_mode_change_between_two_points_is_priced_where_it_happens(machine):
+    start = np.array([0.0, 0.0, 0.0])
+    still = np.zeros((2, 3))
+    motion = Trajectory(0, [0, 20_000_000], np.array([start, start]), still, still)
+    whole = motion_energy(machine, motion, modes(1, 0, 0)).paper
+    none = motion_energy(machine, motion, modes(0, 0, 0)).paper
+    quarter = ModeSchedule(0, [0, 5_000_000], [[1, 0, 0], [0, 0, 0]])
+    mixed = motion_energy(machine, motion, quarter).paper
+    assert mixed == pytest.approx(0.25 * whole + 0.75 * none)
+
+
+def test_a_motion_without_duration_takes_no_energy(machine):
+    nothing = motion_energy(machine, standstill(np.zeros(3)), modes(0, 0, 0))
+    assert (nothing.paper, nothing.series) == (0.0, 0.0)

@@ -1,0 +1,181 @@
+"""Limits of a motion: each against its formula, and all of them against a dense oracle."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mhsb_model.hydraulics import needs_boost, oil_of, required_pressure
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_planner.motion import s3_limits
+from mhsb_planner.motion.motion_profile import MotionProfile
+from mhsb_planner.motion.s3_limits import Demand, Limit, first_violation
+
+FORCES = st.floats(-4000, 4500)
+MODES = st.sampled_from(list(Mode))
+
+
+def hold_schedule(*modes):
+    return ModeSchedule(0, [0], [modes])
+
+
+def speed_limit(machine, j, force, direction, mode):
+    m = machine.arrays
+    modules = m.modules_per_mode[mode]
+    return s3_limits.speed_limit(oil_of(m), m.cap_area[j], m.rod_area[j], force, direction, modules)
+
+
+def usage(machine, speed, force, modes):
+    """Usage at one instant."""
+    instant = MotionProfile(speed[None], force[None], np.array([[0.6, 0.0]]), np.zeros((1, 3)))
+    return Demand.of(machine, instant, np.array(modes, dtype=np.uint8)[None]).usage[0]
+
+
+def ramp(start, end, duration=2.0, points=101):
+    """From rest to rest on a straight line in joint space."""
+    u = np.linspace(0, 1, points)[:, None]
+    dq = np.asarray(end) - start
+    return Trajectory(
+        0,
+        np.rint(u[:, 0] * duration * SECOND_NS).astype(np.int64),
+        start + dq * (10 * u**3 - 15 * u**4 + 6 * u**5),
+        dq * (30 * u**2 - 60 * u**3 + 30 * u**4) / duration,
+        dq * (60 * u - 180 * u**2 + 120 * u**3) / duration**2,
+    )
+
+
+@given(FORCES, st.sampled_from([-1.0, 1.0]), MODES, st.integers(0, 2))
+def test_against_the_load_the_speed_limit_is_where_the_pressure_is_used_up(
+    machine, force, direction, mode, j
+):
+    m = machine.arrays
+    limit = speed_limit(machine, j, force, direction, mode)
+    if force * direction <= 0:
+        return
+    given_pressure = m.supply_pressure if mode == Mode.N else m.max_boost_pressure
+    inlet = m.cap_area[j] if direction > 0 else m.rod_area[j]
+    pumped = m.modules_per_mode[mode] * m.servo_pump_flow / inlet
+    if limit == 0:
+        assert required_pressure(m, j, force, 1e-9 * direction) >= given_pressure
+    elif mode != Mode.N and limit == pytest.approx(pumped):
+        assert required_pressure(m, j, force, limit * direction) <= given_pressure * (1 + 1e-9)
+    else:
+        pressure = required_pressure(m, j, force, limit * direction)
+        assert pressure == pytest.approx(given_pressure, rel=1e-9)
+
+
+@given(FORCES, st.sampled_from([-1.0, 1.0]), st.integers(0, 2))
+def test_in_normal_mode_the_speed_limit_is_where_boost_begins_to_be_needed(
+    machine, force, direction, j
+):
+    m = machine.arrays
+    limit = speed_limit(machine, j, force, direction, Mode.N)
+    if force * direction > 0 and limit > 0:
+        assert not needs_boost(m, j, force, direction * limit * 0.999)
+        assert needs_boost(m, j, force, direction * limit * 1.001)
+
+
+@given(
+    st.lists(st.floats(-0.03, 0.03), min_size=3, max_size=3),
+    st.lists(st.floats(-2000, 1500), min_size=3, max_size=3),
+    st.lists(MODES, min_size=3, max_size=3),
+)
+def test_slowing_a_motion_by_its_usage_brings_it_within_the_limits(machine, speed, force, modes):
+    speed, force = np.array(speed), np.array(force)
+    share = usage(machine, speed, force, modes)
+    if np.isfinite(share) and share > 0:
+        assert usage(machine, speed / max(share, 1.0), force, modes) <= 1 + 1e-9
+
+
+def test_usage_counts_the_flow_of_all_actuators_against_the_main_pump(machine):
+    m = machine.arrays
+    speed = np.array([0.012, -0.012, 0.012])
+    inlet = np.array([m.cap_area[0], m.rod_area[1], m.cap_area[2]])
+    expected = 0.012 * inlet.sum() / (m.main_pump_flow - 3 * m.leakage_flow)
+    assert usage(machine, speed, np.zeros(3), np.zeros(3, np.uint8)) == pytest.approx(expected)
+
+
+def test_a_decoupled_actuator_has_the_flow_of_one_servo_pump_and_a_shared_one_that_of_two(machine):
+    force = machine.arrays.cap_area[0] * 5e6
+    assert speed_limit(machine, 0, force, 1.0, Mode.DB) == pytest.approx(8.2e-3, abs=2e-5)
+    assert speed_limit(machine, 0, -900.0, -1.0, Mode.DB) == pytest.approx(10.7e-3, abs=5e-5)
+    assert speed_limit(machine, 0, force, 1.0, Mode.SB) == pytest.approx(16.4e-3, abs=4e-5)
+
+
+def test_a_motion_within_all_limits_has_no_violation(machine):
+    motion = ramp(np.array([0.3, -1.4, -1.0]), [0.35, -1.45, -1.1])
+    assert first_violation(machine, motion, hold_schedule(1, 1, 1)) is None
+
+
+def test_a_joint_limit_is_seen_between_the_points(machine):
+    upper = machine.arrays.joint_max
+    q = np.array([[0.3, -1.4, upper[2] - 1e-6]] * 2)
+    qd = np.array([[0.0, 0.0, 0.01], [0.0, 0.0, -0.01]])
+    motion = Trajectory(0, [0, 20_000_000], q, qd, np.zeros((2, 3)))
+    violation = first_violation(machine, motion, hold_schedule(0, 0, 0))
+    assert violation.limit == Limit.JOINT
+    assert 0 < violation.time < 0.02
+    assert "joint limit" in str(violation)
+
+
+@given(st.integers(0, 2**32))
+def test_no_quintic_leaves_the_bound_on_its_joints(machine, seed):
+    random = np.random.default_rng(seed)
+    m = machine.arrays
+    q = random.uniform(m.joint_min, m.joint_max, (2, 3))
+    motion = Trajectory(
+        0, [0, 20_000_000], q, random.uniform(-9, 9, (2, 3)), random.uniform(-900, 900, (2, 3))
+    )
+    bound = s3_limits._joint_bound(
+        m, motion.offset_ns / SECOND_NS, motion.position, motion.velocity, motion.acceleration
+    )
+    inside, _ = motion.inside(np.array([0]), np.linspace(0, 1, 200))
+    assert s3_limits.joint_excess(m, inside).max() <= bound[0] + 1e-12
+
+
+def test_leaving_the_node_set_is_seen(slider_crank_machine):
+    machine = slider_crank_machine
+    motion = ramp(np.array([1.4, 0.0, 0.0]), [1.5, 0.12, 0.15], 20.0)
+    assert machine.tip_position(motion.position[-1])[0] < 0
+    violation = first_violation(machine, motion, hold_schedule(1, 1, 1))
+    assert violation.limit == Limit.NODE_SET
+    assert "workspace" in str(violation)
+
+
+def test_a_load_above_the_supply_pressure_is_not_lifted_in_normal_mode(slider_crank_machine):
+    machine = slider_crank_machine
+    motion = ramp(np.array([0.0, 0.0, 0.0]), [0.05, 0.0, 0.0], 2.0)
+    refused = first_violation(machine, motion, hold_schedule(0, 0, 0))
+    assert refused.limit == Limit.USAGE
+    assert refused.amount == np.inf
+    assert first_violation(machine, motion, hold_schedule(1, 0, 0)) is None
+
+
+def test_modules_beyond_the_budget_are_counted(machine):
+    motion = ramp(np.array([0.3, -1.4, -1.0]), [0.35, -1.45, -1.1])
+    violation = first_violation(machine, motion, hold_schedule(2, 2, 1))
+    assert (violation.limit, violation.amount) == (Limit.MODULES, 1.0)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**32))
+def test_violations_agree_with_a_dense_oracle(machine, worst, seed):
+    random = np.random.default_rng(seed)
+    limits = machine.arrays
+    start = random.uniform(limits.joint_min, limits.joint_max)
+    end = np.clip(
+        start + random.uniform(-0.3, 0.3, 3), limits.joint_min - 0.01, limits.joint_max + 0.01
+    )
+    motion = ramp(start, end, random.uniform(1, 6))
+    modes = machine.patterns[random.integers(len(machine.patterns))]
+    schedule = hold_schedule(*modes)
+    measured = worst(motion, schedule)
+    found = first_violation(machine, motion, schedule)
+    broken = {name for name, excess in measured.items() if excess > 1e-6}
+    assert (found is not None) == bool(broken), (found, measured)
+    if found is not None:
+        kinds = {Limit.JOINT: {"joint"}, Limit.NODE_SET: {"tip"}}
+        other = {"main_pump", "servo_pump", "valve", "pressure"}
+        assert kinds.get(found.limit, other) & broken

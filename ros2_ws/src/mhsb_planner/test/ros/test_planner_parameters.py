@@ -1,0 +1,110 @@
+"""The planner node's parameters: what they ask for, and what is refused."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from mhsb_model.command_line import UsageError
+from mhsb_model.obstacles.zones import Zones
+from mhsb_planner.planner import PLANNER_KINDS
+from mhsb_planner.ros import planner_parameters
+
+
+@pytest.fixture
+def node(ros_context: Context, machine) -> Iterator[Node]:
+    node = Node("parameters", context=ros_context)
+    planner_parameters.declare(node, machine)
+    yield node
+    node.destroy_node()
+
+
+def test_left_alone_they_ask_for_the_machine_s_own_values(node, machine):
+    found = planner_parameters.read(node)
+    assert (found.planner, found.options.planner) == ("integrated", "integrated")
+    assert found.machine(machine).hash == machine.hash
+
+
+@pytest.mark.parametrize("kind", PLANNER_KINDS)
+def test_the_planner_can_be_chosen(node, machine, kind):
+    change = Parameter("planner", value=kind)
+    assert planner_parameters.refusal(node, machine, [change]) is None
+    node.set_parameters([change])
+    assert planner_parameters.read(node).options.planner == kind
+
+
+def test_a_planner_that_is_not_there_is_refused_with_those_that_are(node, machine):
+    reason = planner_parameters.refusal(node, machine, [Parameter("planner", value="guess")])
+    assert reason == "planner 'guess' is not there; give one of: table, fixed, integrated"
+
+
+def test_the_area_is_weighed_by_the_integrated_planner_alone(node, machine):
+    node.set_parameters([Parameter("planner", value="table")])
+    weight = Parameter("area_weight", value=300.0)
+    reason = planner_parameters.refusal(node, machine, [weight])
+    assert reason == (
+        "area_weight 300 needs planner 'integrated' (is 'table'); "
+        "set it to 0 or choose that planner"
+    )
+    together = [weight, Parameter("planner", value="integrated")]
+    assert planner_parameters.refusal(node, machine, together) is None
+    node.set_parameters(together)
+    assert planner_parameters.read(node).options.area_weight == 300.0
+
+
+def test_parameters_that_clash_from_the_start_are_refused(ros_context, machine):
+    overrides = [Parameter("area_weight", value=300.0), Parameter("planner", value="fixed")]
+    node = Node("clashing", context=ros_context, parameter_overrides=overrides)
+    with pytest.raises(UsageError, match="area_weight 300 needs planner 'integrated'"):
+        planner_parameters.declare(node, machine)
+    node.destroy_node()
+
+
+def set_zones(node, **values):
+    node.set_parameters_atomically([Parameter(name, value=value) for name, value in values.items()])
+    return planner_parameters.read(node)
+
+
+def test_zones_are_flat_arrays_of_numbers_and_replace_those_of_the_file(node, machine):
+    assert planner_parameters.read(node).zones == machine.zones == Zones()
+    found = set_zones(
+        node,
+        zone_boxes=[0.9, 0.3, 0.7, 0.1, 0.0, 0.9, 0.2, 1.0],
+        tip_zone_circles=[1, 0, 1],  # whole numbers will do
+    )
+    assert found.zones == Zones(
+        boxes=((0.9, 0.3, 0.7, 0.1), (0.0, 0.9, 0.2, 1.0)), tip_circles=((1.0, 0.0, 1.0),)
+    )
+    assert len(found.machine(machine).obstacles.names) == 3
+    assert set_zones(node, zone_boxes=[], tip_zone_circles=[]).zones == Zones()
+
+
+def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, machine):
+    zones = Zones(boxes=((0.7, 0.1, 0.9, 0.3),), circles=((0.5, 0.8, 0.1),))
+    node = Node("with_zones", context=ros_context)
+    planner_parameters.declare(node, machine.changed(zones=zones))
+    assert planner_parameters.read(node).zones == zones
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("zone_boxes", [0.7, 0.1, 0.9], r"zone_boxes takes 4 for each, x z x z .*3 numbers"),
+        ("tip_zone_circles", [0.7, 0.1], r"takes 3 for each, x z \[m\] of the centre, radius"),
+        ("zone_circles", [0.7, 0.1, -0.1], r"radius: input should be greater than 0 \(is -0\.1\)"),
+        ("zone_boxes", [0.7, 0.1, 0.7, 0.3], r"x_min: 0\.7 m must be below x_max 0\.7 m"),
+        ("zone_boxes", [-0.1, -0.1, 0.1, 0.1], r"-0\.1 m from joint 1, where link 1 always is"),
+        ("zone_boxes", [0.7, 0.1, float("nan"), 0.3], r"x_.*finite number"),
+        ("zone_boxes", ["a", "b", "c", "d"], r"must hold nothing but numbers"),
+        ("zone_boxes", "0.7", r"must be an array of numbers"),
+        ("zone_circles", 0.7, r"must be an array of numbers"),
+    ],
+)
+def test_what_is_no_zone_is_refused_with_its_sentence(node, machine, name, value, reason):
+    said = planner_parameters.refusal(node, machine, [Parameter(name, value=value)])
+    assert re.search(reason, said), said
+    assert "\n" not in said

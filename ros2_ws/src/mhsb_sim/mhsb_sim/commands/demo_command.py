@@ -1,0 +1,186 @@
+"""`demo`: both nodes, goals on a timer, a recording and a report; the paper's Section 4."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+import yaml
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.config_files import config_file
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import load_machine
+from mhsb_msgs_py.names import PLANNER_NODE, SIM_NODE
+from mhsb_msgs_py.node_process import ros_running, serving, spin_until
+from mhsb_planner.ros.goal_sender import GoalSender
+from mhsb_sim.commands.child_process import ChildEndedError, ChildProcess
+from mhsb_sim.report.report_command import summary_lines, write_report
+
+GOALS_FILE = "demo_goals.yaml"
+START_TIMEOUT = 180.0
+"""Time for both nodes to be ready; the first start compiles and builds the posture table [s]."""
+
+ANSWER_TIMEOUT = 10.0  # s
+REST = 2.0
+"""Time at rest after a goal that was waited for [s]."""
+
+LISTENERS = 2
+"""Who has to hear goals: the planner and the recorder."""
+
+DISCOVERY = 1.0
+"""Time to hear of nodes that run already [s]."""
+
+
+@dataclass(frozen=True)
+class TimedGoal:
+    """A tip position [m] and the time until the next goal [s]; None waits for the arrival."""
+
+    x: float
+    z: float
+    time: float | None = None
+
+
+def demo(
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    goals: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> int:
+    """Replan an arm online over ROS 2, record it and report on it.
+
+    Starts sim_node and planner_node, sends goals on a timer, records into DIR/bag, writes
+    DIR/report and DIR/summary.json. Runs in the domain of ROS_DOMAIN_ID, where no other planner
+    or simulator may be. What an earlier demo left in DIR is replaced.
+
+    Args:
+        output: Folder for recording, report and summary.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        goals: Goals (YAML: a list of x [m], z [m] and time to the next [s]); the suite's own
+            when left out.
+    """
+    file = goals or config_file(GOALS_FILE)
+    wanted = read_goals(file)
+    load_machine(machine)  # a machine file that cannot be used is told here, not by a node
+    began = time.monotonic()
+    clear(output)
+    settings = ["--ros-args", "-p", f"machine:={machine.resolve()}"] if machine else []
+    try:
+        with ros_running(), serving(GoalSender) as (executor, sender):
+            _refuse_company(sender, executor)
+            _run(sender, executor, wanted, settings, output)
+    except ExternalShutdownException:
+        return command_line.INTERRUPTED
+    print("writing the report")
+    summary = write_report(output / "bag", output / "report", load_machine(machine))
+    shutil.move(output / "report" / "summary.json", output / "summary.json")
+    print("\n".join(summary_lines(summary)))
+    print(f"done in {time.monotonic() - began:.0f} s; see {output}/report and summary.json")
+    refused = summary["goals_sent"] - summary["goals_accepted"]
+    if refused:
+        raise MhsbError(f"{refused} of {summary['goals_sent']} goals were not accepted")
+    return 0
+
+
+def read_goals(file: Path) -> list[TimedGoal]:
+    """Goals of a YAML file; MhsbError where they cannot be used."""
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        goals = [TimedGoal(**{key: float(value) for key, value in g.items()}) for g in content]
+    except (yaml.YAMLError, TypeError, ValueError, AttributeError) as error:
+        raise MhsbError(
+            f"{file} is not a list of goals with x, z [m] and perhaps time [s]: {error}"
+        ) from error
+    if not goals:
+        raise MhsbError(f"{file} has no goals; give at least one")
+    return goals
+
+
+def clear(output: Path) -> None:
+    """Make the folder, without what an earlier demo has left; nothing else is touched."""
+    if output.exists() and not output.is_dir():
+        raise MhsbError(f"{output} is not a folder; name one for the demo's output")
+    output.mkdir(parents=True, exist_ok=True)
+    for name in ("bag", "report"):
+        if (output / name).is_dir():
+            shutil.rmtree(output / name)
+    (output / "summary.json").unlink(missing_ok=True)
+
+
+def _refuse_company(sender: GoalSender, executor: SingleThreadedExecutor) -> None:
+    """Other nodes of the suite in the same domain would answer, and move, in our stead."""
+    spin_until(executor, lambda: False, DISCOVERY)
+    running = {PLANNER_NODE, SIM_NODE} & set(sender.get_node_names())
+    if running:
+        raise MhsbError(
+            f"{' and '.join(sorted(running))} runs in this ROS domain already; end it or set "
+            "ROS_DOMAIN_ID to another number"
+        )
+
+
+def _run(
+    sender: GoalSender,
+    executor: SingleThreadedExecutor,
+    goals: list[TimedGoal],
+    settings: list[str],
+    output: Path,
+) -> None:
+    print("starting simulator, planner and recorder")
+    with (
+        ChildProcess("mhsb_sim.ros.sim_node", *settings) as simulator,
+        ChildProcess("mhsb_planner.ros.planner_node", *settings) as planner,
+    ):
+        for process in (simulator, planner):
+            process.wait_for("ready", START_TIMEOUT)
+        _record(sender, executor, goals, (simulator, planner), output)
+
+
+def _record(
+    sender: GoalSender,
+    executor: SingleThreadedExecutor,
+    goals: list[TimedGoal],
+    nodes: tuple[ChildProcess, ...],
+    output: Path,
+) -> None:
+    """Send all goals to the running nodes while everything is recorded."""
+    bag = str(output / "bag")
+    with ChildProcess("mhsb_sim.recording.record_command", "--output", bag) as recorder:
+        recorder.wait_for("ready", ANSWER_TIMEOUT)
+        if not spin_until(
+            executor, lambda: sender.matched and sender.listeners >= LISTENERS, ANSWER_TIMEOUT
+        ):
+            raise ChildEndedError("planner or recorder is ready, but cannot be reached over ROS")
+        for goal in tqdm(goals, desc="goals", unit="goal", disable=None):
+            _send(sender, executor, goal)
+            for process in (*nodes, recorder):
+                process.check()
+
+
+def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: TimedGoal) -> None:
+    """Send a goal and wait as long as it says, or until the arm has come to rest."""
+    began = time.monotonic()
+    verdict = sender.ask(executor, goal.x, goal.z, ANSWER_TIMEOUT)
+    if verdict is None:
+        raise ChildEndedError(f"the planner gave no answer within {ANSWER_TIMEOUT:g} s")
+    tqdm.write(f"  ({goal.x:.3f}, {goal.z:.3f}) m: {verdict.code.value}, {verdict.sentence}")
+    if goal.time is not None:
+        spin_until(executor, lambda: False, goal.time - (time.monotonic() - began))
+    elif verdict.plan is not None:
+        longest = verdict.plan.duration_s + ANSWER_TIMEOUT
+        spin_until(executor, lambda: verdict.goal_stamp_ns in sender.executions, longest)
+        spin_until(executor, lambda: False, REST)
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_sim demo`."""
+    return command_line.run(demo, name="demo")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

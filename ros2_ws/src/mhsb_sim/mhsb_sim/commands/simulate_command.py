@@ -1,0 +1,233 @@
+"""`simulate`: plans and simulates a sequence of goals, headless, without a ROS graph."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.commands.plan_command import Box, Circle
+from mhsb_planner.motion.energy import Energy, energy_of_states
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
+from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_sim.servo import controller_class
+from mhsb_sim.simulation.simulator import Simulator, energy_gap, volume_gap
+from mhsb_sim.study.energy_comparison import Element, energy_elements
+from mhsb_sim.study.energy_comparison import as_text as energy_text
+from mhsb_sim.study.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
+
+LONGEST_TIME = 3600.0  # s
+
+
+def simulate(
+    goal: Annotated[
+        tuple[tuple[float, float, float], ...], tyro.conf.arg(metavar="X Z T [X Z T ...]")
+    ],
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    controller: str = "coordinated",
+    seed: int = 0,
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    planner: PlannerKind = ONLINE_PLANNER,
+    trajectory: TrajectoryKind | None = None,
+    zone_box: Annotated[
+        tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
+    ] = (),
+    zone_circle: Annotated[
+        tuple[Circle, ...], tyro.conf.arg(metavar="X Z RADIUS"), tyro.conf.UseAppendAction
+    ] = (),
+    output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    audit: bool = False,
+) -> None:
+    """Plan and simulate goals one after the other, in lock-step, as fast as it goes.
+
+    Each goal is a tip position X Z [m] and the time T [s] until the next one, on the way or not.
+    The arm starts at rest in the machine file's start posture. Same arguments, same bits.
+
+    Args:
+        goal: Goals: tip position [m] and time until the next goal [s].
+        machine: Machine file (YAML); the suite's own arm when left out.
+        controller: Servo controller, coordinated or independent.
+        seed: Of the sensor noise.
+        payload: Mass at the tip [kg]; the machine file's when left out.
+        planner: Where postures come from, as in `mhsb_planner plan`: table, fixed or integrated;
+            integrated, as in the node, when left out.
+        trajectory: How trajectories are made: polynomial or followed; followed for the integrated
+            planner, polynomial for the others when left out.
+        zone_box: Two opposite corners [m] of a box that plans keep out of, beside the machine
+            file's zones; may be given several times.
+        zone_circle: Centre and radius [m] of a circle that plans keep out of, likewise.
+        output: Folder for samples.csv (100 Hz, SI units) and summary.json.
+        json_: Print one JSON object instead of text.
+        audit: Also print where all energy and all oil went, and what the plans had expected.
+    """
+    goals = [_timed_goal(*values) for values in goal]
+    arm = load_machine(machine).changed(payload=payload)
+    controller_class(controller)  # refuses an unknown one before anything takes time
+    replanner = Replanner(arm, table_for(arm))
+    replanner.change(arm.changed(zones=arm.zones.with_more(zone_box, zone_circle)))
+    replanner.warm_up()
+    simulator = Simulator(arm, controller, seed)
+    simulator.step()  # compiles, which is not to be timed
+    simulator.reset()
+    run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
+    began = time.perf_counter()
+    results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
+    seconds = time.perf_counter() - began
+    samples = run.samples()
+    elements = energy_elements(planned_energy(arm, samples), simulator.energies)
+    summary = summarize(results, samples, simulator.energies, seconds, elements)
+    if output is not None:
+        write(output, samples, summary)
+    if json_:
+        print(json.dumps(summary))
+    else:
+        print("\n".join(as_text(summary)))
+        if audit:
+            print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
+            print("\n".join(energy_text(elements)))
+
+
+def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:
+    if not 0.0 < duration <= LONGEST_TIME:
+        raise command_line.UsageError(
+            f"--goal: the time {duration:g} s must be above 0 and at most {LONGEST_TIME:g} s"
+        )
+    return TimedGoal(x, z, duration)
+
+
+def planned_energy(machine: Machine, samples: Samples) -> Energy:
+    """The planner's model of what the servo followed, each sample for the time to the next one."""
+    span = np.full(len(samples.time), SAMPLE_NS / SECOND_NS)
+    return energy_of_states(
+        machine, span, samples.reference, samples.reference_velocity, samples.modes
+    )
+
+
+def summarize(
+    results: list[GoalRun],
+    samples: Samples,
+    energies: dict[str, float],
+    seconds: float,
+    elements: list[Element],
+) -> dict[str, Any]:
+    """The run in plain numbers; `seconds` of computing."""
+    chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)
+    return {
+        "goals": [_goal_numbers(result) for result in results],
+        "simulated_s": float(samples.time[-1] - samples.time[0]),
+        "real_time_factor": float((samples.time[-1] - samples.time[0]) / seconds),
+        "tip_error_rms_mm": float(1e3 * np.sqrt(np.mean(samples.tip_error**2))),
+        "tip_error_max_mm": float(1e3 * np.max(samples.tip_error)),
+        "reference_jump_max_rad": max(result.reference_jump for result in results),
+        "max_supply_pressure_mpa": float(samples.supply_pressure.max() / 1e6),
+        "max_chamber_pressure_mpa": float(chambers.max() / 1e6),
+        "mode_switches": int(np.count_nonzero(np.diff(samples.modes.astype(int), axis=0))),
+        "energy_measured_j": {"mp": energies["main_pump"], "sp": energies["servo_pumps"]},
+        "energies_j": energies,
+        "energy_elements_j": [asdict(element) for element in elements],
+    }
+
+
+def _goal_numbers(result: GoalRun) -> dict[str, Any]:
+    numbers: dict[str, Any] = {
+        "x": result.goal.x,
+        "z": result.goal.z,
+        "time_s": result.goal.time,
+        "goal_distance_mm": 1e3 * result.goal_distance,
+    }
+    if result.replan is not None:
+        plan = result.replan.plan
+        numbers |= {
+            "duration_s": plan.motion.trajectory.duration_ns / SECOND_NS,
+            "energy_planned_j": plan.energy.paper,
+            "energy_planned_series_j": plan.energy.series,
+            "plan_ms": 1e3 * sum(plan.seconds.values()),
+        }
+    return numbers
+
+
+def as_text(summary: dict[str, Any]) -> list[str]:
+    """The summary for a person."""
+    lines = ["goal x, z [m]     time [s]  planned [s]  left to the goal [mm]"]
+    for goal in summary["goals"]:
+        planned = f"{goal['duration_s']:11.2f}" if "duration_s" in goal else "   at goal "
+        lines.append(
+            f"{goal['x']:6.3f} {goal['z']:7.3f}  {goal['time_s']:9.2f}  {planned}"
+            f"  {goal['goal_distance_mm']:12.2f}"
+        )
+    energy = summary["energy_measured_j"]
+    return [
+        *lines,
+        f"tip error {summary['tip_error_rms_mm']:.2f} mm RMS, "
+        f"{summary['tip_error_max_mm']:.2f} mm at most",
+        f"pressures at most {summary['max_supply_pressure_mpa']:.2f} MPa in the supply lines, "
+        f"{summary['max_chamber_pressure_mpa']:.2f} MPa in the chambers",
+        f"energy {energy['mp']:.0f} J of the main pump, {energy['sp']:.0f} J of the servo pumps; "
+        f"{summary['mode_switches']} mode switches",
+        f"{summary['simulated_s']:.1f} s simulated at {summary['real_time_factor']:.1f} times "
+        "real time",
+    ]
+
+
+def audit_lines(energies: dict[str, float], volumes: dict[str, float]) -> list[str]:
+    """Where the pumps' energy [J] and the main pump's oil [m³] went."""
+    cubic_centimetres = {name: 1e6 * volume for name, volume in volumes.items()}
+    return [
+        *_audit(
+            "energy audit [J]",
+            energies,
+            energies["main_pump"] + energies["servo_pumps"],
+            energy_gap(energies),
+        ),
+        *_audit(
+            "volume audit [cm³]",
+            cubic_centimetres,
+            cubic_centimetres["main_pump"],
+            volume_gap(cubic_centimetres),
+        ),
+    ]
+
+
+def _audit(title: str, amounts: dict[str, float], delivered: float, gap: float) -> list[str]:
+    lines = [f"{title}:"]
+    lines += [f"  {name.replace('_', ' '):20s}{value:12.3f}" for name, value in amounts.items()]
+    return [
+        *lines,
+        f"  unaccounted for     {gap:12.6f}  ({100 * gap / delivered:.2e} % of delivered)",
+    ]
+
+
+def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:
+    """samples.csv and summary.json in the folder `output`."""
+    output.mkdir(parents=True, exist_ok=True)
+    np.savetxt(
+        output / "samples.csv",
+        samples.table(),
+        fmt="%.9g",
+        delimiter=",",
+        header=",".join(samples.column_names()),
+        comments="",
+    )
+    (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_sim simulate`."""
+    return command_line.run(simulate, name="simulate")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The simulated machine in lock-step, and the receiver of its plans."""

@@ -1,0 +1,472 @@
+"""The simulator: MuJoCo mechanics, hydraulic circuit and servo, in lock-step.
+
+In each step of h: mechanics of the present state, servo, circuit, then the mechanics move with
+the forces of the pressures that the circuit has reached.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from mhsb_model.braking import brake_along
+from mhsb_model.hydraulics import needs_boost
+from mhsb_model.linkages.linkage import motion
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_sim.bound_kernel import bind
+from mhsb_sim.circuit.network import ENERGY, VOLUME, build_circuit, settle
+from mhsb_sim.errors import ModeError, SimulationDivergedError
+from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
+from mhsb_sim.records import Records
+from mhsb_sim.servo import controller_class
+from mhsb_sim.servo.controller import REFERENCE_POINTS, SENSOR, ServoSignals
+from mhsb_sim.servo.reference import Reference
+from mhsb_sim.simulation.faults import Fault, set_fault
+
+NOISE_ROWS = 1000
+LARGEST_VALUE = 1e12
+LARGEST_STATE = 1e6
+"""Angles [rad] and rates [rad/s] beyond this count as no longer finite."""
+
+
+@dataclass(frozen=True)
+class ActuatorStates:
+    """State of all actuators, float64[n] each unless said otherwise; SI units."""
+
+    cap_pressure: FloatArray  # Pa
+    rod_pressure: FloatArray  # Pa
+    supply_pressure: FloatArray  # Pa, of the actuator's line
+    force: FloatArray  # N, p_A A − p_B a
+    piston_speed: FloatArray  # m/s, positive in extension
+    valve_opening: FloatArray  # −1 … 1, positive extends
+    supply_flow: FloatArray  # m³/s, from the line into the cylinder
+    servo_pump_flow: FloatArray  # m³/s, float64[modules]
+    servo_pump_speed: FloatArray  # share of full speed, float64[modules]
+    rail_pressure: float  # Pa
+    manifold_pressure: float  # Pa
+
+
+class Simulator:
+    """A machine with its servo, at rest in its start posture until it is given a plan.
+
+    seed decides the sensor noise; the same seed and the same calls give the same bits. posture
+    [rad] and payload [kg] replace the machine file's; the servo goes by the machine file's
+    payload. Raises UnknownControllerError, and ModeError where the start cannot be held.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        controller: str = "coordinated",
+        seed: int = 0,
+        posture: FloatArray | None = None,
+        payload: float | None = None,
+        start_ns: int = 0,
+    ) -> None:
+        settings = machine.config.simulation
+        start = settings.start_posture if posture is None else posture
+        self.machine = machine
+        self._make_controller = controller_class(controller)
+        self._seed = seed
+        self._start = frozen(np.array(start, dtype=np.float64))
+        self._step_ns = round(settings.step * SECOND_NS)
+        self._substeps = settings.circuit_substeps
+        self._model = build_model(machine)
+        self._payload = machine.config.payload.mass
+        if payload is not None:
+            self.set_payload(payload)
+        self.reset(start_ns)
+
+    def reset(self, time_ns: int = 0) -> None:
+        """Back to rest in the start posture, with all counters at zero, at `time_ns`."""
+        loaded = self.machine.changed(payload=self._payload)
+        modes = holding_modes(loaded, self._start)
+        self._time_ns = time_ns
+        self._steps = 0
+        self._circuit = build_circuit(
+            self.machine, self.machine.config.simulation.step / self._substeps
+        )
+        settle(self._circuit, loaded, self._start, modes)
+        self._healthy = self._circuit.constants.copy()
+        self._reset_mechanics()
+        self._reset_noise()
+        self._reset_servo(modes)
+        signals = self._signals
+        self._measure = bind(
+            measure,
+            self._noise,
+            *self._pistons,
+            self._circuit.pressure,
+            signals.sensors,
+            signals.rail_pressure,
+            integers=1,
+        )
+        self._advance_circuit = self._circuit.bound_advance(self._lengths, self._speeds)
+
+    def _reset_mechanics(self) -> None:
+        self._data = mujoco.MjData(self._model)
+        self._data.qpos[:] = self._start
+        linkage, data = self.machine.arrays.linkage, self._data
+        n = self.machine.joint_count
+        self._lengths, self._speeds, arms = np.empty(n), np.empty(n), np.empty(n)
+        # MuJoCo makes a new view at each access: these are kept.
+        position, velocity, control = data.qpos, data.qvel, data.ctrl
+        self._pistons = (linkage, position, velocity, self._lengths, self._speeds, arms)
+        self._apply_forces = bind(
+            apply_forces,
+            self._circuit.actuators,
+            self._circuit.pressure,
+            arms,
+            position,
+            velocity,
+            control,
+        )
+        move_pistons(*self._pistons)
+        self._apply_forces()
+        mujoco.mj_forward(self._model, data)
+
+    def _reset_noise(self) -> None:
+        n = self.machine.joint_count
+        servo = self.machine.config.servo
+        self._random = np.random.default_rng(self._seed)
+        self._noise = np.zeros((NOISE_ROWS, 4 * n + 1))
+        self._noise_scale = np.full(4 * n + 1, servo.pressure_noise)
+        self._noise_scale[:n] = servo.length_noise
+        self._healthy_noise = self._noise_scale.copy()
+
+    def _reset_servo(self, modes: ModeArray) -> None:
+        n = self.machine.joint_count
+        self._signals = ServoSignals(
+            reference=np.zeros((REFERENCE_POINTS, 3, n)),
+            sensors=np.zeros(n, SENSOR),
+            rail_pressure=np.zeros(1),
+            modes=modes.copy(),
+            serves=np.full(len(self._circuit.modules), -1, dtype=np.int64),
+            circuit=self._circuit,
+        )
+        self._controller = self._make_controller(self.machine, self._signals)
+        self._reference = Reference(self._signals.reference, self._controller.preview)
+        self._reference.hold(self._time_ns, self._start, modes)
+        self._update_reference()
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time, integer ns."""
+        return self._time_ns
+
+    @property
+    def step_ns(self) -> int:
+        """Length of a step, integer ns."""
+        return self._step_ns
+
+    @property
+    def reference(self) -> MotionState:
+        """What the servo follows now."""
+        return self._reference.state
+
+    @property
+    def joint_state(self) -> MotionState:
+        """Measured position, velocity and (of the last step) acceleration of the joints."""
+        data = self._data
+        return MotionState(data.qpos.copy(), data.qvel.copy(), data.qacc.copy())
+
+    @property
+    def modes(self) -> ModeArray:
+        """Modes in force, uint8[n]."""
+        return self._reference.modes.copy()
+
+    @property
+    def plan_stamp_ns(self) -> int:
+        """Stamp of the plan being executed, 0 while holding or stopping."""
+        reference = self._reference
+        return reference.trajectory.stamp_ns if reference.executes_plan(self._time_ns) else 0
+
+    @property
+    def actuator_states(self) -> ActuatorStates:
+        """Pressures, flows and openings now."""
+        circuit = self._circuit
+        actuators = circuit.actuators
+        flow = circuit.modules["flow"].copy()
+        return ActuatorStates(
+            cap_pressure=circuit.pressure[0:-3:3].copy(),
+            rod_pressure=circuit.pressure[1:-3:3].copy(),
+            supply_pressure=circuit.pressure[2:-3:3].copy(),
+            force=actuators["force"].copy(),
+            piston_speed=self._speeds.copy(),
+            valve_opening=actuators["spool"].copy(),
+            supply_flow=actuators["supply_flow"].copy(),
+            servo_pump_flow=flow,
+            servo_pump_speed=flow / circuit.constants["servo_pump_flow"],
+            rail_pressure=circuit.rail_pressure,
+            manifold_pressure=circuit.manifold_pressure,
+        )
+
+    def copy_state(
+        self,
+        reference: FloatArray,
+        position: FloatArray,
+        pressure: FloatArray,
+        modes: ModeArray,
+    ) -> None:
+        """Write the present state, for runs that keep every step.
+
+        reference float64[3, n] (q, q̇, q̈), position float64[n] rad, pressure float64[3 n + 3] Pa
+        in the order of the circuit's nodes, modes uint8[n] in force.
+        """
+        reference[:] = self._signals.reference[0]
+        position[:] = self._data.qpos
+        pressure[:] = self._circuit.pressure
+        modes[:] = self._reference.modes
+
+    @property
+    def energies(self) -> dict[str, float]:
+        """Energies [J] since the start, by name.
+
+        `main_pump` and `servo_pumps` are delivered; all others are where it went, but for
+        `friction`, which is a part of `piston_work`.
+        """
+        record = self._circuit.energy[0]
+        return {name: float(record[name]) for name in ENERGY.names or ()}
+
+    @property
+    def energy_gap(self) -> float:
+        """Delivered less accounted for [J]: zero but for rounding."""
+        return energy_gap(self.energies)
+
+    @property
+    def volumes(self) -> dict[str, float]:
+        """Oil volumes [m³] since the start: `main_pump` delivered, all others where it went."""
+        record = self._circuit.volume[0]
+        return {name: float(record[name]) for name in VOLUME.names or ()}
+
+    def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
+        """Follow a trajectory with its mode schedule from now on.
+
+        Raises ModeError where a pattern needs more modules than there are; whether the new
+        reference continues the present one is the plan receiver's question.
+        """
+        self._check_budget(schedule.modes)
+        self._reference.follow(trajectory, schedule, planned=True)
+        self._update_reference()
+
+    def stop(self) -> None:
+        """Decelerate along the path of the plan in force, then hold; no effect without a plan."""
+        now = self._time_ns
+        if not self._reference.executes_plan(now):
+            return
+        braking = brake_along(self.machine, self._reference.trajectory, now)
+        rows = np.unique([0, braking.duration_ns])
+        modes = [self._signals.modes.copy(), self._modes_to_hold(braking.position[-1])]
+        schedule = ModeSchedule(now, rows, np.array(modes[-len(rows) :]))
+        self._reference.follow(braking, schedule, planned=False)
+        self._update_reference()
+
+    def set_payload(self, mass: float) -> None:
+        """Change the payload [kg] on the tip; the servo is not told."""
+        self._payload = mass
+        set_payload(self._model, mass)
+
+    def inject(self, fault: Fault) -> None:
+        """Let something fail from now on, or with `Fault.NONE` nothing; a reset heals all."""
+        self._noise_scale[:] = self._healthy_noise
+        set_fault(fault, self._circuit, self._healthy, self._noise_scale)
+        row = self._steps % NOISE_ROWS
+        self._noise[row:] = self._random.standard_normal(self._noise[row:].shape)
+        self._noise[row:] *= self._noise_scale
+
+    def advance(self, duration: float) -> None:
+        """Run for `duration` [s], rounded to whole steps."""
+        for _ in range(round(duration * SECOND_NS / self._step_ns)):
+            self.step()
+
+    def step(self) -> None:
+        """Advance by one step; raises SimulationDivergedError where the state is not finite."""
+        mujoco.mj_step1(self._model, self._data)
+        self.step_hydraulics()
+        if not self._apply_forces():
+            raise self._diverged()
+        mujoco.mj_step2(self._model, self._data)
+        self._steps += 1
+        self._time_ns += self._step_ns
+        self._update_reference()
+
+    def step_hydraulics(self) -> None:
+        """The part of a step that is sensors, servo and circuit; the arm stays where it is."""
+        row = self._steps % NOISE_ROWS
+        if row == 0:
+            self._random.standard_normal(out=self._noise)
+            self._noise *= self._noise_scale
+        if not self._measure(row):
+            raise self._diverged()
+        self._controller.update()
+        self._advance_circuit(self._substeps)
+
+    def _update_reference(self) -> None:
+        if self._reference.update(self._time_ns):
+            self._prepare_modes()
+
+    def _prepare_modes(self) -> None:
+        """Boost of the modes ahead comes early, as far as modules are free.
+
+        But nobody joins the rail early, where its pressure would reach one who is about to leave:
+        the line is charged by its own pump until then.
+        """
+        modules = self.machine.config.hydraulics.modules
+        now, ahead = self._reference.modes, self._reference.modes_ahead
+        prepared = np.maximum(now, ahead)
+        if np.any((now == Mode.SB) & (ahead != Mode.SB)):
+            prepared[(now != Mode.SB) & (ahead == Mode.SB)] = Mode.DB
+        if modules_in_use(prepared, modules.per_mode) > modules.count:
+            prepared = self._reference.modes
+        self._signals.modes[:] = prepared
+        self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode)
+
+    def _modes_to_hold(self, q: FloatArray) -> ModeArray:
+        """Modes that hold at q [rad]; those in force where there are too few modules for it."""
+        try:
+            return holding_modes(self.machine, q)
+        except ModeError:
+            return self._reference.modes
+
+    def _check_budget(self, patterns: ModeArray) -> None:
+        modules = self.machine.config.hydraulics.modules
+        for pattern in patterns:
+            needed = modules_in_use(pattern, modules.per_mode)
+            if needed > modules.count:
+                raise ModeError(
+                    f"the mode pattern {pattern_name(pattern)} needs {needed} booster modules, "
+                    f"{modules.count} are fitted"
+                )
+
+    def _diverged(self) -> SimulationDivergedError:
+        """The error that names what is not finite, causes before effects."""
+        sensors = self._signals.sensors
+        candidates: list[tuple[str, Any]] = [
+            ("the joint position", self._data.qpos),
+            ("the joint velocity", self._data.qvel),
+            ("the reference", self._signals.reference),
+            ("the servo's valve command", self._circuit.actuators["valve_command"]),
+            ("the servo's pump command", self._circuit.modules["flow_command"]),
+            ("a pressure", self._circuit.pressure),
+            *((f"the sensor of a {name}", sensors[name]) for name in sensors.dtype.names or ()),
+        ]
+        for text, values in candidates:
+            if not np.all(np.isfinite(values)) or np.any(np.abs(values) > LARGEST_VALUE):
+                quantity = text.replace("_", " ")
+                break
+        else:
+            quantity = "the joint motion"
+        return SimulationDivergedError(quantity, self._time_ns / SECOND_NS)
+
+
+def warm_up(machine: Machine, controller: str = "coordinated") -> None:
+    """Compile everything that a simulation runs through."""
+    Simulator(machine, controller).step()
+
+
+def holding_modes(machine: Machine, q: FloatArray) -> ModeArray:
+    """N where P_S holds the load at q [rad], DB elsewhere, uint8[n].
+
+    Raises ModeError where that takes more modules than there are.
+    """
+    force = machine.piston_forces(q)
+    boosted = [needs_boost(machine.arrays, j, force[j], 0.0) for j in range(machine.joint_count)]
+    modes = np.where(boosted, np.uint8(Mode.DB), np.uint8(Mode.N)).astype(np.uint8)
+    modules = machine.config.hydraulics.modules
+    if modules_in_use(modes, modules.per_mode) > modules.count:
+        raise ModeError(
+            f"to hold this posture takes {pattern_name(modes)}, "
+            f"{modules.count} booster modules are fitted"
+        )
+    return modes
+
+
+def energy_gap(energies: dict[str, float]) -> float:
+    """Energy delivered by the pumps less all that is accounted for [J]."""
+    delivered = energies["main_pump"] + energies["servo_pumps"]
+    return 2.0 * delivered + energies["friction"] - sum(energies.values())
+
+
+def volume_gap(volumes: dict[str, float]) -> float:
+    """Oil delivered by the main pump less all that is accounted for [m³]."""
+    return 2.0 * volumes["main_pump"] - sum(volumes.values())
+
+
+@njit(cache=True, nogil=True)
+def move_pistons(
+    linkage: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    length: FloatArray,
+    speed: FloatArray,
+    arm: FloatArray,
+) -> None:
+    """L(q) [m], r(q) q̇ [m/s] and r(q) [m] of all cylinders, to length[n], speed[n] and arm[n]."""
+    for j in range(len(length)):
+        length[j], arm[j], _ = motion(linkage[j], position[j])
+        speed[j] = arm[j] * velocity[j]
+
+
+@njit(cache=True, nogil=True)
+def measure(
+    noises: FloatArray,
+    linkage: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    length: FloatArray,
+    speed: FloatArray,
+    arm: FloatArray,
+    pressure: FloatArray,
+    sensors: Records,
+    rail_pressure: FloatArray,
+    row: int,
+) -> bool:
+    """Pistons moved as by `move_pistons`; sensors: the true values plus this row of the noise.
+
+    noises: float64[NOISE_ROWS, 4 n + 1], lengths first. False where a sensor gives what is not
+    finite.
+    """
+    noise = noises[row]
+    move_pistons(linkage, position, velocity, length, speed, arm)
+    n = len(sensors)
+    total = 0.0
+    for j in range(n):
+        sensor = sensors[j]
+        sensor.length = length[j] + noise[j]
+        sensor.cap_pressure = pressure[3 * j] + noise[n + 3 * j]
+        sensor.rod_pressure = pressure[3 * j + 1] + noise[n + 3 * j + 1]
+        sensor.line_pressure = pressure[3 * j + 2] + noise[n + 3 * j + 2]
+        total += sensor.length + sensor.cap_pressure + sensor.rod_pressure + sensor.line_pressure
+    rail_pressure[0] = pressure[3 * n] + noise[4 * n]
+    return abs(total + rail_pressure[0]) < np.inf
+
+
+@njit(cache=True, nogil=True)
+def apply_forces(
+    actuators: Records,
+    pressure: FloatArray,
+    arm: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    control: FloatArray,
+) -> bool:
+    """Hand the torques r F of the cylinders' forces, less friction, to the mechanics.
+
+    False where not finite.
+    """
+    good = True
+    for j in range(len(actuators)):
+        force = actuators[j].force - actuators[j].friction
+        control[j] = arm[j] * force
+        good = good and abs(position[j]) < LARGEST_STATE and abs(velocity[j]) < LARGEST_STATE
+    for p in pressure:
+        good = good and abs(p) < np.inf
+    return good

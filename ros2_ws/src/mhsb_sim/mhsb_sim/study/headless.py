@@ -1,0 +1,177 @@
+"""Planner and simulator in lock-step, without a ROS graph, as fast as it goes.
+
+Each goal is planned at its time from the command in force, by the same code as in the nodes, and
+handed to the simulator through the same receiver. Planning takes no simulated time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mhsb_model.command import Command
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.online.replanning import Replan, Replanner
+from mhsb_planner.planner import PlanOptions
+from mhsb_sim.errors import HandOverError
+from mhsb_sim.simulation.plan_receiver import OutcomeKind, PlanReceiver
+from mhsb_sim.simulation.simulator import Simulator
+
+SAMPLE_NS = SECOND_NS // 100
+BUDGET = 0.1
+"""Time from a plan's stamp to where it leaves the previous one, as the planner node has it [s]."""
+
+
+@dataclass(frozen=True)
+class TimedGoal:
+    """A tip position (x, z) [m] and the time until the next goal [s]."""
+
+    x: float
+    z: float
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What was simulated, k instants 10 ms apart, n joints.
+
+    time                float64[k], s
+    reference           float64[k, n], rad
+    position            float64[k, n], rad
+    reference_velocity  float64[k, n], rad/s
+    velocity            float64[k, n], rad/s
+    tip_error           float64[k], m, measured against reference
+    modes               uint8[k, n]
+    cap_pressure        float64[k, n], Pa
+    rod_pressure        float64[k, n], Pa
+    supply_pressure     float64[k, n], Pa
+    valve_opening       float64[k, n], -1 to 1
+    """
+
+    time: FloatArray
+    reference: FloatArray
+    position: FloatArray
+    reference_velocity: FloatArray
+    velocity: FloatArray
+    tip_error: FloatArray
+    modes: ModeArray
+    cap_pressure: FloatArray
+    rod_pressure: FloatArray
+    supply_pressure: FloatArray
+    valve_opening: FloatArray
+
+    @classmethod
+    def collect(cls, rows: list[tuple[object, ...]]) -> Samples:
+        """From one row for each instant, in the order of the fields."""
+        return cls(*(np.array(column) for column in zip(*rows, strict=True)))
+
+    def column_names(self) -> list[str]:
+        """A name for each number of a row: `time`, `reference_1`, …"""
+        names: list[str] = []
+        for field in fields(self):
+            values = getattr(self, field.name)
+            if values.ndim == 1:
+                names.append(field.name)
+            else:
+                names += [f"{field.name}_{j + 1}" for j in range(values.shape[1])]
+        return names
+
+    def table(self) -> FloatArray:
+        """All numbers as float64[k, columns]."""
+        return np.column_stack([getattr(self, field.name) for field in fields(self)])
+
+
+@dataclass(frozen=True, eq=False)
+class GoalRun:
+    """One goal: its plan (None where the arm was there) and where the arm was when its time was up.
+
+    goal_distance   m, measured tip to goal at the end of the goal's time
+    reference_jump  rad, of the reference at the hand-over
+    """
+
+    goal: TimedGoal
+    replan: Replan | None
+    goal_distance: float
+    reference_jump: float
+
+
+class HeadlessRun:
+    """A simulator, a planner, and the record of what they do together."""
+
+    def __init__(
+        self, simulator: Simulator, replanner: Replanner, options: PlanOptions
+    ) -> None:
+        self.simulator = simulator
+        self._replanner = replanner
+        self._options = options
+        self._receiver = PlanReceiver(simulator.machine)
+        self._rows: list[tuple[object, ...]] = []
+        start = simulator.reference.position
+        self._command = Command.hold(simulator.time_ns, start, simulator.modes)
+
+    @property
+    def machine(self) -> Machine:
+        """The simulated machine."""
+        return self.simulator.machine
+
+    def run(self, goals: list[TimedGoal]) -> Iterator[GoalRun]:
+        """Run all goals, one after the other; raises what planning and simulating raise."""
+        for goal in goals:
+            yield self._one(goal)
+
+    def samples(self) -> Samples:
+        """Everything so far."""
+        return Samples.collect(self._rows)
+
+    def _one(self, goal: TimedGoal) -> GoalRun:
+        simulator = self.simulator
+        end_ns = simulator.time_ns + round(goal.time * SECOND_NS)
+        replan = self._replanner.replan(
+            self._command, simulator.time_ns, (goal.x, goal.z), BUDGET, self._options
+        )
+        jump = self._hand_over(replan.command) if replan is not None else 0.0
+        while simulator.time_ns < end_ns:
+            if simulator.time_ns % SAMPLE_NS == 0:
+                self._sample()
+            simulator.step()
+        tip = self.machine.tip_position(simulator.joint_state.position)
+        return GoalRun(goal, replan, float(np.hypot(*(tip - (goal.x, goal.z)))), jump)
+
+    def _hand_over(self, command: Command) -> float:
+        """Give a command to the simulator when its time has come; the jump of the reference."""
+        simulator, receiver = self.simulator, self._receiver
+        outcomes = receiver.add_trajectory(command.trajectory, 0.0)
+        outcomes += receiver.add_schedule(command.schedule, 0.0)
+        while simulator.time_ns < command.stamp_ns:
+            simulator.step()
+        outcomes += receiver.update(simulator, 0.0)
+        for outcome in outcomes:
+            if outcome.kind is not OutcomeKind.APPLIED:
+                raise HandOverError(outcome.sentence)
+        self._command = command
+        return outcomes[-1].position_jump
+
+    def _sample(self) -> None:
+        simulator, machine = self.simulator, self.machine
+        wanted, measured = simulator.reference, simulator.joint_state
+        hydraulics = simulator.actuator_states
+        error = machine.tip_position(measured.position) - machine.tip_position(wanted.position)
+        self._rows.append(
+            (
+                simulator.time_ns / SECOND_NS,
+                wanted.position,
+                measured.position,
+                wanted.velocity,
+                measured.velocity,
+                float(np.hypot(*error)),
+                simulator.modes,
+                hydraulics.cap_pressure,
+                hydraulics.rod_pressure,
+                hydraulics.supply_pressure,
+                hydraulics.valve_opening,
+            )
+        )
