@@ -1,4 +1,4 @@
-"""Verdicts on goals, outcomes of executions, and how serious each of them is."""
+"""Verdicts on goals, how their executions end, and how serious each of it is."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ class Verdict(StrEnum):
     OUT_OF_WORKSPACE = "OUT_OF_WORKSPACE"
     INFEASIBLE = "INFEASIBLE"  # no path within the machine's limits
     ZONE = "ZONE"  # in a keep-out zone
-    DEADLINE = "DEADLINE"  # planning took longer than its budget
+    NOT_FOUND = "NOT_FOUND"  # no motion was found within the longest lead
+    DEADLINE = "DEADLINE"  # motions were found, but none in time to be sent
+    STOPPED = "STOPPED"  # a stop came before a plan was sent
+    FAULT = "FAULT"  # the arm reports a fault
     TABLE = "TABLE"  # the posture table cannot be used
     INTERNAL = "INTERNAL"  # a fault of the planner
 
@@ -71,6 +74,8 @@ class PlanSummary:
     switches         mode changes
     plan_ms          from goal received to plan published, ms
     lower_bound_j    no plan to this goal needs less, J
+    lead_ms          from goal received to where the new curve leaves the old one, ms
+    continued        whether the plan in force leads there already and nothing was published
     """
 
     plan_stamp_ns: int
@@ -80,6 +85,8 @@ class PlanSummary:
     switches: int
     plan_ms: float
     lower_bound_j: float
+    lead_ms: float = 0.0
+    continued: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,9 +111,18 @@ class GoalVerdict:
 
 @dataclass(frozen=True)
 class ExecutionReport:
-    """How the execution of an accepted goal ended; stamps of goal and plan in ns."""
+    """How the execution of an accepted goal ended.
+
+    goal_stamp_ns, plan_stamp_ns  of the goal, and of the last plan that was sent for it [ns]
+    attempts  how many plans were sent for it
+    lead_ms   from goal received to where the curve of that last plan leaves the old one, ms
+    reason    code of a verdict, where that is why it was aborted: `DEADLINE`, `FAULT`, …
+    """
 
     outcome: Outcome
     sentence: str
     goal_stamp_ns: int
     plan_stamp_ns: int
+    attempts: int = 1
+    lead_ms: float = 0.0
+    reason: Verdict | None = None

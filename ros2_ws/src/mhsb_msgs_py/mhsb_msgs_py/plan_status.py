@@ -52,7 +52,10 @@ def _goal(verdict: GoalVerdict) -> DiagnosticStatus:
             "switches": str(int(plan.switches)),
             "plan_ms": repr(float(plan.plan_ms)),
             "lower_bound_j": repr(float(plan.lower_bound_j)),
+            "lead_ms": repr(float(plan.lead_ms)),
         }
+        if plan.continued:
+            values["continued"] = "true"
     return status(
         GOAL_STATUS, verdict.code.level, verdict.sentence, PLANNER_NODE, values
     )
@@ -63,7 +66,11 @@ def _execution(report: ExecutionReport) -> DiagnosticStatus:
         "code": report.outcome.value,
         "goal_stamp": stamps.to_text(report.goal_stamp_ns),
         "plan_stamp": stamps.to_text(report.plan_stamp_ns),
+        "attempts": str(int(report.attempts)),
+        "lead_ms": repr(float(report.lead_ms)),
     }
+    if report.reason is not None:
+        values["reason"] = report.reason.value
     return status(
         EXECUTION_STATUS, report.outcome.level, report.sentence, PLANNER_NODE, values
     )
@@ -87,6 +94,9 @@ def _decode_status(message: DiagnosticStatus) -> Report:
             message.message,
             values.time("goal_stamp"),
             values.time("plan_stamp"),
+            values.count("attempts"),
+            values.number("lead_ms"),
+            _code(Verdict, values.text("reason")) if values.has("reason") else None,
         )
     raise MessageError(
         f"the status '{message.name}' is unknown; it must be {GOAL_STATUS} or {EXECUTION_STATUS}"
@@ -102,6 +112,8 @@ def _plan(values: StatusValues) -> PlanSummary:
         values.count("switches"),
         values.number("plan_ms"),
         values.number("lower_bound_j"),
+        values.number("lead_ms"),
+        values.has("continued"),
     )
 
 

@@ -39,6 +39,10 @@ class StatusValues:
                 raise MessageError(f"the value {item.key} of '{status.name}' is there twice")
             self._texts[item.key] = item.value
 
+    def has(self, key: str) -> bool:
+        """Whether a value is there, where it may be left out."""
+        return key in self._texts
+
     def text(self, key: str) -> str:
         """A value as it is."""
         if key not in self._texts:

@@ -17,7 +17,16 @@ from mhsb_msgs_py.errors import MessageError
 number = st.floats(allow_nan=False)
 stamp = st.integers(0, 10**18)
 plans = st.builds(
-    codec.PlanSummary, stamp, number, number, number, st.integers(0, 99), number, number
+    codec.PlanSummary,
+    stamp,
+    number,
+    number,
+    number,
+    st.integers(0, 99),
+    number,
+    number,
+    number,
+    st.booleans(),
 )
 sentences = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=40)
 
@@ -32,14 +41,24 @@ def test_a_verdict_comes_back_from_the_wire_unchanged(code, sentence, goal, x, z
     assert codec.decode(over_the_wire(codec.encode(verdict, 5))) == [verdict]
 
 
-@given(st.sampled_from(Outcome), sentences, stamp, stamp)
-def test_an_execution_report_comes_back_from_the_wire_unchanged(outcome, sentence, goal, plan):
-    report = codec.ExecutionReport(outcome, sentence, goal, plan)
+@given(
+    st.builds(
+        codec.ExecutionReport,
+        st.sampled_from(Outcome),
+        sentences,
+        stamp,
+        stamp,
+        st.integers(0, 9),
+        number,
+        st.none() | st.sampled_from(Verdict),
+    )
+)
+def test_an_execution_report_comes_back_from_the_wire_unchanged(report):
     assert codec.decode(over_the_wire(codec.encode(report, 5))) == [report]
 
 
 def test_an_accepted_goal_reads_as_the_contract_says():
-    plan = codec.PlanSummary(12_000_000_005, 593.5, 470.25, 8.0, 3, 21.5, 300.0)
+    plan = codec.PlanSummary(12_000_000_005, 593.5, 470.25, 8.0, 3, 21.5, 300.0, 45.5)
     verdict = codec.GoalVerdict(Verdict.OK, "planned", 7_000_000_000, 0.55, -0.6, plan)
     message = codec.encode(verdict, 1_500_000_000)
     assert message.header.stamp.nanosec == 500_000_000
@@ -57,6 +76,7 @@ def test_an_accepted_goal_reads_as_the_contract_says():
         "switches": "3",
         "plan_ms": "21.5",
         "lower_bound_j": "300.0",
+        "lead_ms": "45.5",
     }
 
 
@@ -74,11 +94,20 @@ def test_a_goal_that_is_not_accepted_has_its_level_and_no_plan(code, level):
     assert [item.key for item in status.values] == ["code", "goal_stamp", "goal_x", "goal_z"]
 
 
-def test_the_outcome_of_an_execution_is_its_code():
-    report = codec.ExecutionReport(Outcome.REPLACED, "a newer plan took over", 1, 2)
+def test_the_ending_of_an_execution_reads_as_the_contract_says():
+    report = codec.ExecutionReport(
+        Outcome.ABORTED, "the arm took none of its plans", 1, 2, 3, 1500.0, Verdict.DEADLINE
+    )
     [status] = codec.encode(report, 0).status
-    assert (status.name, status.level) == ("execution", DiagnosticStatus.WARN)
-    assert status.values[0].value == "replaced"
+    assert (status.name, status.level) == ("execution", DiagnosticStatus.ERROR)
+    assert {item.key: item.value for item in status.values} == {
+        "code": "aborted",
+        "goal_stamp": "0.000000001",
+        "plan_stamp": "0.000000002",
+        "attempts": "3",
+        "lead_ms": "1500.0",
+        "reason": "DEADLINE",
+    }
 
 
 @pytest.mark.parametrize("code", [Verdict.OK, Verdict.AT_GOAL])
@@ -106,8 +135,8 @@ def set_value(index: int, value: str):
         (
             set_value(0, "FINE"),
             "the code 'FINE' is unknown; it must be one of OK, AT_GOAL, SUPERSEDED, NO_STATE, "
-            "MOVING, NOT_FINITE, FRAME, OUT_OF_WORKSPACE, INFEASIBLE, ZONE, DEADLINE, TABLE, "
-            "INTERNAL",
+            "MOVING, NOT_FINITE, FRAME, OUT_OF_WORKSPACE, INFEASIBLE, ZONE, NOT_FOUND, DEADLINE, "
+            "STOPPED, FAULT, TABLE, INTERNAL",
         ),
         (set_value(0, "OK"), "the value plan_stamp of 'goal' is missing"),
         (
