@@ -133,8 +133,8 @@ def _run(
 ) -> None:
     print("starting simulator, planner and recorder")
     with (
-        ChildProcess("mhsb_sim.ros.sim_node", *settings) as simulator,
-        ChildProcess("mhsb_planner.ros.planner_node", *settings) as planner,
+        ChildProcess("mhsb_sim", "sim_node", *settings) as simulator,
+        ChildProcess("mhsb_planner", "planner_node", *settings) as planner,
     ):
         for process in (simulator, planner):
             process.wait_for("ready", START_TIMEOUT)
@@ -150,7 +150,7 @@ def _record(
 ) -> None:
     """Send all goals to the running nodes while everything is recorded."""
     bag = str(output / "bag")
-    with ChildProcess("mhsb_sim.recording.record_command", "--output", bag) as recorder:
+    with ChildProcess("mhsb_sim", "record", "--output", bag) as recorder:
         recorder.wait_for("ready", ANSWER_TIMEOUT)
         if not spin_until(
             executor, lambda: sender.matched and sender.listeners >= LISTENERS, ANSWER_TIMEOUT
