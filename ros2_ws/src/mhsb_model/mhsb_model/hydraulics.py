@@ -109,6 +109,18 @@ def oil_of(m: MachineArrays) -> Oil:
 
 
 @njit(cache=True, nogil=True)
+def highest_supply(oil: Oil, modules: int) -> float:
+    """Highest supply pressure of an actuator with so many booster modules; P_S with none [Pa]."""
+    return oil.max_boost_pressure if modules > 0 else oil.supply_pressure
+
+
+@njit(cache=True, nogil=True)
+def highest_flow(oil: Oil, modules: int) -> float:
+    """n Q_SP, what so many booster modules give an actuator; with none they set no limit [m³/s]."""
+    return modules * oil.servo_pump_flow if modules > 0 else math.inf
+
+
+@njit(cache=True, nogil=True)
 def pressure_to_move(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
     """p_L + m(v) + margin [Pa]: supply pressure at which a cylinder moves its load.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.machine import Machine
+from mhsb_model.modes import any_boosted
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
@@ -34,7 +35,7 @@ def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions
     A joint needs boost where p_L + m(V_max) + margin > P_S for a motion against its load at
     V_max (`mhsb_model.hydraulics.required_pressure`).
     """
-    normal = int(np.flatnonzero(~np.any(table.patterns, axis=1))[0])
+    normal = int(np.flatnonzero(~any_boosted(table.patterns))[0])
     reached = table.feasible
     pressure = np.array([_pressures(machine, q) for q in table.posture[reached, normal]])
     pressure = pressure.reshape(-1, machine.joint_count)

@@ -17,6 +17,8 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
     Oil,
     extension_speed,
+    highest_flow,
+    highest_supply,
     inlet_area,
     load_pressure,
     oil_of,
@@ -103,8 +105,7 @@ def speed_limit(
     inlet = inlet_area(cap, rod, direction)
     k = oil.valve_coefficient
     if opposes_motion(force, direction):
-        supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
-        drive = supply - oil.boost_margin
+        drive = highest_supply(oil, modules) - oil.boost_margin
         drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
         speed = k * math.sqrt(max(0.0, drive) * inlet / (cap**3 + rod**3))
     else:
@@ -113,9 +114,7 @@ def speed_limit(
         else:
             speed = retraction_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
         speed = min(speed, k * math.sqrt(oil.supply_pressure) / inlet)
-    if modules > 0:
-        speed = min(speed, modules * oil.servo_pump_flow / inlet)
-    return speed
+    return min(speed, highest_flow(oil, modules) / inlet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +165,8 @@ def _demand(
                 fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
             lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
             if lifts and abs(v) > 0.25 * DEAD_BAND:
-                supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
                 needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
-                heaviest = max(heaviest, needed / supply)
+                heaviest = max(heaviest, needed / highest_supply(oil, modules))
         outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
         usage[k] = max(fastest, flow / shared_flow)
         pressure[k] = heaviest

@@ -16,6 +16,7 @@ from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
+    highest_flow,
     inlet_area,
     lacks_pressure,
     needs_boost,
@@ -25,7 +26,7 @@ from mhsb_model.hydraulics import (
 )
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
@@ -203,19 +204,19 @@ def _interval_modes(
         for i in range(intervals):
             on[i] = need[i] or need[i + 1]
             demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
-        _drop_short_holds(time, on, lifts, hold, holding[j] != N)
+        _drop_short_holds(time, on, lifts, hold, BOOSTED[holding[j]])
         needed[:, j] = on
         lacks = _lacks_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
         for i in range(intervals):
             kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
-            on[i] = on[i] or (kept and start[j] != N)
-        before = _ON if start[j] != N else _OFF
-        after = _ON if holding[j] != N else _OFF
+            on[i] = on[i] or (kept and BOOSTED[start[j]])
+        before = _ON if BOOSTED[start[j]] else _OFF
+        after = _ON if BOOSTED[holding[j]] else _OFF
         _settle(time, on, 0, intervals, lead, dwell, before, after)
 
-        one_pump = m.modules_per_mode[DB] * m.servo_pump_flow
+        one_pump = highest_flow(oil_of(m), m.modules_per_mode[DB])
         for i in range(intervals):
             kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
             wanted = demand[i, j] > one_pump or preferred[i, j] == SB
@@ -345,7 +346,7 @@ def _settle_shared(
         end = _run_end(on, first, len(on))
         if on[first] and shared[first:end].any():
             before = after = _EDGE
-            if first == 0 and start != N:
+            if first == 0 and BOOSTED[start]:
                 before = _ON if start == SB else _OFF
             if end == len(on) and holding == DB:
                 after = _OFF

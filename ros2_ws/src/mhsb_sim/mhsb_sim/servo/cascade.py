@@ -29,7 +29,7 @@ from numba import njit
 
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import ON_RAIL
 from mhsb_model.schema import CascadeGains
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
@@ -225,8 +225,8 @@ def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Recor
 
 @njit(cache=True, nogil=True)
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
-    """Whether actuator j draws on the rail: in SB, or served by a module of another line."""
-    draws = modes[j] == Mode.SB
+    """Whether actuator j draws on the rail: by its mode, or served by a module of another line."""
+    draws = ON_RAIL[modes[j]]
     for k in range(len(serves)):
         draws = draws or (serves[k] == j and module_home[k] != j)
     return draws

@@ -16,7 +16,7 @@ from numba import njit
 
 from mhsb_model.hydraulics import load_pressure
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
@@ -212,11 +212,11 @@ def set_target(
     mode: int,
 ) -> None:
     """The line's pressure targets: what its motion needs in boost, else what is there."""
-    if mode == Mode.N:
+    if BOOSTED[mode]:
+        set_targets(axis, cylinder, constants, gains)
+    else:
         axis.supply_target = max(sensor.line_pressure, constants[0].supply_pressure)
         axis.target_ahead = axis.supply_target
-    else:
-        set_targets(axis, cylinder, constants, gains)
 
 
 @njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ from mhsb_model.hydraulics import needs_boost
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
+from mhsb_model.modes import ON_RAIL, Mode, assign_modules, modules_in_use, pattern_name, stronger
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.bound_kernel import bind
@@ -321,9 +321,9 @@ class Simulator:
         """
         modules = self.machine.config.hydraulics.modules
         now, ahead = self._reference.modes, self._reference.modes_ahead
-        prepared = np.maximum(now, ahead)
-        if np.any((now == Mode.SB) & (ahead != Mode.SB)):
-            prepared[(now != Mode.SB) & (ahead == Mode.SB)] = Mode.DB
+        prepared = stronger(now, ahead)
+        if np.any(ON_RAIL[now] & ~ON_RAIL[ahead]):
+            prepared[~ON_RAIL[now] & ON_RAIL[ahead]] = Mode.DB
         if modules_in_use(prepared, modules.per_mode) > modules.count:
             prepared = self._reference.modes
         self._signals.modes[:] = prepared
