@@ -25,6 +25,7 @@ from mhsb_model.hydraulics import (
     opposes_motion,
     pressure_to_move,
     retraction_speed,
+    speed_of_drop,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -107,7 +108,7 @@ def speed_limit(
     if opposes_motion(force, direction):
         drive = highest_supply(oil, modules) - oil.boost_margin
         drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
-        speed = k * math.sqrt(max(0.0, drive) * inlet / (cap**3 + rod**3))
+        speed = speed_of_drop(k, cap, rod, drive, direction)
     else:
         if direction > 0.0:
             speed = extension_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)

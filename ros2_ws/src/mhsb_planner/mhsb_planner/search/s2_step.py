@@ -87,7 +87,8 @@ def describe(m: MachineArrays, posture: FloatArray) -> Postures:
 class Circuit(NamedTuple):
     """A machine's numbers in the form in which step costs need them.
 
-    Direction 0 is extension, 1 retraction.
+    Direction 0 is extension, 1 retraction. `hydraulics.pressure_against` is taken apart into what
+    a direction fixes: p_L + m(v) = load · per_area + outlet + valve · v², the load being ±F.
     """
 
     supply_pressure: float  # Pa
