@@ -69,10 +69,15 @@ class GoalFate:
         None where no plan of its own came into force, or where nobody told.
         """
         plan = self.verdict.plan if self.verdict else None
-        if not self.plan_stamp_ns or plan is None or plan.continued:
+        if not self.plan_stamp_ns or plan is None or self.continued:
             return None
         told = self.execution.lead_ms if self.execution and self.execution.lead_ms else plan.lead_ms
         return told or None
+
+    @property
+    def continued(self) -> bool:
+        """Whether the plan in force led there already."""
+        return bool(self.verdict and self.verdict.plan and self.verdict.plan.continued)
 
     @property
     def retried(self) -> bool:

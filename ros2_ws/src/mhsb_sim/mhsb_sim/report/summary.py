@@ -32,7 +32,7 @@ def summary(run: RecordedRun) -> Summary:
     """Plain numbers, texts, lists and dicts, ready for JSON.
 
     goals_sent, goals_accepted  goal poses, and accepting verdicts
-    goals_…                     reached; superseded and lost as `goal_fates` says
+    goals_…                     reached; superseded, refused and lost as `goal_fates` says
     switches_in_motion          accepted goals whose plan took over while the reference moved
     tip_error_rms_mm            measured tip against reference tip, from the first to the last
                                 moment at which the reference moved; tip_error_max_mm likewise
@@ -57,10 +57,12 @@ def summary(run: RecordedRun) -> Summary:
         "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
         "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
         "goals_superseded": sum(each.fate is Fate.SUPERSEDED for each in run.fates),
+        "goals_refused": sum(each.fate is Fate.REFUSED for each in run.fates),
         "goals_lost": sum(each.fate is Fate.LOST for each in run.fates),
         "switches_in_motion": sum(goal.in_motion for goal in run.goals),
         **_tip_errors(run.tip, run.goals),
-        **_jumps(recording),
+        **_plans(recording),
+        **jumps(recording),
         "mode_switches": run.modes.switches,
         "modes_used": [Mode(code).name for code in np.unique(run.modes.modes)],
         **_energies(run.energy),
@@ -83,14 +85,19 @@ def _tip_errors(tip: TipMotion, goals: Iterable[GoalRecord]) -> Summary:
     }
 
 
-def _jumps(recording: Recording) -> Summary:
+def _plans(recording: Recording) -> Summary:
+    told = [each.value for each in recording.hand_overs]
+    applied = {each.plan_stamp_ns for each in told if each.outcome == APPLIED}
+    return {
+        "plans_applied": len(applied),
+        "plans_refused": len({each.plan_stamp_ns for each in told} - applied),
+    }
+
+
+def jumps(recording: Recording) -> Summary:
+    """Largest steps of the reference at hand-overs, as the simulator measured them."""
     applied = [each.value for each in recording.hand_overs if each.value.outcome == APPLIED]
     return {
-        "plans_applied": len({each.plan_stamp_ns for each in applied}),
-        "plans_refused": len(
-            {each.value.plan_stamp_ns for each in recording.hand_overs}
-            - {each.plan_stamp_ns for each in applied}
-        ),
         "reference_jump_max_rad": _largest([each.position_jump for each in applied]),
         "reference_jump_max_rad_s": _largest([each.velocity_jump for each in applied]),
     }

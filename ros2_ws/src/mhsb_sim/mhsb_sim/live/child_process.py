@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
 import threading
 from collections import deque
+from pathlib import Path
 from types import TracebackType
 
 from mhsb_model.errors import MhsbError
@@ -70,6 +72,15 @@ class ChildProcess:
             self._reader.join(1.0)
             last = self._lines[-1] if self._lines else "it printed nothing"
             raise ChildEndedError(f"{self.name} ended with exit code {code}: {last}")
+
+    @property
+    def resident_bytes(self) -> int:
+        """Memory that it occupies; 0 when it has ended."""
+        try:
+            pages = Path(f"/proc/{self._process.pid}/statm").read_text(encoding="ascii").split()[1]
+        except (OSError, IndexError):
+            return 0
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
     def end(self) -> int:
         """End the process by SIGINT, by force where that does not do; its exit code."""
