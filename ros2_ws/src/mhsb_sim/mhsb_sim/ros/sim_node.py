@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model import command_line
+from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_msgs_py import (
     actuator_states,
@@ -211,7 +212,7 @@ class SimNode(Node):
             if outcome.kind is not OutcomeKind.APPLIED:
                 self.get_logger().warning(outcome.sentence)
             report = HandOverReport(
-                outcome.kind.value,
+                HandOverOutcome(outcome.kind.value),
                 outcome.sentence,
                 outcome.stamp_ns,
                 outcome.position_jump,

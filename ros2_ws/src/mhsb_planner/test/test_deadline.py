@@ -1,0 +1,64 @@
+"""Deadlines on a clock that the test sets."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mhsb_planner import deadline as deadline_module
+from mhsb_planner.deadline import NEVER, Deadline
+
+
+class Clock:
+    """Shows what it is set to."""
+
+    time = 100.0
+
+    def __call__(self) -> float:
+        """The time [s]."""
+        return self.time
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The clock of all deadlines."""
+    clock = Clock()
+    monkeypatch.setattr(deadline_module, "now", clock)
+    return clock
+
+
+def test_a_deadline_stays_where_it_is_while_time_goes_on(clock: Clock) -> None:
+    deadline = Deadline.after(0.5)
+    assert deadline.left == pytest.approx(0.5)
+    clock.time += 0.3
+    assert deadline.left == pytest.approx(0.2)
+    assert not deadline.passed
+    clock.time += 0.2
+    assert deadline.passed
+    clock.time += 1.0
+    assert deadline.left == pytest.approx(-1.0)
+
+
+def test_a_reserve_brings_it_nearer(clock: Clock) -> None:
+    deadline = Deadline.after(0.5).less(0.4)
+    assert deadline.left == pytest.approx(0.1)
+    assert deadline < Deadline.after(0.5)
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0])
+def test_no_time_is_over_at_once(clock: Clock, seconds: float) -> None:
+    assert Deadline.after(seconds).passed
+
+
+def test_never_does_not_pass(clock: Clock) -> None:
+    clock.time = 1e12
+    for deadline in (NEVER, NEVER.less(1e9), Deadline.after(math.inf)):
+        assert deadline == NEVER
+        assert not deadline.passed
+        assert deadline.left == math.inf
+
+
+def test_not_a_number_is_no_deadline(clock: Clock) -> None:
+    with pytest.raises(ValueError, match="not NaN"):
+        Deadline.after(math.nan)
