@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
 
-from mhsb_msgs_py import topics
+from mhsb_msgs_py import stamps, topics
 from mhsb_msgs_py.topics import Topic
 from mhsb_planner.ros.goal_sender import GoalSender
+from mhsb_sim.recording import bag_format
+from mhsb_sim.recording.bag_format import BagTopic
+from mhsb_sim.recording.bag_writer import BagWriter
 from mhsb_sim.recording.recording import Recording, decoded
 
 WATCHED = (
@@ -39,6 +44,20 @@ class Watcher(GoalSender):
     def recording(self) -> Recording:
         """All that has been heard; BagError where no simulator was."""
         return decoded(lambda topic: self.kept.get(topic, ()), "what was heard")
+
+    def write(self, folder: Path) -> None:
+        """All that has been heard, as a recording."""
+        with BagWriter(folder) as bag:
+            for topic, messages in self.kept.items():
+                name = self.resolve_topic_name(topic.name)
+                bag.add_topic(BagTopic(name, topic.type_name, bag_format.qos_text(topic.qos)))
+                for time_ns, data in messages:
+                    bag.write(name, data, time_ns, time_ns)
+
+    def send_message(self, message: PoseStamped) -> int:
+        """Publish a goal as it is; returns its stamp [ns]."""
+        self._goals.publish(message)
+        return stamps.from_time(message.header.stamp)
 
     def forget(self) -> None:
         """Keep what comes from now on only."""
