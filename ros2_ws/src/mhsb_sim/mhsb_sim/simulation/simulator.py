@@ -14,11 +14,11 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.braking import brake_along
-from mhsb_model.hydraulics import needs_boost
+from mhsb_model.holding import holding_modes, modes_to_stop
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
+from mhsb_model.modes import ON_RAIL, Mode, assign_modules, modules_in_use, pattern_name, stronger
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.bound_kernel import bind
@@ -59,7 +59,7 @@ class Simulator:
 
     seed decides the sensor noise; the same seed and the same calls give the same bits. posture
     [rad] and payload [kg] replace the machine file's; the servo goes by the machine file's
-    payload. Raises UnknownControllerError, and ModeError where the start cannot be held.
+    payload. Raises UnknownControllerError, and HoldingError where the start cannot be held.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Simulator:
     def reset(self, time_ns: int = 0) -> None:
         """Back to rest in the start posture, with all counters at zero, at `time_ns`."""
         loaded = self.machine.changed(payload=self._payload)
-        modes = holding_modes(loaded, self._start)
+        modes = holding_modes(loaded, loaded.piston_forces(self._start))
         self._time_ns = time_ns
         self._steps = 0
         self._circuit = build_circuit(
@@ -264,7 +264,10 @@ class Simulator:
             return
         braking = brake_along(self.machine, self._reference.trajectory, now)
         rows = np.unique([0, braking.duration_ns])
-        modes = [self._signals.modes.copy(), self._modes_to_hold(braking.position[-1])]
+        load = self.machine.piston_forces(braking.position[-1])
+        modes = [
+            self._signals.modes.copy(), modes_to_stop(self.machine, load, self._reference.modes)
+        ]
         schedule = ModeSchedule(now, rows, np.array(modes[-len(rows) :]))
         self._reference.follow(braking, schedule, planned=False)
         self._update_reference()
@@ -321,20 +324,13 @@ class Simulator:
         """
         modules = self.machine.config.hydraulics.modules
         now, ahead = self._reference.modes, self._reference.modes_ahead
-        prepared = np.maximum(now, ahead)
-        if np.any((now == Mode.SB) & (ahead != Mode.SB)):
-            prepared[(now != Mode.SB) & (ahead == Mode.SB)] = Mode.DB
+        prepared = stronger(now, ahead)
+        if np.any(ON_RAIL[now] & ~ON_RAIL[ahead]):
+            prepared[~ON_RAIL[now] & ON_RAIL[ahead]] = Mode.DB
         if modules_in_use(prepared, modules.per_mode) > modules.count:
             prepared = self._reference.modes
         self._signals.modes[:] = prepared
         self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode)
-
-    def _modes_to_hold(self, q: FloatArray) -> ModeArray:
-        """Modes that hold at q [rad]; those in force where there are too few modules for it."""
-        try:
-            return holding_modes(self.machine, q)
-        except ModeError:
-            return self._reference.modes
 
     def _check_budget(self, patterns: ModeArray) -> None:
         modules = self.machine.config.hydraulics.modules
@@ -370,23 +366,6 @@ class Simulator:
 def warm_up(machine: Machine, controller: str = "coordinated") -> None:
     """Compile everything that a simulation runs through."""
     Simulator(machine, controller).step()
-
-
-def holding_modes(machine: Machine, q: FloatArray) -> ModeArray:
-    """N where P_S holds the load at q [rad], DB elsewhere, uint8[n].
-
-    Raises ModeError where that takes more modules than there are.
-    """
-    force = machine.piston_forces(q)
-    boosted = [needs_boost(machine.arrays, j, force[j], 0.0) for j in range(machine.joint_count)]
-    modes = np.where(boosted, np.uint8(Mode.DB), np.uint8(Mode.N)).astype(np.uint8)
-    modules = machine.config.hydraulics.modules
-    if modules_in_use(modes, modules.per_mode) > modules.count:
-        raise ModeError(
-            f"to hold this posture takes {pattern_name(modes)}, "
-            f"{modules.count} booster modules are fitted"
-        )
-    return modes
 
 
 def energy_gap(energies: dict[str, float]) -> float:
