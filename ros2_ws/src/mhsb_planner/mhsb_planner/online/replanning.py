@@ -19,6 +19,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
@@ -69,6 +70,7 @@ class Replanner:
         goal: tuple[float, float],
         budget: float,
         options: PlanOptions,
+        deadline: Deadline = NEVER,
     ) -> Replan | None:
         """Command to the goal (x, z) m, or None where the arm is at rest there already.
 
@@ -85,6 +87,7 @@ class Replanner:
             StartModes.during(in_force.schedule, times.change_ns),
             self._brake(in_force, times) if moving else None,
             options,
+            deadline,
         )
         new = Command(plan.motion.trajectory, plan.motion.schedule)
         return Replan(hand_over(in_force, times, new), plan, times.change_ns)

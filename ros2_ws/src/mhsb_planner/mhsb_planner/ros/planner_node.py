@@ -52,6 +52,7 @@ from mhsb_msgs_py import (
 )
 from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.node_process import spin_node
+from mhsb_planner.deadline import Deadline
 from mhsb_planner.motion.s3_clearance import contact_ahead
 from mhsb_planner.online.departure import ArmView, MovingError, NoStateError, Received
 from mhsb_planner.online.executions import Executions
@@ -279,9 +280,15 @@ class PlannerNode(Node):
         parameters: PlannerParameters,
     ) -> Replan | None:
         """The worker's part."""
+        deadline = Deadline.after(parameters.planning_budget)
         self._replanner.change(arm)
         return self._replanner.replan(
-            departure, now_ns, (goal.x, goal.z), parameters.planning_budget, parameters.options
+            departure,
+            now_ns,
+            (goal.x, goal.z),
+            parameters.planning_budget,
+            parameters.options,
+            deadline,
         )
 
     def _connected(self) -> bool:
