@@ -23,6 +23,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import NoPathError, RequestError, ZoneError
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.motion import s3_trajectory
@@ -190,6 +191,7 @@ class Planner:
         modes: StartModes | None = None,
         brake: Trajectory | None = None,
         options: PlanOptions | None = None,
+        deadline: Deadline = NEVER,
     ) -> Plan:
         """Plan to the tip position `goal` (x, z) m.
 
@@ -203,6 +205,8 @@ class Planner:
         weigh it.
         """
         options = options or PlanOptions()
+        if deadline is not NEVER:
+            options = replace(options, budget=max(1e-6, deadline.left))
         if options.area_weight > 0.0 and options.planner != "integrated":
             rule = f"must be 0 for the planner '{options.planner}'; 'integrated' can weigh the area"
             raise RequestError("area weight", options.area_weight, rule)
@@ -271,6 +275,7 @@ class Planner:
             "search": searched - began,
             "fit": fitted - searched,
             "energy": time.perf_counter() - fitted,
+            "first_motion": time.perf_counter() - began,
         }
         return Plan(path, motion, total, MappingProxyType(seconds), shortfall)
 

@@ -76,7 +76,7 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
             "table": _plan_figures(planner, moves, effort),
             "integrated": integrated_figures(planner, moves, effort.truths, effort.runs),
         },
-        "scipy_dijkstra": _dijkstra_figures(planner.graph, moves, effort.runs),
+        "scipy_dijkstra": dijkstra_figures(planner.graph, moves, effort.runs),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
 
@@ -180,7 +180,7 @@ def explicit_graph(graph: StepGraph) -> csr_array:
     return csr_array((np.maximum(cost, np.finfo(float).tiny), (origin, edges.state[edge])), shape)
 
 
-def _dijkstra_figures(graph: StepGraph, moves: list[Move], runs: int) -> Figures:
+def dijkstra_figures(graph: StepGraph, moves: list[Move], runs: int) -> Figures:
     """SciPy's Dijkstra from the same starts, to all states; making its graph does not count."""
     matrix = explicit_graph(graph)
     table = graph.table
