@@ -16,6 +16,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 
+from mhsb_model import process
 from mhsb_model.errors import MhsbError
 
 HEARTBEAT = 0.5
@@ -36,7 +37,7 @@ def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None)
     Raises RosArgumentsError for arguments that rclpy or the node's parameters refuse.
     """
     try:
-        with ros_running(arguments), serving(make_node) as (executor, node):
+        with ros_running(arguments), serving(make_node) as (executor, node), process.orderly():
             node.create_timer(HEARTBEAT, _nothing, clock=Clock(clock_type=ClockType.STEADY_TIME))
             executor.spin()
     except ParameterException as error:
@@ -60,6 +61,8 @@ def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
     interrupt = signal.signal(signal.SIGINT, _leave_it_to_ros)
     _initialize(arguments)
     try:
+        if process.signalled():  # before ROS was there to hear it
+            raise ExternalShutdownException
         yield
     except MhsbError:
         raise

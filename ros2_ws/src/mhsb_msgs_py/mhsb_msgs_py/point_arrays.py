@@ -69,6 +69,16 @@ def point_arrays(message: JointTrajectory | bytes, what: str, most: int) -> Poin
     return _of_message(message)
 
 
+def stamp_of(raw: bytes) -> int:
+    """Stamp [ns] of a message, also of one that cannot be used otherwise; 0 where it has none."""
+    try:
+        sec, nanosec = _Head(raw).stamp
+        stamps.check_nanoseconds(nanosec)
+    except MessageError:
+        return 0
+    return sec * stamps.SECOND_NS + nanosec
+
+
 def to_bytes(arrays: PointArrays) -> bytes:
     """The bytes of a message with at least one point; positions are not empty."""
     head = bytearray(TIME.pack(*_seconds_and_rest(arrays.stamp_ns)))

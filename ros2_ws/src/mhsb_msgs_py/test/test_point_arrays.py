@@ -76,6 +76,16 @@ def test_a_message_with_too_many_points_is_refused_by_their_number_alone():
             codec.point_arrays(message, "it", 2)
 
 
+def test_the_stamp_of_an_unusable_message_is_known_where_it_has_one():
+    message = three_points()
+    message.header.stamp.sec = 7
+    message.points[1].effort = [1.0]
+    assert codec.stamp_of(serialize_message(message)) == 7_000_000_000
+    message.header.stamp.nanosec = 1_000_000_000
+    assert codec.stamp_of(serialize_message(message)) == 0
+    assert codec.stamp_of(b"nothing") == 0
+
+
 def test_a_message_in_the_other_byte_order_is_no_message_here():
     with pytest.raises(MessageError, match="24 bytes came that are no JointTrajectory"):
         codec.point_arrays(bytes(24), "it", 5)

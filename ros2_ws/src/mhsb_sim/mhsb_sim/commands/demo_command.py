@@ -142,7 +142,7 @@ def _record(
 ) -> None:
     """Send all goals to the running nodes while everything is recorded."""
     bag = str(output / "bag")
-    with ChildProcess("mhsb_sim.recording.record_command", "--output", bag) as recorder:
+    with ChildProcess("mhsb_sim", "record", "--output", bag) as recorder:
         recorder.wait_for("ready", ANSWER_TIMEOUT)
         if not spin_until(executor, lambda: sender.listeners >= LISTENERS, ANSWER_TIMEOUT):
             raise ChildEndedError("the recorder is ready, but cannot be reached over ROS")
