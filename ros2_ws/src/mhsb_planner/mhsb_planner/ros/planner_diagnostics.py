@@ -13,15 +13,18 @@ from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 
 
 def message(
-    now_ns: int, wall: float, lifecycle: GoalLifecycle, verdicts: int
+    now_ns: int, wall: float, lifecycle: GoalLifecycle, verdicts: int, doubles: str
 ) -> DiagnosticArray:
-    """One status: whether the planner knows the arm's state, and what it has done so far."""
+    """One status: whether the planner knows the arm's state, and what it has done so far.
+
+    doubles  what is there twice (`mhsb_msgs_py.duplicates`); empty where nothing is
+    """
     view = lifecycle.view
     known = view.knows_state(wall)
     status = DiagnosticStatus(
-        level=bytes([Level.OK if known else Level.WARN]),
+        level=bytes([Level.OK if known and not doubles else Level.WARN]),
         name=f"{PLANNER_NODE}: planner",
-        message="ready" if known else "nobody says where the arm is",
+        message=doubles or ("ready" if known else "nobody says where the arm is"),
         hardware_id=PLANNER_NODE,
         values=[
             KeyValue(key="verdicts_given", value=str(verdicts)),

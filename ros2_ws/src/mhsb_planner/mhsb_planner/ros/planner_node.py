@@ -40,6 +40,7 @@ from mhsb_msgs_py import (
     stamps,
     topics,
 )
+from mhsb_msgs_py.duplicates import duplicate_problem
 from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
@@ -179,7 +180,7 @@ class PlannerNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """What the arm says of plans and of itself; others speak on this topic too."""
         try:
-            reports = sim_status.decode(message)
+            reports = sim_status.decode(message, self.get_namespace())
         except MessageError as error:
             self._warn(f"a report of the arm is not used: {error}")
             return
@@ -210,8 +211,11 @@ class PlannerNode(Node):
         return response
 
     def _publish_diagnostics(self) -> None:
+        doubles = duplicate_problem(self, self._outbox.own)
+        if doubles:
+            self.get_logger().warning(doubles, throttle_duration_sec=10.0)
         message = planner_diagnostics.message(
-            self.ros_ns(), self.wall(), self._lifecycle, self._outbox.verdicts
+            self.ros_ns(), self.wall(), self._lifecycle, self._outbox.verdicts, doubles
         )
         self._outbox.publish(topics.DIAGNOSTICS, message)
 
