@@ -40,7 +40,6 @@ from mhsb_msgs_py import (
     stamps,
     topics,
 )
-from mhsb_msgs_py.duplicates import duplicate_problem
 from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
@@ -211,12 +210,7 @@ class PlannerNode(Node):
         return response
 
     def _publish_diagnostics(self) -> None:
-        doubles = duplicate_problem(self, self._outbox.own)
-        if doubles:
-            self.get_logger().warning(doubles, throttle_duration_sec=10.0)
-        message = planner_diagnostics.message(
-            self.ros_ns(), self.wall(), self._lifecycle, self._outbox.verdicts, doubles
-        )
+        message = planner_diagnostics.message(self, self.wall(), self._lifecycle, self._outbox)
         self._outbox.publish(topics.DIAGNOSTICS, message)
 
     def _show_markers(self) -> None:
