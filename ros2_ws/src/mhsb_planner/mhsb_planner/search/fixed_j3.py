@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import within_limits, wrap_near
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
@@ -33,7 +33,7 @@ ELBOW_UP, ELBOW_DOWN = -1, 1
 """Side of the elbow, by the sign of the angle from link 1 to the line from elbow to tip."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _solution(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: FloatArray) -> bool:
     """Posture at (x, z) m with joint 3 at j3 rad; False where it is not within limits.
 
@@ -54,7 +54,7 @@ def _solution(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: Fl
     return within_limits(m, q)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _posture(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: FloatArray) -> bool:
     """Posture at (x, z) m whose J3 is the fewest steps from j3, on side `elbow` if possible.
 
@@ -70,7 +70,7 @@ def _posture(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: Flo
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fill(
     m: MachineArrays, position: FloatArray, j3: float, elbow: int, posture: FloatArray
 ) -> None:

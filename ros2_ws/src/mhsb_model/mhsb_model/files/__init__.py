@@ -1,0 +1,1 @@
+"""Files of settings: where the suite's own are, and how YAML is read."""
