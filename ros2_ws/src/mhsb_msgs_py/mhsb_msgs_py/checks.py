@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.point_arrays import Rows
 
 
 def joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -> IntArray:
     """Where each expected name stands among the given ones, int64[len(expected)]."""
     if list(given) == list(expected):
         return np.arange(len(expected))
-    duplicate = sorted({name for name in given if list(given).count(name) > 1})
-    unknown = [name for name in given if name not in expected]
+    times = Counter(given)
+    duplicate = sorted(name for name, count in times.items() if count > 1)
+    unknown = [name for name in times if name not in expected]
     missing = [name for name in expected if name not in given]
     for fault, faulty in (("given twice", duplicate), ("unknown", unknown), ("missing", missing)):
         if faulty:
@@ -28,29 +31,12 @@ def joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -> Int
 
 def values(what: str, given: Sequence[float], order: IntArray) -> FloatArray:
     """Finite values, one for each name, in the expected order, float64[names]."""
-    return table([given], order, lambda _: what)[0]
+    return _table([given], order, lambda _: what)[0]
 
 
-def table(
-    rows: Sequence[Sequence[float]], order: IntArray, what: Callable[[int], str]
-) -> FloatArray:
-    """Rows of finite values, one value for each name, in the expected order, float64[rows, names].
-
-    `what(row)` is what the row is called in errors.
-    """
-    for index, row in enumerate(rows):
-        if len(row) != len(order):
-            raise MessageError(
-                f"{what(index)} has {len(row)} values; give one for each of {len(order)} names"
-            )
-    numbers = np.array(rows, dtype=np.float64)[:, order]
-    if not np.all(np.isfinite(numbers)):
-        index, column = np.argwhere(~np.isfinite(numbers))[0]
-        raise MessageError(
-            f"{what(int(index))} has {numbers[index, column]} for name {column + 1}; "
-            "give finite numbers"
-        )
-    return numbers
+def point_table(field: str, rows: Rows, order: IntArray) -> FloatArray:
+    """An array of all points, as `values` each, float64[points, names]."""
+    return _table(rows, order, lambda index: f"{field} of point {index}")
 
 
 def empty(what: str, given: Sequence[float]) -> None:
@@ -59,7 +45,16 @@ def empty(what: str, given: Sequence[float]) -> None:
         raise MessageError(f"{what} has {len(given)} values; leave it empty")
 
 
-def point_times(what: str, times_ns: Sequence[int], *, apart_ns: int | None = None) -> IntArray:
+def empty_rows(field: str, rows: Rows) -> None:
+    """An array that has no meaning here must be left out in all points."""
+    index, length = _first_of_other_length(rows, 0)
+    if index >= 0:
+        raise MessageError(f"{field} of point {index} has {length} values; leave it empty")
+
+
+def point_times(
+    what: str, times_ns: Sequence[int] | IntArray, *, apart_ns: int | None = None
+) -> IntArray:
     """Times of points: at least one, the first 0, strictly increasing, int64[points] ns.
 
     Where `apart_ns` is given, neighbours may be at most that far apart.
@@ -85,3 +80,27 @@ def point_times(what: str, times_ns: Sequence[int], *, apart_ns: int | None = No
             f"give points at most {apart_ns / 1e6:g} ms apart"
         )
     return times
+
+
+def _table(rows: Rows, order: IntArray, what: Callable[[int], str]) -> FloatArray:
+    """Finite values, a row for each; `what(row)` is what a row is called in errors."""
+    index, length = _first_of_other_length(rows, len(order))
+    if index >= 0:
+        raise MessageError(
+            f"{what(index)} has {length} values; give one for each of {len(order)} names"
+        )
+    numbers = np.array(rows, dtype=np.float64)[:, order]
+    if not np.all(np.isfinite(numbers)):
+        index, column = np.argwhere(~np.isfinite(numbers))[0]
+        raise MessageError(
+            f"{what(int(index))} has {numbers[index, column]} for name {column + 1}; "
+            "give finite numbers"
+        )
+    return numbers
+
+
+def _first_of_other_length(rows: Rows, length: int) -> tuple[int, int]:
+    """Index and length of the first row that has another length, or -1 for both."""
+    if isinstance(rows, np.ndarray):
+        return (-1, -1) if rows.shape[1] == length else (0, rows.shape[1])
+    return next(((i, len(row)) for i, row in enumerate(rows) if len(row) != length), (-1, -1))

@@ -14,8 +14,12 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_msgs_py import checks, stamps
+from mhsb_msgs_py import checks, point_arrays, stamps
 from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.point_arrays import PointArrays
+
+MOST_POINTS = 10_000
+"""Greatest number of points that an arm takes."""
 
 
 def encode(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajectory:
@@ -32,19 +36,32 @@ def encode(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajec
     )
 
 
-def decode(message: JointTrajectory, actuator_names: Sequence[str]) -> ModeSchedule:
-    """The schedule of a message, actuators in the order of `actuator_names`.
+def to_bytes(schedule: ModeSchedule, actuator_names: Sequence[str]) -> bytes:
+    """`encode`, and what rclpy would then make of it for the wire, at once."""
+    empty = np.zeros((len(schedule.offset_ns), 0))
+    return point_arrays.to_bytes(
+        PointArrays(
+            schedule.stamp_ns,
+            actuator_names,
+            schedule.offset_ns,
+            schedule.modes.astype(np.float64),
+            *(empty,) * 3,
+        )
+    )
 
-    Raises MessageError where names, sizes, times or codes are not right.
+
+def decode(message: JointTrajectory | bytes, actuator_names: Sequence[str]) -> ModeSchedule:
+    """The schedule of a message or of its bytes, actuators in the order of `actuator_names`.
+
+    Raises MessageError where length, names, sizes, times or codes are not right.
     """
-    order = checks.joint_order("joint_names", message.joint_names, actuator_names)
-    times = [stamps.from_duration(point.time_from_start) for point in message.points]
-    offset = checks.point_times("the mode schedule", times)
-    for index, point in enumerate(message.points):
-        for field in ("velocities", "accelerations", "effort"):
-            checks.empty(f"{field} of point {index}", getattr(point, field))
-    rows = [point.positions for point in message.points]
-    modes = checks.table(rows, order, lambda index: f"positions of point {index}")
+    given = point_arrays.point_arrays(message, "the mode schedule", MOST_POINTS)
+    order = checks.joint_order("joint_names", given.joint_names, actuator_names)
+    offset = checks.point_times("the mode schedule", given.time_ns)
+    checks.empty_rows("velocities", given.velocities)
+    checks.empty_rows("accelerations", given.accelerations)
+    checks.empty_rows("effort", given.effort)
+    modes = checks.point_table("positions", given.positions, order)
     wrong = np.argwhere(~np.isin(modes, list(Mode)))
     if len(wrong) > 0:
         index, actuator = wrong[0]
@@ -52,4 +69,4 @@ def decode(message: JointTrajectory, actuator_names: Sequence[str]) -> ModeSched
             f"the mode of {actuator_names[actuator]} at point {index} is "
             f"{modes[index, actuator]:g}; give 0 (N), 1 (DB) or 2 (SB)"
         )
-    return ModeSchedule(stamps.from_time(message.header.stamp), offset, modes.astype(np.uint8))
+    return ModeSchedule(given.stamp_ns, offset, modes.astype(np.uint8))

@@ -1,62 +1,36 @@
 """Codec: what the simulator reports of plans and of itself, as statuses on /diagnostics.
 
 A `HandOverReport` is sent once for every plan that the simulator applied, refused or dropped; a
-`SimulatorReport` once a second.
+`SimulatorReport` once a second, and at once where it turns faulty, warns, or ceases to.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
+from mhsb_model.arm_reports import (
+    HandOverOutcome,
+    HandOverReason,
+    HandOverReport,
+    SimulatorReport,
+)
 from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
+from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.names import SIM_NODE
 from mhsb_msgs_py.status_values import StatusValues, status
 
+__all__ = ["APPLIED", "HandOverReport", "SimulatorReport", "decode", "encode"]
+
 HAND_OVER_STATUS = f"{SIM_NODE}: hand_over"
 SIMULATOR_STATUS = f"{SIM_NODE}: simulator"
-APPLIED = "applied"
+APPLIED = HandOverOutcome.APPLIED
 
-
-@dataclass(frozen=True)
-class HandOverReport:
-    """What became of a plan.
-
-    outcome        `applied`, `refused` or `dropped`
-    sentence       the same for a person, with the reason
-    plan_stamp_ns  ns
-    position_jump  of the reference at the instant of the swap, new minus old, rad; NaN if unknown
-    velocity_jump  likewise, rad/s
-    """
-
-    outcome: str
-    sentence: str
-    plan_stamp_ns: int
-    position_jump: float
-    velocity_jump: float
-
-
-@dataclass(frozen=True)
-class SimulatorReport:
-    """Where the simulator stands.
-
-    sentence          one sentence, the fault if there is one
-    faulty            whether it has stopped because of a fault
-    sim_time_ns       simulated time, ns
-    real_time_factor  simulated over real time since the report before
-    main_pump_j       energy delivered by the main pump since the start, J
-    servo_pumps_j     likewise by the servo pumps, J
-    """
-
-    sentence: str
-    faulty: bool
-    sim_time_ns: int
-    real_time_factor: float
-    main_pump_j: float
-    servo_pumps_j: float
+Choice = TypeVar("Choice", bound=StrEnum)
 
 
 def encode(report: HandOverReport | SimulatorReport, stamp_ns: int) -> DiagnosticArray:
@@ -81,7 +55,8 @@ def decode(message: DiagnosticArray) -> list[HandOverReport | SimulatorReport]:
 
 def _hand_over(report: HandOverReport) -> DiagnosticStatus:
     values = {
-        "outcome": report.outcome,
+        "outcome": str(report.outcome),
+        "reason": str(report.reason),
         "plan_stamp": stamps.to_text(report.plan_stamp_ns),
         "position_jump_rad": repr(float(report.position_jump)),
         "velocity_jump_rad_s": repr(float(report.velocity_jump)),
@@ -97,18 +72,20 @@ def _simulator(report: SimulatorReport) -> DiagnosticStatus:
         "energy_mp_j": repr(float(report.main_pump_j)),
         "energy_sp_j": repr(float(report.servo_pumps_j)),
     }
-    level = Level.ERROR if report.faulty else Level.OK
+    level = Level.ERROR if report.faulty else Level.WARN if report.warning else Level.OK
     return status(SIMULATOR_STATUS, level, report.sentence, SIM_NODE, values)
 
 
 def _read_hand_over(message: DiagnosticStatus) -> HandOverReport:
     values = StatusValues(message)
     return HandOverReport(
-        values.text("outcome"),
+        _choice(values, "outcome", HandOverOutcome),
         message.message,
         values.time("plan_stamp"),
         values.number("position_jump_rad"),
         values.number("velocity_jump_rad_s"),
+        # Recordings of earlier versions tell none.
+        _choice(values, "reason", HandOverReason) if values.has("reason") else HandOverReason.NONE,
     )
 
 
@@ -121,4 +98,16 @@ def _read_simulator(message: DiagnosticStatus) -> SimulatorReport:
         values.number("real_time_factor"),
         values.number("energy_mp_j"),
         values.number("energy_sp_j"),
+        message.level == bytes([Level.WARN]),
     )
+
+
+def _choice(values: StatusValues, key: str, choices: type[Choice]) -> Choice:
+    text = values.text(key)
+    try:
+        return choices(text)
+    except ValueError:
+        raise MessageError(
+            f"the value {key} of '{HAND_OVER_STATUS}' is '{text}'; it must be one of "
+            + ", ".join(repr(str(choice)) for choice in choices)
+        ) from None

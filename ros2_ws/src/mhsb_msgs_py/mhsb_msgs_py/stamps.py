@@ -48,6 +48,14 @@ def from_text(text: str) -> int:
     return -time_ns if text.startswith("-") else time_ns
 
 
+def check_nanoseconds(nanosec: int) -> None:
+    """MessageError where a time or duration has a second or more beside its seconds."""
+    if nanosec >= SECOND_NS:
+        raise MessageError(
+            f"a time has {nanosec} ns beside its seconds; it must be below {SECOND_NS}"
+        )
+
+
 def _fields(time_ns: int) -> dict[str, int]:
     seconds, nanoseconds = divmod(int(time_ns), SECOND_NS)
     if not FIRST_SECOND <= seconds <= LAST_SECOND:
@@ -56,8 +64,5 @@ def _fields(time_ns: int) -> dict[str, int]:
 
 
 def _nanoseconds(message: Time | Duration) -> int:
-    if message.nanosec >= SECOND_NS:
-        raise MessageError(
-            f"a time has {message.nanosec} ns beside its seconds; it must be below {SECOND_NS}"
-        )
+    check_nanoseconds(message.nanosec)
     return int(message.sec) * SECOND_NS + int(message.nanosec)

@@ -26,10 +26,21 @@ def test_a_schedule_comes_back_from_the_wire_unchanged(stamp, gaps, data):
     modes = data.draw(arrays(np.uint8, (len(gaps) + 1, 3), elements=st.integers(0, 2)))
     schedule = ModeSchedule(stamp, np.cumsum([0, *gaps]), modes)
     sent = serialize_message(codec.encode(schedule, NAMES))
-    back = codec.decode(deserialize_message(sent, JointTrajectory), NAMES)
-    assert back.stamp_ns == schedule.stamp_ns
-    np.testing.assert_array_equal(back.offset_ns, schedule.offset_ns)
-    np.testing.assert_array_equal(back.modes, schedule.modes)
+    for message in (deserialize_message(sent, JointTrajectory), sent):
+        back = codec.decode(message, NAMES)
+        assert back.stamp_ns == schedule.stamp_ns
+        np.testing.assert_array_equal(back.offset_ns, schedule.offset_ns)
+        np.testing.assert_array_equal(back.modes, schedule.modes)
+    own = codec.to_bytes(schedule, NAMES)
+    assert deserialize_message(own, JointTrajectory) == codec.encode(schedule, NAMES)
+
+
+def test_what_is_too_long_is_refused_with_its_length():
+    rows = codec.MOST_POINTS + 1
+    long = ModeSchedule(0, np.arange(rows), np.zeros((rows, 3), np.uint8))
+    with pytest.raises(MessageError) as refusal:
+        codec.decode(codec.to_bytes(long, NAMES), NAMES)
+    assert str(refusal.value) == "the mode schedule has 10001 points; give at most 10000"
 
 
 def boost_then_hold() -> JointTrajectory:
@@ -107,6 +118,7 @@ def in_first(field: str, values: list[float]):
 def test_each_fault_is_told_in_one_sentence(change, sentence):
     message = boost_then_hold()
     change(message)
-    with pytest.raises(MessageError) as refusal:
-        codec.decode(message, NAMES)
-    assert str(refusal.value) == sentence
+    for sent in (message, serialize_message(message)):
+        with pytest.raises(MessageError) as refusal:
+            codec.decode(sent, NAMES)
+        assert str(refusal.value) == sentence

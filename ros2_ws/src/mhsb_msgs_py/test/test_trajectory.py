@@ -33,10 +33,32 @@ def trajectories(draw: st.DrawFn) -> Trajectory:
 @given(trajectories())
 def test_a_trajectory_comes_back_from_the_wire_to_the_last_bit(trajectory):
     sent = serialize_message(codec.encode(trajectory, NAMES))
-    back = codec.decode(deserialize_message(sent, JointTrajectory), NAMES)
-    assert back.stamp_ns == trajectory.stamp_ns
-    for name in ("offset_ns", "position", "velocity", "acceleration"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))
+    for message in (deserialize_message(sent, JointTrajectory), sent):
+        back = codec.decode(message, NAMES)
+        assert back.stamp_ns == trajectory.stamp_ns
+        for name in ("offset_ns", "position", "velocity", "acceleration"):
+            np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))
+
+
+@given(trajectories())
+def test_its_bytes_are_those_of_its_message(trajectory):
+    sent = codec.to_bytes(trajectory, NAMES)
+    assert deserialize_message(sent, JointTrajectory) == codec.encode(trajectory, NAMES)
+
+
+@pytest.mark.parametrize(
+    ("points", "spacing_ns", "sentence"),
+    [
+        (codec.MOST_POINTS + 1, 1_000_000, "the trajectory has 40001 points; give at most 40000"),
+        (30_002, 20_000_000, "the trajectory takes 600.02 s; give at most 600 s"),
+    ],
+)
+def test_what_is_too_long_is_refused_with_its_length(points, spacing_ns, sentence):
+    still = np.zeros((points, 3))
+    long = Trajectory(0, spacing_ns * np.arange(points), still, still, still)
+    with pytest.raises(MessageError) as refusal:
+        codec.decode(codec.to_bytes(long, NAMES), NAMES)
+    assert str(refusal.value) == sentence
 
 
 def two_points() -> JointTrajectory:
@@ -144,6 +166,7 @@ def set_time(point: int, seconds: int, nanoseconds: int):
 def test_each_fault_is_told_in_one_sentence(change, sentence):
     message = two_points()
     change(message)
-    with pytest.raises(MessageError) as refusal:
-        codec.decode(message, NAMES)
-    assert str(refusal.value) == sentence
+    for sent in (message, serialize_message(message)):
+        with pytest.raises(MessageError) as refusal:
+            codec.decode(sent, NAMES)
+        assert str(refusal.value) == sentence

@@ -78,7 +78,7 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
     planner = Planner(machine, table)
     bar = tqdm(random_moves(planner, effort.moves), "moves", effort.moves, unit="move")
     moves = list(bar)
-    other = _dijkstra_figures(planner.graph, moves, effort.runs)
+    other = dijkstra_figures(planner.graph, moves, effort.runs)
     return {
         "table": table_figures,
         "plan": {
@@ -191,7 +191,7 @@ def explicit_graph(graph: StepGraph) -> csr_array:
     return csr_array((np.maximum(cost, np.finfo(float).tiny), (origin, edges.state[edge])), shape)
 
 
-def _dijkstra_figures(graph: StepGraph, moves: list[Move], runs: int) -> Figures:
+def dijkstra_figures(graph: StepGraph, moves: list[Move], runs: int) -> Figures:
     """SciPy's Dijkstra from the same starts, to all states; making its graph does not count."""
     matrix = explicit_graph(graph)
     table = graph.table

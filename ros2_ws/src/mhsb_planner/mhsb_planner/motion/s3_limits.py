@@ -17,12 +17,15 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
     Oil,
     extension_speed,
+    highest_flow,
+    highest_supply,
     inlet_area,
     load_pressure,
     oil_of,
     opposes_motion,
     pressure_to_move,
     retraction_speed,
+    speed_of_drop,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -106,19 +109,16 @@ def speed_limit(
     inlet = inlet_area(cap, rod, direction)
     k = oil.valve_coefficient
     if opposes_motion(force, direction):
-        supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
-        drive = supply - oil.boost_margin
+        drive = highest_supply(oil, modules) - oil.boost_margin
         drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
-        speed = k * math.sqrt(max(0.0, drive) * inlet / (cap**3 + rod**3))
+        speed = speed_of_drop(k, cap, rod, drive, direction)
     else:
         if direction > 0.0:
             speed = extension_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
         else:
             speed = retraction_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
         speed = min(speed, k * math.sqrt(oil.supply_pressure) / inlet)
-    if modules > 0:
-        speed = min(speed, modules * oil.servo_pump_flow / inlet)
-    return speed
+    return min(speed, highest_flow(oil, modules) / inlet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +169,8 @@ def _demand(
                 fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
             lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
             if lifts and abs(v) > 0.25 * DEAD_BAND:
-                supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
                 needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
-                heaviest = max(heaviest, needed / supply)
+                heaviest = max(heaviest, needed / highest_supply(oil, modules))
         outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
         usage[k] = max(fastest, flow / shared_flow)
         pressure[k] = heaviest

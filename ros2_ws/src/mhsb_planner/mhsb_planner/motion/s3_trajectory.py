@@ -26,6 +26,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
+from mhsb_model.holding import HoldingError, holding_modes, modes_to_stop
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -51,7 +52,6 @@ from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
 from mhsb_planner.motion.s4_mode_schedule import (
     StartModes,
     SwitchingRules,
-    holding_modes,
     interval_modes,
     mode_schedule,
     schedule_of_intervals,
@@ -186,11 +186,13 @@ def fit_trajectory(
            the brake's end, and at `start` itself where there is none
 
     Raises ValueError where start, brake and path do not meet, FitError where no curve keeps every
-    limit, DeadlineError where none does in time.
+    limit or the modules are too few to hold the arm at its end, DeadlineError where none does in
+    time.
     """
     if brake is not None and brake.duration_ns == 0:
         brake = None
     _check_meeting(path, start, brake)
+    _check_holding(machine, path.posture[-1])
     limits, machine = machine.arrays, _admitting(machine, start.position)
     rules = rules or FitRules()
     refused: list[str] = []
@@ -275,6 +277,13 @@ def _check_meeting(path: DiscretePath, start: MotionState, brake: Trajectory | N
     first = start.position if brake is None else brake.position[-1]
     if not _same(path.posture[0], first):
         raise ValueError("the path must begin where the start comes to rest")
+
+
+def _check_holding(machine: Machine, posture: FloatArray) -> None:
+    try:
+        holding_modes(machine, machine.piston_forces(posture))
+    except HoldingError as error:
+        raise FitError((str(error),)) from None
 
 
 def _same(one: FloatArray, other: FloatArray) -> bool:
@@ -385,14 +394,16 @@ def _stretched(
         )
         time = trajectory.offset_ns / SECOND_NS
         preferred = _preferred(path, curve.node_time, time, first)
-        intervals = interval_modes(machine, time, profile, modes, preferred, rules.switching)
+        hold = modes_to_stop(machine, profile.force[-1], modes.modes)
+        intervals = interval_modes(
+            machine, time, profile, modes, hold, preferred, rules.switching
+        )
         after = profile[first:]
         quasi_static = (1 + _speed_excess(machine, after)) / (1 + rules.max_excess)
         used = max(largest_usage(machine, after, intervals[first:]), quasi_static)
         deadline.check(FITTING)
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
-            hold = holding_modes(machine, profile.force[-1])
             schedule = schedule_of_intervals(0, trajectory.offset_ns, intervals, hold)
             violation = first_violation(machine, trajectory, schedule, profile, deadline)
             if violation is None:

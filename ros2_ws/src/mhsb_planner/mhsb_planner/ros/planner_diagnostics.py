@@ -8,12 +8,16 @@ from std_msgs.msg import Header
 from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.names import PLANNER_NODE
-from mhsb_planner.online.departure import NO_PLAN, ArmView
+from mhsb_planner.online.arm_view import NO_PLAN, ArmView
+from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 
 
-def message(now_ns: int, view: ArmView, verdicts: int) -> DiagnosticArray:
+def message(
+    now_ns: int, wall: float, lifecycle: GoalLifecycle, verdicts: int
+) -> DiagnosticArray:
     """One status: whether the planner knows the arm's state, and what it has done so far."""
-    known = view.knows_state(now_ns)
+    view = lifecycle.view
+    known = view.knows_state(wall)
     status = DiagnosticStatus(
         level=bytes([Level.OK if known else Level.WARN]),
         name=f"{PLANNER_NODE}: planner",
@@ -22,6 +26,7 @@ def message(now_ns: int, view: ArmView, verdicts: int) -> DiagnosticArray:
         values=[
             KeyValue(key="verdicts_given", value=str(verdicts)),
             KeyValue(key="plan_in_force", value=_plan_in_force(view)),
+            KeyValue(key="lead_s", value=f"{lifecycle.lead.lead:.4f}"),
         ],
     )
     return DiagnosticArray(header=Header(stamp=stamps.to_time(now_ns)), status=[status])

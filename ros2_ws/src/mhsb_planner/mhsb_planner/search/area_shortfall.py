@@ -23,6 +23,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import MODE_COUNT
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
@@ -86,7 +87,7 @@ def price_shortfall(
     """
     n = len(start)
     middle = 0.5 * (start + end)
-    limit, cross = np.empty((n, 3, 2)), np.empty((n, n))
+    limit, cross = np.empty((n, MODE_COUNT, 2)), np.empty((n, n))
     flow_limits(m, middle, limit)
     cross_products(tip_columns(m, middle), cross)
     scale, flow = flow_scale(m), shared_flow(m)

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.search.s2_step import Circuit, Postures, circuit_of, describe
 
@@ -46,7 +47,7 @@ def least_cost(
     for j in range(len(start)):
         delta = goal[j] - start[j]
         d = 0 if delta > 0.0 else 1
-        duration = max(duration, abs(delta) * pace[j, 0, d])
+        duration = max(duration, abs(delta) * pace[j, Mode.N, d])
         volume += area[j, d] * abs(delta)
     duration = max(duration, volume / shared_flow)
     return volume_weight * (volume + leakage * duration) + time_weight * duration

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED, ON_RAIL
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import (
@@ -81,7 +81,6 @@ CONSTANTS = np.dtype(
             "anti_cavitation_gain",
             "relief_gain",
             "line_relief",  # Pa
-            "chamber_relief",  # Pa
             "servo_pump_flow",  # m³/s, the most one pump gives
             "servo_pump_lag",  # s
             "servo_pump_slew",  # m³/s²
@@ -107,6 +106,7 @@ ACTUATOR = np.dtype(
         ("spool", "f8"),
         ("spool_speed", "f8"),  # 1/s
         ("join", "f8"),
+        ("relief", "f8"),  # Pa, setting of the relief valves of its chambers
         ("force", "f8"),  # N, p_A A − p_B a
         ("friction", "f8"),  # N
         ("supply_flow", "f8"),  # m³/s, line to chambers
@@ -239,12 +239,14 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     home[home >= actuator_count] = -1
     pressure = np.full(nodes, arrays.supply_pressure)
     pressure[-1] = arrays.tank_pressure
+    actuators = np.zeros(actuator_count, ACTUATOR)
+    actuators["relief"] = machine.config.circuit.chamber_relief_pressure
     return Circuit(
         cylinders=_cylinders(machine),
         constants=_constants(machine, substep),
         module_home=home,
         pressure=pressure,
-        actuators=np.zeros(actuator_count, ACTUATOR),
+        actuators=actuators,
         modules=_modules(home),
         energy=np.zeros(1, ENERGY),
         volume=np.zeros(1, VOLUME),
@@ -269,9 +271,9 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
     for j in range(machine.joint_count):
         cap, rod = m.cap_area[j], m.rod_area[j]
         line = m.supply_pressure
-        if modes[j] != Mode.N:
+        if BOOSTED[modes[j]]:
             line = max(line, required_pressure(m, j, force[j], 0.0))
-        if modes[j] == Mode.SB:
+        if ON_RAIL[modes[j]]:
             pressure[-3] = max(pressure[-3], line)
         total = line + m.tank_pressure
         cap_pressure = (force[j] + rod * total) / (cap + rod)
@@ -281,7 +283,7 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
         pressure[3 * j + 1] = (cap_pressure * cap - force[j]) / rod
         pressure[3 * j + 2] = line
     circuit.actuators["force"] = force
-    circuit.actuators["join"] = np.asarray(modes) == Mode.SB
+    circuit.actuators["join"] = ON_RAIL[modes]
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -458,7 +460,7 @@ def advance(
             count = enter(net, count, JOIN, rail, line, flow, slope)
             for chamber in (a, b):
                 drop = pressure[chamber] - pressure[tank]
-                flow, slope = relief_valve(c.relief_gain, drop, c.chamber_relief)
+                flow, slope = relief_valve(c.relief_gain, drop, actuator.relief)
                 count = enter(net, count, RELIEF, chamber, tank, flow, slope)
                 flow, slope = relief_valve(c.anti_cavitation_gain, -drop, 0.0)
                 count = enter(net, count, ANTI_CAVITATION, tank, chamber, flow, slope)
@@ -552,7 +554,6 @@ def _constants(machine: Machine, substep: float) -> Records:
         "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE,
         "relief_gain": oil.relief_flow_gain,
         "line_relief": oil.line_relief_pressure,
-        "chamber_relief": oil.chamber_relief_pressure,
         "servo_pump_flow": arrays.servo_pump_flow + oil.servo_pump_flow_reserve,
         "servo_pump_lag": oil.servo_pump_lag,
         "servo_pump_slew": oil.servo_pump_slew,

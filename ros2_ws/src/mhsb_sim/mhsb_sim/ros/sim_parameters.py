@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -18,10 +19,27 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.faults import Fault
+from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 HEAVIEST_PAYLOAD = 1e4  # kg
 SLOWEST, FASTEST = 0.01, 50.0
 """Range of real_time_factor."""
+
+SUPERVISED = {
+    "following_error": ("of a joint, measured against reference [rad]", (1e-3, 10.0)),
+    "overpressure": ("of a chamber or line, share of its relief valve's setting", (0.1, 10.0)),
+    "supply_loss": ("of a line, share of the main pump's pressure that it lacks", (0.05, 2.0)),
+    "saturation": ("time with a valve fully open or a servo pump at full speed [s]", (0.01, 1e4)),
+}
+"""What supervision watches: meaning and range of the limits of each symptom."""
+
+CHECKED = (
+    "real_time_factor",
+    "publish_clock",
+    "fault",
+    *(f"{symptom}_{kind}" for symptom in SUPERVISED for kind in ("warning", "limit")),
+)
+"""Parameters that may not go together, or not be known."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +52,7 @@ class SimParameters:
     publish_clock     whether the simulator is the source of /clock
     payload           at the tip, kg
     fault             what fails
+    limits            of supervision
     """
 
     seed: int
@@ -42,6 +61,7 @@ class SimParameters:
     publish_clock: bool
     payload: float
     fault: Fault
+    limits: SupervisionLimits
 
 
 def declare_machine(node: Node) -> Machine:
@@ -91,38 +111,50 @@ def declare(node: Node, machine: Machine) -> SimParameters:
         Fault.NONE.value,
         ParameterDescriptor(description=f"injected fault, one of {', '.join(Fault)}"),
     )
-    reason = _unknown_fault(node.get_parameter("fault").value)
-    if reason is not None:
-        raise MhsbError(reason)
-    settings = read(node)
-    reason = _refusal(settings.real_time_factor, settings.publish_clock)
-    if reason is not None:
-        raise MhsbError(reason)
-    return settings
+    for symptom, (text, limits) in SUPERVISED.items():
+        warning, stop = getattr(SupervisionLimits(), symptom)
+        name, unit = f"{symptom}_warning", f"{text}: beyond it the arm"
+        node.declare_parameter(name, warning, _ranged(f"{unit} warns", *limits))
+        node.declare_parameter(f"{symptom}_limit", stop, _ranged(f"{unit} is stopped", *limits))
+    result = check(node, node.get_parameters(list(CHECKED)))
+    if not result.successful:
+        raise MhsbError(result.reason)
+    return read(node)
 
 
 def read(node: Node) -> SimParameters:
     """The parameters as they are now."""
-    values = {
-        name: node.get_parameter(name).value
-        for name in ("seed", "controller", "real_time_factor", "publish_clock", "payload")
-    }
-    return SimParameters(**values, fault=Fault(node.get_parameter("fault").value))
 
+    def value(name: str) -> Any:
+        return node.get_parameter(name).value
 
-def check(node: Node, machine: Machine, changes: Sequence[Parameter]) -> SetParametersResult:
-    """Whether a set of changes can be made, and the reason where not."""
-    factor = next(
-        (change.value for change in changes if change.name == "real_time_factor"),
-        node.get_parameter("real_time_factor").value,
+    return SimParameters(
+        value("seed"),
+        value("controller"),
+        value("real_time_factor"),
+        value("publish_clock"),
+        value("payload"),
+        Fault(value("fault")),
+        SupervisionLimits(
+            **{name: (value(f"{name}_warning"), value(f"{name}_limit")) for name in SUPERVISED}
+        ),
     )
-    reason = _refusal(factor, node.get_parameter("publish_clock").value)
-    faults = [change.value for change in changes if change.name == "fault"]
-    reason = reason or next(filter(None, map(_unknown_fault, faults)), None)
+
+
+def check(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
+    """Whether a set of changes can be made, and the reason where not."""
+    after = {name: node.get_parameter(name).value for name in CHECKED}
+    after |= {change.name: change.value for change in changes}
+    reasons = (
+        _not_the_systems_time(after["real_time_factor"], after["publish_clock"]),
+        _unknown_fault(after["fault"]),
+        *(_disordered(name, after) for name in SUPERVISED),
+    )
+    reason = next(filter(None, reasons), None)
     return SetParametersResult(successful=reason is None, reason=reason or "")
 
 
-def _refusal(factor: float, publish_clock: bool) -> str | None:
+def _not_the_systems_time(factor: float, publish_clock: bool) -> str | None:
     if factor != 1.0 and not publish_clock:
         return (
             f"real_time_factor {factor:g} needs publish_clock: true, and use_sim_time: true in "
@@ -135,6 +167,15 @@ def _unknown_fault(name: str) -> str | None:
     if name in list(Fault):
         return None
     return f"there is no fault {name!r}; valid are {', '.join(Fault)}"
+
+
+def _disordered(symptom: str, after: Mapping[str, float]) -> str | None:
+    warning, limit = after[f"{symptom}_warning"], after[f"{symptom}_limit"]
+    if warning <= limit:
+        return None
+    return (
+        f"{symptom}_warning {warning:g} is beyond {symptom}_limit {limit:g}; a warning comes first"
+    )
 
 
 def _ranged(text: str, lowest: float, highest: float) -> ParameterDescriptor:

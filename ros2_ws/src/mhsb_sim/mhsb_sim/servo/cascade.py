@@ -27,9 +27,10 @@ import math
 import numpy as np
 from numba import njit
 
+from mhsb_model.hydraulics import pressure_against
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import ON_RAIL
 from mhsb_model.schema import CascadeGains
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
@@ -187,29 +188,18 @@ def supply_need(
 ) -> float:
     """Supply pressure [Pa] that an actuator needs in boost: to hold its load and to move it.
 
-    Each by the law of `mhsb_model.hydraulics.required_pressure`, p_L + m(v) + margin; the greater
-    one, within P_S and the highest boost pressure. hold: force [N] that the closed valve would
+    Each p_L + m(v) + margin as in `mhsb_model.hydraulics`; the greater one, within P_S and the
+    highest boost pressure. hold: force [N] that the closed valve would
     have to carry; force [N] and speed [m/s] of the motion. What brakes a load on its way down
     counts in neither: the opening to the tank does that, no pump.
     """
-    g = gains[0]
+    c, g = constants[0], gains[0]
+    k, cap, rod = c.valve_coefficient, cylinder.cap_area, cylinder.rod_area
     need = max(
-        pressure_against(hold, 0.0, cylinder, constants),
-        pressure_against(force, speed, cylinder, constants),
+        pressure_against(k, cap, rod, c.tank_pressure, hold, 0.0),
+        pressure_against(k, cap, rod, c.tank_pressure, force, speed),
     )
-    return max(constants[0].supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
-
-
-@njit(cache=True, nogil=True)
-def pressure_against(force: float, speed: float, cylinder: Record, constants: Records) -> float:
-    """p_L + m(v) [Pa]: load pressure, and the valve's drop at `speed` [m/s]."""
-    c = constants[0]
-    cap, rod = cylinder.cap_area, cylinder.rod_area
-    extends = speed > 0.0 or (speed == 0.0 and force > 0.0)
-    inlet, outlet = (cap, rod) if extends else (rod, cap)
-    load = (force if extends else -force) + outlet * c.tank_pressure
-    valve = speed * speed * (cap**3 + rod**3) / (c.valve_coefficient * c.valve_coefficient)
-    return (load + valve) / inlet
+    return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 
 
 @njit(cache=True, nogil=True)
@@ -225,8 +215,8 @@ def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Recor
 
 @njit(cache=True, nogil=True)
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
-    """Whether actuator j draws on the rail: in SB, or served by a module of another line."""
-    draws = modes[j] == Mode.SB
+    """Whether actuator j draws on the rail: by its mode, or served by a module of another line."""
+    draws = ON_RAIL[modes[j]]
     for k in range(len(serves)):
         draws = draws or (serves[k] == j and module_home[k] != j)
     return draws

@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mhsb_model.hydraulics import load_pressure
+from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
@@ -212,11 +212,11 @@ def set_target(
     mode: int,
 ) -> None:
     """The line's pressure targets: what its motion needs in boost, else what is there."""
-    if mode == Mode.N:
+    if BOOSTED[mode]:
+        set_targets(axis, cylinder, constants, gains)
+    else:
         axis.supply_target = max(sensor.line_pressure, constants[0].supply_pressure)
         axis.target_ahead = axis.supply_target
-    else:
-        set_targets(axis, cylinder, constants, gains)
 
 
 @njit(cache=True, nogil=True)
@@ -303,8 +303,8 @@ def look_ahead(
             continue
         drop = sensors[j].line_pressure - c.tank_pressure
         leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
-        inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
-        axis.line_flow = inlet * abs(axis.demand) + leakage
+        cap, rod = cylinder.cap_area, cylinder.rod_area
+        axis.line_flow = inlet_area(cap, rod, axis.demand) * abs(axis.demand) + leakage
         before = 0.0
         for k in range(len(reference)):
             if k == 0:
@@ -314,7 +314,7 @@ def look_ahead(
             else:
                 way = reference[k, 0, j] - reference[AHEAD, 0, j]
                 speed = (axis.arm_ahead + axis.arm_slope_ahead * way) * reference[k, 1, j]
-            flow = leakage + abs(speed) * (cylinder.cap_area if speed > 0.0 else cylinder.rod_area)
+            flow = leakage + abs(speed) * inlet_area(cap, rod, speed)
             if k == 0:
                 volume[j, k] = 0.0
             else:

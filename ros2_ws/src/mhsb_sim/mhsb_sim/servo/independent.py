@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
+from mhsb_model.hydraulics import inlet_area
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
@@ -104,7 +105,7 @@ def control(
     rail_need = 0.0
     for j in range(len(axes)):
         axis, cylinder = axes[j], cylinders[j]
-        inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
+        inlet = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
         actuators[j].valve_command = min(max(axis.demand * inlet / nominal, -1.0), 1.0)
         set_targets(axis, cylinder, constants, gains)
         axis.joined = 1.0 if joins_rail(j, modes, module_home, serves) else 0.0

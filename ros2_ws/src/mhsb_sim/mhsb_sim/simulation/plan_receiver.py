@@ -1,18 +1,19 @@
 """Receiving plans: pair each trajectory with its mode schedule, and apply only what continues.
 
-The two halves of a plan come as separate messages with the same stamp. A complete pair is
-applied only if, at the simulator's own now, the new trajectory equals the present reference;
-anything else is refused or dropped with one sentence.
+The two halves of a plan come as separate messages with the same stamp, in any order. A complete
+pair is applied only if, at the arm's own now, the new trajectory equals the present reference;
+anything else is refused or dropped. Of every stamp one report is made, whatever else comes of it.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
 
+from mhsb_model.arm_reports import HandOverOutcome, HandOverReason, HandOverReport
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import modules_in_use, pattern_name
@@ -25,33 +26,15 @@ PAIR_TIMEOUT = 0.5
 """Wall-clock time [s] that half a pair waits for the other half."""
 
 LARGEST_LEAD = 0.5
-"""How far ahead of the simulator's clock [s] a plan may be stamped; it waits until then."""
+"""How far ahead of the arm's time [s] a plan may be stamped; it waits until then."""
 
 LIMIT_TOLERANCE = 1e-6
 """By which a trajectory may pass a joint limit [rad], for rounding."""
 
+REMEMBERED = 64
+"""Stamps whose report has been made, and of which nothing more is said."""
 
-class OutcomeKind(StrEnum):
-    """What became of a plan or of half a plan."""
-
-    APPLIED = "applied"
-    REFUSED = "refused"
-    DROPPED = "dropped"
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of the plan `stamp_ns`, in one sentence.
-
-    The jumps are max |new − old| of the reference at the instant of the hand-over, in rad and
-    rad/s; NaN where it did not come to comparing them.
-    """
-
-    kind: OutcomeKind
-    stamp_ns: int
-    sentence: str
-    position_jump: float = float("nan")
-    velocity_jump: float = float("nan")
+NEVER_NS = 2**63 - 1
 
 
 class PlanTarget(Protocol):
@@ -67,109 +50,210 @@ class PlanTarget(Protocol):
         """What is followed now."""
         ...
 
+    def reference_at(self, time_ns: int) -> MotionState | None:
+        """What was followed at an earlier time, None where that is forgotten."""
+        ...
+
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
         """Follow a plan from now on."""
         ...
 
 
-class PlanReceiver:
-    """Collects halves of plans and applies complete pairs that continue the reference."""
+@dataclass
+class Pair:
+    """A plan, or what has come of it so far; `received` is when its first half came, wall [s]."""
 
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything: after a reset or a backward clock."""
-        self._trajectory: Trajectory | None = None
-        self._schedule: ModeSchedule | None = None
-        self._received = 0.0
-        self._last_stamp_ns = -1
-
-    def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[Outcome]:
-        """Take in a trajectory received at the wall-clock time `wall` [s]."""
-        problem = trajectory_problem(self._machine, trajectory)
-        outcomes, fresh = self._take_in(trajectory.stamp_ns, problem, wall)
-        if fresh:
-            self._trajectory = trajectory
-        return outcomes
-
-    def add_schedule(self, schedule: ModeSchedule, wall: float) -> list[Outcome]:
-        """Take in a mode schedule received at the wall-clock time `wall` [s]."""
-        problem = schedule_problem(self._machine, schedule)
-        outcomes, fresh = self._take_in(schedule.stamp_ns, problem, wall)
-        if fresh:
-            self._schedule = schedule
-        return outcomes
-
-    def update(self, target: PlanTarget, wall: float) -> list[Outcome]:
-        """Hand over a complete pair whose time has come; drop half a pair that waited too long."""
-        stamp = self._pending_stamp_ns
-        if stamp is None:
-            return []
-        if self._trajectory is None or self._schedule is None:
-            if wall - self._received <= PAIR_TIMEOUT:
-                return []
-            missing = "trajectory" if self._trajectory is None else "mode schedule"
-            self._forget_pending()
-            return [_dropped(stamp, f"its {missing} did not come within {PAIR_TIMEOUT:g} s")]
-        lead = (stamp - target.time_ns) / SECOND_NS
-        if lead > LARGEST_LEAD:
-            self._forget_pending()
-            return [_refused(stamp, f"it is stamped {lead:.3f} s ahead of the clock")]
-        if lead > 0.0:
-            return []
-        outcome = self._hand_over(target, self._trajectory, self._schedule)
-        self._forget_pending()
-        return [outcome]
-
-    def _take_in(self, stamp: int, problem: str | None, wall: float) -> tuple[list[Outcome], bool]:
-        """Outcomes that a half with this stamp causes, and whether it is to be kept."""
-        pending = self._pending_stamp_ns
-        newest = max(self._last_stamp_ns, -1 if pending is None else pending - 1)
-        if stamp <= newest:
-            return [_refused(stamp, "its stamp is not newer than that of the plan before")], False
-        if problem is not None:
-            return [_refused(stamp, problem)], False
-        outcomes = []
-        if pending is not None and pending != stamp:
-            self._forget_pending()
-            outcomes.append(_dropped(pending, "a newer plan came before it could be applied"))
-        if self._pending_stamp_ns is None:
-            self._received = wall
-        return outcomes, True
+    stamp_ns: int
+    received: float
+    trajectory: Trajectory | None = None
+    schedule: ModeSchedule | None = None
 
     @property
-    def _pending_stamp_ns(self) -> int | None:
-        half = self._trajectory or self._schedule
-        return None if half is None else half.stamp_ns
+    def due_ns(self) -> int:
+        """When it can be handed over: its stamp where it is complete."""
+        complete = self.trajectory is not None and self.schedule is not None
+        return self.stamp_ns if complete else NEVER_NS
 
-    def _forget_pending(self) -> None:
-        self._trajectory = None
-        self._schedule = None
 
-    def _hand_over(
-        self, target: PlanTarget, trajectory: Trajectory, schedule: ModeSchedule
-    ) -> Outcome:
-        stamp = trajectory.stamp_ns
-        self._last_stamp_ns = stamp
-        old, new = target.reference, trajectory.sample(target.time_ns)
-        position_jump = float(np.max(np.abs(new.position - old.position)))
-        velocity_jump = float(np.max(np.abs(new.velocity - old.velocity)))
-        jumps = f"{position_jump:.3g} rad and {velocity_jump:.3g} rad/s"
-        if position_jump > LARGEST_JUMP or velocity_jump > LARGEST_JUMP:
-            late = (target.time_ns - stamp) / SECOND_NS
-            sentence = (
-                f"it came too late, {late:.3f} s after its stamp: it is {jumps} away from the "
-                f"reference, at most {LARGEST_JUMP:g} is allowed"
+class PlanReceiver:
+    """Collects halves of plans and hands complete pairs that continue the reference to a target.
+
+    due_ns  when `update` has a plan to hand over, in the target's time; looked at in every step
+    """
+
+    def __init__(self, machine: Machine, target: PlanTarget) -> None:
+        self._machine = machine
+        self._target = target
+        self._fault = ""
+        self.forget()
+
+    def forget(self) -> None:
+        """As if nothing had ever come: the target's time begins anew, from now."""
+        self._told: deque[int] = deque(maxlen=REMEMBERED)
+        self._last_stamp_ns = -1
+        self._stopped_ns = self._target.time_ns - 1
+        self._wait_for(None)
+
+    def void(self, event: str) -> list[HandOverReport]:
+        """Let no plan take effect that is stamped up to now, whether it has come or not.
+
+        event: what has happened, such as `the arm was stopped`.
+        """
+        self._stopped_ns = self._target.time_ns
+        return self._drop(HandOverReason.STOPPED, f"{event} before it could be applied")
+
+    def close(self, fault: str) -> list[HandOverReport]:
+        """Refuse what waits and all that comes, for this reason, until `open`."""
+        self._fault = fault
+        return self._drop(HandOverReason.FAULT, fault)
+
+    def open(self) -> None:
+        """Take plans again, if they are made from now on."""
+        self._fault = ""
+        self._stopped_ns = self._target.time_ns
+
+    def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
+        """Take in a trajectory received at the wall-clock time `wall` [s]."""
+        problem = trajectory_problem(self._machine, trajectory)
+        pair, reports = self._pair_for(trajectory.stamp_ns, problem, wall)
+        if pair is not None and pair.trajectory is None:
+            pair.trajectory = trajectory
+            self._wait_for(pair)
+        return reports
+
+    def add_schedule(self, schedule: ModeSchedule, wall: float) -> list[HandOverReport]:
+        """Take in a mode schedule received at the wall-clock time `wall` [s]."""
+        problem = schedule_problem(self._machine, schedule)
+        pair, reports = self._pair_for(schedule.stamp_ns, problem, wall)
+        if pair is not None and pair.schedule is None:
+            pair.schedule = schedule
+            self._wait_for(pair)
+        return reports
+
+    def add_unusable(self, stamp_ns: int, problem: str, wall: float) -> list[HandOverReport]:
+        """A half that cannot be read, for the reason `problem`."""
+        return self._pair_for(stamp_ns, problem, wall)[1]
+
+    def update(self, wall: float) -> list[HandOverReport]:
+        """Hand over a complete pair whose time has come; drop half a pair that waited too long."""
+        pair = self._pending
+        if pair is None:
+            return []
+        if self._target.time_ns >= self.due_ns:
+            self._wait_for(None)
+            return [self._hand_over(pair)]
+        if self.due_ns < NEVER_NS or wall - pair.received <= PAIR_TIMEOUT:
+            return []
+        missing = "trajectory" if pair.trajectory is None else "mode schedule"
+        reason = f"its {missing} did not come within {PAIR_TIMEOUT:g} s"
+        return self._drop(HandOverReason.INCOMPLETE, reason)
+
+    def _pair_for(
+        self, stamp: int, problem: str | None, wall: float
+    ) -> tuple[Pair | None, list[HandOverReport]]:
+        """The pair that a half belongs to, None where it is not to be kept; and what it causes."""
+        pending = self._pending
+        if stamp in self._told:
+            return None, []
+        if pending is not None and pending.stamp_ns == stamp:
+            if problem is None:
+                return pending, []
+            self._wait_for(None)
+            return None, [self._tell(stamp, HandOverReason.INVALID, problem)]
+        refusal = self._refusal(stamp, problem)
+        if refusal is not None:
+            return None, [self._tell(stamp, *refusal)]
+        dropped = self._drop(HandOverReason.NEWER, "a newer plan came before it could be applied")
+        return Pair(stamp, wall), dropped
+
+    def _refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
+        """Why the first half of a plan is not kept, or None."""
+        newest = max(self._last_stamp_ns, self._pending.stamp_ns if self._pending else -1)
+        ahead = (stamp - self._target.time_ns) / SECOND_NS
+        if self._fault:
+            return HandOverReason.FAULT, self._fault
+        if stamp <= self._stopped_ns:
+            return HandOverReason.STOPPED, (
+                "it was made before the arm was started, stopped or reset; plan anew"
             )
-            kind = OutcomeKind.REFUSED
+        if stamp <= newest:
+            return HandOverReason.STAMP, (
+                "its stamp is not newer than that of the plan before; stamps must increase"
+            )
+        if ahead > LARGEST_LEAD:
+            return HandOverReason.STAMP, (
+                f"it is stamped {ahead:.3f} s ahead of the arm's time, at most {LARGEST_LEAD:g} s "
+                "is allowed; go by the stamps of `reference`"
+            )
+        return None if problem is None else (HandOverReason.INVALID, problem)
+
+    def _wait_for(self, pair: Pair | None) -> None:
+        self._pending = pair
+        self.due_ns = NEVER_NS if pair is None else pair.due_ns
+
+    def _hand_over(self, pair: Pair) -> HandOverReport:
+        trajectory, schedule = pair.trajectory, pair.schedule
+        assert trajectory is not None
+        assert schedule is not None
+        jump = jump_between(self._target.reference, trajectory.sample(self._target.time_ns))
+        if max(jump) <= LARGEST_JUMP:
+            self._target.set_plan(trajectory, schedule)
+            self._last_stamp_ns = pair.stamp_ns
+            reason, text = HandOverReason.NONE, f"it continues the reference within {_text(jump)}"
         else:
-            target.set_plan(trajectory, schedule)
-            sentence = f"it continues the reference within {jumps}"
-            kind = OutcomeKind.APPLIED
-        text = f"plan {_seconds(stamp)} was {kind}: {sentence}"
-        return Outcome(kind, stamp, text, position_jump, velocity_jump)
+            reason, text = self._why_not(trajectory, jump)
+        return self._tell(pair.stamp_ns, reason, text, jump=jump)
+
+    def _why_not(
+        self, trajectory: Trajectory, jump: tuple[float, float]
+    ) -> tuple[HandOverReason, str]:
+        """Whether a trajectory was on the reference at its stamp, and came too late, or never."""
+        stamp = trajectory.stamp_ns
+        then = self._target.reference_at(stamp)
+        at_stamp = (0.0, 0.0) if then is None else jump_between(then, trajectory.sample(stamp))
+        allowed = f"at most {LARGEST_JUMP:g} is allowed"
+        if max(at_stamp) > LARGEST_JUMP:
+            return HandOverReason.JUMP, (
+                f"it does not continue the reference: at its stamp it is {_text(at_stamp)} away "
+                f"from it, {allowed}; plan from `reference`"
+            )
+        late = (self._target.time_ns - stamp) / SECOND_NS
+        return HandOverReason.LATE, (
+            f"it came too late, {late:.3f} s after its stamp: the reference has left the curve "
+            f"that both share and is {_text(jump)} away, {allowed}; plan further ahead"
+        )
+
+    def _drop(self, reason: HandOverReason, text: str) -> list[HandOverReport]:
+        """Forget the pair that waits, if there is one."""
+        pair = self._pending
+        if pair is None:
+            return []
+        self._wait_for(None)
+        return [self._tell(pair.stamp_ns, reason, text, outcome=HandOverOutcome.DROPPED)]
+
+    def _tell(
+        self,
+        stamp: int,
+        reason: HandOverReason,
+        text: str,
+        outcome: HandOverOutcome | None = None,
+        jump: tuple[float, float] = (np.nan, np.nan),
+    ) -> HandOverReport:
+        """The one report of a plan; outcome: by the reason applied or refused, unless given."""
+        self._told.append(stamp)
+        if outcome is None:
+            applied = reason is HandOverReason.NONE
+            outcome = HandOverOutcome.APPLIED if applied else HandOverOutcome.REFUSED
+        sentence = f"plan {stamp / SECOND_NS:.3f} s was {outcome}: {text}"
+        return HandOverReport(outcome, sentence, stamp, *jump, reason)
+
+
+def jump_between(old: MotionState, new: MotionState) -> tuple[float, float]:
+    """max |new − old| of positions [rad] and of velocities [rad/s]."""
+    return (
+        float(np.max(np.abs(new.position - old.position))),
+        float(np.max(np.abs(new.velocity - old.velocity))),
+    )
 
 
 def trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
@@ -198,7 +282,7 @@ def schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:
     if actuators != machine.joint_count:
         return f"its mode schedule has {actuators} actuators, the machine has {machine.joint_count}"
     modules = machine.config.hydraulics.modules
-    for pattern in schedule.modes:
+    for pattern in np.unique(schedule.modes, axis=0):
         needed = modules_in_use(pattern, modules.per_mode)
         if needed > modules.count:
             return (
@@ -208,13 +292,5 @@ def schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:
     return None
 
 
-def _refused(stamp: int, reason: str) -> Outcome:
-    return Outcome(OutcomeKind.REFUSED, stamp, f"plan {_seconds(stamp)} was refused: {reason}")
-
-
-def _dropped(stamp: int, reason: str) -> Outcome:
-    return Outcome(OutcomeKind.DROPPED, stamp, f"plan {_seconds(stamp)} was dropped: {reason}")
-
-
-def _seconds(stamp: int) -> str:
-    return f"{stamp / SECOND_NS:.3f} s"
+def _text(jump: tuple[float, float]) -> str:
+    return f"{jump[0]:.3g} rad and {jump[1]:.3g} rad/s"

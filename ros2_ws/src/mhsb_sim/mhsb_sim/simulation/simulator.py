@@ -6,6 +6,8 @@ the forces of the pressures that the circuit has reached.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,12 +16,12 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.braking import brake_along
-from mhsb_model.hydraulics import needs_boost
+from mhsb_model.holding import holding_modes, modes_to_stop
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_model.modes import ON_RAIL, Mode, assign_modules, modules_in_use, pattern_name, stronger
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.network import ENERGY, VOLUME, build_circuit, settle
@@ -36,6 +38,12 @@ LARGEST_VALUE = 1e12
 LARGEST_STATE = 1e6
 """Angles [rad] and rates [rad/s] beyond this count as no longer finite."""
 
+YIELD = 1e-3
+"""By which an end stop yields to what the arm weighs [rad]."""
+
+REMEMBERED = 4
+"""Trajectories, the present one included, of which it is known when they were followed."""
+
 
 @dataclass(frozen=True)
 class ActuatorStates:
@@ -47,9 +55,11 @@ class ActuatorStates:
     force: FloatArray  # N, p_A A − p_B a
     piston_speed: FloatArray  # m/s, positive in extension
     valve_opening: FloatArray  # −1 … 1, positive extends
+    valve_command: FloatArray  # likewise, what the servo asks for
     supply_flow: FloatArray  # m³/s, from the line into the cylinder
     servo_pump_flow: FloatArray  # m³/s, float64[modules]
     servo_pump_speed: FloatArray  # share of full speed, float64[modules]
+    servo_pump_command: FloatArray  # likewise, what the servo asks for
     rail_pressure: float  # Pa
     manifold_pressure: float  # Pa
 
@@ -59,8 +69,10 @@ class Simulator:
 
     seed decides the sensor noise; the same seed and the same calls give the same bits. posture
     [rad] and payload [kg] replace the machine file's; the servo goes by the machine file's
-    payload. Raises UnknownControllerError, and ModeError where the start cannot be held.
+    payload. Raises UnknownControllerError, and HoldingError where the start cannot be held.
     """
+
+    _control: Callable[[], None]
 
     def __init__(
         self,
@@ -85,20 +97,24 @@ class Simulator:
             self.set_payload(payload)
         self.reset(start_ns)
 
-    def reset(self, time_ns: int = 0) -> None:
-        """Back to rest in the start posture, with all counters at zero, at `time_ns`."""
+    def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
+        """To rest with all counters at zero at `time_ns`, in the start posture or another [rad].
+
+        Raises HoldingError where that cannot be held.
+        """
         loaded = self.machine.changed(payload=self._payload)
-        modes = holding_modes(loaded, self._start)
+        q = self._start if posture is None else self._within_limits(posture)
+        modes = holding_modes(loaded, loaded.piston_forces(q))
         self._time_ns = time_ns
         self._steps = 0
         self._circuit = build_circuit(
             self.machine, self.machine.config.simulation.step / self._substeps
         )
-        settle(self._circuit, loaded, self._start, modes)
+        settle(self._circuit, loaded, q, modes)
         self._healthy = self._circuit.constants.copy()
-        self._reset_mechanics()
+        self._reset_mechanics(q)
         self._reset_noise()
-        self._reset_servo(modes)
+        self._reset_servo(q, modes)
         signals = self._signals
         self._measure = bind(
             measure,
@@ -111,9 +127,9 @@ class Simulator:
         )
         self._advance_circuit = self._circuit.bound_advance(self._lengths, self._speeds)
 
-    def _reset_mechanics(self) -> None:
+    def _reset_mechanics(self, q: FloatArray) -> None:
         self._data = mujoco.MjData(self._model)
-        self._data.qpos[:] = self._start
+        self._data.qpos[:] = q
         linkage, data = self.machine.arrays.linkage, self._data
         n = self.machine.joint_count
         self._lengths, self._speeds, arms = np.empty(n), np.empty(n), np.empty(n)
@@ -142,7 +158,7 @@ class Simulator:
         self._noise_scale[:n] = servo.length_noise
         self._healthy_noise = self._noise_scale.copy()
 
-    def _reset_servo(self, modes: ModeArray) -> None:
+    def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
         n = self.machine.joint_count
         self._signals = ServoSignals(
             reference=np.zeros((REFERENCE_POINTS, 3, n)),
@@ -152,10 +168,10 @@ class Simulator:
             serves=np.full(len(self._circuit.modules), -1, dtype=np.int64),
             circuit=self._circuit,
         )
-        self._controller = self._make_controller(self.machine, self._signals)
+        self._open_valves()
         self._reference = Reference(self._signals.reference, self._controller.preview)
-        self._reference.hold(self._time_ns, self._start, modes)
-        self._update_reference()
+        self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=REMEMBERED)
+        self._hold(q, modes)
 
     @property
     def time_ns(self) -> int:
@@ -168,9 +184,21 @@ class Simulator:
         return self._step_ns
 
     @property
+    def payload(self) -> float:
+        """At the tip, kg."""
+        return self._payload
+
+    @property
     def reference(self) -> MotionState:
         """What the servo follows now."""
         return self._reference.state
+
+    def reference_at(self, time_ns: int) -> MotionState | None:
+        """What the servo followed at an earlier time; None where that is forgotten."""
+        for since_ns, trajectory in reversed(self._followed):
+            if time_ns >= since_ns:
+                return trajectory.sample(time_ns)
+        return None
 
     @property
     def joint_state(self) -> MotionState:
@@ -202,9 +230,12 @@ class Simulator:
             force=actuators["force"].copy(),
             piston_speed=self._speeds.copy(),
             valve_opening=actuators["spool"].copy(),
+            valve_command=actuators["valve_command"].copy(),
             supply_flow=actuators["supply_flow"].copy(),
             servo_pump_flow=flow,
             servo_pump_speed=flow / circuit.constants["servo_pump_flow"],
+            servo_pump_command=circuit.modules["flow_command"]
+            / circuit.constants["servo_pump_flow"],
             rail_pressure=circuit.rail_pressure,
             manifold_pressure=circuit.manifold_pressure,
         )
@@ -254,8 +285,9 @@ class Simulator:
         reference continues the present one is the plan receiver's question.
         """
         self._check_budget(schedule.modes)
-        self._reference.follow(trajectory, schedule, planned=True)
-        self._update_reference()
+        if self.valves_closed:
+            self._open_valves()
+        self._follow(trajectory, schedule, planned=True)
 
     def stop(self) -> None:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan."""
@@ -265,9 +297,40 @@ class Simulator:
         braking = brake_along(self.machine, self._reference.trajectory, now)
         rows = np.unique([0, braking.duration_ns])
         modes = [self._signals.modes.copy(), self._modes_to_hold(braking.position[-1])]
-        schedule = ModeSchedule(now, rows, np.array(modes[-len(rows) :]))
-        self._reference.follow(braking, schedule, planned=False)
-        self._update_reference()
+        self._follow(braking, ModeSchedule(now, rows, np.array(modes[-len(rows) :])))
+
+    def close_valves(self) -> None:
+        """Shut all valves and stop the servo pumps until the next plan, or a reset."""
+        actuators, modules = self._circuit.actuators, self._circuit.modules
+        actuators["valve_command"] = actuators["join_command"] = 0.0
+        modules["flow_command"] = modules["lend"] = 0.0
+        self._control = _leave_commands
+
+    @property
+    def valves_closed(self) -> bool:
+        """Whether all valves are shut, and the servo has no say."""
+        return self._control is _leave_commands
+
+    def vent(self, drop: float) -> bool:
+        """Let oil that closed valves have trapped down by `drop` [Pa]; whether none is trapped.
+
+        Trapped is what no holding needs: above the mean of supply and tank both chambers, where a
+        servo would find flows reversed; and any that presses a joint against its end stop. The
+        relief valves let it go; they are set back when the valves open.
+        """
+        arrays, actuators = self.machine.arrays, self._circuit.actuators
+        chambers = self._circuit.pressure[:-3].reshape(-1, 3)[:, :2] - arrays.tank_pressure
+        lower, higher = chambers.min(axis=1), chambers.max(axis=1)
+        trapped = lower > 0.5 * (arrays.supply_pressure - arrays.tank_pressure)
+        beyond = np.abs(self._data.qpos - self._within_limits(self._data.qpos))
+        trapped |= (beyond > YIELD) & (higher > drop)
+        actuators["relief"][trapped] = higher[trapped] - drop
+        return not trapped.any()
+
+    def hold_here(self) -> None:
+        """Hold the measured posture, within the joint limits, from now on: the reference steps."""
+        q = self._within_limits(self._data.qpos)
+        self._hold(q, self._modes_to_hold(q))
 
     def set_payload(self, mass: float) -> None:
         """Change the payload [kg] on the tip; the servo is not told."""
@@ -306,8 +369,30 @@ class Simulator:
             self._noise *= self._noise_scale
         if not self._measure(row):
             raise self._diverged()
-        self._controller.update()
+        self._control()
         self._advance_circuit(self._substeps)
+
+    def _open_valves(self) -> None:
+        """Let the servo act, a new one that remembers nothing."""
+        relief = self.machine.config.circuit.chamber_relief_pressure
+        self._circuit.actuators["relief"] = relief
+        self._controller = self._make_controller(self.machine, self._signals)
+        self._control = self._controller.update
+
+    def _within_limits(self, q: FloatArray) -> FloatArray:
+        return np.clip(q, self.machine.arrays.joint_min, self.machine.arrays.joint_max)
+
+    def _hold(self, q: FloatArray, modes: ModeArray) -> None:
+        now = self._time_ns
+        schedule = ModeSchedule(now, np.zeros(1, dtype=np.int64), np.atleast_2d(modes))
+        self._follow(standstill(q, now), schedule)
+
+    def _follow(
+        self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool = False
+    ) -> None:
+        self._followed.append((self._time_ns, trajectory))
+        self._reference.follow(trajectory, schedule, planned=planned)
+        self._update_reference()
 
     def _update_reference(self) -> None:
         if self._reference.update(self._time_ns):
@@ -321,20 +406,17 @@ class Simulator:
         """
         modules = self.machine.config.hydraulics.modules
         now, ahead = self._reference.modes, self._reference.modes_ahead
-        prepared = np.maximum(now, ahead)
-        if np.any((now == Mode.SB) & (ahead != Mode.SB)):
-            prepared[(now != Mode.SB) & (ahead == Mode.SB)] = Mode.DB
+        prepared = stronger(now, ahead)
+        if np.any(ON_RAIL[now] & ~ON_RAIL[ahead]):
+            prepared[~ON_RAIL[now] & ON_RAIL[ahead]] = Mode.DB
         if modules_in_use(prepared, modules.per_mode) > modules.count:
             prepared = self._reference.modes
         self._signals.modes[:] = prepared
         self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
-        """Modes that hold at q [rad]; those in force where there are too few modules for it."""
-        try:
-            return holding_modes(self.machine, q)
-        except ModeError:
-            return self._reference.modes
+        """Modes in which to come to rest at q [rad]."""
+        return modes_to_stop(self.machine, self.machine.piston_forces(q), self._reference.modes)
 
     def _check_budget(self, patterns: ModeArray) -> None:
         modules = self.machine.config.hydraulics.modules
@@ -367,26 +449,13 @@ class Simulator:
         return SimulationDivergedError(quantity, self._time_ns / SECOND_NS)
 
 
+def _leave_commands() -> None:
+    """What stands in for the servo while valves are closed."""
+
+
 def warm_up(machine: Machine, controller: str = "coordinated") -> None:
     """Compile everything that a simulation runs through."""
     Simulator(machine, controller).step()
-
-
-def holding_modes(machine: Machine, q: FloatArray) -> ModeArray:
-    """N where P_S holds the load at q [rad], DB elsewhere, uint8[n].
-
-    Raises ModeError where that takes more modules than there are.
-    """
-    force = machine.piston_forces(q)
-    boosted = [needs_boost(machine.arrays, j, force[j], 0.0) for j in range(machine.joint_count)]
-    modes = np.where(boosted, np.uint8(Mode.DB), np.uint8(Mode.N)).astype(np.uint8)
-    modules = machine.config.hydraulics.modules
-    if modules_in_use(modes, modules.per_mode) > modules.count:
-        raise ModeError(
-            f"to hold this posture takes {pattern_name(modes)}, "
-            f"{modules.count} booster modules are fitted"
-        )
-    return modes
 
 
 def energy_gap(energies: dict[str, float]) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
@@ -18,7 +19,7 @@ from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_sim.errors import HandOverError
-from mhsb_sim.simulation.plan_receiver import OutcomeKind, PlanReceiver
+from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.simulator import Simulator
 
 SAMPLE_NS = SECOND_NS // 100
@@ -108,7 +109,7 @@ class HeadlessRun:
         self.simulator = simulator
         self._replanner = replanner
         self._options = options
-        self._receiver = PlanReceiver(simulator.machine)
+        self._receiver = PlanReceiver(simulator.machine, simulator)
         self._rows: list[tuple[object, ...]] = []
         start = simulator.reference.position
         self._command = Command.hold(simulator.time_ns, start, simulator.modes)
@@ -144,16 +145,16 @@ class HeadlessRun:
     def _hand_over(self, command: Command) -> float:
         """Give a command to the simulator when its time has come; the jump of the reference."""
         simulator, receiver = self.simulator, self._receiver
-        outcomes = receiver.add_trajectory(command.trajectory, 0.0)
-        outcomes += receiver.add_schedule(command.schedule, 0.0)
+        reports = receiver.add_trajectory(command.trajectory, 0.0)
+        reports += receiver.add_schedule(command.schedule, 0.0)
         while simulator.time_ns < command.stamp_ns:
             simulator.step()
-        outcomes += receiver.update(simulator, 0.0)
-        for outcome in outcomes:
-            if outcome.kind is not OutcomeKind.APPLIED:
-                raise HandOverError(outcome.sentence)
+        reports += receiver.update(0.0)
+        for report in reports:
+            if report.outcome is not HandOverOutcome.APPLIED:
+                raise HandOverError(report.sentence)
         self._command = command
-        return outcomes[-1].position_jump
+        return reports[-1].position_jump
 
     def _sample(self) -> None:
         simulator, machine = self.simulator, self.machine

@@ -9,13 +9,11 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import ON_RAIL
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
 from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
 from mhsb_sim.records import Records
-
-SHARED = int(Mode.SB)
 
 
 def needed_pressure(
@@ -65,9 +63,9 @@ def _needed_pressure(
             held = required_pressure(m, j, force, 0.0)
             moved = required_pressure(m, j, force, speed)
             need[k, j] = max(m.supply_pressure, held, moved)
-            if modes[k, j] == SHARED:
+            if ON_RAIL[modes[k, j]]:
                 rail = max(rail, need[k, j])
         for j in range(n):
-            if modes[k, j] == SHARED:
+            if ON_RAIL[modes[k, j]]:
                 need[k, j] = rail
     return need

@@ -17,6 +17,7 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray
@@ -26,7 +27,7 @@ from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.s2_search import Weights
-from mhsb_sim.simulation.simulator import Simulator, holding_modes
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import replay
 
 BASELINE = "table"
@@ -96,7 +97,8 @@ class Comparer:
             plans[GROUND_TRUTH] = self._truth
         for kind, plan in plans.items():
             try:
-                modes = holding_modes(self._planner.machine, request.move.start)
+                machine = self._planner.machine
+                modes = holding_modes(machine, machine.piston_forces(request.move.start))
                 made = plan(request.move, StartModes.settled(modes))
                 records[kind] = self._simulated(request.move.start, made)
             except MhsbError as error:

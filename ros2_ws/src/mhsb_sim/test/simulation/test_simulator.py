@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, mode_patterns
@@ -15,7 +16,7 @@ from mhsb_model.types import FloatArray
 from mhsb_sim.errors import ModeError, SimulationDivergedError, UnknownControllerError
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.faults import Fault
-from mhsb_sim.simulation.simulator import Simulator, holding_modes, volume_gap
+from mhsb_sim.simulation.simulator import Simulator, volume_gap
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
@@ -304,7 +305,8 @@ def test_a_stop_comes_to_rest_along_the_path_and_holds(machine: Machine, motion:
     assert tip_errors(simulator, 1.0).max() < 0.5e-3
     halted = simulator.reference.position
     np.testing.assert_array_equal(simulator.reference.velocity, 0.0)
-    np.testing.assert_array_equal(simulator.modes, holding_modes(machine, halted))
+    held = holding_modes(machine, machine.piston_forces(halted))
+    np.testing.assert_array_equal(simulator.modes, held)
     nearest = np.abs(trajectory.position - halted).max(axis=1).min()
     assert nearest < np.abs(np.diff(trajectory.position, axis=0)).max()
     simulator.stop()
@@ -418,6 +420,62 @@ def test_end_stops_hold_a_reference_pushed_against_them(machine: Machine) -> Non
     simulator.advance(5.0)
     assert simulator.joint_state.position[1] < machine.arrays.joint_max[1] + 0.03
     assert np.all(np.isfinite(simulator.actuator_states.cap_pressure))
+
+
+def test_it_is_remembered_what_was_followed_before(machine: Machine, motion: Motion) -> None:
+    simulator = Simulator(machine, start_ns=SECOND_NS)
+    simulator.advance(0.1)
+    go(simulator, motion, LIFTED)
+    simulator.advance(0.5)
+    moving = simulator.reference
+    simulator.stop()
+    simulator.advance(1.0)
+    for time_ns, expected in ((11 * SECOND_NS // 10 - 1, 0.0), (16 * SECOND_NS // 10, moving)):
+        then = simulator.reference_at(time_ns)
+        assert then is not None
+        velocity = expected.velocity if isinstance(expected, MotionState) else expected
+        np.testing.assert_allclose(then.velocity, velocity, atol=1e-9)
+    assert simulator.reference_at(SECOND_NS - 1) is None
+
+
+def test_closed_valves_hold_until_the_next_plan(machine: Machine, motion: Motion) -> None:
+    simulator = Simulator(machine, posture=LIFTED)
+    simulator.advance(0.2)
+    simulator.close_valves()
+    simulator.advance(2.0)
+    assert simulator.valves_closed
+    assert np.abs(simulator.joint_state.velocity).max() < 1e-5
+    simulator.hold_here()
+    duration = go(simulator, motion, STRETCHED)
+    assert not simulator.valves_closed
+    assert tip_errors(simulator, duration)[100:].max() < 2e-3
+
+
+def test_oil_between_closed_valves_is_let_down_to_where_a_servo_can_begin(machine: Machine) -> None:
+    simulator = Simulator(machine)
+    simulator.close_valves()
+    simulator._circuit.pressure[6:8] += np.array([12e6, 12e6]) * [1.0, 1.0]
+    simulator.advance(0.5)
+    trapped = simulator.actuator_states
+    assert min(trapped.cap_pressure[2], trapped.rod_pressure[2]) > 8e6
+    for _ in range(1000):
+        if simulator.vent(4e4):
+            break
+        simulator.advance(0.01)
+    vented = simulator.actuator_states
+    assert min(vented.cap_pressure[2], vented.rod_pressure[2]) < 2.1e6
+    np.testing.assert_allclose(vented.force[:2], trapped.force[:2], atol=20.0)
+    assert simulator.vent(4e4)
+
+
+def test_a_reset_to_a_posture_rests_there_within_the_limits(machine: Machine) -> None:
+    simulator = Simulator(machine)
+    simulator.reset(7, machine.arrays.joint_max + 0.01)
+    np.testing.assert_array_equal(simulator.reference.position, machine.arrays.joint_max)
+    simulator.reset(9)
+    np.testing.assert_array_equal(
+        simulator.reference.position, machine.config.simulation.start_posture
+    )
 
 
 def test_states_are_copies(machine: Machine) -> None:

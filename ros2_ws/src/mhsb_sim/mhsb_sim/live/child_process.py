@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
 import threading
 from collections import deque
+from contextlib import nullcontext
+from pathlib import Path
 from types import TracebackType
 
 from mhsb_model.errors import MhsbError
@@ -25,9 +28,10 @@ class ChildEndedError(MhsbError):
 class ChildProcess:
     """One of the suite's executables as a child process, for the length of a `with` block."""
 
-    def __init__(self, module: str, *arguments: str) -> None:
-        """Start `python -m module`; its output is kept, not shown."""
+    def __init__(self, module: str, *arguments: str, log: Path | None = None) -> None:
+        """Start `python -m module`; the end of its output is kept, all of it in the file `log`."""
         self.name = module.rpartition(".")[2]
+        self._log = log
         self._process = subprocess.Popen(
             [sys.executable, "-u", "-m", module, *arguments],
             stdout=subprocess.PIPE,
@@ -55,13 +59,25 @@ class ChildProcess:
         """Wait until a line with `word` was printed; ChildEndedError where it is not, in time."""
         with self._said:
             found = self._said.wait_for(
-                lambda: any(word in line for line in self._lines)
-                or self._process.poll() is not None,
-                timeout,
+                lambda: self.said(word) or self._process.poll() is not None, timeout
             )
         self.check()
         if not found:
             raise ChildEndedError(f"{self.name} did not say '{word}' within {timeout:g} s")
+
+    def said(self, word: str) -> bool:
+        """Whether `word` is in one of the last lines that were printed."""
+        return any(word in line for line in list(self._lines))
+
+    @property
+    def exit_code(self) -> int | None:
+        """None as long as it runs."""
+        return self._process.poll()
+
+    def send(self, signal_number: int) -> None:
+        """Send a signal, if it still runs."""
+        if self.exit_code is None:
+            self._process.send_signal(signal_number)
 
     def check(self) -> None:
         """Raise ChildEndedError, with its last line, where the process has ended."""
@@ -71,21 +87,35 @@ class ChildProcess:
             last = self._lines[-1] if self._lines else "it printed nothing"
             raise ChildEndedError(f"{self.name} ended with exit code {code}: {last}")
 
-    def end(self) -> int:
-        """End the process by SIGINT, by force where that does not do; its exit code."""
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(END_TIMEOUT)
-        if self._process.poll() is None:
+    @property
+    def resident_bytes(self) -> int:
+        """Memory that it occupies; 0 when it has ended."""
+        try:
+            pages = Path(f"/proc/{self._process.pid}/statm").read_text(encoding="ascii").split()[1]
+        except (OSError, IndexError):
+            return 0
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+    def end(self, signal_number: int = signal.SIGINT) -> int:
+        """End the process by a signal, by force where that does not do; its exit code."""
+        self.send(signal_number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIMEOUT)
+        if self.exit_code is None:
             self._process.kill()
-        return self._process.wait()
+        code = self._process.wait()
+        self._reader.join(1.0)
+        return code
 
     def _read(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            with self._said:
-                self._lines.append(line.rstrip())
-                self._said.notify_all()
+        with self._log.open("w", encoding="utf-8") if self._log else nullcontext() as log:
+            for line in self._process.stdout:
+                if log is not None:
+                    log.write(line)
+                    log.flush()
+                with self._said:
+                    self._lines.append(line.rstrip())
+                    self._said.notify_all()
         with self._said:
             self._said.notify_all()

@@ -1,0 +1,165 @@
+"""What the simulator node publishes of its arm: states, changes, reports."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+
+from mhsb_model.arm_reports import HandOverReport, SimulatorReport
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, ModeArray
+from mhsb_msgs_py import (
+    actuator_states,
+    joint_state,
+    modes_in_force,
+    reference,
+    sim_status,
+    stamps,
+    topics,
+)
+from mhsb_msgs_py.actuator_states import ActuatorSample
+from mhsb_msgs_py.joint_state import JointSample
+from mhsb_msgs_py.reference import Reference
+from mhsb_sim.simulation.supervised_arm import SupervisedArm
+
+STATE_PERIOD_NS = SECOND_NS // 100
+MODES_PERIOD_NS = SECOND_NS // 10
+REPORT_PERIOD = 1.0
+"""Of the simulator's report, in simulated and in real time, whichever passes first [s]."""
+
+
+class ArmPublisher:
+    """Publishes at fixed rates of simulated time, and what changes at once."""
+
+    def __init__(self, node: Node, arm: SupervisedArm, with_clock: bool) -> None:
+        self._arm = arm
+        self._simulator = arm.simulator
+        self._with_clock = with_clock
+        self._publishers = {
+            topic.name: node.create_publisher(topic.message, topic.name, topic.qos)
+            for topic in (
+                topics.JOINT_STATES,
+                topics.REFERENCE,
+                topics.PLAN_IN_FORCE,
+                topics.MODES,
+                topics.ACTUATOR_STATES,
+                topics.DIAGNOSTICS,
+                *([topics.CLOCK] if with_clock else []),
+            )
+        }
+        self.restart()
+
+    @property
+    def own(self) -> list[Publisher]:
+        """Publishers on topics where nobody else should publish."""
+        return [self._publishers[topic.name] for topic in (topics.REFERENCE, topics.JOINT_STATES)]
+
+    def restart(self) -> None:
+        """Simulated time has begun anew: publish all from now on."""
+        now_ns = self._simulator.time_ns
+        self._next_state_ns = self._next_modes_ns = now_ns
+        self._in_force_ns: int | None = None
+        self._modes: ModeArray | None = None
+        self._last_report = (time.monotonic(), now_ns)
+
+    def publish_due(self) -> bool:
+        """After a step: what is due or has changed; whether states were due."""
+        now_ns = self._simulator.time_ns
+        due = now_ns >= self._next_state_ns
+        if due:
+            self._next_state_ns += STATE_PERIOD_NS
+            self._publish_states(now_ns)
+        if now_ns >= self._next_modes_ns:
+            self._next_modes_ns += MODES_PERIOD_NS
+            self._modes = None  # at this rate also where nothing changes
+        self.publish_changes()
+        return due
+
+    def publish_changes(self) -> None:
+        """The plan and the modes in force, when they change."""
+        in_force_ns = self._arm.plan_stamp_ns
+        if in_force_ns != self._in_force_ns:
+            self._in_force_ns = in_force_ns
+            self._publish(topics.PLAN_IN_FORCE, stamps.to_time(in_force_ns))
+        modes = self._simulator.modes
+        if self._modes is None or not np.array_equal(modes, self._modes):
+            self._modes = modes
+            self._publish(topics.MODES, modes_in_force.encode(modes))
+
+    def publish_hand_over(self, report: HandOverReport) -> None:
+        """What became of a plan."""
+        self._publish(topics.DIAGNOSTICS, sim_status.encode(report, self._simulator.time_ns))
+
+    def report_due(self) -> bool:
+        """Whether it is time for the simulator's report."""
+        wall, sim_ns = self._last_report
+        passed_ns = self._simulator.time_ns - sim_ns
+        return max(time.monotonic() - wall, passed_ns / SECOND_NS) >= REPORT_PERIOD
+
+    def publish_report(self, sentence: str, *, faulty: bool, warning: bool) -> None:
+        """How the simulator is."""
+        now_ns = self._simulator.time_ns
+        wall, sim_ns = self._last_report
+        self._last_report = (time.monotonic(), now_ns)
+        elapsed = max(1e-9, self._last_report[0] - wall)
+        energies = self._simulator.energies
+        report = SimulatorReport(
+            sentence,
+            faulty,
+            now_ns,
+            (now_ns - sim_ns) / SECOND_NS / elapsed,
+            energies["main_pump"],
+            energies["servo_pumps"],
+            warning,
+        )
+        self._publish(topics.DIAGNOSTICS, sim_status.encode(report, now_ns))
+
+    def _publish_states(self, now_ns: int) -> None:
+        simulator, machine = self._simulator, self._simulator.machine
+        if self._with_clock:
+            self._publish(topics.CLOCK, Clock(clock=stamps.to_time(now_ns)))
+        measured = simulator.joint_state
+        hydraulics = simulator.actuator_states
+        n = machine.joint_count
+        torque = hydraulics.force * machine.moment_arms(measured.position)
+        self._publish(
+            topics.JOINT_STATES,
+            joint_state.encode(
+                JointSample(now_ns, measured.position, measured.velocity, torque),
+                machine.joint_names,
+            ),
+        )
+        self._publish(
+            topics.REFERENCE,
+            reference.encode(Reference(now_ns, simulator.reference), machine.joint_names),
+        )
+        sample = ActuatorSample(
+            now_ns,
+            cap_pressure=hydraulics.cap_pressure,
+            rod_pressure=hydraulics.rod_pressure,
+            supply_pressure=hydraulics.supply_pressure,
+            force=hydraulics.force,
+            piston_speed=hydraulics.piston_speed,
+            supply_flow=hydraulics.supply_flow,
+            valve_opening=hydraulics.valve_opening,
+            servo_pump_flow=_of_actuators(hydraulics.servo_pump_flow, n),
+            servo_pump_speed=_of_actuators(hydraulics.servo_pump_speed, n),
+        )
+        self._publish(
+            topics.ACTUATOR_STATES, actuator_states.encode(sample, machine.actuator_names)
+        )
+
+    def _publish(self, topic: topics.Topic, message: Any) -> None:
+        self._publishers[topic.name].publish(message)
+
+
+def _of_actuators(of_modules: FloatArray, count: int) -> FloatArray:
+    """The modules that belong to actuators; 0 for an actuator without one."""
+    own = np.zeros(count)
+    own[: len(of_modules)] = of_modules[:count]
+    return own

@@ -1,0 +1,76 @@
+"""How the simulator is, in one sentence: its fault, or all that it warns of, or that it runs."""
+
+from __future__ import annotations
+
+import time
+
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_sim.ros.pacing import Pacer
+from mhsb_sim.simulation.supervised_arm import SupervisedArm
+
+LARGEST_OFFSET_NS = SECOND_NS // 2
+"""Between the system's time and simulated time where that is meant to be the same."""
+
+
+CLOSED = "running; the valves are closed until the next plan"
+
+
+class Health:
+    """Fault and warnings of an arm, its pace, its clock and its place on the ROS graph.
+
+    duplicates  what is there twice, see `mhsb_msgs_py.duplicates`
+    """
+
+    def __init__(self, arm: SupervisedArm, pacer: Pacer, own_clock: bool) -> None:
+        self._arm = arm
+        self._pacer = pacer
+        self._own_clock = own_clock
+        self.duplicates = ""
+        self._told = self._kind()
+
+    @property
+    def faulty(self) -> bool:
+        """Whether the arm is stopped and takes no plans."""
+        return bool(self._arm.fault)
+
+    @property
+    def warns(self) -> bool:
+        """Whether the sentence warns of something."""
+        return not self.faulty and any(self._warnings())
+
+    @property
+    def sentence(self) -> str:
+        """All of it for a person."""
+        well = CLOSED if self._arm.simulator.valves_closed else "running"
+        return self._arm.fault or "; ".join(filter(None, self._warnings())) or well
+
+    def changed(self) -> bool:
+        """Whether it is in another way than at the last call; numbers aside."""
+        before, self._told = self._told, self._kind()
+        return before != self._told
+
+    def _kind(self) -> tuple[object, ...]:
+        arm = self._arm
+        phase = arm.supervision.phase
+        return arm.halted, phase, arm.simulator.valves_closed, *map(bool, self._warnings())
+
+    def _warnings(self) -> tuple[str, str, str, str]:
+        return self._arm.warning, self._lag(), self._offset(), self.duplicates
+
+    def _lag(self) -> str:
+        if not self._pacer.lags:
+            return ""
+        return (
+            f"the simulation is {self._pacer.lag_ns / SECOND_NS:.2f} s behind its pace: this "
+            "machine was too busy for it, or it was frozen"
+        )
+
+    def _offset(self) -> str:
+        offset_ns = 0 if self._own_clock else time.time_ns() - self._arm.simulator.time_ns
+        if abs(offset_ns) <= LARGEST_OFFSET_NS:
+            return ""
+        side = "behind" if offset_ns > 0 else "ahead of"
+        return (
+            f"simulated time is {abs(offset_ns) / SECOND_NS:.1f} s {side} the system's clock; go "
+            "by the stamps of `reference`, or call ~/reset"
+        )

@@ -1,0 +1,182 @@
+"""Symptoms by which it shows that an arm does not do what its servo wants: one class each.
+
+A symptom is a number that is small while all is well; what it may amount to, for a warning and
+before the arm is stopped, is in `SupervisionLimits`. A further one is a class and a line in
+`SYMPTOMS` with its pair of limits.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.types import FloatArray
+from mhsb_sim.simulation.simulator import ActuatorStates, Simulator
+
+WATCH_PERIOD_NS = SECOND_NS // 100
+"""Simulated time from one look to the next."""
+
+LASTING = 5
+"""Looks that a pressure has to last for; shorter peaks and dips count for nothing."""
+
+FULL = 0.99
+"""Share from which on a command counts as all that there is."""
+
+
+@dataclass(frozen=True)
+class SupervisionLimits:
+    """What each symptom may amount to: beyond the first it warns, beyond the second it stops.
+
+    following_error  of a joint, measured against reference, rad
+    overpressure     of a chamber or line, share of its relief valve's setting
+    supply_loss      of a line, share of the main pump's pressure that it lacks
+    saturation       time for which a valve is fully open or a servo pump at full speed, s
+    """
+
+    following_error: tuple[float, float] = (0.03, 0.06)
+    overpressure: tuple[float, float] = (0.85, 0.97)
+    supply_loss: tuple[float, float] = (0.6, 0.8)
+    saturation: tuple[float, float] = (0.3, 1.0)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The arm at one look."""
+
+    reference: MotionState
+    measured: MotionState
+    actuators: ActuatorStates
+
+    @classmethod
+    def of(cls, simulator: Simulator) -> Sample:
+        """The arm as it is now."""
+        return cls(simulator.reference, simulator.joint_state, simulator.actuator_states)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """How large a symptom is, in the unit of its limits, and where, in words."""
+
+    value: float
+    text: str
+
+
+class Symptom(Protocol):
+    """Something that is looked at every `WATCH_PERIOD_NS`."""
+
+    name: str
+    unit: str
+
+    def __init__(self, machine: Machine) -> None:
+        """Begin anew: nothing has lasted yet."""
+        ...
+
+    def look(self, sample: Sample) -> Finding:
+        """Its size now."""
+        ...
+
+
+class FollowingError:
+    """max |q_ref − q| over the joints."""
+
+    name, unit = "following_error", "rad"
+
+    def __init__(self, machine: Machine) -> None:
+        self._names = machine.joint_names
+
+    def look(self, sample: Sample) -> Finding:
+        """The joint that is furthest off."""
+        off = np.abs(sample.reference.position - sample.measured.position)
+        j = int(np.argmax(off))
+        return Finding(float(off[j]), f"{self._names[j]} is {off[j]:.3f} rad off its reference")
+
+
+class Overpressure:
+    """max p/p_relief over chambers and lines, each the least of the last looks."""
+
+    name, unit = "overpressure", ""
+
+    def __init__(self, machine: Machine) -> None:
+        circuit, actuators = machine.config.circuit, machine.actuator_names
+        chamber, line = circuit.chamber_relief_pressure, circuit.line_relief_pressure
+        places = ("cap side", chamber), ("rod side", chamber), ("line", line)
+        self._names = [f"the {part} of {name}" for part, _ in places for name in actuators]
+        self._settings = np.repeat([setting for _, setting in places], len(actuators))
+        self._lasting = Lasting()
+
+    def look(self, sample: Sample) -> Finding:
+        """The chamber or line that is nearest to its relief valve's setting, or beyond."""
+        of = sample.actuators
+        pressure = np.concatenate([of.cap_pressure, of.rod_pressure, of.supply_pressure])
+        share = self._lasting.least(pressure / self._settings)
+        k = int(np.argmax(share))
+        return Finding(
+            float(share[k]),
+            f"{self._names[k]} is at {share[k] * self._settings[k] / 1e6:.1f} MPa, "
+            f"{share[k]:.2f} of its relief valve's setting",
+        )
+
+
+class SupplyLoss:
+    """max 1 − p_line/P_S over the lines, each the least of the last looks."""
+
+    name, unit = "supply_loss", ""
+
+    def __init__(self, machine: Machine) -> None:
+        self._names = machine.actuator_names
+        self._supply = machine.arrays.supply_pressure
+        self._lasting = Lasting()
+
+    def look(self, sample: Sample) -> Finding:
+        """The line that lacks most."""
+        lacking = self._lasting.least(1.0 - sample.actuators.supply_pressure / self._supply)
+        j = int(np.argmax(lacking))
+        return Finding(
+            float(lacking[j]),
+            f"the line of {self._names[j]} lacks {lacking[j]:.2f} of the main pump's pressure",
+        )
+
+
+class Saturation:
+    """Time for which a valve's or servo pump's command has been all that there is."""
+
+    name, unit = "saturation", "s"
+
+    def __init__(self, machine: Machine) -> None:
+        pumps = range(1, machine.arrays.module_count + 1)
+        self._names = [
+            *(f"the valve of {name} has been fully open" for name in machine.actuator_names),
+            *(f"servo pump {number} has been at full speed" for number in pumps),
+        ]
+        self._looks = np.zeros(len(self._names))
+
+    def look(self, sample: Sample) -> Finding:
+        """What has been saturated longest."""
+        of = sample.actuators
+        command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
+        self._looks = np.where(command >= FULL, self._looks + 1.0, 0.0)
+        k = int(np.argmax(self._looks))
+        time = float(self._looks[k]) * WATCH_PERIOD_NS / SECOND_NS
+        return Finding(time, f"{self._names[k]} for {time:.2f} s")
+
+
+class Lasting:
+    """What a quantity has been at least through the last looks."""
+
+    def __init__(self) -> None:
+        self._last: deque[FloatArray] = deque(maxlen=LASTING)
+
+    def least(self, now: FloatArray) -> FloatArray:
+        """The least of the last looks, this one included; 0 until there are enough of them."""
+        self._last.append(now)
+        if len(self._last) < LASTING:
+            return np.zeros_like(now)
+        return np.min(self._last, axis=0)
+
+
+SYMPTOMS: tuple[type[Symptom], ...] = (FollowingError, Overpressure, SupplyLoss, Saturation)
