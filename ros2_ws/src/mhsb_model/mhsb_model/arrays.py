@@ -19,7 +19,7 @@ class MachineArrays(NamedTuple):
     linkage: FloatArray  # [n, LINKAGE_WIDTH]
     cap_area: FloatArray  # [n] m²
     rod_area: FloatArray  # [n] m², annulus on the rod side
-    modules_per_mode: IntArray  # [3]
+    modules_per_mode: IntArray  # [modes], 0 where not boosted
     module_count: int
     payload: float  # kg
     gravity: float  # m/s²

@@ -147,18 +147,12 @@ def _nodes(machine: Machine) -> list[tuple[float, float]]:
 def _lightest_hold(machine: Machine, x: float, z: float) -> FloatArray | None:
     """Supply pressures [Pa] of all actuators in the posture whose greatest is the smallest."""
     psi = np.linspace(-np.pi, np.pi, PSI_SAMPLES, endpoint=False)
-    best = None
-    for q in inverse_kinematics_3r.postures(machine.arrays, x, z, psi):
-        force = machine.piston_forces(q)
-        needed = np.array(
-            [
-                hydraulics.required_pressure(machine.arrays, j, force[j], 0.0)
-                for j in range(machine.joint_count)
-            ]
-        )
-        if best is None or needed.max() < best.max():
-            best = needed
-    return best
+    postures = inverse_kinematics_3r.postures(machine.arrays, x, z, psi)
+    if len(postures) == 0:
+        return None
+    force = np.array([machine.piston_forces(q) for q in postures])
+    needed = hydraulics.required_pressures(machine.arrays, force, np.zeros(force.shape))
+    return np.array(needed[np.argmin(needed.max(axis=1))])
 
 
 def main() -> int:

@@ -35,6 +35,8 @@ YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, PALE = "#7f7f7f", "#d9d9d9"
 
 MODE_COLOR = {Mode.N: PALE, Mode.DB: SKY, Mode.SB: ORANGE}
+PATH_COLOR = {Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}
+"""Of bands and bars, and of lines and dots."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,

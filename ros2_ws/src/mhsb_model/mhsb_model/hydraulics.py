@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.types import FloatArray
 
 
 @njit(cache=True, nogil=True)
@@ -53,6 +55,25 @@ def valve_margin(k: float, cap: float, rod: float, speed: float) -> float:
     """
     inlet = cap if speed > 0.0 else rod
     return speed * speed * (cap**3 + rod**3) / (k * k * inlet)
+
+
+@njit(cache=True, nogil=True)
+def speed_of_drop(k: float, cap: float, rod: float, drop: float, direction: float) -> float:
+    """v = K √(Δp A_dir/(A³ + a³)) [m/s], the inverse of `valve_margin`; 0 where Δp ≤ 0 [Pa]."""
+    inlet = inlet_area(cap, rod, direction)
+    return k * math.sqrt(max(0.0, drop) * inlet / (cap**3 + rod**3))
+
+
+@njit(cache=True, nogil=True)
+def pressure_against(
+    k: float, cap: float, rod: float, tank: float, force: float, speed: float
+) -> float:
+    """p_L + m(v) [Pa]: load pressure, and the drop over the open valve at the speed v [m/s].
+
+    Speed 0 is judged as a hold against the load: extension where force > 0, retraction otherwise.
+    """
+    direction = speed if speed != 0.0 else force
+    return load_pressure(cap, rod, tank, force, direction) + valve_margin(k, cap, rod, speed)
 
 
 @njit(cache=True, nogil=True)
@@ -109,15 +130,25 @@ def oil_of(m: MachineArrays) -> Oil:
 
 
 @njit(cache=True, nogil=True)
-def pressure_to_move(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
-    """p_L + m(v) + margin [Pa]: supply pressure at which a cylinder moves its load.
+def highest_supply(oil: Oil, modules: int) -> float:
+    """Highest supply pressure of an actuator with so many booster modules; P_S with none [Pa]."""
+    return oil.max_boost_pressure if modules > 0 else oil.supply_pressure
 
-    cap, rod [m²], force [N], speed [m/s] of its piston; speed 0 is judged as a hold against the
-    load (extension where force > 0, retraction otherwise), with no drop over the valve.
+
+@njit(cache=True, nogil=True)
+def highest_flow(oil: Oil, modules: int) -> float:
+    """n Q_SP, what so many booster modules give an actuator; with none they set no limit [m³/s]."""
+    return modules * oil.servo_pump_flow if modules > 0 else math.inf
+
+
+@njit(cache=True, nogil=True)
+def pressure_to_move(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
+    """p_L + m(v) + margin [Pa]: supply pressure at which a cylinder moves, or holds, its load.
+
+    cap, rod [m²], force [N], speed [m/s] of its piston, as in `pressure_against`.
     """
-    direction = speed if speed != 0.0 else force
-    pressure = load_pressure(cap, rod, oil.tank_pressure, force, direction)
-    return pressure + valve_margin(oil.valve_coefficient, cap, rod, speed) + oil.boost_margin
+    k, tank = oil.valve_coefficient, oil.tank_pressure
+    return pressure_against(k, cap, rod, tank, force, speed) + oil.boost_margin
 
 
 @njit(cache=True, nogil=True)
@@ -138,3 +169,13 @@ def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> f
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
     """`lacks_pressure` of actuator j."""
     return lacks_pressure(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)
+
+
+@njit(cache=True, nogil=True)
+def required_pressures(m: MachineArrays, force: FloatArray, speed: FloatArray) -> FloatArray:
+    """`required_pressure` of all actuators, float64[k, n] Pa, for force and speed of that shape."""
+    pressure = np.empty(force.shape)
+    for i in range(force.shape[0]):
+        for j in range(force.shape[1]):
+            pressure[i, j] = required_pressure(m, j, force[i, j], speed[i, j])
+    return pressure

@@ -365,10 +365,11 @@ def _hydraulic_problems(config: MachineConfig) -> list[str]:
             f"hydraulics.tank_pressure: {oil.tank_pressure:g} Pa must be below the supply "
             f"pressure {oil.main_pump.pressure:g} Pa"
         )
-    if oil.modules.per_mode[0] != 0 or min(oil.modules.per_mode) < 0:
+    normal, *boosted = oil.modules.per_mode
+    if normal != 0 or min(boosted) < 1:
         problems.append(
             f"hydraulics.modules.per_mode: {oil.modules.per_mode} must be 0 for N "
-            "and not negative"
+            "and at least 1 for DB and SB, which are boosted"
         )
     leakage = len(config.joints) * oil.valve.leakage_flow
     if leakage >= oil.main_pump.max_flow:

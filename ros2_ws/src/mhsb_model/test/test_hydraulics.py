@@ -47,9 +47,15 @@ def test_a_load_beyond_the_supply_leaves_a_one_sided_range():
 @given(forces, st.floats(0.001, 0.05))
 def test_load_pressure_and_valve_margin_are_the_supply_that_just_reaches_a_speed(force, v):
     for speed, limit in ((v, hydraulics.extension_speed), (-v, hydraulics.retraction_speed)):
-        supply = hydraulics.load_pressure(CAP, ROD, TANK, force, speed)
-        supply += hydraulics.valve_margin(K, CAP, ROD, speed)
+        supply = hydraulics.pressure_against(K, CAP, ROD, TANK, force, speed)
         assert limit(K, CAP, ROD, supply, TANK, force) == pytest.approx(v, rel=1e-6)
+
+
+@given(st.floats(-0.05, 0.05).filter(bool))
+def test_the_speed_of_a_drop_is_that_at_which_the_valve_takes_it(speed):
+    drop = hydraulics.valve_margin(K, CAP, ROD, speed)
+    assert hydraulics.speed_of_drop(K, CAP, ROD, drop, speed) == pytest.approx(abs(speed))
+    assert hydraulics.speed_of_drop(K, CAP, ROD, -drop, speed) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -85,3 +91,12 @@ def test_required_pressure_adds_load_valve_and_margin(machine):
     )
     by_hand += arrays.boost_margin
     assert hydraulics.required_pressure(arrays, 0, force, speed) == pytest.approx(by_hand)
+
+
+def test_required_pressures_are_those_of_the_actuators_one_by_one(machine):
+    random = np.random.default_rng(2)
+    force, speed = random.uniform(-3e3, 3e3, (5, 3)), random.choice([0.0, 0.01, -0.01], (5, 3))
+    found = hydraulics.required_pressures(machine.arrays, force, speed)
+    for (i, j), pressure in np.ndenumerate(found):
+        alone = hydraulics.required_pressure(machine.arrays, j, force[i, j], speed[i, j])
+        assert pressure == alone

@@ -121,6 +121,7 @@ def test_zones_are_given_by_any_two_corners_and_replace_those_of_the_file(machin
         (["hydraulics", "tank_pressure"], 5e5, None),
         (["hydraulics", "main_pump", "pressure"], 1e5, r"tank_pressure: 100000 Pa must be below"),
         (["hydraulics", "modules", "per_mode"], [1, 1, 2], r"per_mode: .* must be 0 for N"),
+        (["hydraulics", "modules", "per_mode"], [0, 0, 2], r"per_mode: .* at least 1 for DB"),
         (["hydraulics", "valve", "leakage_flow"], 2e-5, r"all valves leak 6e-05 m³/s"),
         (["joints", 0, "link", "center_of_mass"], 0.5, r"beyond the link's length 0\.45 m"),
         (["joints", 0, "linkage", "kind"], "wheel", r"joints\.0\.linkage: input tag .wheel. found"),

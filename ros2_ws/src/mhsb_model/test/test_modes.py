@@ -3,7 +3,21 @@
 import numpy as np
 import pytest
 
-from mhsb_model.modes import Mode, assign_modules, mode_patterns, modules_in_use, pattern_name
+from mhsb_model.modes import (
+    BOOSTED,
+    MODE_COUNT,
+    ON_RAIL,
+    PROPERTIES,
+    RANK,
+    Mode,
+    any_boosted,
+    assign_modules,
+    mode_patterns,
+    modules_in_use,
+    pattern_name,
+    stronger,
+    strongest,
+)
 
 PER_MODE = (0, 1, 2)
 
@@ -44,3 +58,23 @@ def test_a_pattern_beyond_the_budget_is_refused_with_the_numbers():
 def test_fewer_modules_than_actuators_are_shared_as_far_as_they_go():
     assert assign_modules((0, 0, 1), 2, PER_MODE).tolist() == [2, -1]
     assert len(mode_patterns(3, 0, PER_MODE)) == 1
+
+
+def test_the_table_of_modes_has_one_row_for_each_and_its_columns_follow_the_codes():
+    assert list(PROPERTIES) == list(Mode) == list(range(MODE_COUNT))
+    for mode, row in PROPERTIES.items():
+        assert (BOOSTED[mode], ON_RAIL[mode], RANK[mode]) == row
+    assert sorted(RANK) == list(range(MODE_COUNT))  # no two modes are of one rank
+
+
+def test_the_stronger_pattern_has_the_stronger_mode_of_each_actuator():
+    one, other = np.array([0, 2, 1], np.uint8), np.array([1, 1, 1], np.uint8)
+    assert stronger(one, other).tolist() == stronger(other, one).tolist() == [1, 2, 1]
+    assert stronger(one, other).dtype == np.uint8
+
+
+def test_the_strongest_mode_and_boost_are_told_pattern_by_pattern():
+    patterns = np.array([[0, 0, 0], [0, 1, 0], [2, 1, 0]], np.uint8)
+    assert strongest(patterns).tolist() == [0, 1, 2]
+    assert any_boosted(patterns).tolist() == [False, True, True]
+    assert strongest(patterns[1]) == Mode.DB

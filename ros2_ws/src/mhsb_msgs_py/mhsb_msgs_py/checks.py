@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -15,8 +16,9 @@ def joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -> Int
     """Where each expected name stands among the given ones, int64[len(expected)]."""
     if list(given) == list(expected):
         return np.arange(len(expected))
-    duplicate = sorted({name for name in given if list(given).count(name) > 1})
-    unknown = [name for name in given if name not in expected]
+    times = Counter(given)
+    duplicate = sorted(name for name, count in times.items() if count > 1)
+    unknown = [name for name in times if name not in expected]
     missing = [name for name in expected if name not in given]
     for fault, faulty in (("given twice", duplicate), ("unknown", unknown), ("missing", missing)):
         if faulty:

@@ -5,9 +5,20 @@ from __future__ import annotations
 from mhsb_model.errors import MhsbError
 from mhsb_model.verdict import Verdict
 
+LONGEST_SENTENCE = 400
+
 
 class MessageError(MhsbError):
-    """A message breaks its contract; the text names the value, the limit and what to do."""
+    """A message breaks its contract; the text names the value, the limit and what to do.
+
+    What it repeats of a message may be anything: the text is cut off where it gets long, and shows
+    what cannot be printed, line breaks included, as a replacement character.
+    """
+
+    def __init__(self, sentence: str) -> None:
+        shown = "".join(each if each.isprintable() else "\ufffd" for each in sentence)
+        cut = shown if len(shown) <= LONGEST_SENTENCE else f"{shown[:LONGEST_SENTENCE]} …"
+        super().__init__(cut)
 
 
 class GoalError(MessageError):

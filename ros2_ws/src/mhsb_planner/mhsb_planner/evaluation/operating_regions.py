@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.hydraulics import required_pressure
+from mhsb_model.hydraulics import required_pressures
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray, IntArray
+from mhsb_model.modes import any_boosted
+from mhsb_model.types import IntArray
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
@@ -34,23 +35,15 @@ def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions
     A joint needs boost where p_L + m(V_max) + margin > P_S for a motion against its load at
     V_max (`mhsb_model.hydraulics.required_pressure`).
     """
-    normal = int(np.flatnonzero(~np.any(table.patterns, axis=1))[0])
+    normal = int(np.flatnonzero(~any_boosted(table.patterns))[0])
     reached = table.feasible
-    pressure = np.array([_pressures(machine, q) for q in table.posture[reached, normal]])
-    pressure = pressure.reshape(-1, machine.joint_count)
+    m, postures = machine.arrays, np.ascontiguousarray(table.posture[reached, normal])
+    force = np.array([machine.piston_forces(q) for q in postures])
+    force = force.reshape(-1, machine.joint_count)
+    pressure = required_pressures(m, force, np.copysign(m.max_piston_speed, force))
     return OperatingRegions(
         table.spacing,
         table.nodes[reached],
-        pressure > machine.arrays.supply_pressure,
-        np.any(pressure > machine.arrays.max_boost_pressure, axis=1),
-    )
-
-
-def _pressures(machine: Machine, q: FloatArray) -> FloatArray:
-    """Supply pressures [Pa] that move all joints against their loads at V_max."""
-    m = machine.arrays
-    force = machine.piston_forces(np.ascontiguousarray(q))
-    speed = np.copysign(m.max_piston_speed, force)
-    return np.array(
-        [required_pressure(m, j, force[j], speed[j]) for j in range(machine.joint_count)]
+        pressure > m.supply_pressure,
+        np.any(pressure > m.max_boost_pressure, axis=1),
     )

@@ -21,7 +21,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import Oil, inlet_area, load_pressure, oil_of, pressure_to_move
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED, ON_RAIL
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.motion_profile import motion_profile
@@ -29,9 +29,6 @@ from mhsb_planner.motion.s3_limits import DEAD_BAND
 
 QUADRATURE_SPACING_NS = 10_000_000
 """Longest interval of the midpoint rule."""
-
-
-NORMAL, SHARED = int(Mode.N), int(Mode.SB)
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,7 @@ def _power(
     for k in range(rows):
         rail = normal
         for j in range(n):
-            if modes[k, j] == SHARED:
+            if ON_RAIL[modes[k, j]]:
                 cap, rod = m.cap_area[j], m.rod_area[j]
                 rail = max(rail, boosted_supply(oil, cap, rod, force[k, j], speed[k, j]))
         for j in range(n):
@@ -127,11 +124,11 @@ def _power(
             v, f = speed[k, j], force[k, j]
             stroke = inlet_area(cap, rod, v) * abs(v)
             paper = supply = normal
-            if modes[k, j] != NORMAL:
+            if BOOSTED[modes[k, j]]:
                 direction = v if abs(v) > DEAD_BAND else f
                 paper = max(paper, load_pressure(cap, rod, tank, f, direction) / efficiency)
                 supply = rail
-                if modes[k, j] != SHARED:
+                if not ON_RAIL[modes[k, j]]:
                     supply = boosted_supply(oil, cap, rod, f, v)
             leakage = oil.leakage_flow * math.sqrt((supply - tank) / (normal - tank))
             shaft = (supply - normal) / efficiency * (stroke + leakage)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_model.hydraulics import required_pressures
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.motion_profile import MotionProfile
@@ -47,7 +48,7 @@ class Overload:
 def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tuple[Overload, ...]:
     """Overloads of a motion with this profile at `time` float64[k] s, one for each actuator."""
     highest = machine.arrays.max_boost_pressure
-    pressure = _holding_pressure(machine, profile.force)
+    pressure = required_pressures(machine.arrays, profile.force, np.zeros(profile.force.shape))
     resting = (pressure > highest) & (np.abs(profile.speed) <= DEAD_BAND)
     span = np.append(np.diff(time), 0.0)
     return tuple(
@@ -61,12 +62,3 @@ def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tup
         for j, name in enumerate(machine.actuator_names)
         if resting[:, j].any()
     )
-
-
-def _holding_pressure(machine: Machine, force: FloatArray) -> FloatArray:
-    """p_L + margin to hold the loads `force` [N] against their direction, float64[k, n] Pa."""
-    m = machine.arrays
-    extending = force > 0.0
-    inlet = np.where(extending, m.cap_area, m.rod_area)
-    outlet = np.where(extending, m.rod_area, m.cap_area)
-    return (np.abs(force) + outlet * m.tank_pressure) / inlet + m.boost_margin

@@ -17,18 +17,22 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
     Oil,
     extension_speed,
+    highest_flow,
+    highest_supply,
     inlet_area,
     load_pressure,
     oil_of,
     opposes_motion,
     pressure_to_move,
     retraction_speed,
+    speed_of_drop,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_model.workspace import excess_of
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_clearance import first_contact
 
@@ -42,6 +46,8 @@ CHECK_SPACING = 1e-3
 
 ROWS_AT_ONCE = 32
 """Intervals of a trajectory that are looked at closely before the result is looked at."""
+
+CHECKING = "checking the trajectory"
 
 # Reserve at both ends of an interval of the trajectory that makes its inside safe: over 20 ms,
 # curvature moves a joint by q̈ h²/8 = 0.05 mrad per rad/s².
@@ -103,19 +109,16 @@ def speed_limit(
     inlet = inlet_area(cap, rod, direction)
     k = oil.valve_coefficient
     if opposes_motion(force, direction):
-        supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
-        drive = supply - oil.boost_margin
+        drive = highest_supply(oil, modules) - oil.boost_margin
         drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
-        speed = k * math.sqrt(max(0.0, drive) * inlet / (cap**3 + rod**3))
+        speed = speed_of_drop(k, cap, rod, drive, direction)
     else:
         if direction > 0.0:
             speed = extension_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
         else:
             speed = retraction_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
         speed = min(speed, k * math.sqrt(oil.supply_pressure) / inlet)
-    if modules > 0:
-        speed = min(speed, modules * oil.servo_pump_flow / inlet)
-    return speed
+    return min(speed, highest_flow(oil, modules) / inlet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +169,8 @@ def _demand(
                 fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
             lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
             if lifts and abs(v) > 0.25 * DEAD_BAND:
-                supply = oil.max_boost_pressure if modules > 0 else oil.supply_pressure
                 needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
-                heaviest = max(heaviest, needed / supply)
+                heaviest = max(heaviest, needed / highest_supply(oil, modules))
         outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
         usage[k] = max(fastest, flow / shared_flow)
         pressure[k] = heaviest
@@ -191,12 +193,14 @@ def first_violation(
     trajectory: Trajectory,
     schedule: ModeSchedule,
     profile: MotionProfile | None = None,
+    deadline: Deadline = NEVER,
 ) -> Violation | None:
     """The first limit that a trajectory breaks under its mode schedule, or None.
 
     Looks at every millisecond, except inside intervals that are shown to be clear of all limits
     without; obstacles are those of `s3_clearance`. Mode changes are expected at the trajectory's
-    points, as S4 makes them; `profile` is that of the points, where it is known.
+    points, as S4 makes them; `profile` is that of the points, where it is known. Raises
+    DeadlineError.
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
     modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
@@ -205,9 +209,11 @@ def first_violation(
     if profile is None:
         profile = motion_profile(machine, trajectory.position, trajectory.velocity)
     doubtful = np.flatnonzero(_doubtful(machine, trajectory, profile, modes)[:within])
+    deadline.check(CHECKING)
     for first in range(0, len(doubtful), ROWS_AT_ONCE):
         rows = doubtful[first : first + ROWS_AT_ONCE]
         found = _first_within(machine, trajectory, modes, rows)
+        deadline.check(CHECKING)
         if found is not None:
             return found
     if within < len(modes):

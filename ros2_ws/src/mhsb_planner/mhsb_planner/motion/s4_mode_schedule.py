@@ -15,17 +15,18 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.holding import modes_to_stop
 from mhsb_model.hydraulics import (
+    highest_flow,
     inlet_area,
     lacks_pressure,
-    needs_boost,
     oil_of,
     opposes_motion,
     pressure_to_move,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
@@ -106,15 +107,15 @@ def mode_schedule(
                where the module budget allows, even if one servo pump's flow would do
 
     Where all flows cannot be had within the budget, SB gives way to DB: compare the result with
-    `s3_limits.first_violation`. A load above P_S holds in DB, one below in N.
+    `s3_limits.first_violation`.
     """
     profile = motion_profile(
         machine, trajectory.position, trajectory.velocity, trajectory.acceleration
     )
+    hold = modes_to_stop(machine, profile.force[-1], start.modes)
     modes = interval_modes(
-        machine, trajectory.offset_ns / SECOND_NS, profile, start, preferred, rules
+        machine, trajectory.offset_ns / SECOND_NS, profile, start, hold, preferred, rules
     )
-    hold = holding_modes(machine, profile.force[-1])
     return schedule_of_intervals(trajectory.stamp_ns, trajectory.offset_ns, modes, hold)
 
 
@@ -123,10 +124,14 @@ def interval_modes(
     time: FloatArray,
     profile: MotionProfile,
     start: StartModes,
+    hold: ModeArray,
     preferred: ModeArray | None = None,
     rules: SwitchingRules | None = None,
 ) -> ModeArray:
-    """Modes between the instants `time` float64[k] s of a profile, uint8[k - 1, n]."""
+    """Modes between the instants `time` float64[k] s of a profile, uint8[k - 1, n].
+
+    hold  uint8[n], modes in which the arm then rests
+    """
     rules = rules or SwitchingRules()
     if preferred is None:
         preferred = np.full(profile.speed.shape, Mode.N)
@@ -141,18 +146,11 @@ def interval_modes(
         np.array(preferred, dtype=np.uint8),
         start.modes,
         start.age,
+        hold,
         rules.lead,
         rules.min_dwell,
         rules.max_hold,
     )
-
-
-def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
-    """Modes that hold the loads `force` float64[n] N at rest: N where P_S does, otherwise DB.
-
-    Where modules run out, the closed valves of the last actuators have to do.
-    """
-    return _holding_modes(machine.arrays, np.asarray(force, dtype=np.float64))
 
 
 def schedule_of_intervals(
@@ -166,17 +164,6 @@ def schedule_of_intervals(
 
 
 @njit(cache=True, nogil=True)
-def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
-    modes = np.zeros(len(force), dtype=np.uint8)
-    free = m.module_count
-    for j in range(len(force)):
-        if needs_boost(m, j, force[j], 0.0) and free >= m.modules_per_mode[DB]:
-            modes[j] = DB
-            free -= m.modules_per_mode[DB]
-    return modes
-
-
-@njit(cache=True, nogil=True)
 def _interval_modes(
     m: MachineArrays,
     time: FloatArray,
@@ -186,16 +173,16 @@ def _interval_modes(
     preferred: ModeArray,
     start: ModeArray,
     age: FloatArray,
+    hold: ModeArray,
     lead: float,
     dwell: float,
-    hold: float,
+    longest_hold: float,
 ) -> ModeArray:
     """Kernel of `interval_modes`; the tests check its result against the rules, one by one."""
     intervals, n = len(speed) - 1, speed.shape[1]
     modes = np.zeros((intervals, n), dtype=np.uint8)
     needed = np.zeros((intervals, n), dtype=np.bool_)
     demand = np.zeros((intervals, n))
-    holding = _holding_modes(m, force[-1])
     on = np.empty(intervals, dtype=np.bool_)
     shared = np.empty(intervals, dtype=np.bool_)
     for j in range(n):
@@ -203,24 +190,24 @@ def _interval_modes(
         for i in range(intervals):
             on[i] = need[i] or need[i + 1]
             demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
-        _drop_short_holds(time, on, lifts, hold, holding[j] != N)
+        _drop_short_holds(time, on, lifts, longest_hold, BOOSTED[hold[j]])
         needed[:, j] = on
         lacks = _lacks_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
         for i in range(intervals):
             kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
-            on[i] = on[i] or (kept and start[j] != N)
-        before = _ON if start[j] != N else _OFF
-        after = _ON if holding[j] != N else _OFF
+            on[i] = on[i] or (kept and BOOSTED[start[j]])
+        before = _ON if BOOSTED[start[j]] else _OFF
+        after = _ON if BOOSTED[hold[j]] else _OFF
         _settle(time, on, 0, intervals, lead, dwell, before, after)
 
-        one_pump = m.modules_per_mode[DB] * m.servo_pump_flow
+        one_pump = highest_flow(oil_of(m), m.modules_per_mode[DB])
         for i in range(intervals):
             kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
             wanted = demand[i, j] > one_pump or preferred[i, j] == SB
             shared[i] = on[i] and (wanted or (kept and start[j] == SB))
-        _settle_shared(time, on, shared, lead, dwell, start[j], holding[j])
+        _settle_shared(time, on, shared, lead, dwell, start[j], hold[j])
         for i in range(intervals):
             modes[i, j] = SB if shared[i] else (DB if on[i] else N)
     _keep_budget(m, modes, demand, needed)
@@ -337,7 +324,7 @@ def _settle_shared(
     lead: float,
     dwell: float,
     start: int,
-    holding: int,
+    hold: int,
 ) -> None:
     """Settle the SB parts of every boosted run, so that its DB parts are long enough too."""
     first = 0
@@ -345,10 +332,10 @@ def _settle_shared(
         end = _run_end(on, first, len(on))
         if on[first] and shared[first:end].any():
             before = after = _EDGE
-            if first == 0 and start != N:
+            if first == 0 and BOOSTED[start]:
                 before = _ON if start == SB else _OFF
-            if end == len(on) and holding == DB:
-                after = _OFF
+            if end == len(on) and BOOSTED[hold]:
+                after = _ON if hold == SB else _OFF
             _settle(time, shared, first, end, lead, dwell, before, after)
         first = end
 

@@ -1,6 +1,6 @@
 """Plan hand-over: the message of a new plan begins with what is left of the old one.
 
-The stamp is the planner's now, the new part begins one planning budget later. Until then the
+The stamp is the planner's now, the new part begins one lead later. Until then the
 message repeats the old curve, so that the receiver can take it over at any moment in between.
 """
 
@@ -27,21 +27,21 @@ class ChangeOver:
     change_ns: int
 
 
-def change_over(in_force: Command, now_ns: int, budget_ns: int) -> ChangeOver:
+def change_over(in_force: Command, now_ns: int, lead_ns: int) -> ChangeOver:
     """Times of a hand-over that begins now, or a few milliseconds later.
 
     Later where an old point would lie within CLOSEST_POINTS_NS after the stamp (the stamp then is
     that point's time) or before the change, and where the stamp would not increase.
     """
-    if budget_ns < CLOSEST_POINTS_NS:
-        raise ValueError(f"a budget of {budget_ns} ns is too short for a hand-over")
+    if lead_ns < CLOSEST_POINTS_NS:
+        raise ValueError(f"a lead of {lead_ns} ns is too short for a hand-over")
     old = in_force.trajectory
     points = old.stamp_ns + old.offset_ns
     stamp = max(now_ns, old.stamp_ns + CLOSEST_POINTS_NS)
     while True:
-        wait = _wait(points, stamp, budget_ns)
+        wait = _wait(points, stamp, lead_ns)
         if wait == 0:
-            return ChangeOver(stamp, stamp + budget_ns)
+            return ChangeOver(stamp, stamp + lead_ns)
         stamp += wait
 
 
@@ -65,12 +65,12 @@ def hand_over(in_force: Command, times: ChangeOver, new: Command) -> Command:
     return Command(trajectory, _joined_schedule(in_force.schedule, times, new.schedule))
 
 
-def _wait(points: IntArray, stamp_ns: int, budget_ns: int) -> int:
+def _wait(points: IntArray, stamp_ns: int, lead_ns: int) -> int:
     """How much later the stamp should be, ns; 0 where it is well apart from all old points."""
     after = points[np.searchsorted(points, stamp_ns, "left") :]
     if len(after) > 0 and 0 < after[0] - stamp_ns < CLOSEST_POINTS_NS:
         return int(after[0] - stamp_ns)
-    change_ns = stamp_ns + budget_ns
+    change_ns = stamp_ns + lead_ns
     before = points[: np.searchsorted(points, change_ns, "left")]
     if len(before) > 0 and change_ns - before[-1] < CLOSEST_POINTS_NS:
         return int(CLOSEST_POINTS_NS - (change_ns - before[-1]))

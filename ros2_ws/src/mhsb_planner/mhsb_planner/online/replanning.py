@@ -1,14 +1,14 @@
 """Planning online: from the command in force to the command that takes over.
 
-A new command repeats the old one until the planning budget is over, and leaves it there with its
-position, velocity and acceleration. A motion that has to be left is first braked along its path.
+A new command repeats the old one until its lead is over, and leaves it there with its position,
+velocity and acceleration. A motion that has to be left is first braked along its path.
 """
 
 from __future__ import annotations
 
 import contextlib
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
@@ -35,19 +36,33 @@ class Replan:
     """A command that takes over from another one.
 
     command    what to publish
+    departure  the other one
     plan       where it comes from
     change_ns  absolute time at which it leaves the old command
+    from_rest  whether the old command stands still: the new one may as well begin later
+    improving  time spent on more than its first feasible motion [s]
     """
 
     command: Command
+    departure: Command
     plan: Plan
     change_ns: int
+    from_rest: bool = False
+    improving: float = 0.0
+
+    def stamped(self, now_ns: int, lead: float) -> Replan:
+        """The same plan, begun `lead` s after now; only from rest."""
+        if not self.from_rest:
+            raise ValueError("a plan that leaves a moving command cannot begin at another time")
+        times = change_over(self.departure, now_ns, round(lead * SECOND_NS))
+        command = hand_over(self.departure, times, _new_part(self.plan))
+        return replace(self, command=command, change_ns=times.change_ns)
 
 
 class Replanner:
     """Makes commands that continue other commands.
 
-    budget [s] is the time from a command's stamp to where it leaves the one before.
+    lead [s] is the time from a command's stamp to where it leaves the one before.
     """
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
@@ -67,14 +82,15 @@ class Replanner:
         in_force: Command,
         now_ns: int,
         goal: tuple[float, float],
-        budget: float,
+        lead: float,
         options: PlanOptions,
+        deadline: Deadline = NEVER,
     ) -> Replan | None:
         """Command to the goal (x, z) m, or None where the arm is at rest there already.
 
         Raises what `Planner.plan` raises.
         """
-        times = change_over(in_force, now_ns, round(budget * SECOND_NS))
+        times = change_over(in_force, now_ns, round(lead * SECOND_NS))
         start = in_force.trajectory.sample(times.change_ns)
         moving = bool(start.velocity.any() or start.acceleration.any())
         if not moving and self._at_goal(start.position, goal, options.goal_psi):
@@ -85,16 +101,19 @@ class Replanner:
             StartModes.during(in_force.schedule, times.change_ns),
             self._brake(in_force, times) if moving else None,
             options,
+            deadline,
         )
-        new = Command(plan.motion.trajectory, plan.motion.schedule)
-        return Replan(hand_over(in_force, times, new), plan, times.change_ns)
+        command = hand_over(in_force, times, _new_part(plan))
+        from_rest = in_force.trajectory.end_ns <= times.stamp_ns
+        return Replan(command, in_force, plan, times.change_ns, from_rest)
 
-    def stop(self, in_force: Command, now_ns: int, budget: float) -> Command:
-        """Command that brakes along the path of the one in force and holds."""
-        times = change_over(in_force, now_ns, round(budget * SECOND_NS))
+    def stop(self, in_force: Command, now_ns: int, lead: float) -> tuple[Command, int]:
+        """Command that brakes along the path of the one in force and holds, and its change [ns]."""
+        times = change_over(in_force, now_ns, round(lead * SECOND_NS))
         modes = StartModes.during(in_force.schedule, times.change_ns)
         motion = fit_braking(self._planner.machine, self._brake(in_force, times), modes)
-        return hand_over(in_force, times, Command(motion.trajectory, motion.schedule))
+        new = Command(motion.trajectory, motion.schedule)
+        return hand_over(in_force, times, new), times.change_ns
 
     def _brake(self, in_force: Command, times: ChangeOver) -> Trajectory:
         return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
@@ -126,3 +145,7 @@ class Replanner:
                 replan = self.replan(command, now_ns, (goal[0], goal[1]), 0.1, kind)
                 command = replan.command if replan is not None else command
         return command
+
+
+def _new_part(plan: Plan) -> Command:
+    return Command(plan.motion.trajectory, plan.motion.schedule)

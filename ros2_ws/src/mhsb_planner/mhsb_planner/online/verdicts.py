@@ -1,10 +1,11 @@
-"""From what planning gives back, a plan or an error, to what the verdict on a goal says."""
+"""From what planning gives back, a plan or an error, to what is told of a goal."""
 
 from __future__ import annotations
 
 from mhsb_model.errors import MhsbError, OutOfWorkspaceError
+from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.verdict import PlanSummary, Verdict
+from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import (
     DeadlineError,
     ExpansionLimitError,
@@ -36,15 +37,11 @@ def code_of(error: MhsbError) -> Verdict:
     return next((code for kind, code in CODES if isinstance(error, kind)), Verdict.INTERNAL)
 
 
-def summary_of(replan: Replan, plan_ms: float) -> PlanSummary:
-    """What the verdict says of a plan; `plan_ms` is from goal received to plan published."""
+def announcement(replan: Replan, goal: Goal) -> str:
+    """What is told of an accepted goal."""
     plan = replan.plan
-    return PlanSummary(
-        plan_stamp_ns=replan.command.stamp_ns,
-        energy_j=plan.energy.paper,
-        energy_series_j=plan.energy.series,
-        duration_s=plan.motion.trajectory.duration_ns / SECOND_NS,
-        switches=plan.motion.schedule.switches,
-        plan_ms=plan_ms,
-        lower_bound_j=plan.lower_bound,
-    )
+    duration = plan.motion.trajectory.duration_ns / SECOND_NS
+    sentence = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {duration:.1f} s"
+    if plan.path.statistics.out_of_time:
+        sentence += ", the best found within its lead"
+    return "; ".join([sentence, *map(str, plan.motion.overloads)])

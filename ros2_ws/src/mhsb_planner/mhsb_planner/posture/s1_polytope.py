@@ -24,10 +24,10 @@ from mhsb_model import hydraulics, kinematics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
+from mhsb_model.modes import MODE_COUNT
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
-MODE_COUNT = 3
 APART = 1e-12
 
 
@@ -40,20 +40,19 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     n = len(q)
     force = np.empty(n)
     piston_forces(m, q, force)
+    oil = hydraulics.oil_of(m)
     k, tank = m.valve_coefficient, m.tank_pressure
     for j in range(n):
         cap, rod = m.cap_area[j], m.rod_area[j]
-        for mode in range(3):
-            boosted = m.modules_per_mode[mode] > 0
-            supply = m.max_boost_pressure if boosted else m.supply_pressure
+        for mode in range(MODE_COUNT):
+            modules = m.modules_per_mode[mode]
+            supply, pumped = (
+                hydraulics.highest_supply(oil, modules), hydraulics.highest_flow(oil, modules)
+            )
             out = cap * hydraulics.extension_speed(k, cap, rod, supply, tank, force[j])
             back = rod * hydraulics.retraction_speed(k, cap, rod, supply, tank, force[j])
-            if boosted:
-                pumped = m.modules_per_mode[mode] * m.servo_pump_flow
-                out = min(out, pumped)
-                back = min(back, pumped)
-            limit[j, mode, 0] = out
-            limit[j, mode, 1] = back
+            limit[j, mode, 0] = min(out, pumped)
+            limit[j, mode, 1] = min(back, pumped)
 
 
 @njit(cache=True, nogil=True)
@@ -92,7 +91,7 @@ def projected_area(
 
     cross    float64[n, n], C_i × C_j
     scale    float64[n, 2], piston speed per inlet flow: 1/A extending, −1/a retracting [1/m²]
-    limit    float64[n, 3, 2], largest flow by mode and direction [m³/s]
+    limit    float64[n, modes, 2], largest flow by mode and direction [m³/s]
     pattern  uint8[n], mode of every joint
     flow     what the main pump gives all joints together [m³/s]
 
@@ -185,7 +184,7 @@ def shared_flow(m: MachineArrays) -> float:
 def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
     """Kernel of `polytope_area`."""
     n = len(q)
-    limit = np.empty((n, 3, 2))
+    limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
     flow_limits(m, q, limit)
     cross_products(tip_columns(m, q), cross)
@@ -202,7 +201,7 @@ def _posture_areas(
     m: MachineArrays, posture: FloatArray, patterns: ModeArray, area: FloatArray
 ) -> None:
     n = posture.shape[1]
-    limit = np.empty((n, 3, 2))
+    limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
     scale = flow_scale(m)
     flow = shared_flow(m)

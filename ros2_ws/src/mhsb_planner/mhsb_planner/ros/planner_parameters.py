@@ -17,7 +17,9 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import RequestError
-from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, PlannerKind, PlanOptions
+from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
@@ -26,7 +28,8 @@ FREE_PSI = math.nan
 HIGHEST_PRESSURE = 5e7  # Pa
 HEAVIEST_PAYLOAD = 1e4  # kg
 FASTEST_PISTON = 1.0  # m/s
-LONGEST_BUDGET = 5.0  # s
+SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0  # s
+LEAD_IS = "time from a plan's stamp to its first new motion [s]"
 HIGHEST_AREA_WEIGHT = 1e6  # 1/m
 
 ZONE_KINDS = {
@@ -46,24 +49,28 @@ ZONES = {
 class PlannerParameters:
     """What the parameters ask for; SI units.
 
-    planner          where postures come from, `table`, `fixed` or `integrated`
+    planner          where postures come from, one of `registry.PLANNERS`
     weights          (w1, w2, w3) of energy, time and mode switches
     energy_reading   price of boosted oil, `paper` or `series`
     payload          kg
     supply_pressure  Pa
     v_max            m/s, piston speed
-    planning_budget  s, from the stamp of a plan to where it leaves the previous one
+    lead_min, lead_max  s, between which the time adapts from a plan's stamp to where it leaves the
+                     one before
+    planning_budget  s, that time where it shall not adapt; 0 where it shall
     goal_psi         rad, angle of the end link at the goal; None leaves it free
     area_weight      1/m, of the velocity polytope's area; 0 leaves it out
     zones            that the arm or its tip keeps out of
     """
 
-    planner: PlannerKind
+    planner: str
     weights: tuple[float, float, float]
     energy_reading: EnergyReading
     payload: float
     supply_pressure: float
     v_max: float
+    lead_min: float
+    lead_max: float
     planning_budget: float
     goal_psi: float | None
     area_weight: float
@@ -71,14 +78,19 @@ class PlannerParameters:
 
     @property
     def options(self) -> PlanOptions:
-        """What a plan is to be like; the search may take the whole planning budget."""
+        """What a plan is to be like."""
         return PlanOptions(
             weights=Weights(*self.weights),
             energy_reading=self.energy_reading,
             goal_psi=self.goal_psi,
-            budget=self.planning_budget,
             planner=self.planner,
             area_weight=self.area_weight,
+        )
+
+    def settings(self, base: Machine) -> Settings:
+        """How plans are made, by the machine of the file."""
+        return Settings(
+            self.machine(base), self.options, self.lead_min, self.lead_max, self.planning_budget
         )
 
     def machine(self, base: Machine) -> Machine:
@@ -126,10 +138,7 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "planner",
         ONLINE_PLANNER,
-        _described(
-            f"one of {', '.join(PLANNER_KINDS)}: postures of the posture table, joint 3 kept as it "
-            "is at the start, or path, posture and modes decided together"
-        ),
+        _described(f"one of {', '.join(PLANNERS)}: {summaries()}"),
     )
     node.declare_parameter(
         "weights", [0.5, 0.0, 2.0], _described("of energy [1/J], time [1/s] and mode switches [-]")
@@ -151,9 +160,22 @@ def declare(node: Node, machine: Machine) -> None:
         _described("piston speed of the discrete plan, V_max [m/s]", (1e-4, FASTEST_PISTON)),
     )
     node.declare_parameter(
+        "lead_min",
+        0.03,
+        _described(f"least {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
+    )
+    node.declare_parameter(
+        "lead_max",
+        1.0,
+        _described(f"longest {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
+    )
+    node.declare_parameter(
         "planning_budget",
-        0.1,
-        _described("from a plan's stamp to its first new motion [s]", (0.01, LONGEST_BUDGET)),
+        0.0,
+        _described(
+            f"{LEAD_IS}; 0 lets it adapt between lead_min and lead_max",
+            (0.0, LONGEST_LEAD),
+        ),
     )
     node.declare_parameter(
         "goal_psi", FREE_PSI, _described("angle of the end link at the goal [rad]; .nan is free")
@@ -162,8 +184,8 @@ def declare(node: Node, machine: Machine) -> None:
         "area_weight",
         0.0,
         _described(
-            "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for the planner "
-            "'integrated'",
+            "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for planners "
+            "that can weigh it",
             (0.0, HIGHEST_AREA_WEIGHT),
         ),
     )
@@ -195,7 +217,7 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
     """Why a set of changes cannot be made, in one sentence, or None where it can."""
     values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
     values |= {change.name: change.value for change in changes if change.name in values}
-    for name, allowed in (("planner", PLANNER_KINDS), ("energy_reading", READINGS)):
+    for name, allowed in (("planner", tuple(PLANNERS)), ("energy_reading", READINGS)):
         if values[name] not in allowed:
             return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
     weights = list(values["weights"])
@@ -203,9 +225,22 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
         return f"weights {weights} must be three finite numbers that are not negative"
     if math.isinf(values["goal_psi"]):
         return "goal_psi must be an angle in rad, or .nan to leave it free"
-    if values["area_weight"] > 0.0 and values["planner"] != "integrated":
+    for name, value in values.items():
+        if name != "goal_psi" and isinstance(value, float) and math.isnan(value):
+            return f"{name} is nan; it must be a number"
+    if values["lead_min"] > values["lead_max"]:
         return (
-            f"area_weight {values['area_weight']:g} needs planner 'integrated' (is "
+            f"lead_min {values['lead_min']:g} s must not be above lead_max "
+            f"{values['lead_max']:g} s; change both in one go"
+        )
+    if 0.0 < values["planning_budget"] < SHORTEST_LEAD:
+        return (
+            f"planning_budget {values['planning_budget']:g} s is too short for a hand-over; give "
+            f"at least {SHORTEST_LEAD:g} s, or 0 to let the lead adapt"
+        )
+    if values["area_weight"] > 0.0 and not PLANNERS[values["planner"]].weighs_area:
+        return (
+            f"area_weight {values['area_weight']:g} needs planner {weighing_area()} (is "
             f"'{values['planner']}'); set it to 0 or choose that planner"
         )
     try:
@@ -222,6 +257,8 @@ _CHANGEABLE = (
     "payload",
     "supply_pressure",
     "v_max",
+    "lead_min",
+    "lead_max",
     "planning_budget",
     "goal_psi",
     "area_weight",
@@ -238,6 +275,8 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
         payload=values["payload"],
         supply_pressure=values["supply_pressure"],
         v_max=values["v_max"],
+        lead_min=values["lead_min"],
+        lead_max=values["lead_max"],
         planning_budget=values["planning_budget"],
         goal_psi=None if math.isnan(values["goal_psi"]) else values["goal_psi"],
         area_weight=values["area_weight"],

@@ -33,7 +33,7 @@ from mhsb_model import hydraulics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED, MODE_COUNT, ON_RAIL
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
@@ -48,8 +48,6 @@ CONSISTENT = 2  # exactly the joints that need boost are boosted
 
 DURATION, ENERGY_PAPER, ENERGY_SERIES = 0, 1, 2
 """Columns of a step's cost: s, J, J."""
-
-SHARED = int(Mode.SB)
 
 NO_PATTERN = -1
 """As a set of joints that must be boosted: more than any pattern boosts."""
@@ -89,7 +87,8 @@ def describe(m: MachineArrays, posture: FloatArray) -> Postures:
 class Circuit(NamedTuple):
     """A machine's numbers in the form in which step costs need them.
 
-    Direction 0 is extension, 1 retraction.
+    Direction 0 is extension, 1 retraction. `hydraulics.pressure_against` is taken apart into what
+    a direction fixes: p_L + m(v) = load · per_area + outlet + valve · v², the load being ±F.
     """
 
     supply_pressure: float  # Pa
@@ -103,8 +102,7 @@ class Circuit(NamedTuple):
     outlet: FloatArray  # [n, 2] p_L without load, from the tank pressure on the outlet [Pa]
     valve: FloatArray  # [n, 2] m(v)/v² [Pa s²/m²]
     valve_at_top: FloatArray  # [n, 2] m(V_max) [Pa]
-    pace: FloatArray  # [n, 3, 2] 1/V_max by mode [s/m]
-    boosts: ModeArray  # [3] 1 for modes that use booster modules
+    pace: FloatArray  # [n, modes, 2] 1/V_max by mode [s/m]
     boosted: IntArray  # [patterns] bit j is set where joint j is boosted
 
 
@@ -115,8 +113,8 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
     area = np.empty((n, 2))
     outlet = np.empty((n, 2))
     valve = np.empty((n, 2))
-    pace = np.empty((n, 3, 2))
-    boosts = (m.modules_per_mode > 0).astype(np.uint8)
+    pace = np.empty((n, MODE_COUNT, 2))
+    oil = hydraulics.oil_of(m)
     for j in range(n):
         cap, rod = m.cap_area[j], m.rod_area[j]
         for d in range(2):
@@ -124,16 +122,13 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
             area[j, d] = hydraulics.inlet_area(cap, rod, sign)
             outlet[j, d] = hydraulics.load_pressure(cap, rod, m.tank_pressure, 0.0, sign)
             valve[j, d] = hydraulics.valve_margin(m.valve_coefficient, cap, rod, sign)
-            for mode in range(3):
-                fastest = m.max_piston_speed
-                if boosts[mode] > 0:
-                    pumped = m.modules_per_mode[mode] * m.servo_pump_flow
-                    fastest = min(fastest, pumped / area[j, d])
-                pace[j, mode, d] = 1.0 / fastest
+            for mode in range(MODE_COUNT):
+                pumped = hydraulics.highest_flow(oil, m.modules_per_mode[mode])
+                pace[j, mode, d] = 1.0 / min(m.max_piston_speed, pumped / area[j, d])
     boosted = np.zeros(len(patterns), dtype=np.int64)
     for p in range(len(patterns)):
         for j in range(n):
-            boosted[p] |= np.int64(boosts[patterns[p, j]]) << j
+            boosted[p] |= np.int64(BOOSTED[patterns[p, j]]) << j
     return Circuit(
         m.supply_pressure,
         m.max_boost_pressure,
@@ -147,7 +142,6 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         valve,
         valve * m.max_piston_speed**2,
         pace,
-        boosts,
         boosted,
     )
 
@@ -208,8 +202,7 @@ def steps_to_node(
     is INADMISSIBLE. Oracle: the formulas above in plain NumPy.
     """
     area, per_area, outlet, pace = c.area, c.per_area, c.outlet, c.pace
-    valve, valve_at_top = c.valve, c.valve_at_top
-    boosts, boosted = c.boosts, c.boosted
+    valve, valve_at_top, boosted = c.valve, c.valve_at_top, c.boosted
     highest, margin, efficiency = c.max_boost_pressure, c.boost_margin, c.efficiency
     start_length, start_force = start.length, start.force
     end_length, end_force = end.length, end.force
@@ -265,21 +258,21 @@ def steps_to_node(
                         found = INADMISSIBLE
                         break
                     needed = worst > c.supply_pressure
-                    if patterns[p, j] == SHARED:
+                    if ON_RAIL[patterns[p, j]]:
                         rail = max(rail, move[k, j, MIDDLE] + reserve)
-                if needed and boosts[patterns[p, j]] == 0:
+                if needed and not BOOSTED[patterns[p, j]]:
                     found = INADMISSIBLE
                     break
-                if boosts[patterns[p, j]] > 0 and not needed:
+                if BOOSTED[patterns[p, j]] and not needed:
                     found = WITHOUT_NEED
             if found == INADMISSIBLE:
                 continue
             paper_sum = series_sum = 0.0
             for j in range(n):
                 paper = series = c.supply_pressure
-                if boosts[patterns[p, j]] > 0 and move[k, j, STROKE] > HELD:
+                if BOOSTED[patterns[p, j]] and move[k, j, STROKE] > HELD:
                     supply = rail
-                    if patterns[p, j] != SHARED:
+                    if not ON_RAIL[patterns[p, j]]:
                         speed = move[k, j, STROKE] / duration
                         supply = move[k, j, MIDDLE] + move[k, j, VALVE] * speed * speed + margin
                     paper = max(paper, move[k, j, MIDDLE] / efficiency)

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.braking import brake_along, brake_from
+from mhsb_model.holding import holding_modes
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.trajectory import SECOND_NS, MotionState, standstill
 from mhsb_model.types import frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.motion import s3_limits, s3_piecewise, s4_mode_schedule
@@ -271,6 +272,18 @@ def test_stopping_brakes_along_the_path_and_holds(machine, walk, worst):
         assert stop.trajectory.duration_ns <= 0.8 * SECOND_NS
         assert not stop.trajectory.velocity[-1].any()
         assert_keeps_limits(stop, worst, machine)
+
+
+def test_an_end_that_too_few_modules_can_hold_is_refused_but_a_stop_there_is_not(machine, walk):
+    random, without = np.random.default_rng(13), changed(machine, module_count=0)
+    path = walk(random, 6)
+    while not holding_modes(machine, machine.piston_forces(path.posture[-1])).any():
+        path = walk(random, 6)
+    assert from_rest(machine, path).schedule.modes[-1].any()
+    with pytest.raises(FitError, match=r"needs \d booster modules, 0 are fitted"):
+        from_rest(without, path)
+    stop = fit_braking(without, standstill(path.posture[-1]), NORMAL)
+    assert not stop.schedule.modes.any()
 
 
 def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mhsb_model.holding import holding_modes
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
@@ -15,7 +16,6 @@ from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.s4_mode_schedule import (
     StartModes,
     SwitchingRules,
-    holding_modes,
     interval_modes,
     mode_schedule,
 )
@@ -34,6 +34,12 @@ def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)
         for f in (speed, force, inertia)
     )
     return time, MotionProfile(speeds, forces, np.zeros((len(time), 2)), inertias)
+
+
+def scheduled(machine, time, motion, start, preferred=None, rules=None):
+    """The modes between the instants of a motion that ends in its holding modes."""
+    hold = holding_modes(machine, motion.force[-1])
+    return interval_modes(machine, time, motion, start, hold, preferred, rules)
 
 
 def lifts(begin, end):
@@ -57,12 +63,12 @@ def runs(modes, time, j=0):
 
 def test_a_light_motion_stays_in_normal_mode(machine):
     time, motion = profile(3, [0.012, -0.012, 0.012])
-    assert not interval_modes(machine, time, motion, NORMAL).any()
+    assert not scheduled(machine, time, motion, NORMAL).any()
 
 
 def test_boost_begins_before_its_need_and_ends_with_it(machine):
     time, motion = profile(5, [0.006, 0.0, 0.0], lifts(2.0, 4.0))
-    found = runs(interval_modes(machine, time, motion, NORMAL), time)
+    found = runs(scheduled(machine, time, motion, NORMAL), time)
     assert [mode for mode, _, _ in found] == [N, DB, N]
     assert found[1][1] == pytest.approx(2.0 - SPACING - 0.1, abs=0.021)
     assert found[1][2] == pytest.approx(4.0 + SPACING, abs=0.021)
@@ -73,12 +79,12 @@ def test_what_the_pump_cannot_accelerate_is_boosted_meanwhile(machine):
         return lifts(2.0, 2.4)(time) - LIGHT
 
     time, motion = profile(5, [0.006, 0.0, 0.0], inertia=accelerated)
-    found = runs(interval_modes(machine, time, motion, NORMAL), time)
+    found = runs(scheduled(machine, time, motion, NORMAL), time)
     assert [mode for mode, _, _ in found] == [N, DB, N]
     assert found[1][1] == pytest.approx(2.0 - SPACING - 0.1, abs=0.021)
     assert found[1][2] == pytest.approx(2.4 + SPACING, abs=0.021)
     _, slowed = profile(5, [0.006, 0.0, 0.0], inertia=lambda time: -accelerated(time))
-    assert not interval_modes(machine, time, slowed, NORMAL).any()
+    assert not scheduled(machine, time, slowed, NORMAL).any()
 
 
 def test_the_margin_covers_inertia_up_to_a_half(machine):
@@ -89,25 +95,25 @@ def test_the_margin_covers_inertia_up_to_a_half(machine):
     for share, boosted in ((0.0, False), (0.4, False), (0.6, True)):
         push = [share * cap * oil.boost_margin, 0.0, 0.0]
         time, motion = profile(2, [0.0005, 0.0, 0.0], [load, LIGHT, LIGHT], push)
-        assert interval_modes(machine, time, motion, NORMAL).any() == boosted
+        assert scheduled(machine, time, motion, NORMAL).any() == boosted
 
 
 def test_more_flow_than_one_servo_pump_has_is_shared_boost(machine):
     time, motion = profile(5, [0.012, 0.0, 0.0], lifts(2.0, 4.0))
-    found = runs(interval_modes(machine, time, motion, NORMAL), time)
+    found = runs(scheduled(machine, time, motion, NORMAL), time)
     assert [mode for mode, _, _ in found] == [N, SB, N]
 
 
 def test_shared_boost_chosen_by_the_search_is_kept_while_boosted(machine):
     time, motion = profile(5, [0.006, 0.0, 0.0], lifts(2.0, 4.0))
     preferred = np.full((len(time), 3), SB)
-    found = runs(interval_modes(machine, time, motion, NORMAL, preferred), time)
+    found = runs(scheduled(machine, time, motion, NORMAL, preferred), time)
     assert [mode for mode, _, _ in found] == [N, SB, N]
 
 
 def test_a_lowered_load_needs_no_boost_however_heavy_it_is(machine):
     time, motion = profile(4, [-0.012, 0.0, 0.0], [HEAVY, LIGHT, LIGHT])
-    modes = interval_modes(machine, time, motion, NORMAL)
+    modes = scheduled(machine, time, motion, NORMAL)
     assert runs(modes, time)[0][0] == N
     assert runs(modes, time)[-1][2] == pytest.approx(4.0)
 
@@ -120,7 +126,7 @@ def test_short_gaps_are_closed_and_short_needs_are_lengthened(machine):
         return values
 
     time, motion = profile(5, [0.006, 0.0, 0.0], force)
-    found = runs(interval_modes(machine, time, motion, NORMAL), time)
+    found = runs(scheduled(machine, time, motion, NORMAL), time)
     assert [mode for mode, _, _ in found] == [N, DB, N, DB, N]
     assert all(end - begin >= 0.3 - 1e-9 for _, begin, end in found)
 
@@ -131,7 +137,7 @@ def test_nothing_switches_around_standstill(machine):
 
     for force in (LIGHT, HEAVY):
         time, motion = profile(6, speed, [force, LIGHT, -LIGHT])
-        modes = interval_modes(machine, time, motion, NORMAL)
+        modes = scheduled(machine, time, motion, NORMAL)
         assert len(runs(modes, time)) == 1
         assert runs(modes, time)[0][0] == (DB if force == HEAVY else N)
 
@@ -152,32 +158,27 @@ def test_a_heavy_load_is_boosted_while_it_is_held_for_long_but_not_at_a_short_st
 
     for pause, expected in ((0.6, [N]), (1.6, [N, DB, N])):
         time, motion = profile(6, speed(pause), force)
-        found = runs(interval_modes(machine, time, motion, NORMAL), time)
+        found = runs(scheduled(machine, time, motion, NORMAL), time)
         assert [mode for mode, _, _ in found] == expected
-
-
-def test_the_holding_modes_boost_only_what_the_supply_pressure_cannot_hold(machine):
-    assert holding_modes(machine, np.array([HEAVY, LIGHT, -LIGHT])).tolist() == [DB, N, N]
-    assert holding_modes(machine, np.array([LIGHT, -3000.0, 0.0])).tolist() == [N, DB, N]
 
 
 def test_boost_in_force_at_the_start_goes_on_if_it_is_needed_again_soon(machine):
     time, motion = profile(3, [0.006, 0.0, 0.0], lifts(0.25, 2.0))
     boosted = StartModes.settled([DB, N, N])
-    assert runs(interval_modes(machine, time, motion, boosted), time)[0][0] == DB
+    assert runs(scheduled(machine, time, motion, boosted), time)[0][0] == DB
 
 
 def test_boost_in_force_at_the_start_ends_at_once_if_it_is_not_needed(machine):
     time, motion = profile(3, [0.006, 0.0, 0.0])
     boosted = StartModes.settled([DB, N, N])
-    assert not interval_modes(machine, time, motion, boosted).any()
+    assert not scheduled(machine, time, motion, boosted).any()
 
 
 def test_a_mode_that_has_just_been_switched_on_stays_for_its_dwell(machine):
     time, motion = profile(3, [0.006, 0.0, 0.0])
     for mode in (DB, SB):
         young = StartModes(np.array([mode, N, N]), np.array([0.1, 9.0, 9.0]))
-        found = runs(interval_modes(machine, time, motion, young), time)
+        found = runs(scheduled(machine, time, motion, young), time)
         assert [kind for kind, _, _ in found] == [mode, N]
         assert found[0][2] == pytest.approx(0.2, abs=SPACING)
 
@@ -194,14 +195,14 @@ def test_start_modes_know_since_when_they_are_in_force():
 
 def test_where_modules_are_short_the_least_demand_gives_way(machine):
     time, motion = profile(4, [0.012, 0.0115, 0.011], [HEAVY, HEAVY, HEAVY])
-    modes = interval_modes(machine, time, motion, NORMAL)
+    modes = scheduled(machine, time, motion, NORMAL)
     assert modes[0].tolist() == [SB, DB, DB]
 
 
 def test_lead_and_dwell_are_parameters(machine):
     rules = SwitchingRules(min_dwell=0.8, lead=0.3)
     time, motion = profile(5, [0.006, 0.0, 0.0], lifts(2.0, 2.1))
-    found = runs(interval_modes(machine, time, motion, NORMAL, rules=rules), time)
+    found = runs(scheduled(machine, time, motion, NORMAL, rules=rules), time)
     assert found[1][1] == pytest.approx(1.7, abs=0.05)
     assert found[1][2] - found[1][1] == pytest.approx(0.8, abs=0.05)
 
@@ -253,7 +254,7 @@ def random_motion(seed):
 @given(st.integers(0, 2**32))
 def test_every_schedule_covers_every_need_within_the_budget_and_without_flicker(machine, seed):
     time, motion, start = random_motion(seed)
-    modes = interval_modes(machine, time, motion, start)
+    modes = scheduled(machine, time, motion, start)
     m = machine.arrays
     assert m.modules_per_mode[modes].sum(axis=1).max() <= m.module_count
     for j in range(3):

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED, ON_RAIL
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import (
@@ -271,9 +271,9 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
     for j in range(machine.joint_count):
         cap, rod = m.cap_area[j], m.rod_area[j]
         line = m.supply_pressure
-        if modes[j] != Mode.N:
+        if BOOSTED[modes[j]]:
             line = max(line, required_pressure(m, j, force[j], 0.0))
-        if modes[j] == Mode.SB:
+        if ON_RAIL[modes[j]]:
             pressure[-3] = max(pressure[-3], line)
         total = line + m.tank_pressure
         cap_pressure = (force[j] + rod * total) / (cap + rod)
@@ -283,7 +283,7 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
         pressure[3 * j + 1] = (cap_pressure * cap - force[j]) / rod
         pressure[3 * j + 2] = line
     circuit.actuators["force"] = force
-    circuit.actuators["join"] = np.asarray(modes) == Mode.SB
+    circuit.actuators["join"] = ON_RAIL[modes]
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -7,7 +7,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 import yaml
@@ -18,25 +18,21 @@ from mhsb_model import command_line
 from mhsb_model.config_files import config_file
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import load_machine
-from mhsb_msgs_py.names import PLANNER_NODE, SIM_NODE
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
-from mhsb_sim.commands.child_process import ChildEndedError, ChildProcess
+from mhsb_sim.live.child_process import ChildEndedError, ChildProcess
+from mhsb_sim.live.nodes import ANSWER_TIMEOUT, both_nodes, refuse_company, shake_hands
 from mhsb_sim.report.report_command import summary_lines, write_report
 
 GOALS_FILE = "demo_goals.yaml"
-START_TIMEOUT = 180.0
-"""Time for both nodes to be ready; the first start compiles and builds the posture table [s]."""
-
-ANSWER_TIMEOUT = 10.0  # s
 REST = 2.0
 """Time at rest after a goal that was waited for [s]."""
 
 LISTENERS = 2
 """Who has to hear goals: the planner and the recorder."""
 
-DISCOVERY = 1.0
-"""Time to hear of nodes that run already [s]."""
+BOTH_SIDES = 0.5
+"""Time after a match within which the other side knows of it, too [s]."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +66,10 @@ def demo(
     load_machine(machine)  # a machine file that cannot be used is told here, not by a node
     began = time.monotonic()
     clear(output)
-    settings = ["--ros-args", "-p", f"machine:={machine.resolve()}"] if machine else []
+    settings = (f"machine:={machine.resolve()}",) if machine else ()
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
-            _refuse_company(sender, executor)
+            refuse_company(sender, executor)
             _run(sender, executor, wanted, settings, output)
     except ExternalShutdownException:
         return command_line.INTERRUPTED
@@ -82,10 +78,21 @@ def demo(
     shutil.move(output / "report" / "summary.json", output / "summary.json")
     print("\n".join(summary_lines(summary)))
     print(f"done in {time.monotonic() - began:.0f} s; see {output}/report and summary.json")
-    refused = summary["goals_sent"] - summary["goals_accepted"]
-    if refused:
-        raise MhsbError(f"{refused} of {summary['goals_sent']} goals were not accepted")
+    if problem := shortfall(summary):
+        raise MhsbError(problem)
     return 0
+
+
+def shortfall(summary: dict[str, Any]) -> str | None:
+    """One sentence where a goal was lost, or where there was no way to it; else None."""
+    sent, refused, lost = summary["goals_sent"], summary["goals_refused"], summary["lost"]
+    if lost:
+        first = lost[0]
+        place = f"({first['x_m']:.4g}, {first['z_m']:.4g}) m"
+        return f"{len(lost)} of {sent} goals were lost, the first at {place}: {first['reason']}"
+    if refused:
+        return f"{refused} of {sent} goals were refused; summary.json says why"
+    return None
 
 
 def read_goals(file: Path) -> list[TimedGoal]:
@@ -113,32 +120,17 @@ def clear(output: Path) -> None:
     (output / "summary.json").unlink(missing_ok=True)
 
 
-def _refuse_company(sender: GoalSender, executor: SingleThreadedExecutor) -> None:
-    """Other nodes of the suite in the same domain would answer, and move, in our stead."""
-    spin_until(executor, lambda: False, DISCOVERY)
-    running = {PLANNER_NODE, SIM_NODE} & set(sender.get_node_names())
-    if running:
-        raise MhsbError(
-            f"{' and '.join(sorted(running))} runs in this ROS domain already; end it or set "
-            "ROS_DOMAIN_ID to another number"
-        )
-
-
 def _run(
     sender: GoalSender,
     executor: SingleThreadedExecutor,
     goals: list[TimedGoal],
-    settings: list[str],
+    settings: tuple[str, ...],
     output: Path,
 ) -> None:
     print("starting simulator, planner and recorder")
-    with (
-        ChildProcess("mhsb_sim.ros.sim_node", *settings) as simulator,
-        ChildProcess("mhsb_planner.ros.planner_node", *settings) as planner,
-    ):
-        for process in (simulator, planner):
-            process.wait_for("ready", START_TIMEOUT)
-        _record(sender, executor, goals, (simulator, planner), output)
+    with both_nodes(settings, settings) as nodes:
+        shake_hands(sender, executor)
+        _record(sender, executor, goals, nodes, output)
 
 
 def _record(
@@ -150,12 +142,11 @@ def _record(
 ) -> None:
     """Send all goals to the running nodes while everything is recorded."""
     bag = str(output / "bag")
-    with ChildProcess("mhsb_sim.recording.record_command", "--output", bag) as recorder:
+    with ChildProcess("mhsb_sim", "record", "--output", bag) as recorder:
         recorder.wait_for("ready", ANSWER_TIMEOUT)
-        if not spin_until(
-            executor, lambda: sender.matched and sender.listeners >= LISTENERS, ANSWER_TIMEOUT
-        ):
-            raise ChildEndedError("planner or recorder is ready, but cannot be reached over ROS")
+        if not spin_until(executor, lambda: sender.listeners >= LISTENERS, ANSWER_TIMEOUT):
+            raise ChildEndedError("the recorder is ready, but cannot be reached over ROS")
+        spin_until(executor, lambda: False, BOTH_SIDES)
         for goal in tqdm(goals, desc="goals", unit="goal", disable=None):
             _send(sender, executor, goal)
             for process in (*nodes, recorder):
@@ -165,15 +156,16 @@ def _record(
 def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: TimedGoal) -> None:
     """Send a goal and wait as long as it says, or until the arm has come to rest."""
     began = time.monotonic()
-    verdict = sender.ask(executor, goal.x, goal.z, ANSWER_TIMEOUT)
-    if verdict is None:
+    stamp_ns = sender.send(goal.x, goal.z)
+    if not spin_until(executor, lambda: stamp_ns in sender.verdicts, ANSWER_TIMEOUT):
         raise ChildEndedError(f"the planner gave no answer within {ANSWER_TIMEOUT:g} s")
+    verdict = sender.verdicts[stamp_ns]
     tqdm.write(f"  ({goal.x:.3f}, {goal.z:.3f}) m: {verdict.code.value}, {verdict.sentence}")
     if goal.time is not None:
         spin_until(executor, lambda: False, goal.time - (time.monotonic() - began))
     elif verdict.plan is not None:
         longest = verdict.plan.duration_s + ANSWER_TIMEOUT
-        spin_until(executor, lambda: verdict.goal_stamp_ns in sender.executions, longest)
+        spin_until(executor, lambda: stamp_ns in sender.executions, longest)
         spin_until(executor, lambda: False, REST)
 
 

@@ -17,7 +17,7 @@ from mhsb_model.figure_style import (
     written_figure,
 )
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.online.executions import REACHED_DISTANCE
+from mhsb_planner.online.execution import REACHED_DISTANCE
 from mhsb_sim.report.recorded_run import RecordedRun
 from mhsb_sim.report.run_axes import mark_take_overs, seconds, time_axis
 

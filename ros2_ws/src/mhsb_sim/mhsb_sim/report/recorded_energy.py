@@ -13,7 +13,7 @@ from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py.sim_status import SimulatorReport
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_sim.recording.bag_reader import Recording
+from mhsb_sim.recording.recording import Recording
 from mhsb_sim.report.recorded_motion import part
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
-from mhsb_sim.recording.bag_reader import Recording
+from mhsb_sim.recording.recording import Recording
+from mhsb_sim.report.goal_fates import applied_stamp
 from mhsb_sim.report.recorded_motion import STANDSTILL, TipMotion
 
 REST_WINDOW_NS = SECOND_NS // 5
@@ -22,7 +23,8 @@ class GoalRecord:
     time_ns           ROS time of the verdict
     verdict           with code, position and what the plan was to cost
     outcome           of the execution, None where none was reported
-    taken_over_ns     ROS time at which the simulator took the plan over, None where it did not
+    taken_over_ns     ROS time at which the simulator took its plan over, the last one where it was
+                      planned again; None where it took none
     in_motion         whether the reference moved at that time
     distance_at_rest  m, mean distance of the measured tip from the goal over the last 0.2 s
                       before the next plan takes over or the recording ends; None unless the goal
@@ -53,8 +55,8 @@ def goal_records(
 
     followed, tip  see `recorded_motion`
     """
-    outcomes = {
-        each.value.goal_stamp_ns: each.value.outcome
+    executions = {
+        each.value.goal_stamp_ns: each.value
         for each in recording.reports
         if isinstance(each.value, ExecutionReport)
     }
@@ -64,9 +66,10 @@ def goal_records(
         verdict = each.value
         if not isinstance(verdict, GoalVerdict):
             continue
-        stamp_ns = verdict.plan.plan_stamp_ns if verdict.plan else None
+        execution = executions.get(verdict.goal_stamp_ns)
+        outcome = None if execution is None else execution.outcome
+        stamp_ns = applied_stamp(verdict, execution, taken_over)
         taken_over_ns = None if stamp_ns is None else taken_over.get(stamp_ns)
-        outcome = outcomes.get(verdict.goal_stamp_ns)
         distance = None
         if outcome is Outcome.REACHED and stamp_ns is not None and taken_over_ns is not None:
             distance = _distance_at_rest(recording, tip, verdict, stamp_ns)

@@ -11,7 +11,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.recording.bag_format import BagError
-from mhsb_sim.recording.bag_reader import Recording
+from mhsb_sim.recording.recording import Recording
 
 STANDSTILL = 1e-6
 """References slower than this stand still [rad/s]."""

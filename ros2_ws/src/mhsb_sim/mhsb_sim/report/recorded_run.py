@@ -8,7 +8,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_sim.recording.bag_format import BagError
-from mhsb_sim.recording.bag_reader import Recording
+from mhsb_sim.recording.recording import Recording
+from mhsb_sim.report.goal_fates import GoalFate, goal_fates
 from mhsb_sim.report.recorded_energy import EnergyRecord, energy_record
 from mhsb_sim.report.recorded_goals import GoalRecord, goal_records
 from mhsb_sim.report.recorded_motion import (
@@ -29,6 +30,7 @@ class RecordedRun:
     modes: ModeSchedule
     tip: TipMotion
     goals: tuple[GoalRecord, ...]
+    fates: tuple[GoalFate, ...]
     energy: EnergyRecord
 
 
@@ -49,5 +51,6 @@ def recorded_run(recording: Recording, machine: Machine) -> RecordedRun:
         modes,
         tip,
         goal_records(recording, followed, tip),
+        goal_fates(recording),
         energy_record(recording, machine, followed, modes),
     )

@@ -72,8 +72,9 @@ def write_report(
 
 
 def summary_lines(content: dict[str, Any]) -> list[str]:
-    """The summary for a person, one number a line; goals are left to the file."""
-    return [f"  {key}: {_text(value)}" for key, value in content.items() if key != "goals"]
+    """The summary for a person, one number a line; what is told of goals is left to the file."""
+    numbers = {key: value for key, value in content.items() if key not in ("goals", "lost")}
+    return [f"  {key}: {_text(value)}" for key, value in numbers.items()]
 
 
 def _text(value: Any) -> str:

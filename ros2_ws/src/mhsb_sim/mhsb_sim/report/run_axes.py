@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mhsb_model.figure_style import GREY, MODE_COLOR
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED, Mode
 from mhsb_model.types import IntArray
 from mhsb_sim.report.recorded_goals import take_overs
 from mhsb_sim.report.recorded_run import RecordedRun
@@ -41,7 +41,7 @@ def mark_take_overs(run: RecordedRun, axes: Axes) -> None:
 
 def shade_modes(run: RecordedRun, axes: Axes, actuator: int) -> None:
     """Pale bands behind a plot where an actuator is boosted."""
-    for mode in (Mode.DB, Mode.SB):
+    for mode in filter(BOOSTED.__getitem__, Mode):
         label: str | None = f"mode {mode.name}"
         for begin, end in mode_spans(run, actuator, mode):
             axes.axvspan(begin, end, color=MODE_COLOR[mode], alpha=0.25, linewidth=0, label=label)

@@ -16,7 +16,8 @@ import numpy as np
 from mhsb_model.modes import Mode
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py.sim_status import APPLIED
-from mhsb_sim.recording.bag_reader import Recording
+from mhsb_sim.recording.recording import Recording
+from mhsb_sim.report.goal_fates import Fate, GoalFate
 from mhsb_sim.report.recorded_energy import EnergyRecord
 from mhsb_sim.report.recorded_goals import GoalRecord
 from mhsb_sim.report.recorded_motion import TipMotion
@@ -31,6 +32,7 @@ def summary(run: RecordedRun) -> Summary:
     """Plain numbers, texts, lists and dicts, ready for JSON.
 
     goals_sent, goals_accepted  goal poses, and accepting verdicts
+    goals_…                     reached; superseded, refused and lost as `goal_fates` says
     switches_in_motion          accepted goals whose plan took over while the reference moved
     tip_error_rms_mm            measured tip against reference tip, from the first to the last
                                 moment at which the reference moved; tip_error_max_mm likewise
@@ -40,7 +42,9 @@ def summary(run: RecordedRun) -> Summary:
     mode_switches               changes of the mode in force, summed over the actuators
     energy_…                    as `recorded_energy` counts them
     max_…_pressure_mpa          over all actuators; relief tells where the valves open
+    plans_…                     stamps that the simulator applied; refused or dropped
     replan_ms                   goal received to plan published
+    lead_ms                     goal received to where the plan that was applied left the old one
     real_time_factor            simulated over real time, between the simulator's reports
     """
     recording = run.recording
@@ -48,20 +52,26 @@ def summary(run: RecordedRun) -> Summary:
     return {
         "machine": run.machine.name,
         "duration_s": PER_S * int(time_ns[-1] - time_ns[0]),
-        "real_time_factor": _real_time_factor(recording),
+        "real_time_factor": real_time_factor(recording),
         "goals_sent": recording.goals_sent,
         "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
         "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
+        "goals_superseded": sum(each.fate is Fate.SUPERSEDED for each in run.fates),
+        "goals_refused": sum(each.fate is Fate.REFUSED for each in run.fates),
+        "goals_lost": sum(each.fate is Fate.LOST for each in run.fates),
         "switches_in_motion": sum(goal.in_motion for goal in run.goals),
         **_tip_errors(run.tip, run.goals),
-        **_jumps(recording),
+        **_plans(recording),
+        **jumps(recording),
         "mode_switches": run.modes.switches,
         "modes_used": [Mode(code).name for code in np.unique(run.modes.modes)],
         **_energies(run.energy),
         **_pressures(run),
-        "replan_ms": _replan_times(run.goals),
+        "replan_ms": spread(_replan_times(run.goals)),
+        "lead_ms": spread(each.lead_ms for each in run.fates),
         "unreadable_messages": len(recording.unreadable),
         "goals": [_goal(goal) for goal in run.goals],
+        "lost": [_lost(each) for each in run.fates if each.fate is Fate.LOST],
     }
 
 
@@ -75,11 +85,19 @@ def _tip_errors(tip: TipMotion, goals: Iterable[GoalRecord]) -> Summary:
     }
 
 
-def _jumps(recording: Recording) -> Summary:
-    applied = [each.value for each in recording.hand_overs if each.value.outcome == APPLIED]
+def _plans(recording: Recording) -> Summary:
+    told = [each.value for each in recording.hand_overs]
+    applied = {each.plan_stamp_ns for each in told if each.outcome == APPLIED}
     return {
         "plans_applied": len(applied),
-        "plans_refused": len(recording.hand_overs) - len(applied),
+        "plans_refused": len({each.plan_stamp_ns for each in told} - applied),
+    }
+
+
+def jumps(recording: Recording) -> Summary:
+    """Largest steps of the reference at hand-overs, as the simulator measured them."""
+    applied = [each.value for each in recording.hand_overs if each.value.outcome == APPLIED]
+    return {
         "reference_jump_max_rad": _largest([each.position_jump for each in applied]),
         "reference_jump_max_rad_s": _largest([each.velocity_jump for each in applied]),
     }
@@ -111,19 +129,24 @@ def _pressures(run: RecordedRun) -> Summary:
     }
 
 
-def _replan_times(goals: Iterable[GoalRecord]) -> Summary:
-    times = [
+def _replan_times(goals: Iterable[GoalRecord]) -> list[float]:
+    return [
         goal.verdict.plan.plan_ms
         for goal in goals
         if goal.verdict.code is Verdict.OK and goal.verdict.plan is not None
     ]
-    if not times:
+
+
+def spread(values: Iterable[float | None]) -> Summary:
+    """Median, 0.99 quantile and largest of those values that are there."""
+    known = [value for value in values if value is not None]
+    if not known:
         return {"p50": None, "p99": None, "max": None}
-    p50, p99 = np.percentile(times, [50, 99])
-    return {"p50": _number(p50), "p99": _number(p99), "max": _number(max(times))}
+    p50, p99 = np.percentile(known, [50, 99])
+    return {"p50": _number(p50), "p99": _number(p99), "max": _number(max(known))}
 
 
-def _real_time_factor(recording: Recording) -> float | None:
+def real_time_factor(recording: Recording) -> float | None:
     """Each report's factor belongs to the time since the report before."""
     simulated = real = 0.0
     for before, after in pairwise(each.value for each in recording.simulator_reports):
@@ -132,6 +155,10 @@ def _real_time_factor(recording: Recording) -> float | None:
             simulated += span
             real += span / after.real_time_factor
     return simulated / real if real > 0.0 else None
+
+
+def _lost(fate: GoalFate) -> Summary:
+    return {"x_m": fate.goal.x, "z_m": fate.goal.z, "reason": fate.reason}
 
 
 def _goal(goal: GoalRecord) -> Summary:

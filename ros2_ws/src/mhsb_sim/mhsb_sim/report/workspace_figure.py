@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.figure_style import BLACK, BLUE, VERMILION, written_figure
-from mhsb_model.modes import Mode
+from mhsb_model.figure_style import BLACK, PATH_COLOR, written_figure
+from mhsb_model.modes import BOOSTED, Mode, strongest
 from mhsb_planner.evaluation.operating_regions import OperatingRegions
 from mhsb_planner.evaluation.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_sim.report.recorded_run import RecordedRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-PATH_COLOR = {Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}
 
 PATH_STEP = 0.002
 """Length of path between two points that are drawn [m]."""
@@ -25,7 +23,7 @@ WIDTH, HEIGHT = 8.0, 8.2  # in
 
 
 def draw_workspace(run: RecordedRun, regions: OperatingRegions, path: Path) -> None:
-    """The measured tip's path, coloured by the highest mode in force, with goals and regions."""
+    """The measured tip's path, coloured by the strongest mode in force, with goals and regions."""
     with written_figure(path, HEIGHT, WIDTH) as figure:
         axes = figure.subplots()
         draw_regions(regions, axes)
@@ -49,7 +47,7 @@ def _draw_arm(run: RecordedRun, axes: Axes) -> None:
 def _draw_path(run: RecordedRun, axes: Axes) -> None:
     tip = run.tip.measured
     travelled = np.cumsum(np.hypot(*np.diff(tip, axis=0, prepend=tip[:1]).T))
-    mode = run.modes.modes_at_many(run.tip.time_ns).max(axis=1).astype(np.int64)
+    mode = strongest(run.modes.modes_at_many(run.tip.time_ns)).astype(np.int64)
     kept = np.flatnonzero(np.diff(np.floor(travelled / PATH_STEP), append=np.inf) > 0)
     axes.plot(*tip[kept].T, color="white", linewidth=4.5)
     starts = np.flatnonzero(np.diff(mode, prepend=-1))
@@ -58,8 +56,8 @@ def _draw_path(run: RecordedRun, axes: Axes) -> None:
         rows = np.concatenate([[begin], inside, [end]])
         axes.plot(*tip[rows].T, color=PATH_COLOR[Mode(mode[begin])], linewidth=2.0)
     for each, color in PATH_COLOR.items():
-        boosted = "all actuators in N" if each is Mode.N else f"an actuator in {each.name}"
-        axes.plot([], [], color=color, linewidth=2.0, label=f"tip, {boosted}")
+        who = "an actuator" if BOOSTED[each] else "all actuators"
+        axes.plot([], [], color=color, linewidth=2.0, label=f"tip, {who} in {each.name}")
 
 
 def _draw_goals(run: RecordedRun, axes: Axes) -> None:

@@ -27,13 +27,14 @@ import math
 import numpy as np
 from numba import njit
 
+from mhsb_model.hydraulics import pressure_against
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import ON_RAIL
 from mhsb_model.schema import CascadeGains
+from mhsb_model.statics import MOTION_WORK, Chain, moving_torques
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
-from mhsb_sim.mechanics.inverse_dynamics import gravity_torques, inverse_dynamics
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.natural_frequency import lowest_joint_frequencies
 from mhsb_sim.servo.reference import AHEAD
@@ -43,12 +44,14 @@ GAINS = np.dtype(
         (name, "f8")
         for name in (
             "step",  # s
-            "gravity",  # m/s²
             "supply_margin",  # Pa, the plan's and the servo's own
             "max_boost_pressure",  # Pa
         )
     ]
 )
+
+SCRATCH = MOTION_WORK + 2
+"""Rows of working memory: that of the dynamics, torque and weight."""
 
 BIAS_RESERVE = 3.0
 """τ ω²/ω_F, at least: with 1 the slowest swing would be at the limit of stability."""
@@ -91,7 +94,6 @@ def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     config, arrays = machine.config, machine.arrays
     gains = np.zeros(1, GAINS)
     gains["step"] = config.simulation.step
-    gains["gravity"] = arrays.gravity
     gains["supply_margin"] = arrays.boost_margin + supply_margin
     gains["max_boost_pressure"] = arrays.max_boost_pressure
     return gains
@@ -125,7 +127,7 @@ def piston_demands(
     reference: FloatArray,
     sensors: Records,
     linkage: FloatArray,
-    links: Records,
+    chain: Chain,
     cylinders: Records,
     constants: Records,
     gains: Records,
@@ -135,14 +137,13 @@ def piston_demands(
     """Write the cascade's quantities of all axes, up to the speed demand u.
 
     A closed valve would have to hold what the posture weighs, or the whole force where that is
-    less. scratch: float64[n, SCRATCH_WIDTH + 2]; for the other shapes see ServoSignals and Circuit.
+    less. scratch: float64[SCRATCH, n]; for the other shapes see ServoSignals and Circuit.
     """
     c, g = constants[0], gains[0]
-    torque, weight = scratch[:, -2], scratch[:, -1]
+    torque, weight = scratch[MOTION_WORK], scratch[MOTION_WORK + 1]
     for k in (AHEAD, 0):
         q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
-        inverse_dynamics(links, g.gravity, q, qd, qdd, scratch, torque)
-        gravity_torques(links, g.gravity, scratch, weight)
+        moving_torques(chain, q, qd, qdd, scratch, weight, torque)
         for j in range(len(axes)):
             axis = axes[j]
             length, arm, slope = motion(linkage[j], q[j])
@@ -187,29 +188,18 @@ def supply_need(
 ) -> float:
     """Supply pressure [Pa] that an actuator needs in boost: to hold its load and to move it.
 
-    Each by the law of `mhsb_model.hydraulics.required_pressure`, p_L + m(v) + margin; the greater
-    one, within P_S and the highest boost pressure. hold: force [N] that the closed valve would
+    Each p_L + m(v) + margin as in `mhsb_model.hydraulics`; the greater one, within P_S and the
+    highest boost pressure. hold: force [N] that the closed valve would
     have to carry; force [N] and speed [m/s] of the motion. What brakes a load on its way down
     counts in neither: the opening to the tank does that, no pump.
     """
-    g = gains[0]
+    c, g = constants[0], gains[0]
+    k, cap, rod = c.valve_coefficient, cylinder.cap_area, cylinder.rod_area
     need = max(
-        pressure_against(hold, 0.0, cylinder, constants),
-        pressure_against(force, speed, cylinder, constants),
+        pressure_against(k, cap, rod, c.tank_pressure, hold, 0.0),
+        pressure_against(k, cap, rod, c.tank_pressure, force, speed),
     )
-    return max(constants[0].supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
-
-
-@njit(cache=True, nogil=True)
-def pressure_against(force: float, speed: float, cylinder: Record, constants: Records) -> float:
-    """p_L + m(v) [Pa]: load pressure, and the valve's drop at `speed` [m/s]."""
-    c = constants[0]
-    cap, rod = cylinder.cap_area, cylinder.rod_area
-    extends = speed > 0.0 or (speed == 0.0 and force > 0.0)
-    inlet, outlet = (cap, rod) if extends else (rod, cap)
-    load = (force if extends else -force) + outlet * c.tank_pressure
-    valve = speed * speed * (cap**3 + rod**3) / (c.valve_coefficient * c.valve_coefficient)
-    return (load + valve) / inlet
+    return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 
 
 @njit(cache=True, nogil=True)
@@ -225,8 +215,8 @@ def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Recor
 
 @njit(cache=True, nogil=True)
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
-    """Whether actuator j draws on the rail: in SB, or served by a module of another line."""
-    draws = modes[j] == Mode.SB
+    """Whether actuator j draws on the rail: by its mode, or served by a module of another line."""
+    draws = ON_RAIL[modes[j]]
     for k in range(len(serves)):
         draws = draws or (serves[k] == j and module_home[k] != j)
     return draws

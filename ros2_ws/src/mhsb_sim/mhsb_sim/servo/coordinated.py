@@ -14,15 +14,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mhsb_model.hydraulics import load_pressure
+from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
+from mhsb_model.modes import BOOSTED
+from mhsb_model.statics import Chain, chain_of
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
-from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import (
+    SCRATCH,
     axis_records,
     gain_record,
     joins_rail,
@@ -85,11 +86,11 @@ class CoordinatedController:
             signals.reference,
             signals.sensors,
             machine.arrays.linkage,
-            link_records(machine),
+            chain_of(machine.arrays),
             circuit.cylinders,
             circuit.constants,
             gain_record(machine),
-            np.zeros((machine.joint_count, SCRATCH_WIDTH + 2)),
+            np.zeros((SCRATCH, machine.joint_count)),
             self._axes,
             signals.rail_pressure,
             signals.modes,
@@ -113,7 +114,7 @@ def control(
     reference: FloatArray,
     sensors: Records,
     linkage: FloatArray,
-    links: Records,
+    chain: Chain,
     cylinders: Records,
     constants: Records,
     gains: Records,
@@ -136,7 +137,7 @@ def control(
     GAINS[1]; volume: as in `look_ahead`, with a last row for the rail; coasting: as in
     `coasting_limit`.
     """
-    piston_demands(reference, sensors, linkage, links, cylinders, constants, gains, scratch, axes)
+    piston_demands(reference, sensors, linkage, chain, cylinders, constants, gains, scratch, axes)
     for j in range(len(axes)):
         open_valve(axes[j], sensors[j], cylinders[j], constants, actuators[j])
         set_target(axes[j], sensors[j], cylinders[j], constants, gains, modes[j])
@@ -212,11 +213,11 @@ def set_target(
     mode: int,
 ) -> None:
     """The line's pressure targets: what its motion needs in boost, else what is there."""
-    if mode == Mode.N:
+    if BOOSTED[mode]:
+        set_targets(axis, cylinder, constants, gains)
+    else:
         axis.supply_target = max(sensor.line_pressure, constants[0].supply_pressure)
         axis.target_ahead = axis.supply_target
-    else:
-        set_targets(axis, cylinder, constants, gains)
 
 
 @njit(cache=True, nogil=True)
@@ -303,8 +304,8 @@ def look_ahead(
             continue
         drop = sensors[j].line_pressure - c.tank_pressure
         leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
-        inlet = cylinder.cap_area if axis.demand > 0.0 else cylinder.rod_area
-        axis.line_flow = inlet * abs(axis.demand) + leakage
+        cap, rod = cylinder.cap_area, cylinder.rod_area
+        axis.line_flow = inlet_area(cap, rod, axis.demand) * abs(axis.demand) + leakage
         before = 0.0
         for k in range(len(reference)):
             if k == 0:
@@ -314,7 +315,7 @@ def look_ahead(
             else:
                 way = reference[k, 0, j] - reference[AHEAD, 0, j]
                 speed = (axis.arm_ahead + axis.arm_slope_ahead * way) * reference[k, 1, j]
-            flow = leakage + abs(speed) * (cylinder.cap_area if speed > 0.0 else cylinder.rod_area)
+            flow = leakage + abs(speed) * inlet_area(cap, rod, speed)
             if k == 0:
                 volume[j, k] = 0.0
             else:

@@ -16,11 +16,11 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.braking import brake_along
-from mhsb_model.hydraulics import needs_boost
+from mhsb_model.holding import holding_modes, modes_to_stop
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode, assign_modules, modules_in_use, pattern_name
+from mhsb_model.modes import ON_RAIL, Mode, assign_modules, modules_in_use, pattern_name, stronger
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.bound_kernel import bind
@@ -69,7 +69,7 @@ class Simulator:
 
     seed decides the sensor noise; the same seed and the same calls give the same bits. posture
     [rad] and payload [kg] replace the machine file's; the servo goes by the machine file's
-    payload. Raises UnknownControllerError, and ModeError where the start cannot be held.
+    payload. Raises UnknownControllerError, and HoldingError where the start cannot be held.
     """
 
     _control: Callable[[], None]
@@ -100,11 +100,11 @@ class Simulator:
     def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
         """To rest with all counters at zero at `time_ns`, in the start posture or another [rad].
 
-        Raises ModeError where that cannot be held.
+        Raises HoldingError where that cannot be held.
         """
         loaded = self.machine.changed(payload=self._payload)
         q = self._start if posture is None else self._within_limits(posture)
-        modes = holding_modes(loaded, q)
+        modes = holding_modes(loaded, loaded.piston_forces(q))
         self._time_ns = time_ns
         self._steps = 0
         self._circuit = build_circuit(
@@ -406,20 +406,17 @@ class Simulator:
         """
         modules = self.machine.config.hydraulics.modules
         now, ahead = self._reference.modes, self._reference.modes_ahead
-        prepared = np.maximum(now, ahead)
-        if np.any((now == Mode.SB) & (ahead != Mode.SB)):
-            prepared[(now != Mode.SB) & (ahead == Mode.SB)] = Mode.DB
+        prepared = stronger(now, ahead)
+        if np.any(ON_RAIL[now] & ~ON_RAIL[ahead]):
+            prepared[~ON_RAIL[now] & ON_RAIL[ahead]] = Mode.DB
         if modules_in_use(prepared, modules.per_mode) > modules.count:
             prepared = self._reference.modes
         self._signals.modes[:] = prepared
         self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
-        """Modes that hold at q [rad]; those in force where there are too few modules for it."""
-        try:
-            return holding_modes(self.machine, q)
-        except ModeError:
-            return self._reference.modes
+        """Modes in which to come to rest at q [rad]."""
+        return modes_to_stop(self.machine, self.machine.piston_forces(q), self._reference.modes)
 
     def _check_budget(self, patterns: ModeArray) -> None:
         modules = self.machine.config.hydraulics.modules
@@ -459,23 +456,6 @@ def _leave_commands() -> None:
 def warm_up(machine: Machine, controller: str = "coordinated") -> None:
     """Compile everything that a simulation runs through."""
     Simulator(machine, controller).step()
-
-
-def holding_modes(machine: Machine, q: FloatArray) -> ModeArray:
-    """N where P_S holds the load at q [rad], DB elsewhere, uint8[n].
-
-    Raises ModeError where that takes more modules than there are.
-    """
-    force = machine.piston_forces(q)
-    boosted = [needs_boost(machine.arrays, j, force[j], 0.0) for j in range(machine.joint_count)]
-    modes = np.where(boosted, np.uint8(Mode.DB), np.uint8(Mode.N)).astype(np.uint8)
-    modules = machine.config.hydraulics.modules
-    if modules_in_use(modes, modules.per_mode) > modules.count:
-        raise ModeError(
-            f"to hold this posture takes {pattern_name(modes)}, "
-            f"{modules.count} booster modules are fitted"
-        )
-    return modes
 
 
 def energy_gap(energies: dict[str, float]) -> float:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.arm_reports import HandOverReport
+from mhsb_model.holding import HoldingError
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_sim.errors import ModeError, SimulationDivergedError
+from mhsb_sim.errors import SimulationDivergedError
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervision import Phase, Supervision
@@ -183,7 +184,7 @@ class SupervisedArm:
         posture = simulator.joint_state.position
         try:
             simulator.reset(time_ns, posture if np.all(np.isfinite(posture)) else None)
-        except ModeError:
+        except HoldingError:
             simulator.reset(time_ns)
         simulator.close_valves()
         self._begin()

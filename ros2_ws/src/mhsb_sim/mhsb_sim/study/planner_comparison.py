@@ -17,20 +17,20 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray
 from mhsb_planner.evaluation.ground_truth import ground_truth
 from mhsb_planner.evaluation.moves import Move
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.planner import Plan, Planner, PlannerKind, PlanOptions
+from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.s2_search import Weights
-from mhsb_sim.simulation.simulator import Simulator, holding_modes
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import replay
 
-BASELINE: PlannerKind = "table"
-PLANNERS: tuple[PlannerKind, ...] = ("table", "fixed", "integrated")
+BASELINE = "table"
 GROUND_TRUTH = "ground truth"
 
 
@@ -91,20 +91,21 @@ class Comparer:
         records: dict[str, Record] = {}
         failures: dict[str, str] = {}
         plans: dict[str, Callable[[Move, StartModes], Plan]] = {
-            kind: partial(self._planned, kind) for kind in PLANNERS
+            kind: partial(self._planned, kind) for kind in PLANNER_KINDS
         }
         if request.with_truth:
             plans[GROUND_TRUTH] = self._truth
         for kind, plan in plans.items():
             try:
-                modes = holding_modes(self._planner.machine, request.move.start)
+                machine = self._planner.machine
+                modes = holding_modes(machine, machine.piston_forces(request.move.start))
                 made = plan(request.move, StartModes.settled(modes))
                 records[kind] = self._simulated(request.move.start, made)
             except MhsbError as error:
                 failures[kind] = str(error)
         return Comparison(request.name, records, failures)
 
-    def _planned(self, kind: PlannerKind, move: Move, modes: StartModes) -> Plan:
+    def _planned(self, kind: str, move: Move, modes: StartModes) -> Plan:
         start = MotionState.at_rest(move.start)
         options = PlanOptions(self._weights, planner=kind, trajectory="followed")
         return self._planner.plan(move.goal, start, modes, options=options)
@@ -135,7 +136,7 @@ class Comparer:
             joint_travel_rad=float(steps.sum()),
             tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
             tip_error_max_mm=float(error.max()),
-            plan_ms=1e3 * sum(plan.seconds.values()),
+            plan_ms=1e3 * plan.took,
         )
 
 

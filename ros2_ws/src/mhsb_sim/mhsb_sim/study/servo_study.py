@@ -17,6 +17,7 @@ from scipy.ndimage import maximum_filter1d
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
@@ -25,7 +26,7 @@ from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.servo import CONTROLLERS
-from mhsb_sim.simulation.simulator import Simulator, holding_modes
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.headless import BUDGET
 from mhsb_sim.study.needed_pressure import needed_pressure
@@ -112,7 +113,7 @@ def script_of(machine: Machine, scenario: Scenario) -> Script:
     loaded = scenario.machine(machine)
     replanner = Replanner(loaded, table_for(loaded))
     start = np.array(loaded.config.simulation.start_posture)
-    command = Command.hold(0, start, holding_modes(loaded, start))
+    command = Command.hold(0, start, holding_modes(loaded, loaded.piston_forces(start)))
     options = PlanOptions(weights=scenario.weights)
     commands, refused = [], []
     for number, goal in enumerate(scenario.goals):

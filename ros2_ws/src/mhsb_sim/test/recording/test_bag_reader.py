@@ -27,8 +27,9 @@ from mhsb_msgs_py import (
 )
 from mhsb_sim.recording import bag_format
 from mhsb_sim.recording.bag_format import BagError, BagTopic
-from mhsb_sim.recording.bag_reader import Recording, read_recording
+from mhsb_sim.recording.bag_reader import read_recording
 from mhsb_sim.recording.bag_writer import BagWriter
+from mhsb_sim.recording.recording import Recording
 
 JOINTS = names.joint_names(2)
 ACTUATORS = names.actuator_names(2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_sim.recording.bag_reader import Timed
+from mhsb_sim.recording.recording import Timed
 from mhsb_sim.report.recorded_energy import energy_record
 from mhsb_sim.report.recorded_motion import part
 

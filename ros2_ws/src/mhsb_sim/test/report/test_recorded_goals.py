@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from mhsb_model.verdict import ExecutionReport
 from mhsb_sim.report.recorded_goals import goal_records, take_overs
 
 
@@ -24,6 +25,20 @@ def test_a_plan_that_never_took_over_was_not_in_motion_and_has_no_rest(run):
     assert all(goal.taken_over_ns is None for goal in goals)
     assert not any(goal.in_motion for goal in goals)
     assert all(goal.distance_at_rest is None for goal in goals)
+
+
+def test_a_goal_that_was_planned_again_is_taken_over_by_the_plan_that_was_applied(run):
+    later = run.goals[1].verdict.plan.plan_stamp_ns
+
+    def told(report):
+        first = report.goal_stamp_ns == run.goals[0].verdict.goal_stamp_ns
+        again = first and isinstance(report, ExecutionReport)
+        return replace(report, plan_stamp_ns=later) if again else report
+
+    reports = tuple(replace(each, value=told(each.value)) for each in run.recording.reports)
+    goal = records(run, reports=reports)[0]
+    assert goal.taken_over_ns == run.goals[1].taken_over_ns
+    assert goal.in_motion
 
 
 def test_a_rest_too_short_for_its_window_counts_from_the_arrival(run):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mhsb_sim.recording.bag_reader import read_recording
+from mhsb_sim.report.goal_fates import goal_fates
 from mhsb_sim.report.recorded_run import recorded_run
 from mhsb_sim.report.summary import summary
 
@@ -23,6 +24,24 @@ def test_goals_are_counted_by_what_became_of_them(numbers):
     assert numbers["goals_accepted"] == 4
     assert numbers["goals_reached"] == 2
     assert numbers["switches_in_motion"] == 1
+
+
+def test_goals_are_lost_or_superseded_as_their_fates_tell(run, numbers):
+    assert (numbers["goals_superseded"], numbers["goals_lost"]) == (0, 0)
+    recording = replace(run.recording, plans_in_force=run.recording.plans_in_force[:-2])
+    without_the_last = summary(replace(run, fates=goal_fates(recording)))
+    assert without_the_last["goals_lost"] == 1
+    assert "no plan for it came into force" in without_the_last["lost"][0]["reason"]
+
+
+def test_the_lead_is_that_of_plans_that_were_applied(run, numbers):
+    assert numbers["lead_ms"] == {"p50": None, "p99": None, "max": None}  # nobody told
+    told = [
+        replace(each, execution=replace(each.execution, lead_ms=lead))
+        for each, lead in zip(run.fates, (60.0, 80.0, None, 70.0, None), strict=True)
+        if lead is not None
+    ]
+    assert summary(replace(run, fates=told))["lead_ms"]["p50"] == 70.0
 
 
 def test_the_root_mean_square_of_a_sinus_is_that_of_its_amplitude(numbers, story):
@@ -42,6 +61,12 @@ def test_jumps_are_those_of_applied_plans(numbers):
     assert numbers["reference_jump_max_rad"] == 2e-7
     assert numbers["reference_jump_max_rad_s"] == 4e-7
     assert (numbers["plans_applied"], numbers["plans_refused"]) == (3, 2)
+
+
+def test_a_plan_refused_twice_counts_once(run):
+    told = run.recording.hand_overs
+    twice = replace(run, recording=replace(run.recording, hand_overs=(*told, told[-1])))
+    assert summary(twice)["plans_refused"] == 2
 
 
 def test_planned_energy_is_that_of_strokes_leakage_and_the_boosted_hold(numbers, story):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, mode_patterns
@@ -15,7 +16,7 @@ from mhsb_model.types import FloatArray
 from mhsb_sim.errors import ModeError, SimulationDivergedError, UnknownControllerError
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.faults import Fault
-from mhsb_sim.simulation.simulator import Simulator, holding_modes, volume_gap
+from mhsb_sim.simulation.simulator import Simulator, volume_gap
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
@@ -304,7 +305,8 @@ def test_a_stop_comes_to_rest_along_the_path_and_holds(machine: Machine, motion:
     assert tip_errors(simulator, 1.0).max() < 0.5e-3
     halted = simulator.reference.position
     np.testing.assert_array_equal(simulator.reference.velocity, 0.0)
-    np.testing.assert_array_equal(simulator.modes, holding_modes(machine, halted))
+    held = holding_modes(machine, machine.piston_forces(halted))
+    np.testing.assert_array_equal(simulator.modes, held)
     nearest = np.abs(trajectory.position - halted).max(axis=1).min()
     assert nearest < np.abs(np.diff(trajectory.position, axis=0)).max()
     simulator.stop()

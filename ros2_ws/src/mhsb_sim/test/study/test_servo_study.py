@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.search.s2_search import Weights
-from mhsb_sim.simulation.simulator import holding_modes
 from mhsb_sim.study.energy_comparison import Element
 from mhsb_sim.study.replay import Replay
 from mhsb_sim.study.scenarios import Scenario
@@ -74,7 +74,7 @@ def test_overshoot_is_counted_above_supply_pressure_and_reserve(machine: Machine
     supply = machine.arrays.supply_pressure
     line = np.full(1000, supply)
     line[500] += 1e6
-    assert not holding_modes(machine, RAISED).any()
+    assert not holding_modes(machine, machine.piston_forces(RAISED)).any()
     excess = supply_overshoot(machine, still_run(machine, np.tile(RAISED, (1000, 1)), line))
     assert excess[500, 0] == pytest.approx(1e6 - ALLOWANCE)
     assert excess[499, 0] == pytest.approx(-ALLOWANCE)

@@ -17,6 +17,7 @@ from mhsb_model.figure_style import (
     GREY,
     MODE_COLOR,
     ORANGE,
+    PATH_COLOR,
     PURPLE,
     SKY,
     VERMILION,
@@ -133,7 +134,7 @@ def _draw_load_line(machine: Machine, fit: Fit, joint: int, axes: Axes) -> None:
             linestyle="none",
             marker=".",
             markersize=3,
-            color={Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}[each],
+            color=PATH_COLOR[each],
             label=f"joint {joint + 1} in {each.name}",
         )
     span = max(1.0, float(np.ptp(force)))

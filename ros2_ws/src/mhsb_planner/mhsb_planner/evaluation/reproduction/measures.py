@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mhsb_model.machine import Machine
+from mhsb_model.modes import any_boosted
 from mhsb_model.types import FloatArray
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -24,7 +25,7 @@ def duration(path: DiscretePath) -> float:
 
 def normal_share(path: DiscretePath, begin: float = 0.0, end: float = 1.0) -> float:
     """Share of the time in which no actuator is boosted [-], between two shares of the duration."""
-    return _share(path, path.modes.max(axis=1) == 0, begin, end)
+    return _share(path, ~any_boosted(path.modes), begin, end)
 
 
 def mode_share(path: DiscretePath, mode: int, begin: float = 0.0, end: float = 1.0) -> float:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mhsb_model.figure_style import BLACK, BLUE, GREY, VERMILION, legend_above, written_figure
-from mhsb_model.modes import Mode, pattern_name
+from mhsb_model.figure_style import BLACK, BLUE, GREY, PATH_COLOR, legend_above, written_figure
+from mhsb_model.modes import BOOSTED, pattern_name, strongest
 from mhsb_planner.evaluation.operating_regions import OperatingRegions, operating_regions
 from mhsb_planner.evaluation.reproduction.fits import Fit, Fits
 from mhsb_planner.evaluation.reproduction.runs import Runs
@@ -20,7 +20,6 @@ from mhsb_planner.search.discrete_path import DiscretePath
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PATH_COLOR = {Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}
 ARMS = 5
 """Postures drawn along a path."""
 
@@ -79,11 +78,11 @@ def _draw_arms(runs: Runs, path: DiscretePath, axes: Axes) -> None:
 
 
 def _draw_tip(fit: Fit, axes: Axes) -> None:
-    """The fitted tip path, coloured by the highest mode in force."""
-    highest = fit.modes.max(axis=1)
+    """The fitted tip path, coloured by the strongest mode in force."""
+    modes = strongest(fit.modes)
     for mode, color in PATH_COLOR.items():
-        tip = np.where((highest == mode)[:, None], fit.profile.tip, np.nan)
-        what = "all in N" if mode is Mode.N else f"an actuator in {mode.name}"
+        tip = np.where((modes == mode)[:, None], fit.profile.tip, np.nan)
+        what = f"an actuator in {mode.name}" if BOOSTED[mode] else f"all in {mode.name}"
         axes.plot(*tip.T, color=color, linewidth=2.0, label=f"trajectory (S3), {what}")
 
 

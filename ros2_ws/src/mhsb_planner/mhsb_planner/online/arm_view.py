@@ -1,0 +1,77 @@
+"""What the planner knows of the arm: what it has heard, and the command that is in force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mhsb_model.command import Command
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import MotionState
+from mhsb_model.types import ModeArray
+from mhsb_planner.online.arm_time import ArmTime
+
+OLDEST_STATE = 0.5
+"""A measured or commanded state heard longer ago says nothing about now [s]."""
+
+NO_PLAN = 0
+"""What `plan_in_force` says while the arm holds its position."""
+
+
+@dataclass(frozen=True, eq=False)
+class Heard:
+    """A state, its stamp by the arm's clock [ns], and when it was heard by the steady clock [s]."""
+
+    state: MotionState
+    stamp_ns: int
+    wall: float
+
+
+@dataclass
+class ArmView:
+    """The latest that has been heard of the arm; None where nothing has been heard.
+
+    own    the command that the arm has confirmed, or is taken to obey where it tells nothing
+    fault  why the arm stands still and takes no plan; empty while it does
+    """
+
+    joint_count: int
+    reference: Heard | None = None
+    measured: Heard | None = None
+    in_force_ns: int | None = None
+    modes: ModeArray | None = None
+    own: Command | None = None
+    fault: str = ""
+    time: ArmTime = field(default_factory=ArmTime)
+
+    def forget(self) -> None:
+        """Drop everything: the clock went back, or the arm was reset."""
+        self.reference = self.measured = self.in_force_ns = self.modes = self.own = None
+        self.time.forget()
+
+    def now_ns(self, wall: float, ros_ns: int) -> int:
+        """The arm's time; that of ROS where the arm has been silent for long."""
+        return ros_ns if self.time.silence(wall) > OLDEST_STATE else self.time.now_ns(wall)
+
+    def knows_state(self, wall: float) -> bool:
+        """Whether something fresh is known of where the arm is."""
+        return self.fresh(self.reference, wall) or self.fresh(self.measured, wall)
+
+    @staticmethod
+    def fresh(heard: Heard | None, wall: float) -> bool:
+        """Whether a state has been heard lately."""
+        return heard is not None and wall - heard.wall <= OLDEST_STATE
+
+    @property
+    def modes_in_force(self) -> ModeArray:
+        """Modes that the arm reports; all N where it reports none."""
+        if self.modes is not None:
+            return self.modes
+        return np.full(self.joint_count, Mode.N, dtype=np.uint8)
+
+    def executes_own(self, now_ns: int) -> bool:
+        """Whether the arm moves under a command of this planner."""
+        own = self.own
+        confirmed = own is not None and self.in_force_ns in (None, own.stamp_ns)
+        return own is not None and confirmed and now_ns < own.trajectory.end_ns

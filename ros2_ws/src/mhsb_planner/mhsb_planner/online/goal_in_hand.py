@@ -1,0 +1,74 @@
+"""A goal from its arrival to its end, and what has been done for it so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mhsb_model.goal import Goal
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
+from mhsb_planner.online.replanning import Replan
+
+
+@dataclass
+class GoalInHand:
+    """A goal that has not ended yet.
+
+    received       when it came, by the steady clock [s]
+    waiting_since  since when it waits to be planned, or to be planned again [s]
+    answered       whether it has got its verdict
+    attempts       plans that were sent for it
+    plan_stamp_ns  of the last one
+    lead_ms        from its arrival to where that one leaves the command before
+    stretch        factor of the lead, for plans that came too late before
+    too_long       how often even the longest lead was too short
+    over           whether it has ended
+    """
+
+    goal: Goal
+    received: float
+    waiting_since: float
+    answered: bool = False
+    attempts: int = 0
+    plan_stamp_ns: int = 0
+    lead_ms: float = 0.0
+    stretch: float = 1.0
+    too_long: int = 0
+    over: bool = False
+
+    def refused(self, code: Verdict, sentence: str) -> GoalVerdict:
+        """Its verdict, where it is not accepted."""
+        return GoalVerdict(code, sentence, self.goal.stamp_ns, self.goal.x, self.goal.z)
+
+    def accepted(self, code: Verdict, sentence: str, plan: PlanSummary) -> GoalVerdict:
+        """Its verdict, where it is."""
+        return GoalVerdict(code, sentence, self.goal.stamp_ns, self.goal.x, self.goal.z, plan)
+
+    def ended(
+        self, outcome: Outcome, sentence: str, reason: Verdict | None = None
+    ) -> ExecutionReport:
+        """The report that closes it after it has been accepted."""
+        return ExecutionReport(
+            outcome,
+            sentence,
+            self.goal.stamp_ns,
+            self.plan_stamp_ns,
+            self.attempts,
+            self.lead_ms,
+            reason,
+        )
+
+
+def summary_of(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:
+    """What the verdict says of a plan; both times count from the goal's arrival."""
+    plan = replan.plan
+    return PlanSummary(
+        plan_stamp_ns=replan.command.stamp_ns,
+        energy_j=plan.energy.paper,
+        energy_series_j=plan.energy.series,
+        duration_s=plan.motion.trajectory.duration_ns / SECOND_NS,
+        switches=plan.motion.schedule.switches,
+        plan_ms=plan_ms,
+        lower_bound_j=plan.lower_bound,
+        lead_ms=lead_ms,
+    )

@@ -1,0 +1,89 @@
+"""What the lifecycle asks of whoever plans, and what it knows of a plan that it has sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from mhsb_model.command import Command
+from mhsb_model.machine import Machine
+from mhsb_planner import deadline
+from mhsb_planner.deadline import Deadline
+from mhsb_planner.online.goal_in_hand import GoalInHand
+from mhsb_planner.online.replanning import Replan, Replanner
+from mhsb_planner.planner import PlanOptions
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How plans are made.
+
+    machine             with payload, supply pressure, V_max and zones as asked for
+    lead_min, lead_max  s, between which the lead adapts
+    planning_budget     s, the lead where it shall not adapt; 0 where it shall
+    """
+
+    machine: Machine
+    options: PlanOptions
+    lead_min: float = 0.03
+    lead_max: float = 1.0
+    planning_budget: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRequest:
+    """A plan that is being made.
+
+    epoch      of the lifecycle when it was asked for; another one later makes it void
+    departure  command that it continues, while the arm said that `in_force_ns` was in force
+    now_ns     the arm's time when it was asked for
+    lead       s of the arm's time, until it leaves the departure
+    began      when it was asked for, by the steady clock [s]
+    deadline   for its answer
+    """
+
+    epoch: int
+    in_hand: GoalInHand
+    settings: Settings
+    departure: Command
+    in_force_ns: int | None
+    now_ns: int
+    lead: float
+    began: float
+    deadline: Deadline
+
+    def answered_by(self, replanner: Replanner) -> Replan | None:
+        """The worker's part; raises what `Replanner.replan` raises."""
+        goal, began = self.in_hand.goal, deadline.now()
+        replanner.change(self.settings.machine)
+        replan = replanner.replan(
+            self.departure,
+            self.now_ns,
+            (goal.x, goal.z),
+            self.lead,
+            self.settings.options,
+            self.deadline,
+        )
+        if replan is None:
+            return None
+        spent = deadline.now() - began
+        return replace(replan, improving=spent - replan.plan.seconds["first_motion"])
+
+
+@dataclass(eq=False)
+class Sent:
+    """A command that has been sent and that the arm has not confirmed yet.
+
+    change_ns  where it leaves the command before, by the arm's clock
+    planned    when it was made, or should have been, by the steady clock [s]
+    sent       when it was sent [s]
+    replan     where it comes from, with its request; None for a command that brakes
+    void       whether the arm should not take it any more: if it does, it is braked
+    """
+
+    command: Command
+    change_ns: int
+    planned: float
+    sent: float
+    replan: Replan | None = None
+    request: PlanRequest | None = None
+    void: bool = False

@@ -1,0 +1,327 @@
+"""The life of goals, event by event: each is answered once, and nothing unconfirmed counts."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.verdict import Outcome, Verdict
+from mhsb_planner.online.arm_view import NO_PLAN
+from mhsb_planner.online.plan_request import Settings
+
+UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)
+
+
+def under_way(world, goal=UP, seconds=1.0) -> int:
+    stamp = world.goal(*goal)
+    world.until(lambda: world.arm.moves)
+    world.pass_time(seconds)
+    return stamp
+
+
+def in_new_zones(world, **zones) -> Settings:
+    old = world.life._settings
+    return Settings(old.machine.changed(**zones), old.options)
+
+
+def test_a_goal_is_planned_confirmed_and_reached(world):
+    stamp = world.goal(*UP)
+    assert world.verdict(stamp).code is Verdict.OK
+    ending = world.ending(stamp)
+    assert ending.outcome is Outcome.REACHED
+    assert ending.attempts == 1
+    assert ending.plan_stamp_ns == world.verdict(stamp).plan.plan_stamp_ns
+    assert world.tip_is_at(*UP)
+    assert world.life.idle
+
+
+def test_a_goal_in_motion_replaces_the_one_before_when_the_arm_has_confirmed(world):
+    first = under_way(world)
+    second = world.goal(*DOWN)
+    assert world.verdict(second).code is Verdict.OK
+    assert world.endings(first) == []
+    assert world.ending(first).outcome is Outcome.REPLACED
+    assert world.ending(second).outcome is Outcome.REACHED
+
+
+def test_goals_passed_over_are_superseded_and_the_newest_is_executed(world):
+    stamps = [world.goal(0.6, 0.1 + 0.01 * k) for k in range(10)]
+    codes = [world.verdict(stamp).code for stamp in stamps]
+    assert codes == [Verdict.OK, *[Verdict.SUPERSEDED] * 8, Verdict.OK]
+    assert world.ending(stamps[0]).outcome is Outcome.REPLACED
+    assert world.ending(stamps[-1]).outcome is Outcome.REACHED
+
+
+def test_the_lead_counts_from_the_goals_arrival_to_the_change(world):
+    first = under_way(world)
+    lead_ms = world.verdict(world.goal(*DOWN)).plan.lead_ms
+    change_ns = world.life._execution and world.sent[-1]
+    assert change_ns is not None
+    assert 1e3 * world.planning_time < lead_ms < 150.0
+    assert world.verdict(first).plan.lead_ms > 0.0
+
+
+# --- Late and refused plans -----------------------------------------------------------------------
+
+
+def test_a_plan_that_the_arm_refuses_as_late_is_made_again_with_a_longer_lead(world):
+    under_way(world)
+    world.transport = 0.15
+    second = world.goal(*DOWN)
+    world.until(lambda: len(world.sent) == 2)
+    world.transport = 0.002
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.ending(second).attempts > 1
+    leads = [request.lead for request in world.planned[1:]]
+    assert leads[1] >= 1.5 * leads[0] * (1 - 1e-9)
+    assert world.ending(second).plan_stamp_ns > world.verdict(second).plan.plan_stamp_ns
+    assert max(world.arm.jumps) <= 1e-6
+
+
+def test_a_plan_that_gets_lost_is_made_again(world):
+    first = under_way(world)
+    world.lost = 1
+    second = world.goal(*DOWN)
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.ending(second).attempts == 2
+    assert world.ending(first).outcome is Outcome.REPLACED
+
+
+def test_from_rest_a_lost_plan_is_only_stamped_anew(world):
+    world.lost = 1
+    stamp = world.goal(*UP)
+    assert world.ending(stamp).attempts == 2
+    assert len(world.planned) == 1
+    first, again = (command.trajectory for command in world.sent)
+    np.testing.assert_array_equal(first.position[-500:], again.position[-500:])
+    assert again.stamp_ns > first.stamp_ns
+
+
+def test_a_refused_plan_replaces_nothing_and_the_arm_can_be_stopped_all_the_same(world):
+    first = under_way(world)
+    world.lost = 99
+    world.goal(*DOWN)
+    world.pass_time(0.3)
+    assert world.life.view.in_force_ns == world.verdict(first).plan.plan_stamp_ns
+    world.lost = 0
+    answers = []
+    world.life.stop(lambda *answer: answers.append(answer))
+    world.until(lambda: bool(answers))
+    world.pass_time(3.0)
+    assert answers[0][0]
+    assert not world.arm.moves
+    assert not world.tip_is_at(*UP)
+    assert not world.tip_is_at(*DOWN)
+
+
+def test_planning_that_never_comes_in_time_ends_with_not_found_or_deadline(new_world):
+    world = new_world(lead_max=0.1)
+    under_way(world)
+    world.planning_time = 0.5
+    stamp = world.goal(*DOWN)
+    verdict = world.verdict(stamp)
+    assert verdict.code is Verdict.DEADLINE
+    assert "3 tries at the longest lead" in verdict.sentence
+    world.ending(1)
+    world.check_that_each_goal_was_answered_once()
+
+
+def test_an_accepted_goal_whose_plans_are_never_taken_is_aborted_with_the_reason(new_world):
+    world = new_world(lead_max=0.2)
+    first = under_way(world)
+    world.lost = 99
+    second = world.goal(*DOWN)
+    assert world.verdict(second).code is Verdict.OK
+    ending = world.ending(second)
+    assert (ending.outcome, ending.reason) == (Outcome.ABORTED, Verdict.DEADLINE)
+    assert ending.attempts >= 3
+    assert world.ending(first).outcome is Outcome.REACHED
+
+
+def test_a_confirmation_that_comes_late_counts_all_the_same(world):
+    first = under_way(world)
+    second = world.goal(*DOWN)
+    world.until(lambda: len(world.sent) == 2)
+    world.arm.frozen = True
+    world.pass_time(1.5)
+    world.arm.frozen = False
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.ending(first).outcome is Outcome.REPLACED
+    world.check_that_each_goal_was_answered_once()
+
+
+def test_the_lead_falls_again_when_load_ends(world):
+    def lead_after(goals: int) -> float:
+        for k in range(goals):
+            world.goal(0.6, 0.1 * (-1) ** k)
+            world.pass_time(0.7)
+        return world.life.lead.lead
+
+    idle = lead_after(20)
+    world.transport = 0.08
+    loaded = lead_after(10)
+    world.transport = 0.002
+    assert loaded > 2 * idle
+    assert lead_after(20) <= 1.2 * idle
+
+
+def test_a_fixed_planning_budget_is_the_lead(new_world):
+    world = new_world(planning_budget=0.3)
+    under_way(world)
+    world.verdict(world.goal(*DOWN))
+    assert world.planned[-1].lead == pytest.approx(0.3)
+
+
+def test_an_arm_that_runs_faster_is_given_its_own_time(world):
+    world.arm.speed = 10.0
+    world.pass_time(4.0)
+    under_way(world, seconds=0.1)
+    second = world.goal(*DOWN)
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.planned[-1].lead > 5 * world.life.lead.lead
+
+
+# --- Stopping -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("after", [0.0, 0.01, 0.021, 0.024, 0.03, 0.06])
+def test_a_stop_ends_goals_that_are_being_planned_for_or_sent(world, after):
+    stamp = world.goal(*UP)
+    world.pass_time(after)
+    answers = []
+    world.life.stop(lambda *answer: answers.append(answer))
+    world.until(lambda: bool(answers))
+    position = world.arm.command.trajectory.position[-1]
+    world.pass_time(3.0)
+    assert answers[0][0]
+    np.testing.assert_array_equal(world.arm.reference.position, position)
+    assert not world.arm.moves
+    [verdict] = world.verdicts(stamp)
+    if verdict.code is Verdict.OK:
+        assert world.ending(stamp).outcome is Outcome.STOPPED
+    else:
+        assert verdict.code is Verdict.STOPPED
+        assert world.endings(stamp) == []
+    assert world.life.idle
+
+
+def test_a_stop_whose_command_gets_lost_is_sent_again_and_then_asked_of_the_arm(world):
+    stamp = under_way(world)
+    world.lost = 99
+    answers = []
+    world.life.stop(lambda *answer: answers.append(answer))
+    world.until(lambda: bool(answers))
+    assert answers[0][0]
+    assert world.asked_arm_to_stop == 1
+    assert world.ending(stamp).outcome is Outcome.STOPPED
+    assert not world.arm.moves
+
+
+def test_a_frozen_arm_that_takes_a_revoked_plan_afterwards_is_braked_at_once(world):
+    first = under_way(world)
+    world.goal(*DOWN)
+    world.until(lambda: len(world.sent) == 2)
+    world.arm.frozen = True
+    answers = []
+    world.life.stop(lambda *answer: answers.append(answer))
+    world.pass_time(1.0)
+    world.arm.frozen = False
+    world.until(lambda: bool(answers))
+    world.pass_time(3.0)
+    assert not world.arm.moves
+    assert world.ending(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
+    world.check_that_each_goal_was_answered_once()
+
+
+def test_a_goal_after_a_stop_goes_on_from_there(world):
+    under_way(world)
+    world.life.stop(lambda *answer: None)
+    second = world.goal(*DOWN)
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert max(world.arm.jumps) <= 1e-6
+
+
+# --- Settings, clock, faults ----------------------------------------------------------------------
+
+
+def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
+    stamp = world.goal(*UP)
+    world.pass_time(0.01)
+    old = world.life._settings
+    changed = Settings(old.machine.changed(payload=0.0), old.options)
+    world.life.change(changed)
+    assert world.verdict(stamp).code is Verdict.OK
+    assert [request.settings for request in world.planned] == [old, changed]
+
+
+def test_the_same_goal_again_goes_on_without_a_new_plan(world):
+    first = under_way(world)
+    second = world.goal(*UP)
+    verdict = world.verdict(second)
+    assert (verdict.code, verdict.plan.continued) == (Verdict.OK, True)
+    assert verdict.plan.plan_stamp_ns == world.verdict(first).plan.plan_stamp_ns
+    assert world.ending(first).outcome is Outcome.REPLACED
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert len(world.sent) == 1
+
+
+def test_when_the_clock_goes_back_goals_are_planned_anew_from_the_new_state(world):
+    first = under_way(world)
+    second = world.goal(*DOWN)
+    world.pass_time(0.01)
+    world.arm.start_anew(5 * SECOND_NS)
+    world.life.clock_jumped("the clock went back")
+    verdict = world.verdict(second)
+    assert verdict.code is Verdict.OK
+    assert verdict.plan.plan_stamp_ns < 20 * SECOND_NS
+    assert world.ending(first).outcome is Outcome.ABORTED
+    assert world.ending(second).outcome is Outcome.REACHED
+
+
+def test_while_the_arm_reports_a_fault_goals_are_refused_with_its_sentence(world):
+    first = under_way(world)
+    second = world.goal(*DOWN)
+    world.arm.fault = "joint_1 is 0.2 rad behind"
+    world.arm.stop_at_once()
+    assert world.verdict(second).code is Verdict.FAULT
+    assert world.verdict(second).sentence == "joint_1 is 0.2 rad behind"
+    ending = world.ending(first)
+    assert (ending.outcome, ending.reason) == (Outcome.ABORTED, Verdict.FAULT)
+    third = world.goal(*DOWN)
+    assert world.verdict(third).code is Verdict.FAULT
+    world.arm.fault = ""
+    world.pass_time(0.1)
+    assert world.ending(world.goal(*DOWN)).outcome is Outcome.REACHED
+
+
+def test_without_a_state_a_goal_waits_and_is_then_refused(world):
+    world.arm.frozen = True
+    world.pass_time(1.0)
+    stamp = world.goal(*UP)
+    began = world.now
+    assert world.verdict(stamp).code is Verdict.NO_STATE
+    assert 1.9 < world.now - began < 2.2
+
+
+def test_an_arm_moved_by_somebody_else_is_asked_to_stop_first(world):
+    other = under_way(world)
+    world.life.clock_jumped("the planner was started anew")  # it forgets its own command
+    world.endings(other)
+    second = world.goal(*DOWN)
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.asked_arm_to_stop == 1
+
+
+def test_goals_out_of_the_workspace_leave_the_motion_as_it_is(world):
+    first = under_way(world)
+    assert world.verdict(world.goal(2.0, 0.0)).code is Verdict.OUT_OF_WORKSPACE
+    assert world.verdict(world.goal(0.0, 0.3)).code is Verdict.INFEASIBLE
+    assert world.ending(first).outcome is Outcome.REACHED
+
+
+def test_a_goal_that_has_been_reached_is_accepted_and_costs_nothing(world):
+    world.ending(world.goal(*UP))
+    sent = len(world.sent)
+    verdict = world.verdict(world.goal(*UP))
+    assert (verdict.code, verdict.plan.energy_j) == (Verdict.AT_GOAL, 0.0)
+    assert len(world.sent) == sent
+    assert world.arm.in_force_ns == NO_PLAN

@@ -1,0 +1,1 @@
+"""The suite as running processes: started, loaded, commanded and watched from outside."""

@@ -1,0 +1,113 @@
+"""Promises about motion, each broken on purpose."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mhsb_model.obstacles.zones import Zones
+from mhsb_sim.live.soak import motion_promises
+from mhsb_sim.live.soak.events import PLANNER, SIM, DeedKind
+
+
+def moved(table, rows, offset):
+    """A table of joints with some rows moved by an offset [rad]."""
+    position = table.position.copy()
+    position[rows] += offset
+    return replace(table, position=position)
+
+
+def test_a_jump_at_a_hand_over_is_told(events, spoilt):
+    [applied] = events.recording.hand_overs
+    for jump in ({"position_jump": 2e-6}, {"velocity_jump": 2e-6}, {"position_jump": np.nan}):
+        worse = replace(applied, value=replace(applied.value, **jump))
+        kept = motion_promises.small_jumps(spoilt(recording={"hand_overs": (worse,)}))
+        assert "plan 10.500 s" in kept.broken[0]
+
+
+def test_a_step_between_two_references_is_told_but_where_everything_starts_anew(
+    events, spoilt, make
+):
+    stepped = moved(events.recording.references, slice(2500, None), 2e-6)
+    kept = motion_promises.continuous_reference(spoilt(recording={"references": stepped}))
+    assert kept.broken == ("at 24.990 s it jumps by 2e-06 rad",)
+    anew = (*events.deeds, make.deed(DeedKind.RESET, SIM, 24.9, 24.95))
+    assert motion_promises.continuous_reference(
+        spoilt(recording={"references": stepped}, deeds=anew)
+    ).held
+    told = moved(events.recording.references, slice(4080, None), 0.1)  # as a fault is reported
+    assert motion_promises.continuous_reference(spoilt(recording={"references": told})).held
+
+
+def test_a_reference_beside_the_plan_in_force_is_told(events, spoilt):
+    table = events.recording.references
+    beside = moved(table, slice(1200, 1300), 1e-8)
+    kept = motion_promises.follows_the_plan(spoilt(recording={"references": beside}))
+    assert "1e-08 rad from plan" in kept.broken[0]
+    unnoticed = moved(table, slice(2000, 2100), 1e-8)  # no plan is in force any more
+    assert motion_promises.follows_the_plan(spoilt(recording={"references": unnoticed})).held
+
+
+def test_a_joint_beyond_its_limit_is_told_with_the_worst_of_it(events, spoilt):
+    upper = events.machine.arrays.joint_max[0]
+    beyond = moved(events.recording.references, slice(700, 710), [upper - 0.3 + 0.01, 0.0, 0.0])
+    kept = motion_promises.within_joint_limits(spoilt(recording={"references": beyond}))
+    assert kept.broken == ("10 times, 0.01 rad beyond a limit at 7.00 s",)
+
+
+def test_a_piston_too_fast_is_told(events, spoilt):
+    table = events.recording.references
+    fast = replace(table, velocity=table.velocity.copy())
+    arm = events.machine.moment_arms(table.position[700])[0]
+    fast.velocity[700, 0] = 1.1 * events.machine.arrays.max_piston_speed / arm
+    kept = motion_promises.within_speed_limits(spoilt(recording={"references": fast}))
+    assert kept.broken[0].startswith("1 times, 1.1 of V_max or the flow at 7.00 s")
+
+
+@pytest.mark.parametrize("inside_from_the_start", [False, True])
+def test_a_zone_that_is_entered_is_told_but_not_one_that_is_left(
+    spoilt, make, events, inside_from_the_start
+):
+    row = 0 if inside_from_the_start else -1
+    x, z = events.machine.tip_position(events.recording.references.position[row])
+    zones = Zones(tip_circles=((float(x), float(z), 0.02),))
+    deeds = (make.deed(DeedKind.ZONES, PLANNER, 5.0, 5.01, zones),)
+    kept = motion_promises.keeps_out(spoilt(deeds=deeds))
+    assert kept.held == inside_from_the_start
+    assert kept.tested > 0
+
+
+def test_zones_hold_from_two_seconds_after_they_were_set_until_they_are_taken_back(
+    spoilt, make, events
+):
+    x, z = map(float, events.machine.tip_position(events.recording.references.position[-1]))
+    there = Zones(tip_circles=((x, z, 0.02),))
+    for begin, end in ((14.9, 20.0), (5.0, 12.0)):
+        deeds = (
+            make.deed(DeedKind.ZONES, PLANNER, begin, begin, there),
+            make.deed(DeedKind.ZONES, PLANNER, end, end, Zones()),
+        )
+        assert motion_promises.keeps_out(spoilt(deeds=deeds)).held
+
+
+def test_a_motion_after_a_stop_is_told_until_the_next_goal(spoilt, make, events):
+    stop = make.deed(DeedKind.STOP, PLANNER, 9.0, 9.01)
+    kept = motion_promises.rests_after_stops(spoilt(deeds=(stop,)))
+    assert kept.broken == ("stopped by the planner at 9.00 s, it moves at 11.02 s",)
+    goal = make.deed(DeedKind.GOAL, PLANNER, 10.9, 10.9, 1)
+    assert motion_promises.rests_after_stops(spoilt(deeds=(stop, goal))).held
+    refused = replace(stop, done=False)
+    assert motion_promises.rests_after_stops(spoilt(deeds=(refused,))).held
+
+
+def test_a_lunge_after_healing_is_told(spoilt, events):
+    states = events.recording.joint_states
+    lunging = replace(states, position=states.position.copy())
+    lunging.position[5100:] += 0.1
+    kept = motion_promises.heals_gently(spoilt(recording={"joint_states": lunging}))
+    assert "after healing main_pump at 50.00 s: 1 rad/s" in kept.broken[0]
+    goal = replace(events.deeds[0], begin_ns=events.deeds[-1].begin_ns + 500_000_000)
+    moved_by_goal = spoilt(recording={"joint_states": lunging}, deeds=(*events.deeds, goal))
+    assert motion_promises.heals_gently(moved_by_goal).held
