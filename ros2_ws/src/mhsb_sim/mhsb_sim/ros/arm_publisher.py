@@ -64,7 +64,7 @@ class ArmPublisher:
     def restart(self) -> None:
         """Simulated time has begun anew: publish all from now on."""
         now_ns = self._simulator.time_ns
-        self._next_state_ns = self._next_modes_ns = now_ns
+        self._next_state_ns = self._next_modes_ns = now_ns + STATE_PERIOD_NS
         self._in_force_ns: int | None = None
         self._modes: ModeArray | None = None
         self._last_report = (time.monotonic(), now_ns)

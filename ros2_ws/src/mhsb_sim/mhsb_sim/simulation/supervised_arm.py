@@ -14,7 +14,7 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervision import Phase, Supervision
 from mhsb_sim.simulation.symptoms import WATCH_PERIOD_NS, SupervisionLimits
 
-UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 40.0
+UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 30.0
 """A lighter payload is approached with this time constant [s], at least this fast [kg/s]. Oil that
 a load has compressed would throw the arm up if the load vanished at once."""
 
