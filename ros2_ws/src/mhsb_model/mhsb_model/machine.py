@@ -131,6 +131,14 @@ class Machine:
         statics.gravity_torque(self.arrays, q, torque)
         return torque
 
+    def inverse_dynamics(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Torques that move the arm and its payload, gravity included; q̇ [rad/s], q̈ [rad/s²]."""
+        weight, torque = np.empty(self.joint_count), np.empty(self.joint_count)
+        work = np.empty((statics.MOTION_WORK, self.joint_count))
+        state = (np.array(values, dtype=np.float64) for values in (q, qd, qdd))
+        statics.moving_torques(statics.chain_of(self.arrays), *state, work, weight, torque)
+        return torque
+
     def piston_forces(self, q: FloatArray) -> FloatArray:
         """Cylinder forces that hold the arm and its payload, positive resists extension."""
         force = np.empty(self.joint_count)

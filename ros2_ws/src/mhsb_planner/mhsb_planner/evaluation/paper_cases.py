@@ -10,7 +10,7 @@ from mhsb_model.config_files import config_file
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
-from mhsb_planner.planner import PlannerKind, PlanOptions
+from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.search.fixed_j3 import fixed_j3_posture
 from mhsb_planner.search.s2_search import Weights
@@ -30,7 +30,7 @@ class PaperCase:
     start: tuple[float, float]
     goal: tuple[float, float]
     weights: Weights
-    planner: PlannerKind = "table"
+    planner: str = "table"
     initial_j3: float | None = None
 
     def start_posture(self, machine: Machine) -> FloatArray:
