@@ -30,7 +30,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "check = mhsb_model.check:main",
+            "check = mhsb_model.executables:check",
         ],
     },
 )

@@ -20,11 +20,11 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "planner_node = mhsb_planner.ros.planner_node:main",
-            "build_table = mhsb_planner.build_table:main",
-            "plan = mhsb_planner.commands.plan_command:main",
-            "goal = mhsb_planner.commands.goal_command:main",
-            "reproduce = mhsb_planner.commands.reproduce_command:main",
+            "planner_node = mhsb_planner.executables:planner_node",
+            "build_table = mhsb_planner.executables:build_table",
+            "plan = mhsb_planner.executables:plan",
+            "goal = mhsb_planner.executables:goal",
+            "reproduce = mhsb_planner.executables:reproduce",
         ],
     },
 )

@@ -30,14 +30,14 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "sim_node = mhsb_sim.ros.sim_node:main",
-            "simulate = mhsb_sim.commands.simulate_command:main",
-            "compare = mhsb_sim.study.compare_command:main",
-            "study = mhsb_sim.study.study_command:main",
-            "tune = mhsb_sim.study.tune_command:main",
-            "record = mhsb_sim.recording.record_command:main",
-            "report = mhsb_sim.report.report_command:main",
-            "demo = mhsb_sim.commands.demo_command:main",
+            "sim_node = mhsb_sim.executables:sim_node",
+            "simulate = mhsb_sim.executables:simulate",
+            "compare = mhsb_sim.executables:compare",
+            "study = mhsb_sim.executables:study",
+            "tune = mhsb_sim.executables:tune",
+            "record = mhsb_sim.executables:record",
+            "report = mhsb_sim.executables:report",
+            "demo = mhsb_sim.executables:demo",
         ],
     },
 )

@@ -48,6 +48,30 @@ def test_mass_matrix_gives_the_kinetic_energy(machine, q, qd):
     assert 0.5 * qd @ machine.mass_matrix(q) @ qd == pytest.approx(energy, abs=1e-6)
 
 
+def mass_matrix_slopes(machine: Machine, q: FloatArray, step: float = 1e-6) -> FloatArray:
+    """∂M/∂q_k by central differences, float64[n, n, n] with k last."""
+    ends = [(q + step * e, q - step * e) for e in np.eye(len(q))]
+    slopes = [(machine.mass_matrix(a) - machine.mass_matrix(b)) / (2 * step) for a, b in ends]
+    return np.stack(slopes, axis=-1)
+
+
+@given(postures, *[st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)] * 2)
+def test_a_motions_torques_are_what_gravity_the_mass_matrix_and_its_slopes_give(
+    machine, q, qd, qdd
+):
+    slope = mass_matrix_slopes(machine, q)
+    coriolis = np.einsum("ijk,j,k->i", slope, qd, qd)
+    coriolis -= 0.5 * np.einsum("jki,j,k->i", slope, qd, qd)
+    expected = machine.mass_matrix(q) @ qdd + coriolis + machine.gravity_torque(q)
+    assert machine.inverse_dynamics(q, qd, qdd) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+@given(postures)
+def test_at_rest_they_are_the_gravity_torques(machine, q):
+    rest = np.zeros(3)
+    assert machine.inverse_dynamics(q, rest, rest).tolist() == machine.gravity_torque(q).tolist()
+
+
 @given(postures)
 def test_piston_forces_do_the_work_of_the_torques(machine, q):
     force = machine.piston_forces(q)

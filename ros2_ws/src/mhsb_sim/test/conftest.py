@@ -13,7 +13,6 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, modules_in_use
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import warm_up
 
@@ -91,12 +90,10 @@ def _schedule(machine: Machine, trajectory: Trajectory) -> ModeSchedule:
 def _needed_modes(machine: Machine, trajectory: Trajectory) -> ModeArray:
     m, n = machine.arrays, machine.joint_count
     modes = np.zeros(trajectory.position.shape, np.uint8)
-    torque, scratch = np.zeros(n), np.zeros((n, SCRATCH_WIDTH))
-    links = link_records(machine)
     for k, (q, qd, qdd) in enumerate(
         zip(trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True)
     ):
-        inverse_dynamics(links, m.gravity, q.copy(), qd.copy(), qdd.copy(), scratch, torque)
+        torque = machine.inverse_dynamics(q, qd, qdd)
         arms = machine.moment_arms(q)
         for j in range(n):
             speed = arms[j] * qd[j]

@@ -11,6 +11,7 @@ from numba import njit
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
+from mhsb_model.statics import INERTIA_WORK, chain_of, gravity_torques, inertia_torques
 from mhsb_model.types import FloatArray, frozen
 
 
@@ -42,10 +43,7 @@ def motion_profile(
     velocity: FloatArray,
     acceleration: FloatArray | None = None,
 ) -> MotionProfile:
-    """Profile of states, float64[k, n] each: q [rad], q̇ [rad/s], and q̈ [rad/s²] if inertia counts.
-
-    Source: recursive Newton–Euler, R. Featherstone, Rigid Body Dynamics Algorithms, 5.3.
-    """
+    """Profile of states, float64[k, n]: q [rad], q̇ [rad/s], and q̈ [rad/s²] where inertia counts."""
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     return MotionProfile(
         *_profile(machine.arrays, frozen(position), frozen(velocity), frozen(qdd))
@@ -56,52 +54,27 @@ def motion_profile(
 def _profile(
     m: MachineArrays, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Kernel of `motion_profile`; its oracle in the tests is the Machine's own methods.
-
-    Statics, dynamics, arms and the tip share what they have in common. Arrays are taken by rows
-    and columns: views of rows and tuples handed on would take longer than the rest.
-    """
+    """Kernel of `motion_profile`; its oracle in the tests is the Machine's own methods."""
     rows, n = position.shape
     speed, force, tip = np.empty((rows, n)), np.empty((rows, n)), np.zeros((rows, 2))
     inertia = np.zeros((rows, n))
-    length, mass_of, center, linkage = m.link_length, m.link_mass, m.link_center, m.linkage
-    link_inertia = m.link_inertia
+    chain, linkage, moves = chain_of(m), m.linkage, len(acceleration) > 0
     cosine, sine = np.empty(n), np.empty(n)
-    turn, thrust_x, thrust_z = np.empty(n), np.empty(n), np.empty(n)
+    weight, push, work = np.empty(n), np.zeros(n), np.empty((INERTIA_WORK, n))
     for k in range(rows):
         angle = 0.0
         for j in range(n):
             angle += position[k, j]
             cosine[j], sine[j] = math.cos(angle), math.sin(angle)
-            tip[k, 0] += length[j] * cosine[j]
-            tip[k, 1] += length[j] * sine[j]
-        moves = len(acceleration) > 0
-        push_x = push_z = push = 0.0
+            tip[k, 0] += chain.length[j] * cosine[j]
+            tip[k, 1] += chain.length[j] * sine[j]
+        gravity_torques(chain, cosine, weight)
         if moves:
-            omega = alpha = ax = az = 0.0
-            for j in range(n):
-                omega += velocity[k, j]
-                alpha += acceleration[k, j]
-                inwards = omega * omega
-                gx = -inwards * cosine[j] - alpha * sine[j]
-                gz = -inwards * sine[j] + alpha * cosine[j]
-                turn[j] = link_inertia[j] * alpha
-                thrust_x[j] = mass_of[j] * (ax + gx * center[j])
-                thrust_z[j] = mass_of[j] * (az + gz * center[j])
-                ax += gx * length[j]
-                az += gz * length[j]
-            push_x, push_z = m.payload * ax, m.payload * az
-        moment, mass = 0.0, m.payload
-        for j in range(n - 1, -1, -1):
-            moment += cosine[j] * (mass_of[j] * center[j] + mass * length[j])
-            mass += mass_of[j]
+            inertia_torques(chain, cosine, sine, velocity[k], acceleration[k], work, push)
+        for j in range(n):
             _, arm, _ = motion(linkage[j], position[k, j])
             speed[k, j] = arm * velocity[k, j]
-            force[k, j] = m.gravity * moment / arm
+            force[k, j] = weight[j] / arm
             if moves:
-                push += turn[j] + length[j] * (cosine[j] * push_z - sine[j] * push_x)
-                push += center[j] * (cosine[j] * thrust_z[j] - sine[j] * thrust_x[j])
-                push_x += thrust_x[j]
-                push_z += thrust_z[j]
-                inertia[k, j] = push / arm
+                inertia[k, j] = push[j] / arm
     return speed, force, tip, inertia

@@ -225,6 +225,9 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
         return f"weights {weights} must be three finite numbers that are not negative"
     if math.isinf(values["goal_psi"]):
         return "goal_psi must be an angle in rad, or .nan to leave it free"
+    for name, value in values.items():
+        if name != "goal_psi" and isinstance(value, float) and math.isnan(value):
+            return f"{name} is nan; it must be a number"
     if values["lead_min"] > values["lead_max"]:
         return (
             f"lead_min {values['lead_min']:g} s must not be above lead_max "

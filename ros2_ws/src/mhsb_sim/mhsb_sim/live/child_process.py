@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.process import signals_kept
 
 END_TIMEOUT = 10.0
 """Time that a process is given to end by itself after SIGINT [s]."""
@@ -28,17 +29,20 @@ class ChildEndedError(MhsbError):
 class ChildProcess:
     """One of the suite's executables as a child process, for the length of a `with` block."""
 
-    def __init__(self, module: str, *arguments: str, log: Path | None = None) -> None:
-        """Start `python -m module`; the end of its output is kept, all of it in the file `log`."""
-        self.name = module.rpartition(".")[2]
+    def __init__(
+        self, package: str, executable: str, *arguments: str, log: Path | None = None
+    ) -> None:
+        """Start what `ros2 run` would start; the end of its output is kept, all of it in `log`."""
+        self.name = executable
         self._log = log
-        self._process = subprocess.Popen(
-            [sys.executable, "-u", "-m", module, *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,  # Ctrl-C is for the command, which then ends its children
-        )
+        with signals_kept():
+            self._process = subprocess.Popen(
+                [sys.executable, "-u", "-m", f"{package}.executables", executable, *arguments],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,  # Ctrl-C is for the command, which then ends its children
+            )
         self._lines: deque[str] = deque(maxlen=LAST_LINES)
         self._said = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)

@@ -14,8 +14,8 @@ from mhsb_msgs_py.node_process import spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.live.child_process import ChildEndedError, ChildProcess
 
-SIM_MODULE = "mhsb_sim.ros.sim_node"
-PLANNER_MODULE = "mhsb_planner.ros.planner_node"
+SIM_EXECUTABLE = ("mhsb_sim", "sim_node")
+PLANNER_EXECUTABLE = ("mhsb_planner", "planner_node")
 
 START_TIMEOUT = 180.0
 """Time for both nodes to be ready; the first start compiles and builds the posture table [s]."""
@@ -43,10 +43,10 @@ def both_nodes(
     """Simulator and planner, ready, for the length of a block; settings are `NAME:=VALUE`."""
     with ExitStack() as stack:
         simulator, planner = (
-            stack.enter_context(ChildProcess(module, *ros_arguments(settings)))
-            for module, settings in (
-                (SIM_MODULE, sim_settings),
-                (PLANNER_MODULE, planner_settings),
+            stack.enter_context(ChildProcess(*executable, *ros_arguments(settings)))
+            for executable, settings in (
+                (SIM_EXECUTABLE, sim_settings),
+                (PLANNER_EXECUTABLE, planner_settings),
             )
         )
         for process in (simulator, planner):

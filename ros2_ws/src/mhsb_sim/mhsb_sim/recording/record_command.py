@@ -14,6 +14,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from mhsb_model import process
 from mhsb_model.command_line import UsageError, run
 from mhsb_msgs_py import topics
 from mhsb_msgs_py.node_process import spin_node
@@ -25,6 +26,9 @@ from mhsb_sim.recording.bag_writer import BagWriter
 
 NODE_NAME = "mhsb_recorder"
 FLUSH_PERIOD = 0.25  # s
+CLOSING = 10.0
+"""Time that completing a recording may take when a signal has ended it [s]."""
+
 RECEIVE_DEPTH = 1000
 """Messages that may wait for the recorder; how many a publisher keeps is his own affair."""
 
@@ -105,7 +109,7 @@ class Record:
             print(f"kept {repair(self.repair)} messages in {self.repair}")
             return 0
         assert self.output is not None
-        with BagWriter(self.output) as bag:
+        with process.orderly(CLOSING), BagWriter(self.output) as bag:
             code = spin_node(lambda: Recorder(bag, self.duration))
         print(f"recorded {bag.message_count} messages in {self.output}")
         return code

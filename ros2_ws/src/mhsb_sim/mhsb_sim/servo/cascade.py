@@ -32,9 +32,9 @@ from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
 from mhsb_model.schema import CascadeGains
+from mhsb_model.statics import MOTION_WORK, Chain, moving_torques
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
-from mhsb_sim.mechanics.inverse_dynamics import gravity_torques, inverse_dynamics
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.natural_frequency import lowest_joint_frequencies
 from mhsb_sim.servo.reference import AHEAD
@@ -44,12 +44,14 @@ GAINS = np.dtype(
         (name, "f8")
         for name in (
             "step",  # s
-            "gravity",  # m/s²
             "supply_margin",  # Pa, the plan's and the servo's own
             "max_boost_pressure",  # Pa
         )
     ]
 )
+
+SCRATCH = MOTION_WORK + 2
+"""Rows of working memory: that of the dynamics, torque and weight."""
 
 BIAS_RESERVE = 3.0
 """τ ω²/ω_F, at least: with 1 the slowest swing would be at the limit of stability."""
@@ -92,7 +94,6 @@ def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     config, arrays = machine.config, machine.arrays
     gains = np.zeros(1, GAINS)
     gains["step"] = config.simulation.step
-    gains["gravity"] = arrays.gravity
     gains["supply_margin"] = arrays.boost_margin + supply_margin
     gains["max_boost_pressure"] = arrays.max_boost_pressure
     return gains
@@ -126,7 +127,7 @@ def piston_demands(
     reference: FloatArray,
     sensors: Records,
     linkage: FloatArray,
-    links: Records,
+    chain: Chain,
     cylinders: Records,
     constants: Records,
     gains: Records,
@@ -136,14 +137,13 @@ def piston_demands(
     """Write the cascade's quantities of all axes, up to the speed demand u.
 
     A closed valve would have to hold what the posture weighs, or the whole force where that is
-    less. scratch: float64[n, SCRATCH_WIDTH + 2]; for the other shapes see ServoSignals and Circuit.
+    less. scratch: float64[SCRATCH, n]; for the other shapes see ServoSignals and Circuit.
     """
     c, g = constants[0], gains[0]
-    torque, weight = scratch[:, -2], scratch[:, -1]
+    torque, weight = scratch[MOTION_WORK], scratch[MOTION_WORK + 1]
     for k in (AHEAD, 0):
         q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
-        inverse_dynamics(links, g.gravity, q, qd, qdd, scratch, torque)
-        gravity_torques(links, g.gravity, scratch, weight)
+        moving_torques(chain, q, qd, qdd, scratch, weight, torque)
         for j in range(len(axes)):
             axis = axes[j]
             length, arm, slope = motion(linkage[j], q[j])

@@ -17,12 +17,13 @@ from numba import njit
 from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED
+from mhsb_model.statics import Chain, chain_of
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
-from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import (
+    SCRATCH,
     axis_records,
     gain_record,
     joins_rail,
@@ -85,11 +86,11 @@ class CoordinatedController:
             signals.reference,
             signals.sensors,
             machine.arrays.linkage,
-            link_records(machine),
+            chain_of(machine.arrays),
             circuit.cylinders,
             circuit.constants,
             gain_record(machine),
-            np.zeros((machine.joint_count, SCRATCH_WIDTH + 2)),
+            np.zeros((SCRATCH, machine.joint_count)),
             self._axes,
             signals.rail_pressure,
             signals.modes,
@@ -113,7 +114,7 @@ def control(
     reference: FloatArray,
     sensors: Records,
     linkage: FloatArray,
-    links: Records,
+    chain: Chain,
     cylinders: Records,
     constants: Records,
     gains: Records,
@@ -136,7 +137,7 @@ def control(
     GAINS[1]; volume: as in `look_ahead`, with a last row for the rail; coasting: as in
     `coasting_limit`.
     """
-    piston_demands(reference, sensors, linkage, links, cylinders, constants, gains, scratch, axes)
+    piston_demands(reference, sensors, linkage, chain, cylinders, constants, gains, scratch, axes)
     for j in range(len(axes)):
         open_valve(axes[j], sensors[j], cylinders[j], constants, actuators[j])
         set_target(axes[j], sensors[j], cylinders[j], constants, gains, modes[j])

@@ -15,11 +15,12 @@ from numba import njit
 
 from mhsb_model.hydraulics import inlet_area
 from mhsb_model.machine import Machine
+from mhsb_model.statics import Chain, chain_of
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
-from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, link_records
 from mhsb_sim.records import Records
 from mhsb_sim.servo.cascade import (
+    SCRATCH,
     axis_records,
     gain_record,
     joins_rail,
@@ -53,11 +54,11 @@ class IndependentController:
             signals.reference,
             signals.sensors,
             machine.arrays.linkage,
-            link_records(machine),
+            chain_of(machine.arrays),
             circuit.cylinders,
             circuit.constants,
             gain_record(machine, servo.supply_margin),
-            np.zeros((machine.joint_count, SCRATCH_WIDTH + 2)),
+            np.zeros((SCRATCH, machine.joint_count)),
             axis_records(machine, servo),
             signals.rail_pressure,
             signals.modes,
@@ -79,7 +80,7 @@ def control(
     reference: FloatArray,
     sensors: Records,
     linkage: FloatArray,
-    links: Records,
+    chain: Chain,
     cylinders: Records,
     constants: Records,
     gains: Records,
@@ -100,7 +101,7 @@ def control(
     pump saturates.
     """
     c, own = constants[0], own_gains[0]
-    piston_demands(reference, sensors, linkage, links, cylinders, constants, gains, scratch, axes)
+    piston_demands(reference, sensors, linkage, chain, cylinders, constants, gains, scratch, axes)
     nominal = c.valve_coefficient * math.sqrt(own.nominal_valve_drop)
     rail_need = 0.0
     for j in range(len(axes)):

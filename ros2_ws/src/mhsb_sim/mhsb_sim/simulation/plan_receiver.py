@@ -172,6 +172,8 @@ class PlanReceiver:
         ahead = (stamp - self._target.time_ns) / SECOND_NS
         if self._fault:
             return HandOverReason.FAULT, self._fault
+        if problem is not None:
+            return HandOverReason.INVALID, problem
         if stamp <= self._stopped_ns:
             return HandOverReason.STOPPED, (
                 "it was made before the arm was started, stopped or reset; plan anew"
@@ -185,7 +187,7 @@ class PlanReceiver:
                 f"it is stamped {ahead:.3f} s ahead of the arm's time, at most {LARGEST_LEAD:g} s "
                 "is allowed; go by the stamps of `reference`"
             )
-        return None if problem is None else (HandOverReason.INVALID, problem)
+        return None
 
     def _wait_for(self, pair: Pair | None) -> None:
         self._pending = pair

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.arm_reports import HandOverReport
+from mhsb_model.holding import HoldingError
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_sim.errors import ModeError, SimulationDivergedError
+from mhsb_sim.errors import SimulationDivergedError
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervision import Phase, Supervision
 from mhsb_sim.simulation.symptoms import WATCH_PERIOD_NS, SupervisionLimits
 
-UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 40.0
+UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 30.0
 """A lighter payload is approached with this time constant [s], at least this fast [kg/s]. Oil that
 a load has compressed would throw the arm up if the load vanished at once."""
 
@@ -183,7 +184,7 @@ class SupervisedArm:
         posture = simulator.joint_state.position
         try:
             simulator.reset(time_ns, posture if np.all(np.isfinite(posture)) else None)
-        except ModeError:
+        except HoldingError:
             simulator.reset(time_ns)
         simulator.close_valves()
         self._begin()

@@ -10,10 +10,9 @@ from mhsb_model.hydraulics import required_pressure
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
+from mhsb_model.statics import MOTION_WORK, chain_of, moving_torques
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
-from mhsb_sim.mechanics.inverse_dynamics import SCRATCH_WIDTH, inverse_dynamics, link_records
-from mhsb_sim.records import Records
 
 
 def needed_pressure(
@@ -33,7 +32,6 @@ def needed_pressure(
     oil = machine.config.circuit
     return _needed_pressure(
         machine.arrays,
-        link_records(machine),
         np.array([oil.coulomb_friction, oil.viscous_friction, oil.friction_speed]),
         reference,
         modes,
@@ -43,18 +41,17 @@ def needed_pressure(
 @njit(cache=True, nogil=True)
 def _needed_pressure(
     m: MachineArrays,
-    links: Records,
     friction: FloatArray,
     reference: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
     rows, n = modes.shape
     need = np.empty((rows, n))
-    torque = np.empty(n)
-    scratch = np.empty((n, SCRATCH_WIDTH))
+    chain = chain_of(m)
+    work, weight, torque = np.empty((MOTION_WORK, n)), np.empty(n), np.empty(n)
     for k in range(rows):
         q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
-        inverse_dynamics(links, m.gravity, q, qd, qdd, scratch, torque)
+        moving_torques(chain, q, qd, qdd, work, weight, torque)
         rail = 0.0
         for j in range(n):
             arm = moment_arm(m.linkage[j], q[j])

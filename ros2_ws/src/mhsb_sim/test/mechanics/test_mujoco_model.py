@@ -44,6 +44,18 @@ def test_mass_matrix_and_gravity_equal_the_analytic_ones(
         np.testing.assert_allclose(data.qfrc_bias, machine.gravity_torque(q), atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_the_torques_of_a_motion_equal_those_of_mujoco(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    q = random.uniform(MACHINE.arrays.joint_min, MACHINE.arrays.joint_max)
+    qd, qdd = random.normal(size=3), random.normal(size=3)
+    data = mujoco.MjData(MODEL)
+    data.qpos[:], data.qvel[:], data.qacc[:] = q, qd, qdd
+    mujoco.mj_inverse(MODEL, data)
+    torque = MACHINE.inverse_dynamics(q, qd, qdd)
+    np.testing.assert_allclose(torque, data.qfrc_inverse, rtol=1e-9, atol=1e-9)
+
+
 @given(shares)
 def test_the_tip_is_where_kinematics_says_and_positive_angles_raise_it(share: FloatArray) -> None:
     q = posture(MACHINE, share)

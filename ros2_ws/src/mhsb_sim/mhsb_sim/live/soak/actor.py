@@ -24,11 +24,11 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_msgs_py import goal_pose, names
 from mhsb_msgs_py.node_process import spin_until
 from mhsb_sim.live.child_process import ChildProcess
-from mhsb_sim.live.nodes import PLANNER_MODULE, SIM_MODULE, START_TIMEOUT, shake_hands
+from mhsb_sim.live.nodes import PLANNER_EXECUTABLE, SIM_EXECUTABLE, START_TIMEOUT, shake_hands
 from mhsb_sim.live.soak.events import PLANNER, SIM, Deed, DeedKind, Life
 from mhsb_sim.live.watcher import Watcher
 
-NODES = {PLANNER: (PLANNER_MODULE, names.PLANNER_NODE), SIM: (SIM_MODULE, names.SIM_NODE)}
+NODES = {PLANNER: (PLANNER_EXECUTABLE, names.PLANNER_NODE), SIM: (SIM_EXECUTABLE, names.SIM_NODE)}
 SERVICES = ((PLANNER, "stop"), (SIM, "stop"), (SIM, "reset"), (SIM, "clear_faults"))
 ANSWER_TIMEOUT = 5.0  # s
 MEMORY_PERIOD = 1.0  # s
@@ -40,7 +40,7 @@ class Running:
     def __init__(self, node: str, number: int, folder: Path) -> None:
         self.node, self.number = node, number
         self.log = folder / f"{node}-{number}.log"
-        self.process = ChildProcess(NODES[node][0], log=self.log)
+        self.process = ChildProcess(*NODES[node][0], log=self.log)
         self.ready_ns = 0
         self.memory: list[tuple[int, int]] = []
 

@@ -1,0 +1,178 @@
+"""Ten thousand replans in motion in lock-step, five hundred over DDS: no jump, no limit broken.
+
+Limits are worked out here once more, in plain NumPy, every half millisecond of what was executed.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from mhsb_model.command import Command
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import load_machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.verdict import ExecutionReport, Outcome
+from mhsb_msgs_py.node_process import ros_running, serving, spin_until
+from mhsb_planner.motion.s3_trajectory import FitRules
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.planner import Planner, PlanOptions, warm_up
+from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_sim.live.nodes import both_nodes, shake_hands
+from mhsb_sim.live.seeded_goals import seeded_goals
+from mhsb_sim.live.soak import goal_promises, motion_promises
+from mhsb_sim.live.soak.events import PLANNER, SIM, Deed, DeedKind, Events, Life
+from mhsb_sim.live.watcher import Watcher
+from mhsb_sim.report.goal_fates import Fate, goal_fates
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_sim.study.headless import HeadlessRun, TimedGoal
+
+RUNS, REPLANS_OF_A_RUN, ONLINE = 20, 500, 500
+LOOK_NS = SECOND_NS // 2000
+JUMP = 1e-6  # rad, rad/s
+TOLERANCE = {"joint": 1e-6, "v_max": FitRules.following().max_excess + 1e-6, "modules": 0.0}
+"""Excess that is rounding; 1e-6 for what is not named."""
+
+
+class Limits:
+    """Excess over each limit, at most 0 where it holds.
+
+    Piston speeds come from tables of the moment arms, since each depends on its own joint alone.
+    """
+
+    def __init__(self, machine):
+        self.machine = machine
+        m = machine.arrays
+        self.angles = np.linspace(m.joint_min, m.joint_max, 20_001)
+        self.arms = np.array([machine.moment_arms(q) for q in self.angles])
+
+    def excess(self, command, begin_ns, end_ns):
+        """Largest excess of a command between two times: rad, shares, modules."""
+        m, at = self.machine.arrays, np.arange(begin_ns, end_ns, LOOK_NS)
+        q, qd, _ = command.trajectory.sample_many(at)
+        modules = m.modules_per_mode[command.schedule.modes_at_many(at)]
+        arms = [np.interp(q[:, j], self.angles[:, j], self.arms[:, j]) for j in range(q.shape[1])]
+        speed = np.column_stack(arms) * qd
+        flow = np.where(speed > 0.0, m.cap_area, m.rod_area) * np.abs(speed)
+        pump = m.main_pump_flow - self.machine.joint_count * m.leakage_flow
+        boosted = flow / np.where(modules > 0, modules * m.servo_pump_flow, np.inf)
+        return {
+            "joint": np.maximum(m.joint_min - q, q - m.joint_max).max(),
+            "v_max": np.abs(speed).max() / m.max_piston_speed - 1.0,
+            "main_pump": flow.sum(axis=1).max() / pump - 1.0,
+            "servo_pump": boosted.max() - 1.0,
+            "modules": modules.sum(axis=1).max() - m.module_count,
+        }
+
+    def broken(self, command, begin_ns, end_ns):
+        """Those that do not hold."""
+        found = self.excess(command, begin_ns, end_ns) if end_ns > begin_ns else {}
+        return {name: value for name, value in found.items() if value > TOLERANCE.get(name, 1e-6)}
+
+
+def jump_between(old, new, at_ns):
+    """Largest difference in position and velocity of two commands at some times."""
+    before, after = (each.trajectory.sample_many(at_ns) for each in (old, new))
+    return max(np.abs(b - a).max() for b, a in zip(before[:2], after[:2], strict=True))
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return load_machine()
+
+
+@pytest.fixture(scope="module")
+def goals(machine):
+    planner = Planner(machine, table_for(machine))
+    warm_up(planner)
+    return seeded_goals(planner, 300, seed=10)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", range(RUNS))
+def test_replans_in_motion_in_lock_step_neither_jump_nor_break_a_limit(machine, goals, seed):
+    source, limits = random.Random(seed), Limits(machine)
+    replanner = Replanner(machine, table_for(machine))
+    replanner.warm_up()
+    run = HeadlessRun(Simulator(machine), replanner, PlanOptions(planner="integrated"))
+    moving = refused = executed_from_ns = 0
+    before = None
+    while moving < REPLANS_OF_A_RUN:
+        goal = source.choice(goals)
+        timed = TimedGoal(goal.x, goal.z, source.uniform(0.02, 0.6))
+        try:
+            [result] = list(run.run([timed]))
+        except MhsbError:  # found no way in its budget: the motion goes on
+            refused += 1
+            continue
+        if result.replan is None:
+            continue
+        command, change_ns = result.replan.command, result.replan.change_ns
+        assert result.reference_jump <= JUMP
+        if before is not None:
+            moving += bool(before.trajectory.sample(change_ns).velocity.any())
+            shared_ns = np.arange(command.stamp_ns, change_ns, LOOK_NS)
+            assert jump_between(before, command, np.append(shared_ns, change_ns)) <= JUMP
+            assert limits.broken(before, executed_from_ns, command.stamp_ns) == {}
+        before, executed_from_ns = command, command.stamp_ns
+    assert limits.broken(before, executed_from_ns, before.trajectory.end_ns) == {}
+    assert refused < 0.2 * REPLANS_OF_A_RUN
+    assert run.samples().tip_error.max() < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_replans_in_motion_over_dds_neither_jump_nor_break_a_limit(machine, goals, ros_domain):
+    source, deeds = random.Random(0), []
+    with ros_running([]), serving(Watcher) as (executor, watcher), both_nodes():
+        shake_hands(watcher, executor)
+        watcher.forget()
+        begin_ns = time.time_ns()
+        for _ in range(ONLINE):
+            goal, sent_ns = source.choice(goals), time.time_ns()
+            stamp_ns = watcher.send(goal.x, goal.z)
+            deeds.append(Deed(DeedKind.GOAL, PLANNER, sent_ns, sent_ns, stamp_ns))
+            spin_until(executor, lambda: False, source.uniform(0.3, 1.2))
+        spin_until(executor, lambda: stamp_ns in watcher.executions, 60.0)
+        spin_until(executor, lambda: False, 6.0)
+        recording, end_ns = watcher.recording(), time.time_ns()
+    lives = tuple(
+        Life(node, 1, begin_ns, end_ns, None, None, 0.0, None, ()) for node in (SIM, PLANNER)
+    )
+    events = Events(machine, recording, tuple(deeds), lives, begin_ns, end_ns)
+    for promise in (
+        goal_promises.one_verdict,
+        goal_promises.one_ending,
+        goal_promises.told_once,
+        goal_promises.stamps_increase,
+        motion_promises.small_jumps,
+        motion_promises.continuous_reference,
+        motion_promises.follows_the_plan,
+        motion_promises.within_joint_limits,
+        motion_promises.within_speed_limits,
+    ):
+        kept = promise(events)
+        assert kept.tested > 0, promise
+        assert kept.held, kept.broken
+    assert_executed_within_limits(machine, recording)
+    fates = goal_fates(recording, all_feasible=True)
+    assert [each.reason for each in fates if each.fate is Fate.LOST] == []
+    assert sum(each.fate is Fate.APPLIED for each in fates) > ONLINE / 2
+    endings = [e.value for e in recording.reports if isinstance(e.value, ExecutionReport)]
+    assert endings[-1].outcome is Outcome.REACHED
+
+
+def assert_executed_within_limits(machine, recording):
+    """Every plan from where it took over to where the next one did."""
+    limits = Limits(machine)
+    schedules = {each.stamp_ns: each for each in recording.schedules}
+    executed = [each for each in recording.plans_in_force if each.value in schedules]
+    curves = {each.stamp_ns: each for each in recording.trajectories}
+    for now, after in pairwise(executed):
+        command = Command(curves[now.value], schedules[now.value])
+        assert limits.broken(command, command.stamp_ns, after.time_ns) == {}
