@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -251,6 +252,8 @@ def warm_up(machine: Machine) -> None:
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
+    with suppress(FitError):
+        fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
     s3_clearance.warm_up(machine)
 
 
