@@ -122,7 +122,7 @@ class SupervisedArm:
 
     def reset(self, time_ns: int) -> None:
         """To rest in the start posture at `time_ns`; forget plans and faults."""
-        self._reports += self._receiver.void("the arm was reset")
+        self._reports += self._receiver.void("the arm was reset", HandOverReason.RESET)
         self.simulator.set_payload(self._payload_wanted)
         self._payload = self._payload_wanted
         self.simulator.reset(time_ns)
@@ -180,7 +180,7 @@ class SupervisedArm:
 
     def _restart_where_it_is(self, time_ns: int) -> None:
         simulator = self.simulator
-        self._reports += self._receiver.void("the arm was reset")
+        self._reports += self._receiver.void("the arm was reset", HandOverReason.RESET)
         posture = simulator.joint_state.position
         try:
             simulator.reset(time_ns, posture if np.all(np.isfinite(posture)) else None)
