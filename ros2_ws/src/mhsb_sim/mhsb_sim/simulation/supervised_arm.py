@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_model.arm_reports import HandOverReport
+from mhsb_model.arm_reports import HandOverReason, HandOverReport
 from mhsb_model.holding import HoldingError
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
