@@ -126,7 +126,8 @@ def ros_domain() -> Iterator[int]:
             except BlockingIOError:
                 continue
             os.environ["ROS_DOMAIN_ID"] = str(domain)
-            os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+            os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # up to the profile
+            os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(config_file("fastdds_localhost.xml"))
             yield domain
             return
     pytest.fail(f"all {HIGHEST_DOMAIN} ROS domains are in use by other test runs ({folder})")

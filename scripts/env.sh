@@ -11,6 +11,22 @@ _mhsb_source_workspace() {  # colcon's file reads unset variables: lift the call
   if [ "$nounset" = 1 ]; then set -u; fi
 }
 
+# Keeps ROS on this machine, unless the user has decided otherwise. ROS's own LOCALHOST only narrows
+# whom Fast DDS looks for and still opens UDP sockets on every interface: a profile does both, and
+# so replaces it. Nothing but Fast DDS reads that profile.
+_mhsb_stay_local() {
+  local profile=$1/config/fastdds_localhost.xml
+  if [[ "${FASTRTPS_DEFAULT_PROFILES_FILE:-}" == */config/fastdds_localhost.xml ]]; then
+    unset FASTRTPS_DEFAULT_PROFILES_FILE  # from an earlier sourcing
+    if [ "${ROS_AUTOMATIC_DISCOVERY_RANGE:-}" = SYSTEM_DEFAULT ]; then unset ROS_AUTOMATIC_DISCOVERY_RANGE; fi
+  fi
+  export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+  if [ "$ROS_AUTOMATIC_DISCOVERY_RANGE" = LOCALHOST ] && [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE:-}" ] \
+    && [ "${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}" = rmw_fastrtps_cpp ]; then
+    export FASTRTPS_DEFAULT_PROFILES_FILE=$profile ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT
+  fi
+}
+
 _mhsb_enter() {
   local root venv workspace middleware
   root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd) || return 1
@@ -22,7 +38,7 @@ _mhsb_enter() {
   source "$venv/bin/activate" || return 1
   if [ "$middleware" = wheels ]; then export AMENT_PREFIX_PATH="$VIRTUAL_ENV"; fi
   _mhsb_source_workspace "$workspace" || return 1
-  export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+  _mhsb_stay_local "$root"
 
   unset -f ros2
   if ! type -P ros2 >/dev/null; then
@@ -33,7 +49,7 @@ _mhsb_enter() {
 
 _mhsb_enter
 _mhsb_status=$?
-unset -f _mhsb_enter _mhsb_source_workspace
+unset -f _mhsb_enter _mhsb_source_workspace _mhsb_stay_local
 case $_mhsb_status in
   0) unset _mhsb_status ;;
   *) unset _mhsb_status; return 1 ;;

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+MOST_PROBLEMS = 30
+"""That one sentence lists."""
+
 
 class MhsbError(Exception):
     """Base of all errors of the suite; its text is one sentence for the user."""
@@ -15,7 +18,10 @@ class MachineFileError(MhsbError):
     def __init__(self, source: str, problems: Sequence[str]) -> None:
         self.source = source
         self.problems = tuple(problems)
-        super().__init__(f"machine file {source}: " + "; ".join(self.problems))
+        told = list(self.problems[:MOST_PROBLEMS])
+        if len(self.problems) > MOST_PROBLEMS:
+            told.append(f"and {len(self.problems) - MOST_PROBLEMS} more")
+        super().__init__(f"machine file {source}: " + "; ".join(told))
 
 
 class OutOfWorkspaceError(MhsbError):

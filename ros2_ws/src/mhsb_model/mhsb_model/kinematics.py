@@ -27,6 +27,15 @@ def tip_position(link_length: FloatArray, q: FloatArray) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True)
+def tip_positions(link_length: FloatArray, q: FloatArray) -> FloatArray:
+    """Tip (x, z) [m] in each of the postures q[k, n], float64[k, 2]."""
+    tip = np.empty((len(q), 2))
+    for k in range(len(q)):
+        tip[k, 0], tip[k, 1] = tip_position(link_length, q[k])
+    return tip
+
+
+@njit(cache=True, nogil=True)
 def joint_positions(link_length: FloatArray, q: FloatArray) -> FloatArray:
     """Positions of all joints and of the tip, float64[n + 1, 2] (x, z) [m]."""
     points = np.zeros((len(q) + 1, 2))

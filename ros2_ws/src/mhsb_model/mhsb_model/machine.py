@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from pydantic import ValidationError
 
 from mhsb_model import inverse_kinematics_3r, kinematics, statics
@@ -25,8 +24,14 @@ from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_model.yaml_files import YamlFileError, read_yaml
 
 MACHINE_FILE = "mhsb_arm3.yaml"
+SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
+
+LONGEST_VALUE = 40
+"""Characters of a wrong value that a message repeats."""
+
 SECTIONS_WITHOUT_TABLE = {"circuit", "servo", "simulation", "keep_out"}
 """Sections that do not concern a posture table and so leave it valid."""
 
@@ -210,14 +215,13 @@ def load_machine(path: str | Path | None = None) -> Machine:
     """Machine of a YAML file, or the suite's own; raises MachineFileError with all problems."""
     file = Path(path) if path else config_file(MACHINE_FILE)
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is not text in UTF-8"
-        raise MachineFileError(str(file), [f"cannot be read: {reason}"]) from error
-    except yaml.YAMLError as error:
-        raise MachineFileError(
-            str(file), ["is not YAML: " + " ".join(str(error).split())]
-        ) from error
+        content = read_yaml(file)
+    except YamlFileError as error:
+        raise MachineFileError(str(file), [error.reason]) from None
+    missing = [name for name in SECTIONS if not (isinstance(content, dict) and name in content)]
+    if len(missing) > len(SECTIONS) / 2:  # nothing of another file's content is repeated
+        reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
+        raise MachineFileError(str(file), [reason])
     return _validated(content, str(file))
 
 
@@ -236,9 +240,12 @@ def _path(item: Any) -> str:
 
 
 def _sentence(item: Any) -> str:
-    value = item.get("input")
-    shown = f" (is {value!r})" if isinstance(value, str | int | float | bool) else ""
-    return str(item["msg"]).lower() + shown
+    """What is wrong, and the value, unless nobody here knows what it means."""
+    message, value = str(item["msg"]).lower(), item.get("input")
+    if not isinstance(value, str | int | float | bool) or item["type"] == "extra_forbidden":
+        return message
+    shown = value[:LONGEST_VALUE] if isinstance(value, str) else value
+    return f"{message} (is {shown!r})"
 
 
 def _arrays(config: MachineConfig) -> MachineArrays:

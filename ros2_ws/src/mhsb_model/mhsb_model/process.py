@@ -32,6 +32,9 @@ _signalled = threading.Event()
 _times_to_end: list[float] = []
 """Of the `orderly` blocks that are being executed [s]."""
 
+_last_deeds: list[Callable[[], None]] = []
+"""What is done before a node is ended from outside of its main thread."""
+
 
 def command(module: str) -> Callable[[], int]:
     """Entry point of the command `module.main`; an interrupt ends it silently with code 130."""
@@ -86,6 +89,11 @@ def signalled() -> bool:
     return _signalled.is_set()
 
 
+def before_an_end_at_once(deed: Callable[[], None]) -> None:
+    """Have something put away, quickly, where a signal ends a node that cannot do it itself."""
+    _last_deeds.append(deed)
+
+
 def run_named(entries: Mapping[str, Any]) -> NoReturn:
     """For `python -m PACKAGE.executables NAME ARGUMENTS`, as `ros2 run PACKAGE NAME ARGUMENTS`."""
     sys.argv[0] = sys.argv.pop(1)
@@ -121,6 +129,9 @@ def _watch(reader: int) -> None:
     os.read(reader, 1)
     _signalled.set()
     time.sleep(max(_times_to_end, default=0.0))
+    for deed in _last_deeds:
+        with suppress(Exception):
+            deed()
     _leave(0)
 
 

@@ -318,7 +318,7 @@ class MachineConfig(Section):
     """A whole machine file."""
 
     schema_version: Literal[1]
-    name: str = Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")
+    name: str = Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=64)
     gravity: NonNegative = Field(le=100, description="downwards [m/s²]")
     payload: Payload
     workspace: Workspace

@@ -169,7 +169,9 @@ def test_problems_of_a_four_bar_are_told_by_their_path_in_the_file(load):
     [
         (b"a: [", "is not YAML"),
         (b"\xff\xfe\x00", "not text|is not YAML"),
-        (b"", "valid dictionary"),
+        (b"", "is not a machine file: it lacks schema_version, name"),
+        (b"root:x:0:0:root", "is not a machine file: it lacks schema_version, name"),
+        (b"users: [{name: me, password: secret}]", "is not a machine file"),
     ],
 )
 def test_a_file_that_is_no_machine_is_refused_with_one_sentence(tmp_path, text, sentence):
@@ -177,6 +179,18 @@ def test_a_file_that_is_no_machine_is_refused_with_one_sentence(tmp_path, text, 
     file.write_bytes(text)
     with pytest.raises(MachineFileError, match=sentence):
         load_machine(file)
+
+
+def test_a_key_that_is_not_known_is_named_and_its_value_is_not(load):
+    def spoil(content):
+        content["api_key"] = "secret"
+        content["name"] = "9 lives"
+
+    with pytest.raises(MachineFileError) as caught:
+        load(spoil)
+    assert "api_key: extra inputs" in str(caught.value)
+    assert "9 lives" in str(caught.value)
+    assert "secret" not in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TypeVar
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -22,11 +26,19 @@ from mhsb_model.errors import MhsbError
 HEARTBEAT = 0.5
 """The executor wakes at least this often [s]: a signal may come just before it begins to wait."""
 
+PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+SHARED_MEMORY_LOCK = re.compile(r"/dev/shm/fastrtps_[0-9a-f]{16}_el")
+
 NodeType = TypeVar("NodeType", bound=Node)
 
 
 class RosArgumentsError(MhsbError):
     """What follows `--ros-args` cannot be used."""
+
+
+class RosError(MhsbError):
+    """ROS cannot make a node in this environment."""
 
 
 def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
@@ -55,10 +67,12 @@ def _nothing() -> None:
 def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
     """rclpy for the length of a block.
 
-    Raises RosArgumentsError as `spin_node` does, and ExternalShutdownException where a signal
-    has shut ROS down meanwhile.
+    Raises RosArgumentsError as `spin_node` does, RosError where its environment is not as it
+    should be, and ExternalShutdownException where a signal has shut ROS down meanwhile.
     """
+    _check_profile()
     interrupt = signal.signal(signal.SIGINT, _leave_it_to_ros)
+    process.before_an_end_at_once(_remove_shared_memory)
     _initialize(arguments)
     try:
         if process.signalled():  # before ROS was there to hear it
@@ -76,6 +90,19 @@ def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
         signal.signal(signal.SIGINT, interrupt)
 
 
+def _remove_shared_memory() -> None:
+    """Of Fast DDS: what this process has shared with others, half a megabyte, would stay for good.
+
+    Whose it is tells the lock that its owner holds.
+    """
+    for descriptor in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):
+            lock = descriptor.readlink()
+            if SHARED_MEMORY_LOCK.fullmatch(str(lock)):
+                lock.with_name(lock.name.removesuffix("_el")).unlink()
+                lock.unlink()
+
+
 def _leave_it_to_ros(number: int, frame: object) -> None:
     """In place of KeyboardInterrupt, which could hit rclpy anywhere: ROS itself shuts down."""
 
@@ -85,10 +112,16 @@ def serving(make_node: Callable[[], NodeType]) -> Iterator[tuple[SingleThreadedE
     """An executor and the node that it serves, for the length of a block.
 
     The executor comes first: rclpy cannot make one, nor drop it silently, after a shutdown.
+    Raises RosError where ROS refuses to make the node.
     """
     executor = SingleThreadedExecutor()
     try:
-        node = make_node()
+        try:
+            node = make_node()
+        except RCLError as error:
+            if not rclpy.ok():
+                raise
+            raise RosError(f"ROS cannot make the node: {_without_places(error)}") from error
         try:
             executor.add_node(node)
             yield executor, node
@@ -111,13 +144,28 @@ def spin_until(
     return True
 
 
+def _check_profile() -> None:
+    """Fast DDS would go on without its profile, and so be open to the network."""
+    profile = os.environ.get(PROFILE_VARIABLE)
+    if profile and not os.access(profile, os.R_OK):
+        raise RosError(
+            f"{PROFILE_VARIABLE} names {profile}, which cannot be read; unset it, "
+            "or source scripts/env.sh anew"
+        )
+
+
+def _without_places(error: Exception) -> str:
+    """What ROS says, without where in its sources."""
+    return re.sub(r", at \S+:\d+", "", str(error))
+
+
 def _initialize(arguments: list[str] | None) -> None:
     """`rclpy.init`, which otherwise tells of bad arguments in a log line and a traceback."""
     set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:
-        reason = re.sub(r", at \S+:\d+", "", str(error)).removeprefix("failed to initialize rcl: ")
+        reason = _without_places(error).removeprefix("failed to initialize rcl: ")
         if reason.startswith("["):  # nothing but a list of what is not known
             reason = f"unknown arguments {reason}"
         raise RosArgumentsError(f"after --ros-args: {reason}") from error

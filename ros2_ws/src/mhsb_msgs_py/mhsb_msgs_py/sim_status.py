@@ -33,24 +33,37 @@ APPLIED = HandOverOutcome.APPLIED
 Choice = TypeVar("Choice", bound=StrEnum)
 
 
-def encode(report: HandOverReport | SimulatorReport, stamp_ns: int) -> DiagnosticArray:
-    """Message with one report, sent at `stamp_ns`."""
+def encode(
+    report: HandOverReport | SimulatorReport, stamp_ns: int, namespace: str = "/"
+) -> DiagnosticArray:
+    """Message with one report, sent at `stamp_ns` by the simulator in a namespace."""
     encoded = _hand_over(report) if isinstance(report, HandOverReport) else _simulator(report)
+    encoded.hardware_id = _source(namespace)
     return DiagnosticArray(header=Header(stamp=stamps.to_time(stamp_ns)), status=[encoded])
 
 
-def decode(message: DiagnosticArray) -> list[HandOverReport | SimulatorReport]:
+def decode(
+    message: DiagnosticArray, namespace: str | None = None
+) -> list[HandOverReport | SimulatorReport]:
     """The simulator's reports in a message of /diagnostics; those of others are passed over.
+
+    namespace  of the simulator that counts, since all of them speak on that topic; None for any
 
     Raises MessageError for missing or unreadable values.
     """
     reports: list[HandOverReport | SimulatorReport] = []
     for each in message.status:
+        if namespace is not None and each.hardware_id != _source(namespace):
+            continue
         if each.name == HAND_OVER_STATUS:
             reports.append(_read_hand_over(each))
         elif each.name == SIMULATOR_STATUS:
             reports.append(_read_simulator(each))
     return reports
+
+
+def _source(namespace: str) -> str:
+    return f"{namespace.rstrip('/')}/{SIM_NODE}"
 
 
 def _hand_over(report: HandOverReport) -> DiagnosticStatus:

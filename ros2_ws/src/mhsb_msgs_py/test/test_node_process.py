@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -64,3 +66,53 @@ def test_ros_arguments_that_cannot_be_used_are_told_in_one_line(
     assert child.output.startswith("idle: after --ros-args: ")
     assert sentence in child.output
     assert len(child.output.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("environment", "sentence"),
+    [
+        ({"FASTRTPS_DEFAULT_PROFILES_FILE": "/nowhere.xml"}, "/nowhere.xml, which cannot be read"),
+        ({"ROS_DOMAIN_ID": "home"}, "ROS_DOMAIN_ID is not an integral number"),
+    ],
+)
+def test_an_environment_that_ros_cannot_use_is_told_in_one_line(
+    start_process, tmp_path, environment, sentence
+):
+    script = tmp_path / "idle.py"
+    script.write_text(BODY)
+    child = start_process(sys.executable, script, environment=environment)
+    assert child.wait() == 1
+    assert sentence in child.output
+    assert len(child.output.splitlines()) == 1
+
+
+STARTING = """
+import glob
+import os
+import time
+import rclpy
+from mhsb_msgs_py.node_process import spin_node
+
+def make_node():
+    node = rclpy.create_node("starting")
+    own = [os.readlink(link) for link in glob.glob("/proc/self/fd/*") if os.path.exists(link)]
+    print("shares", [name for name in own if name.startswith("/dev/shm/fastrtps_")], flush=True)
+    time.sleep(30)
+
+def main():
+    return spin_node(make_node)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_is_ended_while_it_starts_leaves_no_shared_memory(
+    start_process, tmp_path, number
+):
+    (tmp_path / "starting.py").write_text(STARTING)
+    code = "import sys; sys.path.append(sys.argv[1]); from mhsb_model.process import node; "
+    child = start_process(sys.executable, "-c", code + "node('starting')()", tmp_path)
+    shared = re.findall(r"fastrtps_[0-9a-f]+(?=_el)", child.wait_for("shares .*").group())
+    assert shared
+    assert child.stop(number) == 0
+    left = [file.name for file in Path("/dev/shm").glob("fastrtps_*")]
+    assert not any(file.startswith(name) for file in left for name in shared)

@@ -56,3 +56,11 @@ def test_a_missing_value_is_named():
     message.status[0].values.pop()
     with pytest.raises(MessageError, match=r"the value energy_sp_j of .* is missing"):
         sim_status.decode(message)
+
+
+def test_of_two_simulators_the_one_in_the_namespace_asked_for_counts():
+    message = sim_status.encode(RUNNING, 7, "/left")
+    assert message.status[0].hardware_id == "/left/mhsb_sim"
+    assert sim_status.decode(message, "/left") == [RUNNING]
+    assert sim_status.decode(message, "/") == []
+    assert sim_status.decode(message) == [RUNNING]

@@ -11,7 +11,13 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
+
+from mhsb_planner.errors import DeadlineError
+
+PORTION = 1e-3
+"""What is done between two looks at the clock is to take about so long [s]."""
 
 
 def now() -> float:
@@ -47,6 +53,27 @@ class Deadline:
     def less(self, reserve: float) -> Deadline:
         """So many seconds earlier, for what is to be done afterwards."""
         return Deadline(self.instant - reserve)
+
+    def check(self, work: str) -> None:
+        """Raise DeadlineError if it has passed; `work` is what cannot go on."""
+        if self.passed:
+            raise DeadlineError(work)
+
+    def portions(self, first: int, most: int) -> Iterator[int]:
+        """How much to do before the next look at the clock, again and again until it has passed.
+
+        Each portion is to be done before the next is asked for. From the time that one took
+        follows the size of the next, at most `most`; where there is no hurry, all are of that.
+        """
+        if self.instant == math.inf:
+            while True:
+                yield most
+        size = first
+        while not self.passed:
+            began = now()
+            yield size
+            took = max(now() - began, 0.1 * PORTION)
+            size = max(1, min(most, round(size * PORTION / took)))
 
 
 NEVER = Deadline(math.inf)

@@ -52,14 +52,11 @@ class NoPathError(MhsbError):
 
 
 class DeadlineError(MhsbError):
-    """Planning did not end within its budget."""
+    """The deadline passed before there was anything to answer with; `work` is what it cut off."""
 
-    def __init__(self, budget: float, expanded: int) -> None:
-        self.budget = budget
-        self.expanded = expanded
-        super().__init__(
-            f"planning did not end within {budget:.4g} s ({expanded} states were expanded)"
-        )
+    def __init__(self, work: str) -> None:
+        self.work = work
+        super().__init__(f"{work} did not end before the deadline")
 
 
 class ExpansionLimitError(MhsbError):

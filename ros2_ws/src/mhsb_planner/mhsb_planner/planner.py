@@ -3,18 +3,19 @@
     machine = load_machine()
     planner = Planner(machine, build_posture_table(machine))
     plan = planner.plan((0.55, 0.60), MotionState.at_rest(posture))
+    sooner = planner.plan((0.55, 0.60), state, deadline=Deadline.after(0.05))
+
+A planner (`planners`) gives paths; each is made a motion (S3, S4), and the cheapest motion so far
+is the plan: there is one soon, and it gets better while there is time.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from time import perf_counter
 from types import MappingProxyType
-from typing import Literal
 
 import numpy as np
 
@@ -22,94 +23,58 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
-from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.errors import NoPathError, RequestError, ZoneError
-from mhsb_planner.integrated import integrated_search
+from mhsb_planner.errors import DeadlineError, RequestError
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitRules,
     FittedMotion,
-    TrajectoryKind,
     fit_braking,
     fit_trajectory,
 )
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.search import area_shortfall, fixed_j3, goal_clearance, s2_search
-from mhsb_planner.search.area_shortfall import (
-    WITHOUT_AREA,
-    AreaTerm,
-    area_along_motion,
-    area_along_path,
-    area_term,
+from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
+from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.registry import (
+    ONLINE_PLANNER,
+    PLANNER_KINDS,
+    PLANNERS,
+    PlannerKind,
+    planner_named,
+    weighing_area,
 )
+from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.search import area_shortfall, goal_clearance
+from mhsb_planner.search.area_shortfall import area_along_motion, area_term
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
-from mhsb_planner.search.s2_search import SearchMethod, Weights, search
-from mhsb_planner.search.s2_step import EnergyReading
+from mhsb_planner.search.search_time import SearchTime
 
-ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
-"""Weights of the paper's energy-optimal cases."""
+__all__ = [
+    "ENERGY_OPTIMAL",
+    "ONLINE_PLANNER",
+    "PLANNER_KINDS",
+    "Plan",
+    "PlanOptions",
+    "Planner",
+    "PlannerKind",
+    "fit_rules",
+    "warm_up",
+]
 
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 
-COMPARED_WITHIN = 0.6
-"""Share of a budget after which there is no time left for a comparison with another path."""
-
-PlannerKind = Literal["table", "fixed", "integrated"]
-PLANNER_KINDS: tuple[PlannerKind, ...] = ("table", "fixed", "integrated")
-ONLINE_PLANNER: PlannerKind = "integrated"
-"""What the node plans with unless told otherwise; cases keep the planner that they name."""
+ROUNDING = 1e-9
+"""Costs that differ by no more than this share are equal."""
 
 
-@dataclass(frozen=True)
-class PlanOptions:
-    """What a plan is to be like.
-
-    weights          of energy, time and mode switches
-    energy_reading   `paper` or `series`
-    goal_psi         rad, end-link angle at the goal; None leaves it free
-    budget           s, for the search; None takes what it needs
-    planner          where postures come from: the posture `table`, J3 `fixed` (`fixed_j3`), or
-                     decided with path and modes, `integrated`
-    trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
-                     None: followed for the integrated planner, polynomial for the others
-    initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
-    search           `exact` or `published`
-    heuristic_scale  of the published search [1/m]
-    max_expansions   of the search; None takes what it needs
-    area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for the integrated
-                     planner; 0 leaves the area out
-
-    Raises RequestError for a weight that is negative or not finite.
-    """
-
-    weights: Weights = ENERGY_OPTIMAL
-    energy_reading: EnergyReading = "paper"
-    goal_psi: float | None = None
-    budget: float | None = None
-    planner: PlannerKind = "table"
-    trajectory: TrajectoryKind | None = None
-    initial_j3: float | None = None
-    search: SearchMethod = "exact"
-    heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
-    max_expansions: int | None = None
-    area_weight: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
-            raise RequestError("area weight", self.area_weight, "must be finite and not negative")
-
-    @property
-    def fit_rules(self) -> FitRules:
-        """What S3 may do."""
-        kind = self.trajectory or ("followed" if self.planner == "integrated" else "polynomial")
-        return FitRules.following() if kind == "followed" else FitRules()
+def fit_rules(options: PlanOptions) -> FitRules:
+    """What S3 may do."""
+    kind = options.trajectory or planner_named(options.planner).trajectory
+    return FitRules.following() if kind == "followed" else FitRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +84,9 @@ class Plan:
     path     S2's discrete path; without steps where braking alone led to the goal
     motion   S3's trajectory with S4's mode schedule, both with stamp 0
     energy   of the motion [J], in both readings
-    seconds  time taken by `search`, `fit`, `energy`; the integrated planner's `comparison` with
-             the table's path too [s]
+    seconds  time taken by `search`, `fit` and `energy`, and by the integrated planner's
+             `comparison` with others' paths; `first_motion` is when, since the call, there was a
+             motion at all [s]
     area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
     """
 
@@ -143,29 +109,17 @@ class Plan:
         """Share by which the motion's energy, reading `paper`, exceeds the lower bound."""
         return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
 
+    @property
+    def took(self) -> float:
+        """Time that making the plan took [s]."""
+        return sum(value for name, value in self.seconds.items() if name != "first_motion")
+
     def cost(self, options: PlanOptions) -> float:
         """w₁ E + w₂ T + w₄ M of the motion."""
         energy = self.energy.paper if options.energy_reading == "paper" else self.energy.series
         duration = self.motion.trajectory.duration_ns / SECOND_NS
         cost = options.weights.energy * energy + options.weights.time * duration
         return cost + options.area_weight * self.area_shortfall
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """What is asked of `Planner.plan`."""
-
-    goal: tuple[float, float]
-    start: MotionState
-    modes: StartModes
-    brake: Trajectory | None
-    options: PlanOptions
-    area: AreaTerm
-
-    @property
-    def departure(self) -> FloatArray:
-        """Posture at rest from which the path begins [rad]."""
-        return self.start.position if self.brake is None else self.brake.position[-1]
 
 
 class Planner:
@@ -195,47 +149,21 @@ class Planner:
     ) -> Plan:
         """Plan to the tip position `goal` (x, z) m.
 
-        modes  in force at the start; all N where left out
-        brake  how a moving start comes to rest (`mhsb_model.braking`)
+        modes     in force at the start; all N where left out
+        brake     how a moving start comes to rest (`mhsb_model.braking`)
+        deadline  until when cheaper motions are looked for; what takes longer is dropped
 
-        The integrated planner's motion is compared with that along the table's path, where the
-        area has a weight also with that which has none, unless the budget is nearly over, and the
-        best one taken. Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, NoPathError,
-        FitError, DeadlineError; RequestError where the area has a weight and the planner cannot
-        weigh it.
+        Without a deadline the same request gives the same plan. Raises OutOfWorkspaceError,
+        InfeasibleGoalError, ZoneError, NoPathError, FitError; DeadlineError where there is no
+        motion in time; RequestError where goal or start are not finite, or the planner is not
+        there or cannot weigh the area.
         """
         options = options or PlanOptions()
-        if deadline is not NEVER:
-            options = replace(options, budget=max(1e-6, deadline.left))
-        if options.area_weight > 0.0 and options.planner != "integrated":
-            rule = f"must be 0 for the planner '{options.planner}'; 'integrated' can weigh the area"
-            raise RequestError("area weight", options.area_weight, rule)
+        planner = planner_named(options.planner)
         task = self._task(goal, start, modes, brake, options)
-        if options.planner == "integrated":
-            return self._decided_together(task)
-        return self._along(task, partial(self._searched, task))
-
-    def _decided_together(self, task: _Task) -> Plan:
-        """The integrated planner's plan, or a better one along another path."""
-        options, began = task.options, time.perf_counter()
-        late = math.inf if options.budget is None else began + COMPARED_WITHIN * options.budget
-        table = partial(self._searched, replace(task, options=replace(options, planner="table")))
-        others = [table]
-        if task.area.weight > 0.0:
-            half = None if options.budget is None else 0.5 * options.budget
-            plain = replace(task, options=replace(options, budget=half), area=WITHOUT_AREA)
-            others.append(partial(self._integrated, plain))
-        try:
-            found = self._along(task, partial(self._integrated, task))
-        except (NoPathError, FitError) as error:
-            try:
-                return self._along(task, table)
-            except ZoneError:  # in the table's postures alone
-                raise error from None
-        for other in others:
-            if time.perf_counter() < late:
-                found = self._or_cheaper(task, found, other)
-        return found
+        deadline.check("planning")
+        making = _Making(self.machine, task, deadline)
+        return making.best_along(planner.paths(self.graph, task, making.time))
 
     def follow(
         self,
@@ -252,57 +180,7 @@ class Planner:
         x, z = path.tip[-1].tolist()
         start = MotionState.at_rest(path.posture[0])
         task = self._task((x, z), start, modes, None, options or PlanOptions())
-        return self._along(task, lambda: path)
-
-    def _along(self, task: _Task, search_path: Callable[[], DiscretePath]) -> Plan:
-        """The plan along the path that a search finds."""
-        began = time.perf_counter()
-        path = search_path()
-        searched = time.perf_counter()
-        if path.steps > 0:
-            rules = task.options.fit_rules
-            motion = fit_trajectory(self.machine, path, task.start, task.modes, task.brake, rules)
-        else:
-            still = task.brake or standstill(task.start.position)
-            motion = fit_braking(self.machine, still, task.modes)
-        fitted = time.perf_counter()
-        total = motion_energy(self.machine, motion.trajectory, motion.schedule)
-        shortfall = 0.0
-        if task.area.weight > 0.0:
-            along = area_along_motion(self.machine, motion.trajectory, motion.schedule)
-            shortfall = along.shortfall(task.area.reference)
-        seconds = {
-            "search": searched - began,
-            "fit": fitted - searched,
-            "energy": time.perf_counter() - fitted,
-            "first_motion": time.perf_counter() - began,
-        }
-        return Plan(path, motion, total, MappingProxyType(seconds), shortfall)
-
-    def _or_cheaper(
-        self, task: _Task, found: Plan, other_path: Callable[[], DiscretePath]
-    ) -> Plan:
-        """The plan found, or the one along another path where that motion costs less.
-
-        The other is fitted only where its path is cheap enough. What a plan costs here is
-        `Plan.cost` of its motion: a path's promise is not always kept by its motion.
-        """
-        options, began = task.options, time.perf_counter()
-        earlier = found.seconds.get("comparison", 0.0)
-        with suppress(MhsbError):
-            path = other_path()
-            if task.area.weight > 0.0:
-                shortfall = area_along_path(self.machine, path).shortfall(task.area.reference)
-                path = replace(path, cost=path.cost + task.area.weight * shortfall)
-            promised = path.cost - options.weights.switches * path.switches
-            if PROMISE_KEPT * promised < found.cost(options):
-                path = replace(path, lower_bound=found.lower_bound)
-                other = self._along(task, lambda: path)
-                if other.cost(options) < found.cost(options):
-                    found = other
-        spent = earlier + time.perf_counter() - began
-        seconds = {**found.seconds, "comparison": spent}
-        return replace(found, seconds=MappingProxyType(seconds))
+        return _Making(self.machine, task, NEVER).best_along([Candidate(path)])
 
     def _task(
         self,
@@ -311,54 +189,127 @@ class Planner:
         modes: StartModes | None,
         brake: Trajectory | None,
         options: PlanOptions,
-    ) -> _Task:
-        modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
+    ) -> Task:
+        """The task, checked."""
+        n = self.machine.joint_count
+        if not all(math.isfinite(value) for value in goal):
+            raise RequestError("goal", tuple(goal), "must be two finite numbers [m]")
+        for name in ("position", "velocity", "acceleration"):
+            value = np.asarray(getattr(start, name))
+            if value.shape != (n,) or not np.all(np.isfinite(value)):
+                rule = f"must be {n} finite numbers, one for each joint"
+                raise RequestError(f"start {name}", value.tolist(), rule)
+        if options.area_weight > 0.0 and not planner_named(options.planner).weighs_area:
+            rule = f"must be 0 for the planner '{options.planner}'"
+            rule += f"; {weighing_area()} can weigh the area"
+            raise RequestError("area weight", options.area_weight, rule)
+        modes = modes or StartModes.settled(np.full(n, Mode.N))
         area = area_term(options.area_weight, self.graph.table)
-        return _Task(goal, start, modes, brake, options, area)
+        return Task(goal, start, modes, brake, options, area)
 
-    def _integrated(self, task: _Task) -> DiscretePath:
-        """Path, posture and modes decided together."""
-        options = task.options
-        return integrated_search.search(
-            self.machine,
-            task.departure,
-            task.modes.modes,
-            task.goal,
-            options.weights,
-            options.energy_reading,
-            goal_psi=options.goal_psi,
-            budget=options.budget,
-            certified_from=task.start.position,
-            area=task.area,
+
+class _Making:
+    """A plan being made: paths come in, the cheapest motion so far stays.
+
+    time  what the search may take of the time until the deadline
+    """
+
+    def __init__(self, machine: Machine, task: Task, deadline: Deadline) -> None:
+        self._machine, self._task = machine, task
+        self._rules = fit_rules(task.options)
+        self.time = SearchTime(deadline)
+        self._best: Plan | None = None
+        self._refused: FitError | None = None
+        self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
+        self._began = self._since = perf_counter()
+
+    def best_along(self, candidates: Iterable[Candidate]) -> Plan:
+        """The plan along the best of these paths; raises what they raise where there is none."""
+        in_time = True
+        try:
+            for candidate in candidates:
+                self._spend("comparison" if candidate.compared else "search")
+                self._consider(candidate)
+        except DeadlineError:
+            if self._best is None:
+                raise
+            in_time = False
+        except MhsbError:
+            if self._best is None:
+                raise
+        self._spend("search")
+        if self._best is None:
+            raise self._refused or ValueError("a planner that gives no path must say why")
+        path = self._best.path
+        out_of_time = not in_time or self.time.until.passed
+        statistics = replace(path.statistics, out_of_time=out_of_time)
+        return replace(
+            self._best,
+            path=replace(path, statistics=statistics),
+            seconds=MappingProxyType(self._seconds),
         )
 
-    def _searched(self, task: _Task) -> DiscretePath:
-        """S2: a path over the graph of the postures that the planner takes."""
-        options = task.options
-        return search(
-            self._graph_for(task.departure, options),
-            task.departure,
-            task.modes.modes,
-            task.goal,
-            options.weights,
-            options.energy_reading,
-            method=options.search,
-            heuristic_scale=options.heuristic_scale,
-            goal_psi=options.goal_psi,
-            budget=options.budget,
-            max_expansions=options.max_expansions,
+    def _consider(self, candidate: Candidate) -> None:
+        """Make the path a motion, where it may be cheaper, and keep it if it is."""
+        path, options, best = candidate.path, self._task.options, self._best
+        promised = path.cost - options.weights.switches * path.switches
+        if best is not None and PROMISE_KEPT * promised >= best.cost(options):
+            return
+        began = self._since
+        try:
+            motion = self._motion(path)
+        except FitError as error:
+            self._refused = self._refused or error
+            return
+        finally:
+            self._spend("comparison" if candidate.compared else "fit")
+        plan = self._priced(path, motion, NEVER if best is None else self.time.deadline)
+        self._spend("comparison" if candidate.compared else "energy")
+        if best is None:
+            self._seconds["first_motion"] = self._since - self._began
+        if best is None or _is_cheaper(plan, best, options):
+            self._best = plan
+        self.time.found = True
+        self.time.reserve = max(self.time.reserve, self._since - began)
+
+    def _motion(self, path: DiscretePath) -> FittedMotion:
+        task = self._task
+        if path.steps == 0:
+            return fit_braking(
+                self._machine, task.brake or standstill(task.start.position), task.modes
+            )
+        return fit_trajectory(
+            self._machine,
+            path,
+            task.start,
+            task.modes,
+            task.brake,
+            self._rules,
+            self.time.deadline,
         )
 
-    def _graph_for(self, posture: FloatArray, options: PlanOptions) -> StepGraph:
-        """The steps to choose from; those with J3 fixed depend on the start and are made for it."""
-        if options.planner == "table":
-            return self.graph
-        limits = self.machine.arrays.joint_min[2], self.machine.arrays.joint_max[2]
-        j3 = options.initial_j3
-        if j3 is None:  # a start that noise has put beyond a limit is led inside
-            j3 = float(np.clip(posture[2], *limits))
-        elbow = fixed_j3.elbow_side(self.machine, posture)
-        return fixed_j3.fixed_j3_graph(self.machine, self.graph.table, j3, elbow)
+    def _priced(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
+        machine, area, shortfall = self._machine, self._task.area, 0.0
+        deadline.check("the comparison of motions")
+        energy = motion_energy(machine, motion.trajectory, motion.schedule)
+        if area.weight > 0.0:
+            along = area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
+            shortfall = along.shortfall(area.reference)
+        return Plan(path, motion, energy, area_shortfall=shortfall)
+
+    def _spend(self, stage: str) -> None:
+        """Put down the time since the last look to a stage."""
+        now = perf_counter()
+        self._seconds[stage] = self._seconds.get(stage, 0.0) + now - self._since
+        self._since = now
+
+
+def _is_cheaper(plan: Plan, other: Plan, options: PlanOptions) -> bool:
+    """Whether a plan costs less than another, or as much with fewer switches of modes."""
+    cost, known = plan.cost(options), other.cost(options)
+    if abs(cost - known) > ROUNDING * known:
+        return cost < known
+    return plan.motion.schedule.switches < other.motion.schedule.switches
 
 
 def warm_up(planner: Planner) -> None:
@@ -366,9 +317,8 @@ def warm_up(planner: Planner) -> None:
     graph = planner.graph
     planner.change(planner.machine.without_obstacles())
     goal_clearance.warm_up(planner.machine)
-    s2_search.warm_up(planner.graph)
-    fixed_j3.warm_up(planner.graph)
-    integrated_search.warm_up(planner.machine)
+    for kind in PLANNERS.values():
+        kind.warm_up(planner.graph)
     area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
     planner.graph = graph

@@ -7,11 +7,39 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine, load_machine
+from mhsb_planner import deadline as deadlines
+from mhsb_planner.deadline import Deadline
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_step import step_costs
+
+
+class Looks:
+    """A clock that counts the looks at it; from a look on that is chosen, time is up."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.last = math.inf
+
+    def __call__(self) -> float:
+        """The time [s]: 0, later 1."""
+        self.count += 1
+        return 0.0 if self.count <= self.last else 1.0
+
+    def deadline_after(self, looks: float) -> Deadline:
+        """A deadline that passes after so many looks from now."""
+        self.count, self.last = 0, looks
+        return Deadline(0.5)
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> Looks:
+    """The clock of all deadlines."""
+    looks = Looks()
+    monkeypatch.setattr(deadlines, "now", looks)
+    return looks
 
 
 @pytest.fixture(scope="session")

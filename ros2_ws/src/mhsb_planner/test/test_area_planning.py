@@ -84,9 +84,11 @@ def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner):
     assert compared >= 3
 
 
-def test_with_hardly_any_time_there_is_a_plan_that_weighs_the_area_all_the_same(planner):
-    case = paper_case("4-1")
+def test_with_hardly_any_time_there_is_a_plan_that_weighs_the_area_all_the_same(planner, looks):
+    case, options = paper_case("4-1"), weighing(1000.0)
     start = MotionState.at_rest(case.start_posture(planner.machine))
-    plan = planner.plan(case.goal, start, options=weighing(1000.0, budget=1e-9))
+    deadline = looks.deadline_after(40)
+    plan = planner.plan(case.goal, start, options=options, deadline=deadline)
     assert plan.path.statistics.out_of_time
     assert plan.area_shortfall > 0.0
+    assert plan.cost(options) >= planner.plan(case.goal, start, options=options).cost(options)

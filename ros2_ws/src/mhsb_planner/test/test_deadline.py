@@ -8,6 +8,7 @@ import pytest
 
 from mhsb_planner import deadline as deadline_module
 from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.errors import DeadlineError
 
 
 class Clock:
@@ -57,6 +58,33 @@ def test_never_does_not_pass(clock: Clock) -> None:
         assert deadline == NEVER
         assert not deadline.passed
         assert deadline.left == math.inf
+
+
+def test_a_check_says_what_came_to_nothing(clock: Clock) -> None:
+    deadline = Deadline.after(0.5)
+    deadline.check("the work")
+    clock.time += 1.0
+    with pytest.raises(DeadlineError, match="the work did not end before the deadline"):
+        deadline.check("the work")
+
+
+def test_portions_take_about_a_millisecond_each_until_the_deadline(clock: Clock) -> None:
+    sizes = []
+    for size in Deadline.after(0.1).portions(1, 50):
+        sizes.append(size)
+        clock.time += 40e-6 * size  # 25 of them in a millisecond
+    assert sizes[:3] == [1, 10, 25]
+    assert set(sizes[2:]) == {25}
+    assert clock.time == pytest.approx(100.1, abs=1.1e-3)
+
+
+def test_without_hurry_portions_are_as_large_as_they_may_be(clock: Clock) -> None:
+    portions = NEVER.portions(1, 50)
+    assert [next(portions) for _ in range(3)] == [50, 50, 50]
+
+
+def test_after_the_deadline_there_is_no_portion(clock: Clock) -> None:
+    assert list(Deadline.after(0.0).portions(1, 50)) == []
 
 
 def test_not_a_number_is_no_deadline(clock: Clock) -> None:

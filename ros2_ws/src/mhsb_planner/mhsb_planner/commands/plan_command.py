@@ -27,6 +27,7 @@ from mhsb_planner.evaluation.operating_point import (
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
+from mhsb_planner.planners.registry import summaries
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.area_shortfall import area_along_motion, area_along_path, reference_area
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
@@ -51,7 +52,10 @@ def plan(
         tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3")
     ] = None,
     area_weight: Annotated[float, tyro.conf.arg(metavar="W4")] = 0.0,
-    planner: PlannerKind | None = None,
+    planner: Annotated[
+        PlannerKind | None,
+        tyro.conf.arg(help=f"Where postures come from: {summaries()}; table when left out."),
+    ] = None,
     initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
     search: SearchMethod = "exact",
     heuristic_scale: Annotated[
@@ -88,9 +92,6 @@ def plan(
         weights: Of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
         area_weight: Of the velocity polytope's area that is lost along the tip's path, for the
             integrated planner [1/m]; 0 leaves the area out.
-        planner: Where postures come from: table takes those of the posture table, fixed keeps
-            joint 3 and changes it by 1 degree at a time where the others have no solution,
-            integrated decides them together with path and modes; table when left out.
         initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture
             table at the start when left out.
         search: The exact search, or the published one with one label for each node.
@@ -174,7 +175,7 @@ def _request(
     goal: Point | None,
     case: str | None,
     weights: tuple[float, float, float] | None,
-    planner: PlannerKind | None,
+    planner: str | None,
     initial_j3: float | None,
 ) -> PaperCase:
     """What is asked for: the case where one is named, with what is given itself in its place."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import yaml
-
 from mhsb_model.config_files import config_file
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
+from mhsb_model.yaml_files import read_yaml
 from mhsb_planner.errors import RequestError
-from mhsb_planner.planner import PlannerKind, PlanOptions
+from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.search.fixed_j3 import fixed_j3_posture
 from mhsb_planner.search.s2_search import Weights
@@ -30,7 +29,7 @@ class PaperCase:
     start: tuple[float, float]
     goal: tuple[float, float]
     weights: Weights
-    planner: PlannerKind = "table"
+    planner: str = "table"
     initial_j3: float | None = None
 
     def start_posture(self, machine: Machine) -> FloatArray:
@@ -49,7 +48,7 @@ class PaperCase:
 
 def paper_cases() -> dict[str, PaperCase]:
     """All cases by name, such as `1-1`."""
-    content = yaml.safe_load(config_file(CASES_FILE).read_text(encoding="utf-8"))
+    content = read_yaml(config_file(CASES_FILE))
     return {
         name: PaperCase(
             name=name,

@@ -1,4 +1,4 @@
-"""How fast planning is: the posture table, plans, and how both grow with the grid.
+"""How fast planning is: the posture table, plans, first motions, and how it grows with the grid.
 
     scripts/bench planning
 
@@ -27,6 +27,12 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
+from mhsb_planner.evaluation.deadline_benchmark import (
+    first_motion_figures,
+    first_motion_lines,
+    overrun_figures,
+    overrun_lines,
+)
 from mhsb_planner.evaluation.integrated_benchmark import integrated_figures
 from mhsb_planner.evaluation.moves import Move, random_moves
 from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
@@ -52,10 +58,12 @@ Result = TypeVar("Result")
 class Effort:
     """How much is measured.
 
-    Plans, SLSQP entries, ground truths, plans for each spacing, and the spacings [m].
+    Plans, plans with a deadline in each condition, SLSQP entries, ground truths, plans for each
+    spacing, and the spacings [m].
     """
 
     moves: int = 500
+    deadlines: int = 150
     entries: int = 200
     truths: int = 60
     growth_moves: int = 100
@@ -70,13 +78,16 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
     planner = Planner(machine, table)
     bar = tqdm(random_moves(planner, effort.moves), "moves", effort.moves, unit="move")
     moves = list(bar)
+    other = dijkstra_figures(planner.graph, moves, effort.runs)
     return {
         "table": table_figures,
         "plan": {
             "table": _plan_figures(planner, moves, effort),
             "integrated": integrated_figures(planner, moves, effort.truths, effort.runs),
         },
-        "scipy_dijkstra": dijkstra_figures(planner.graph, moves, effort.runs),
+        "scipy_dijkstra": other,
+        "first_motion_ms": first_motion_figures(planner, moves, other["p50_ms"]),
+        "overrun_ms": overrun_figures(planner, moves[: effort.deadlines]),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
 
@@ -285,6 +296,8 @@ def as_text(figures: Figures) -> list[str]:
         f"{integrated['ground_truth_ratio_max']:.3f}",
         f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
         f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
+        *first_motion_lines(figures["first_motion_ms"]),
+        *overrun_lines(figures["overrun_ms"]),
         "spacing [mm]   states     steps   table [s]   graph [s]   search p50, p99 [ms]   expanded",
     ]
     lines += [

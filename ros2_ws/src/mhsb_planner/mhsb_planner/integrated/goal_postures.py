@@ -10,7 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
+from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
@@ -52,34 +54,48 @@ def goal_postures(
     """
     machine.check_in_workspace(x, z)
     check_tip(machine, x, z)
-    samples = _all(machine, x, z, spacing) if psi is None else _with(psi)
-    postures, kept = [], []
-    q = np.empty(machine.joint_count)
-    for elbow, angle in samples:
-        if feasible(machine.arrays, x, z, angle, elbow, q):
-            postures.append(q.copy())
-            kept.append((elbow, angle))
-    if not postures:
+    elbow, angle = _all(machine, x, z, spacing) if psi is None else _with(psi)
+    postures = np.empty((len(angle), machine.joint_count))
+    kept = _feasible(machine.arrays, x, z, elbow, angle, postures)
+    if not kept.any():
         raise InfeasibleGoalError(x, z, psi)
-    clear = clear_postures(machine, x, z, np.array(postures))
-    elbows, angles = zip(*kept, strict=True)
+    kept[kept] = clear_postures(machine, x, z, postures[kept])
     return GoalPostures(
         (x, z),
-        describe(machine.arrays, np.array(postures)[clear]),
-        frozen(np.array(elbows, dtype=np.int64)[clear]),
-        frozen(np.array(angles)[clear]),
+        describe(machine.arrays, postures[kept]),
+        frozen(elbow[kept]),
+        frozen(angle[kept]),
         psi is None,
     )
 
 
-def _all(machine: Machine, x: float, z: float, spacing: float) -> list[tuple[int, float]]:
+@njit(cache=True, nogil=True)
+def _feasible(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    elbow: IntArray,
+    angle: FloatArray,
+    posture: FloatArray,
+) -> np.ndarray:
+    """Which of the branches and angles [rad] are within limits; postures[count, n], written."""
+    within = np.empty(len(angle), dtype=np.bool_)
+    for i in range(len(angle)):
+        within[i] = feasible(m, x, z, angle[i], elbow[i], posture[i])
+    return within
+
+
+def _all(machine: Machine, x: float, z: float, spacing: float) -> tuple[IntArray, FloatArray]:
+    """Samples of all intervals of ψ: branch, int64[count], and angle, float64[count] rad."""
     interval = np.empty((MAX_INTERVALS, 3))
-    found = []
+    elbows, angles = [np.empty(0, dtype=np.int64)], [np.empty(0)]
     for elbow, low, high in interval[: feasible_intervals(machine.arrays, x, z, interval)]:
         count = max(FEWEST, math.ceil((high - low) / spacing) + 1)
-        found += [(int(elbow), float(angle)) for angle in np.linspace(low, high, count)]
-    return found
+        elbows.append(np.full(count, int(elbow)))
+        angles.append(np.linspace(low, high, count))
+    return np.concatenate(elbows), np.concatenate(angles)
 
 
-def _with(psi: float) -> list[tuple[int, float]]:
-    return [(elbow, psi) for elbow in ELBOW_BRANCHES]
+def _with(psi: float) -> tuple[IntArray, FloatArray]:
+    """Both branches with one ψ [rad]."""
+    return np.array(ELBOW_BRANCHES, dtype=np.int64), np.full(len(ELBOW_BRANCHES), psi)

@@ -1,27 +1,29 @@
-"""From a start posture to a goal point: the best route found in the time there is.
+"""From a start posture to a goal point: a first route soon, then cheaper ones while there is time.
 
 1. straight lines to the goal's postures, those of the least lower bound first;
 2. where these leave room, A* over a lattice for what is cheaper than the best of them;
 3. corners taken out and moved, the goal's ψ turned, in ever smaller strides.
 
-Every stage starts from the best route so far, so there is an answer as soon as there is a way.
-The work of each stage is limited, so that the answer depends on the clock only where a budget is
-given and the processor is slower than it has to be.
+Every stage starts from the best route so far; the first straight line that is possible is handed
+out at once. The work of each stage is limited, so that the answer depends on the clock only where
+there is a deadline and the processor is slower than it has to be.
 """
 
 from __future__ import annotations
 
 import math
-import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.errors import NoPathError
+from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures, goal_postures
 from mhsb_planner.integrated.lattice import LatticeSearch
@@ -29,7 +31,6 @@ from mhsb_planner.integrated.refinement import shortcut, sweep
 from mhsb_planner.integrated.route import (
     Memory,
     Terms,
-    least_step,
     new_memory,
     path_of,
     price_route,
@@ -37,11 +38,10 @@ from mhsb_planner.integrated.route import (
 )
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.search.s2_search import SAME_POINT, Weights
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, least_costs_between
+from mhsb_planner.search.s2_search import SAME_POINT, SEARCHING, Weights
 from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading, Postures
-
-SEARCH_SHARE = 0.4
-"""Of the budget; the rest is for the trajectory."""
+from mhsb_planner.search.search_time import SearchTime
 
 GOOD_ENOUGH = 1e-3
 """A route within this share of the lower bound is not improved further."""
@@ -51,6 +51,9 @@ WORTH_A_LATTICE = 1e-2
 
 SPARSE = 3
 """Straight lines lead to one in so many goal postures first."""
+
+FIRST_LINES = 8
+"""So many are tried before something else may come first."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +87,13 @@ class Route:
     """A polygon of cylinder lengths, where it ends, and its cost with the best modes.
 
     via         float64[points, n] m
-    elbow, psi  of the goal posture at its end
+    goal        number of the goal posture that it was led to
+    elbow, psi  of the posture at its end, with ψ turned since
     cost        w₁ E + w₂ T + w₃ switches
     """
 
     via: FloatArray
+    goal: int
     elbow: int
     psi: float
     cost: float
@@ -101,7 +106,6 @@ class Task:
     start    float64[n] rad; lengths float64[n] m, of its cylinders
     bound    no route costs less
     least    float64[goals], no route to that goal posture costs less
-    deadline of the processor's clock [s]
     """
 
     machine: Machine
@@ -112,13 +116,33 @@ class Task:
     goals: GoalPostures
     bound: float
     least: FloatArray
-    deadline: float
+    time: SearchTime
     effort: Effort
 
-    @property
-    def late(self) -> bool:
-        """Whether the time is up."""
-        return time.perf_counter() > self.deadline
+    @classmethod
+    def of(
+        cls,
+        machine: Machine,
+        posture: FloatArray,
+        priced_by: Terms,
+        goals: GoalPostures,
+        time: SearchTime,
+        effort: Effort,
+    ) -> Task:
+        """The task from a posture [rad] to these goals."""
+        lengths, reached = machine.cylinder_lengths(posture), goals.postures.length
+        return cls(
+            machine=machine,
+            terms=priced_by,
+            memory=new_memory(priced_by),
+            start=posture,
+            lengths=lengths,
+            goals=goals,
+            bound=least_cost_to(machine, priced_by.circuit, lengths, goals, priced_by.weight),
+            least=least_costs_between(priced_by.circuit, lengths, reached, priced_by.weight),
+            time=time,
+            effort=effort,
+        )
 
     def price(self, via: FloatArray, limit: float = math.inf) -> float:
         """Cost of a route, inf where it reaches the limit or is not possible."""
@@ -126,7 +150,87 @@ class Task:
 
     def to_goal(self, via: FloatArray, k: int, cost: float) -> Route:
         """Route to the goal posture k."""
-        return Route(via, int(self.goals.elbow[k]), float(self.goals.psi[k]), cost)
+        return Route(via, k, int(self.goals.elbow[k]), float(self.goals.psi[k]), cost)
+
+
+class IntegratedSearch:
+    """A search under way.
+
+    lower_bound  J, no plan to any posture at the goal takes less energy
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        start_posture: FloatArray,
+        start_modes: ModeArray,
+        goal_xz: tuple[float, float],
+        weights: Weights,
+        energy_reading: EnergyReading = "paper",
+        *,
+        goal_psi: float | None = None,
+        certified_from: FloatArray | None = None,
+        area: AreaTerm = WITHOUT_AREA,
+        time: SearchTime | None = None,
+        effort: Effort | None = None,
+    ) -> None:
+        """From a posture [rad] and the modes in force to a tip position [m].
+
+        goal_psi        end-link angle asked for at the goal [rad]; None: whichever costs least
+        certified_from  posture from which the lower bound counts; the start where left out [rad]
+        area            weight of the polytope's area, and the area that counts as full
+        time            when to end, and whether there is a motion along one of the paths
+
+        Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, DeadlineError.
+        """
+        self._began, effort, time = perf_counter(), effort or Effort(), time or SearchTime()
+        time.until.check(SEARCHING)
+        posture = np.array(start_posture, dtype=np.float64)
+        self._modes = np.array(start_modes, dtype=np.uint8)
+        goals = goal_postures(machine, *goal_xz, goal_psi, effort.psi_spacing)
+        time.until.check(SEARCHING)
+        weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
+        priced_by = terms(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
+        self._task = Task.of(machine, posture, priced_by, goals, time, effort)
+        time.until.check(SEARCHING)
+        origin = machine.cylinder_lengths(posture if certified_from is None else certified_from)
+        self.lower_bound = least_cost_to(machine, priced_by.circuit, origin, goals, ENERGY_ALONE)
+
+    def paths(self) -> Iterator[DiscretePath | None]:
+        """Ever cheaper paths; None where no straight line is possible: others may be quicker now.
+
+        A start at the goal gives a path without steps. Raises, at its end, NoPathError where there
+        is no path, DeadlineError where none was found in time.
+        """
+        task = self._task
+        if _is_at(task.machine, task.start, task.goals):
+            tip = task.machine.tip_position(task.start)
+            yield DiscretePath.standing(tip, task.start, self._modes, self._seconds)
+            return
+        for best, work in _routes(task):
+            yield None if best is None else self._path(best, work)
+
+    def last(self) -> DiscretePath:
+        """The cheapest path that is found; raises as `paths`."""
+        return [path for path in self.paths() if path is not None][-1]
+
+    @property
+    def _seconds(self) -> float:
+        """Since the search began [s]."""
+        return perf_counter() - self._began
+
+    def _path(self, best: Route, work: tuple[int, int]) -> DiscretePath:
+        task = self._task
+        return path_of(
+            task.terms,
+            task.memory,
+            best.via,
+            best.cost,
+            task.start,
+            self._modes,
+            self.lower_bound,
+            SearchStatistics(*work, self._seconds, task.time.until.passed),
+        )
 
 
 def search(
@@ -138,111 +242,99 @@ def search(
     energy_reading: EnergyReading = "paper",
     *,
     goal_psi: float | None = None,
-    budget: float | None = None,
-    certified_from: FloatArray | None = None,
     area: AreaTerm = WITHOUT_AREA,
+    deadline: Deadline = NEVER,
     effort: Effort | None = None,
 ) -> DiscretePath:
-    """Path from a posture [rad] and the modes in force to a tip position [m].
-
-    goal_psi        end-link angle asked for at the goal [rad]; None: whichever costs least
-    budget          s, for the whole plan; when the search's share is over, the best so far is taken
-    certified_from  posture from which the lower bound counts; the start where left out [rad]
-    area            weight of the polytope's area, and the area that counts as full
-
-    A start at the goal gives a path without steps. Raises OutOfWorkspaceError,
-    InfeasibleGoalError, ZoneError, NoPathError.
-    """
-    began = time.perf_counter()
-    effort = effort or Effort()
-    posture = np.array(start_posture, dtype=np.float64)
-    modes = np.array(start_modes, dtype=np.uint8)
-    goals = goal_postures(machine, *goal_xz, goal_psi, effort.psi_spacing)
-    if _is_at(machine, posture, goals):
-        tip, seconds = machine.tip_position(posture), time.perf_counter() - began
-        return DiscretePath.standing(tip, posture, modes, seconds)
-    weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
-    deadline = math.inf if budget is None else began + SEARCH_SHARE * budget
-    priced_by = terms(machine, modes, weight, ENERGY_COLUMN[energy_reading], area)
-    task = _task(machine, posture, priced_by, goals, deadline, effort)
-    best = _straight(task)
-    expanded = priced = 0
-    if _leaves_room(task, best, WORTH_A_LATTICE):
-        best, expanded, priced = _over_lattice(task, best)
-    if best is None:
-        x, z = machine.tip_position(posture)
-        raise NoPathError((float(x), float(z)), goals.tip, machine.obstacles.names)
-    if _leaves_room(task, best, GOOD_ENOUGH):
-        best = _refined(task, best)
-    origin = posture if certified_from is None else certified_from
-    energy = np.array([1.0, 0.0])
-    lower_bound = least_cost_to(
-        machine, task.terms.circuit, machine.cylinder_lengths(origin), goals, energy
-    )
-    return path_of(
-        task.terms,
-        task.memory,
-        best.via,
-        best.cost,
-        posture,
-        modes,
-        lower_bound,
-        SearchStatistics(expanded, priced, time.perf_counter() - began, task.late),
-    )
-
-
-def _task(
-    machine: Machine,
-    posture: FloatArray,
-    priced_by: Terms,
-    goals: GoalPostures,
-    deadline: float,
-    effort: Effort,
-) -> Task:
-    lengths = machine.cylinder_lengths(posture)
-    to_goals = [least_step(priced_by, lengths, goal) for goal in goals.postures.length]
-    bound = least_cost_to(machine, priced_by.circuit, lengths, goals, priced_by.weight)
-    return Task(
-        machine=machine,
-        terms=priced_by,
-        memory=new_memory(priced_by),
-        start=posture,
-        lengths=lengths,
-        goals=goals,
-        bound=bound,
-        least=np.array(to_goals),
-        deadline=deadline,
+    """The cheapest path until the deadline; arguments and errors as of `IntegratedSearch`."""
+    under_way = IntegratedSearch(
+        machine,
+        start_posture,
+        start_modes,
+        goal_xz,
+        weights,
+        energy_reading,
+        goal_psi=goal_psi,
+        area=area,
+        time=SearchTime(deadline),
         effort=effort,
     )
+    return under_way.last()
+
+
+def _routes(task: Task) -> Iterator[tuple[Route | None, tuple[int, int]]]:
+    """Ever cheaper routes, with the lattice's states expanded and steps priced until then."""
+    best: Route | None = None
+    told: Route | None = None
+    work = 0, 0
+    for route in _straight(task):
+        if best is None:
+            told = route
+            yield told, work
+        best = route
+    if _leaves_room(task, best, WORTH_A_LATTICE):
+        best, work = _over_lattice(task, best)
+        if not task.time.found and _is_cheaper(best, told):
+            told = best
+            yield told, work
+    if best is None:
+        if task.time.until.passed:
+            raise DeadlineError(SEARCHING)
+        x, z = task.machine.tip_position(task.start)
+        raise NoPathError((float(x), float(z)), task.goals.tip, task.machine.obstacles.names)
+    if _leaves_room(task, best, GOOD_ENOUGH):
+        best = _refined(task, best)
+    if _is_cheaper(best, told):
+        yield best, work
+
+
+def _is_cheaper(route: Route | None, other: Route | None) -> bool:
+    """Whether there is a route and it costs less than another, or there is no other."""
+    return route is not None and (other is None or route.cost < other.cost)
 
 
 def _leaves_room(task: Task, best: Route | None, share: float) -> bool:
-    return best is None or best.cost > (1.0 + share) * task.bound
+    """Whether there may be a route that is cheaper by that share, and time to look for it."""
+    room = best is None or best.cost > (1.0 + share) * task.bound
+    return room and not task.time.until.passed
 
 
-def _straight(task: Task) -> Route | None:
-    """The cheapest straight line to one of every few goal postures, or to one beside its end."""
+def _straight(task: Task) -> Iterator[Route | None]:
+    """Ever cheaper straight lines to one of every few goal postures, then to one beside its end.
+
+    None where the first few are all impossible, and where the first round has found none.
+    """
     numbers = np.arange(len(task.least))
     sparse = numbers % SPARSE == 0
-    best, end = _cheapest_of(task, numbers[sparse], None)
-    near = (best is None) | (np.abs(numbers - end) < SPARSE)
-    return _cheapest_of(task, numbers[~sparse & near], best)[0]
+    order = _in_order(task, numbers[sparse])
+    best: Route | None = None
+    for part in (order[:FIRST_LINES], order[FIRST_LINES:]):
+        for line in _cheaper(task, part, best):
+            best = line
+            yield line
+        if best is None:
+            yield None
+    near = best is None or np.abs(numbers - best.goal) < SPARSE
+    yield from _cheaper(task, _in_order(task, numbers[~sparse & near]), best)
 
 
-def _cheapest_of(
-    task: Task, numbers: IntArray, best: Route | None
-) -> tuple[Route | None, int]:
-    """The best route, or a cheaper straight line to one of these goal postures, and to which."""
-    end = -1
-    for k in numbers[np.argsort(task.least[numbers], kind="stable")]:
+def _in_order(task: Task, numbers: IntArray) -> IntArray:
+    """Goal postures by the least that they may cost."""
+    return numbers[np.argsort(task.least[numbers], kind="stable")]
+
+
+def _cheaper(task: Task, numbers: IntArray, best: Route | None) -> Iterator[Route]:
+    """Straight lines to these goal postures, each cheaper than the best before, while there is
+    time."""
+    for k in numbers.tolist():
         limit = math.inf if best is None else best.cost
-        if task.least[k] >= limit:
+        if task.least[k] >= limit or task.time.until.passed:
             break
         via = np.array([task.lengths, task.goals.postures.length[k]])
         cost = task.price(via, limit)
         if cost < limit:
-            best, end = task.to_goal(via, int(k), cost), int(k)
-    return best, end
+            best = task.to_goal(via, k, cost)
+            yield best
 
 
 def _spacing(task: Task, best: Route | None) -> float:
@@ -256,7 +348,7 @@ def _spacing(task: Task, best: Route | None) -> float:
     return min(effort.coarsest, max(effort.finest, stroke / effort.cells))
 
 
-def _over_lattice(task: Task, best: Route | None) -> tuple[Route | None, int, int]:
+def _over_lattice(task: Task, best: Route | None) -> tuple[Route | None, tuple[int, int]]:
     """The cheapest route over the lattice, or the best so far; states expanded, steps priced."""
     effort = task.effort
     limit = math.inf if best is None else best.cost
@@ -270,44 +362,33 @@ def _over_lattice(task: Task, best: Route | None) -> tuple[Route | None, int, in
         _spacing(task, best),
         effort.margin,
     )
-    found = lattice.search(limit, effort.expansions, lambda: task.late)
+    found = lattice.search(limit, effort.expansions, task.time.until)
     if found is not None:
         via, k = found
         cost = task.price(via)
         if cost < limit:
             best = task.to_goal(via, int(worth[k]), cost)
-    return best, lattice.expanded, lattice.priced
+    return best, (lattice.expanded, lattice.priced)
 
 
 def _refined(task: Task, best: Route) -> Route:
     """The route improved by small changes."""
-    t, w, effort = task.terms, task.memory, task.effort
+    t, w, effort, until = task.terms, task.memory, task.effort, task.time.until
     spacing = _spacing(task, best)
-    via, cost = shortcut(t, w, best.via, task.start, best.cost)
+    via, cost = shortcut(t, w, best.via, task.start, best.cost, until)
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
-    psi = best.psi
+    psi, tip = best.psi, task.goals.tip
     for stride in effort.strides:
-        turn = effort.turn * stride if task.goals.free else 0.0
+        stroke, turn = stride * spacing, effort.turn * stride if task.goals.free else 0.0
         for _ in range(effort.sweeps):
-            if task.late:
-                break
             before = cost
             cost, psi = sweep(
-                t,
-                w,
-                via,
-                task.start,
-                cost,
-                task.goals.tip,
-                best.elbow,
-                psi,
-                stride * spacing,
-                turn,
+                t, w, via, task.start, cost, tip, best.elbow, psi, stroke, turn, until
             )
             if cost > (1.0 - GOOD_ENOUGH) * before:
                 break
-    return Route(via, best.elbow, psi, cost)
+    return Route(via, best.goal, best.elbow, psi, cost)
 
 
 def _is_at(machine: Machine, posture: FloatArray, goals: GoalPostures) -> bool:
@@ -328,7 +409,7 @@ def warm_up(machine: Machine) -> None:
         search(machine, start, modes, (x, z), weights, goal_psi=float(end.sum()), effort=effort)
         goals = goal_postures(machine, x, z, None, effort.psi_spacing)
         priced_by = terms(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
-        task = _task(machine, start, priced_by, goals, math.inf, effort)
+        task = Task.of(machine, start, priced_by, goals, SearchTime(), effort)
         via = np.array([task.lengths, goals.postures.length[0]])
         _over_lattice(task, None)
         _refined(task, task.to_goal(via, 0, task.price(via)))

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,11 +22,15 @@ from mhsb_model.linkages.linkage import cylinder_length, joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.integrated.route import Memory, Terms, least_step, price_piece
 from mhsb_planner.search.indexed_heap import NOT_IN_HEAP, pop, sift_up
 from mhsb_planner.search.s2_joining import NOWHERE
 from mhsb_planner.search.s2_query import EXHAUSTED, FOUND, PAUSED
 from mhsb_planner.search.s2_step import DURATION, INADMISSIBLE, Postures
+
+FIRST_PORTION, PORTION = 4, 50
+"""States to expand before the first look at the clock, and between two at most."""
 
 
 class Lattice(NamedTuple):
@@ -304,8 +307,6 @@ def expand(
 class LatticeSearch:
     """A search over the lattice from a start posture [rad] to goal postures."""
 
-    portion = 50
-
     def __init__(
         self,
         t: Terms,
@@ -337,15 +338,15 @@ class LatticeSearch:
         return float(self._frontier.cost[-1])
 
     def search(
-        self, enough: float, expansions: int, late: Callable[[], bool]
+        self, enough: float, expansions: int, deadline: Deadline = NEVER
     ) -> tuple[FloatArray, int] | None:
         """Corners of the cheapest route, float64[points, n] m, and the goal it ends in.
 
         None where no route costs less than `enough`, or none was found with so many expansions
-        or before it was late.
+        or before the deadline.
         """
         status = PAUSED
-        while status == PAUSED and self.expanded < expansions and not late():
+        for portion in deadline.portions(FIRST_PORTION, PORTION):
             status = expand(
                 self._terms,
                 self._memory,
@@ -353,8 +354,10 @@ class LatticeSearch:
                 self._lattice,
                 self._goals,
                 enough,
-                min(self.portion, expansions - self.expanded),
+                min(portion, expansions - self.expanded),
             )
+            if status != PAUSED or self.expanded >= expansions:
+                break
         return self._found() if status == FOUND else None
 
     def _found(self) -> tuple[FloatArray, int]:

@@ -1,6 +1,7 @@
 """Local improvement of a route: corners taken out, corners moved, the goal's ψ turned.
 
-Every change is kept only where the whole route then costs less, so a route never gets worse.
+Every change is kept only where the whole route then costs less, so a route never gets worse, and
+work can end after any of them.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.types import FloatArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.integrated.route import (
     Memory,
     Terms,
@@ -23,22 +25,51 @@ from mhsb_planner.integrated.route import (
 )
 
 
-@njit(cache=True, nogil=True)
 def shortcut(
-    t: Terms, w: Memory, via: FloatArray, start: FloatArray, cost: float
+    t: Terms,
+    w: Memory,
+    via: FloatArray,
+    start: FloatArray,
+    cost: float,
+    deadline: Deadline = NEVER,
 ) -> tuple[FloatArray, float]:
-    """The route with every corner taken out whose absence makes it no dearer, and its cost."""
+    """The route with every corner taken out whose absence makes it no dearer, and its cost.
+
+    After the deadline the rest of the corners stay.
+    """
     i = 1
-    while i < len(via) - 1:
-        without = np.empty((len(via) - 1, via.shape[1]))
-        without[:i] = via[:i]
-        without[i:] = via[i + 1 :]
+    while i < len(via) - 1 and not deadline.passed:
+        without = np.delete(via, i, axis=0)
         shorter = price_route(t, w, without, start, cost * (1.0 + 1e-9))
         if shorter < math.inf:
             via, cost = without, min(cost, shorter)
         else:
             i += 1
     return via, cost
+
+
+def sweep(
+    t: Terms,
+    w: Memory,
+    via: FloatArray,
+    start: FloatArray,
+    cost: float,
+    tip: tuple[float, float],
+    elbow: int,
+    psi: float,
+    stroke: float,
+    turn: float,
+    deadline: Deadline = NEVER,
+) -> tuple[float, float]:
+    """One round of a compass search, `sweep_corner` by corner; returns cost and ψ.
+
+    After the deadline the rest of the corners stay.
+    """
+    for i in range(1, len(via)):
+        if deadline.passed:
+            break
+        cost, psi = sweep_corner(t, w, via, start, cost, tip, elbow, psi, stroke, turn, i)
+    return cost, psi
 
 
 @njit(cache=True, nogil=True)
@@ -56,7 +87,7 @@ def goal_lengths(
 
 
 @njit(cache=True, nogil=True)
-def sweep(
+def sweep_corner(
     t: Terms,
     w: Memory,
     via: FloatArray,
@@ -67,52 +98,52 @@ def sweep(
     psi: float,
     stroke: float,
     turn: float,
+    i: int,
 ) -> tuple[float, float]:
-    """One round of a compass search; returns cost and ψ.
+    """One corner's part of a round of a compass search; returns cost and ψ.
 
-    Each corner is moved along each cylinder, then the goal's ψ is turned, both ways.
+    The corner is moved along each cylinder, or, at the route's end, the goal's ψ is turned, both
+    ways. Corners are taken from i = 1 on, one after the other: w keeps what is known where the
+    one before was.
 
     via     float64[points, n] m, changed in place
-    stroke  m, by which corners are moved
+    stroke  m, by which the corner is moved
     turn    rad, by which the goal's ψ is turned; 0 leaves it
     """
     m, points = t.machine, w.points
     n = via.shape[1]
     parent = np.empty((1, len(t.patterns)), dtype=np.int64)
+    if i == 1:
+        begin_route(t, w, via[0], start)
+    else:
+        continue_route(t, w, via[i - 2 : i], math.inf, parent)
     # What is known at the corner before the one that is moved: trials begin there.
-    value = np.empty(w.value.shape[1])
-    posture, force, kept = np.empty(n), np.empty(n), np.empty(n)
-    begin_route(t, w, via[0], start)
-    for i in range(1, len(via)):
-        if i > 1:
-            continue_route(t, w, via[i - 2 : i], math.inf, parent)
-        value[:] = w.value[0]
-        posture[:] = points.posture[0]
-        force[:] = points.force[0]
-        last = i == len(via) - 1
-        for k in range(1 if last else n):
-            for sign in (-1.0, 1.0):
-                kept[:] = via[i]
-                if last:
-                    turned = psi + sign * turn
-                    moved = turn > 0.0 and goal_lengths(t, tip, elbow, turned, via[i])
-                else:
-                    moved = _move(m, via[i], k, sign * stroke)
-                if moved:
-                    points.posture[0] = posture
-                    points.length[0] = via[i - 1]
-                    points.force[0] = force
-                    w.value[0] = value
-                    trial = continue_route(t, w, via[i - 1 :], cost, parent)
-                    if trial < cost:
-                        cost = trial
-                        psi = turned if last else psi
-                        break
-                via[i] = kept
-        points.posture[0] = posture
-        points.length[0] = via[i - 1]
-        points.force[0] = force
-        w.value[0] = value
+    value, posture, force = w.value[0].copy(), points.posture[0].copy(), points.force[0].copy()
+    kept = np.empty(n)
+    last = i == len(via) - 1
+    for k in range(1 if last else n):
+        for sign in (-1.0, 1.0):
+            kept[:] = via[i]
+            if last:
+                turned = psi + sign * turn
+                moved = turn > 0.0 and goal_lengths(t, tip, elbow, turned, via[i])
+            else:
+                moved = _move(m, via[i], k, sign * stroke)
+            if moved:
+                points.posture[0] = posture
+                points.length[0] = via[i - 1]
+                points.force[0] = force
+                w.value[0] = value
+                trial = continue_route(t, w, via[i - 1 :], cost, parent)
+                if trial < cost:
+                    cost = trial
+                    psi = turned if last else psi
+                    break
+            via[i] = kept
+    points.posture[0] = posture
+    points.length[0] = via[i - 1]
+    points.force[0] = force
+    w.value[0] = value
     return cost, psi
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.kinematics import tip_position
+from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.linkages.linkage import joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import move_is_clear
@@ -377,9 +377,8 @@ def path_of(
     """
     pattern = _best_patterns(t, w, via, start)
     posture, of_step = _unrolled(t, w, via, start, pattern)
-    links = t.machine.link_length
     return DiscretePath(
-        tip=np.array([tip_position(links, q) for q in posture]),
+        tip=tip_positions(t.machine.link_length, posture),
         posture=posture,
         modes=t.patterns[pattern],
         duration=of_step[:, DURATION],

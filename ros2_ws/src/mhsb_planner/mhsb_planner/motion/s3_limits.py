@@ -32,6 +32,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_model.workspace import excess_of
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_clearance import first_contact
 
@@ -45,6 +46,8 @@ CHECK_SPACING = 1e-3
 
 ROWS_AT_ONCE = 32
 """Intervals of a trajectory that are looked at closely before the result is looked at."""
+
+CHECKING = "checking the trajectory"
 
 # Reserve at both ends of an interval of the trajectory that makes its inside safe: over 20 ms,
 # curvature moves a joint by q̈ h²/8 = 0.05 mrad per rad/s².
@@ -190,12 +193,14 @@ def first_violation(
     trajectory: Trajectory,
     schedule: ModeSchedule,
     profile: MotionProfile | None = None,
+    deadline: Deadline = NEVER,
 ) -> Violation | None:
     """The first limit that a trajectory breaks under its mode schedule, or None.
 
     Looks at every millisecond, except inside intervals that are shown to be clear of all limits
     without; obstacles are those of `s3_clearance`. Mode changes are expected at the trajectory's
-    points, as S4 makes them; `profile` is that of the points, where it is known.
+    points, as S4 makes them; `profile` is that of the points, where it is known. Raises
+    DeadlineError.
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
     modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
@@ -204,9 +209,11 @@ def first_violation(
     if profile is None:
         profile = motion_profile(machine, trajectory.position, trajectory.velocity)
     doubtful = np.flatnonzero(_doubtful(machine, trajectory, profile, modes)[:within])
+    deadline.check(CHECKING)
     for first in range(0, len(doubtful), ROWS_AT_ONCE):
         rows = doubtful[first : first + ROWS_AT_ONCE]
         found = _first_within(machine, trajectory, modes, rows)
+        deadline.check(CHECKING)
         if found is not None:
             return found
     if within < len(modes):

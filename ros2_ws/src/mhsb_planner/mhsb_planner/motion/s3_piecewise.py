@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.linkages.linkage import joint_angle, motion
+from mhsb_model.linkages.linkage import cylinder_length, joint_angle, motion
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.s3_polynomial import node_times
@@ -73,7 +73,7 @@ def smoothed_path(
     lasts a whole number of knots. The result lasts two knots longer.
     """
     node_time = stretch * node_times(path)
-    lengths = np.array([machine.cylinder_lengths(q) for q in path.posture])
+    lengths = _lengths(machine.arrays, path.posture)
     cells = max(1, round(node_time[-1] / (window / 4)))
     knots = max(window / 4, node_time[-1]) if cells == 1 else node_time[-1] / cells
     at = knots * np.arange(-2, cells + 3)
@@ -116,6 +116,16 @@ def stepped_path(path: DiscretePath, stretch: float) -> SteppedPath:
     """Steps from rest to rest; at stretch 1, 15/8 of T, they are as fast as the path at most."""
     duration = stretch * np.maximum(15 / 8 * path.duration, SHORTEST_STEP)
     return SteppedPath(path.posture, np.concatenate([[0.0], np.cumsum(duration)]))
+
+
+@njit(cache=True, nogil=True)
+def _lengths(m: MachineArrays, posture: FloatArray) -> FloatArray:
+    """Cylinder lengths [m] in the postures [k, n]."""
+    length = np.empty(posture.shape)
+    for k in range(len(posture)):
+        for j in range(posture.shape[1]):
+            length[k, j] = cylinder_length(m.linkage[j], posture[k, j])
+    return length
 
 
 @njit(cache=True, nogil=True)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -27,7 +28,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.holding import HoldingError, holding_modes, modes_to_stop
-from mhsb_model.kinematics import tip_position
+from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
@@ -40,6 +41,7 @@ from mhsb_model.trajectory import (
 )
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
@@ -81,6 +83,7 @@ USAGE_RESERVE = 1.003
 ROUNDS = 8
 """Times that a curve is stretched before it is given up."""
 
+FITTING = "making a trajectory of the path"
 
 TrajectoryKind = Literal["polynomial", "followed"]
 """How S3 begins: with the published polynomials, or with the discrete path smoothed."""
@@ -178,6 +181,7 @@ def fit_trajectory(
     modes: StartModes,
     brake: Trajectory | None = None,
     rules: FitRules | None = None,
+    deadline: Deadline = NEVER,
 ) -> FittedMotion:
     """Trajectory and mode schedule from `start` along a discrete path, at rest at its end.
 
@@ -186,7 +190,8 @@ def fit_trajectory(
            the brake's end, and at `start` itself where there is none
 
     Raises ValueError where start, brake and path do not meet, FitError where no curve keeps every
-    limit or the modules are too few to hold the arm at its end.
+    limit or the modules are too few to hold the arm at its end, DeadlineError where none does in
+    time.
     """
     if brake is not None and brake.duration_ns == 0:
         brake = None
@@ -196,7 +201,7 @@ def fit_trajectory(
     rules = rules or FitRules()
     refused: list[str] = []
     for candidate in _candidates(machine, path, start, brake, rules):
-        outcome = _stretched(machine, limits, path, modes, candidate, rules)
+        outcome = _stretched(machine, limits, path, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused))
         refused.append(f"{candidate.name}: {outcome}")
@@ -247,9 +252,11 @@ def warm_up(machine: Machine) -> None:
     still = standstill(middle)
     following = _candidates(machine, path, start, still, FitRules.following())
     for candidate in chain(_candidates(machine, path, start, None, rules), following):
-        motion = _stretched(machine, machine.arrays, path, modes, candidate, rules)
+        motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
+    with suppress(FitError):
+        fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
     s3_clearance.warm_up(machine)
 
 
@@ -368,6 +375,7 @@ def _stretched(
     modes: StartModes,
     candidate: _Candidate,
     rules: FitRules,
+    deadline: Deadline,
 ) -> FittedMotion | str:
     """The candidate's motion, stretched as far as its limits ask; or why there is none.
 
@@ -375,8 +383,10 @@ def _stretched(
     """
     lead_in, stretch = candidate.lead_in, candidate.stretch
     for _ in range(ROUNDS):
+        deadline.check(FITTING)
         curve = candidate.curve_at(stretch)
         trajectory, first = _sampled(curve, candidate.start, path.posture[-1], lead_in)
+        deadline.check(FITTING)
         position = trajectory.position[first:]
         beyond = _going_out(limits, position)
         if beyond > JOINT_TOLERANCE:
@@ -397,10 +407,11 @@ def _stretched(
         after = profile[first:]
         quasi_static = (1 + _speed_excess(machine, after)) / (1 + rules.max_excess)
         used = max(largest_usage(machine, after, intervals[first:]), quasi_static)
+        deadline.check(FITTING)
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
             schedule = schedule_of_intervals(0, trajectory.offset_ns, intervals, hold)
-            violation = first_violation(machine, trajectory, schedule, profile)
+            violation = first_violation(machine, trajectory, schedule, profile, deadline)
             if violation is None:
                 return _fitted(
                     machine, path, candidate, curve, trajectory, schedule, profile, stretch
@@ -492,7 +503,7 @@ def _fitted(
     stretch: float,
 ) -> FittedMotion:
     at_nodes = curve.sample(curve.node_time)[0]
-    tips = np.array([machine.tip_position(q) for q in at_nodes])
+    tips = tip_positions(machine.arrays.link_length, at_nodes)
     return FittedMotion(
         trajectory,
         schedule,

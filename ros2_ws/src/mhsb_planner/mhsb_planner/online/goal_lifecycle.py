@@ -459,7 +459,8 @@ class GoalLifecycle:
             self._tell.pass_over(in_hand)
         else:
             as_before = request.epoch == self._epoch and self._still_departs(request)
-            anew = replan.from_rest and as_before and reason != HandOverReason.JUMP
+            elsewhere = reason in (HandOverReason.JUMP, HandOverReason.RESET)
+            anew = replan.from_rest and as_before and not elsewhere
             late = Verdict.DEADLINE
             self._took_too_long(request, late, sentence, replan if anew else None)
 

@@ -20,6 +20,7 @@ from numba import njit
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError, PlanningCancelledError
 from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
 from mhsb_planner.posture.s1_polytope import (
@@ -50,6 +51,9 @@ RISE_BETWEEN = 2.0
 is taken to rise by at most so many times the drop to the next sample (once, were it concave)."""
 
 NODES_PER_TASK = 8
+
+PATTERNS_AT_ONCE = 4
+"""Patterns for which the postures at one point are sought between two looks at a deadline."""
 
 Progress = Callable[[int, int], None]
 Cancelled = Callable[[], bool]
@@ -244,15 +248,23 @@ class PointPostures:
     area: FloatArray
 
 
-def postures_at(machine: Machine, x: float, z: float) -> PointPostures:
+def postures_at(
+    machine: Machine, x: float, z: float, deadline: Deadline = NEVER
+) -> PointPostures:
     """Postures of largest polytope at any point (x, z) m, on the grid or off it.
 
-    Raises InfeasibleGoalError where no posture is within limits.
+    Raises InfeasibleGoalError where no posture is within limits, DeadlineError.
     """
-    posture = np.empty(machine.patterns.shape)
-    area = np.empty(len(machine.patterns))
-    if not largest_polytopes(machine.arrays, x, z, machine.patterns, posture, area):
-        raise InfeasibleGoalError(x, z)
+    patterns = machine.patterns
+    posture, area = np.empty(patterns.shape), np.empty(len(patterns))
+    at_once = len(patterns) if deadline == NEVER else PATTERNS_AT_ONCE
+    for first in range(0, len(patterns), at_once):
+        deadline.check("the search for the goal's postures")
+        part = slice(first, first + at_once)
+        if not largest_polytopes(
+            machine.arrays, x, z, patterns[part], posture[part], area[part]
+        ):
+            raise InfeasibleGoalError(x, z)
     return PointPostures(frozen(posture), frozen(area))
 
 

@@ -24,6 +24,8 @@ from mhsb_planner.errors import TableError
 
 SCHEMA_VERSION = 1
 ARRAY_NAMES = ("nodes", "patterns", "posture", "area")
+LARGEST_TABLE = 2**30
+"""Bytes, unpacked; that of the suite's own machine has half a million."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +137,12 @@ class PostureTable:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
+        if path.exists() and not path.is_file():
+            raise TableError(path, "cannot be read: it is no regular file")
+        with zipfile.ZipFile(path) as file:
+            size = sum(part.file_size for part in file.infolist())
+        if size > LARGEST_TABLE:
+            raise TableError(path, f"cannot be read: {size} bytes, {LARGEST_TABLE} are the most")
         with np.load(path, allow_pickle=False) as content:
             header = json.loads(str(content["header"]))
             return header, {name: content[name] for name in ARRAY_NAMES}

@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -57,6 +58,12 @@ class RosOutbox:
         self._replanner: Replanner | None = None
         self._shown: Command | None = None
         self.verdicts = 0
+
+    @property
+    def own(self) -> list[Publisher]:
+        """Publishers on topics where nobody else should publish."""
+        topics_of_one = (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS, topics.PLAN_STATUS)
+        return [self._publishers[topic.name] for topic in topics_of_one]
 
     def serve(self, replanner: Replanner, on_answers: Callable[[], None]) -> None:
         """Plan with a replanner from now on."""

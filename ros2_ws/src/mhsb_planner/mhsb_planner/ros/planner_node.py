@@ -179,7 +179,7 @@ class PlannerNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """What the arm says of plans and of itself; others speak on this topic too."""
         try:
-            reports = sim_status.decode(message)
+            reports = sim_status.decode(message, self.get_namespace())
         except MessageError as error:
             self._warn(f"a report of the arm is not used: {error}")
             return
@@ -210,9 +210,7 @@ class PlannerNode(Node):
         return response
 
     def _publish_diagnostics(self) -> None:
-        message = planner_diagnostics.message(
-            self.ros_ns(), self.wall(), self._lifecycle, self._outbox.verdicts
-        )
+        message = planner_diagnostics.message(self, self.wall(), self._lifecycle, self._outbox)
         self._outbox.publish(topics.DIAGNOSTICS, message)
 
     def _show_markers(self) -> None:

@@ -18,7 +18,8 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import RequestError
 from mhsb_planner.online.plan_request import Settings
-from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, PlannerKind, PlanOptions
+from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
@@ -48,7 +49,7 @@ ZONES = {
 class PlannerParameters:
     """What the parameters ask for; SI units.
 
-    planner          where postures come from, `table`, `fixed` or `integrated`
+    planner          where postures come from, one of `registry.PLANNERS`
     weights          (w1, w2, w3) of energy, time and mode switches
     energy_reading   price of boosted oil, `paper` or `series`
     payload          kg
@@ -62,7 +63,7 @@ class PlannerParameters:
     zones            that the arm or its tip keeps out of
     """
 
-    planner: PlannerKind
+    planner: str
     weights: tuple[float, float, float]
     energy_reading: EnergyReading
     payload: float
@@ -137,10 +138,7 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "planner",
         ONLINE_PLANNER,
-        _described(
-            f"one of {', '.join(PLANNER_KINDS)}: postures of the posture table, joint 3 kept as it "
-            "is at the start, or path, posture and modes decided together"
-        ),
+        _described(f"one of {', '.join(PLANNERS)}: {summaries()}"),
     )
     node.declare_parameter(
         "weights", [0.5, 0.0, 2.0], _described("of energy [1/J], time [1/s] and mode switches [-]")
@@ -186,8 +184,8 @@ def declare(node: Node, machine: Machine) -> None:
         "area_weight",
         0.0,
         _described(
-            "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for the planner "
-            "'integrated'",
+            "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for planners "
+            "that can weigh it",
             (0.0, HIGHEST_AREA_WEIGHT),
         ),
     )
@@ -219,7 +217,7 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
     """Why a set of changes cannot be made, in one sentence, or None where it can."""
     values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
     values |= {change.name: change.value for change in changes if change.name in values}
-    for name, allowed in (("planner", PLANNER_KINDS), ("energy_reading", READINGS)):
+    for name, allowed in (("planner", tuple(PLANNERS)), ("energy_reading", READINGS)):
         if values[name] not in allowed:
             return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
     weights = list(values["weights"])
@@ -227,6 +225,9 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
         return f"weights {weights} must be three finite numbers that are not negative"
     if math.isinf(values["goal_psi"]):
         return "goal_psi must be an angle in rad, or .nan to leave it free"
+    for name, value in values.items():
+        if name != "goal_psi" and isinstance(value, float) and math.isnan(value):
+            return f"{name} is nan; it must be a number"
     if values["lead_min"] > values["lead_max"]:
         return (
             f"lead_min {values['lead_min']:g} s must not be above lead_max "
@@ -237,9 +238,9 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
             f"planning_budget {values['planning_budget']:g} s is too short for a hand-over; give "
             f"at least {SHORTEST_LEAD:g} s, or 0 to let the lead adapt"
         )
-    if values["area_weight"] > 0.0 and values["planner"] != "integrated":
+    if values["area_weight"] > 0.0 and not PLANNERS[values["planner"]].weighs_area:
         return (
-            f"area_weight {values['area_weight']:g} needs planner 'integrated' (is "
+            f"area_weight {values['area_weight']:g} needs planner {weighing_area()} (is "
             f"'{values['planner']}'); set it to 0 or choose that planner"
         )
     try:

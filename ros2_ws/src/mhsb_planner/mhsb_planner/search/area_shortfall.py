@@ -20,12 +20,13 @@ import numpy as np
 from numba import njit
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.kinematics import tip_position
+from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import MODE_COUNT
 from mhsb_model.trajectory import POINT_SPACING_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.posture.s1_polytope import (
     cross_products,
     flow_limits,
@@ -40,6 +41,9 @@ from mhsb_planner.search.discrete_path import DiscretePath
 
 TURN = 0.02
 """Largest change of a joint between two places at which the area of a path is taken [rad]."""
+
+SAMPLES_AT_ONCE = 128
+"""Samples of a way whose area is taken between two looks at a deadline."""
 
 
 class AreaTerm(NamedTuple):
@@ -119,27 +123,33 @@ def area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
     turned = np.abs(np.diff(path.posture, axis=0)).max(axis=1, initial=0.0)
     parts = np.maximum(1, np.ceil(turned / TURN).astype(np.int64))
     edge = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(parts))])
-    posture = np.array(
+    posture = np.column_stack(
         [np.interp(edge, np.arange(path.steps + 1), angle) for angle in path.posture.T]
-    ).T
+    )
     return _profile(machine, posture, np.repeat(path.modes, parts, axis=0))
 
 
 def area_along_motion(
-    machine: Machine, trajectory: Trajectory, schedule: ModeSchedule
+    machine: Machine, trajectory: Trajectory, schedule: ModeSchedule, deadline: Deadline = NEVER
 ) -> AreaProfile:
-    """Along a trajectory, in the modes of its schedule."""
+    """Along a trajectory, in the modes of its schedule; raises DeadlineError."""
     count = max(1, -(-trajectory.duration_ns // POINT_SPACING_NS))
     at = trajectory.stamp_ns + np.linspace(0, trajectory.duration_ns, 2 * count + 1).astype(int)
     posture = trajectory.sample_many(at[::2])[0]
-    return _profile(machine, posture, schedule.modes_at_many(at[1::2]))
+    return _profile(machine, posture, schedule.modes_at_many(at[1::2]), deadline)
 
 
-def _profile(machine: Machine, posture: FloatArray, modes: ModeArray) -> AreaProfile:
+def _profile(
+    machine: Machine, posture: FloatArray, modes: ModeArray, deadline: Deadline = NEVER
+) -> AreaProfile:
     """Over postures[k + 1, n] in the modes[k, n] between them."""
-    tip = np.array([machine.tip_position(q) for q in posture])
+    tip = tip_positions(machine.arrays.link_length, posture)
     area = np.empty(len(modes))
-    _areas(machine.arrays, 0.5 * (posture[1:] + posture[:-1]), modes, area)
+    middle = 0.5 * (posture[1:] + posture[:-1])
+    for first in range(0, len(modes), SAMPLES_AT_ONCE):
+        deadline.check("the area along the motion")
+        part = slice(first, first + SAMPLES_AT_ONCE)
+        _areas(machine.arrays, middle[part], modes[part], area[part])
     return AreaProfile(np.hypot(*np.diff(tip, axis=0).T), area)
 
 

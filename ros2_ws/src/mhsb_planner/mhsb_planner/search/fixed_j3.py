@@ -8,6 +8,7 @@ whatever the modes, from which the search takes path and modes at the same step 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 from numba import njit
@@ -16,13 +17,18 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import within_limits, wrap_near
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError, RequestError
+from mhsb_planner.posture.grid import Grid
 from mhsb_planner.posture.s1_polytope import polytope_areas
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 
 J3_STEP = math.radians(1.0)
 """By how much J3 is changed at a time where J1 and J2 have no solution [rad]."""
+
+NODES_AT_ONCE = 50
+"""Nodes of a table that are filled between two looks at a deadline."""
 
 ELBOW_UP, ELBOW_DOWN = -1, 1
 """Side of the elbow, by the sign of the angle from link 1 to the line from elbow to tip."""
@@ -99,17 +105,31 @@ def fixed_j3_posture(
 
 
 def fixed_j3_graph(
-    machine: Machine, like: PostureTable, j3: float, elbow: int, jobs: int | None = None
+    machine: Machine,
+    like: PostureTable,
+    j3: float,
+    elbow: int,
+    jobs: int | None = None,
+    grid: Grid | None = None,
+    deadline: Deadline = NEVER,
 ) -> StepGraph:
     """The steps between the conventional method's postures, on the nodes of another table.
 
     j3     initial angle of joint 3 [rad]; RequestError where it is not within its limits
     elbow  the side tried first
+    grid   of the nodes, where it is known
+
+    Raises DeadlineError.
     """
     _check(machine, j3)
-    patterns = like.patterns
-    posture = np.empty((len(like.nodes), machine.joint_count))
-    _fill(machine.arrays, like.nodes * like.spacing, j3, elbow, posture)
+    patterns, position = like.patterns, like.nodes * like.spacing
+    posture = np.empty((len(position), machine.joint_count))
+    area = np.empty((len(position), len(patterns)))
+    for first in range(0, len(position), NODES_AT_ONCE):
+        deadline.check("the table with joint 3 fixed")
+        part = slice(first, first + NODES_AT_ONCE)
+        _fill(machine.arrays, position[part], j3, elbow, posture[part])
+        area[part] = polytope_areas(machine, posture[part], patterns)
     table = PostureTable(
         machine_name=machine.name,
         machine_hash=machine.hash,
@@ -117,14 +137,14 @@ def fixed_j3_graph(
         nodes=like.nodes,
         patterns=patterns,
         posture=np.repeat(posture[:, None, :], len(patterns), axis=1),
-        area=polytope_areas(machine, posture, patterns),
+        area=area,
     )
 
-    def resolve(machine: Machine, x: float, z: float) -> FloatArray:
+    def resolve(machine: Machine, x: float, z: float, _: Deadline) -> FloatArray:
         q = fixed_j3_posture(machine, x, z, j3, elbow)
         return np.repeat(q[None, :], len(patterns), axis=0)
 
-    return StepGraph(machine, table, jobs, resolve=resolve)
+    return StepGraph(machine, table, jobs, resolve=resolve, grid=grid, deadline=deadline)
 
 
 def _check(machine: Machine, j3: float) -> None:
@@ -137,4 +157,6 @@ def warm_up(graph: StepGraph) -> None:
     """Compile the kernels of this module."""
     j3 = float(graph.machine.arrays.joint_max[2])
     _fill(graph.machine.arrays, np.empty((0, 2)), j3, ELBOW_UP, np.empty((0, 3)))
+    with suppress(InfeasibleGoalError):
+        fixed_j3_posture(graph.machine, 0.0, 0.0, j3)
     polytope_areas(graph.machine, np.empty((0, 3)), graph.table.patterns)

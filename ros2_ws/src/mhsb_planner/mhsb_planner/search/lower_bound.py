@@ -17,8 +17,11 @@ from numba import njit
 
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.search.s2_step import Circuit, Postures, circuit_of, describe
+
+ENERGY_ALONE = frozen(np.array([1.0, 0.0]))
+"""Weights of energy [1/J] and time [1/s] for a bound on the energy itself."""
 
 
 @njit(cache=True, nogil=True)
@@ -67,23 +70,27 @@ def least_cost_between(
     )
 
 
+@njit(cache=True, nogil=True)
+def least_costs_between(
+    c: Circuit, start: FloatArray, goals: FloatArray, weight: FloatArray
+) -> FloatArray:
+    """The same to each of goals[goals, n] [m], float64[goals]."""
+    least = np.empty(len(goals))
+    for k in range(len(goals)):
+        least[k] = least_cost_between(c, start, goals[k], weight)
+    return least
+
+
 def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
     """E_lb [J] from the posture start[n] to the cheapest of the postures goals[goals, n] [rad]."""
     arrays = machine.arrays
     one, many = (describe(arrays, np.atleast_2d(np.asarray(q, float))) for q in (start, goals))
     circuit = circuit_of(arrays, machine.patterns)
-    return float(_energy_between_lengths(circuit, one.length[0], many.length))
+    return float(least_costs_between(circuit, one.length[0], many.length, ENERGY_ALONE).min())
 
 
 def energy_bound_between(circuit: Circuit, start: Postures, goals: Postures) -> float:
     """The same from the only posture of `start` to the cheapest of `goals`, lengths known [J]."""
-    return float(_energy_between_lengths(circuit, start.length[0], goals.length))
-
-
-@njit(cache=True, nogil=True)
-def _energy_between_lengths(c: Circuit, start: FloatArray, goals: FloatArray) -> float:
-    least = np.inf
-    energy = np.array([1.0, 0.0])
-    for goal in goals:
-        least = min(least, least_cost_between(c, start, goal, energy))
-    return least
+    return float(
+        least_costs_between(circuit, start.length[0], goals.length, ENERGY_ALONE).min()
+    )

@@ -182,7 +182,7 @@ def expand(
 class ExactSearch:
     """The search for the cheapest path; of equally cheap ones that with the fewest steps."""
 
-    portion = 2000
+    first_portion, portion = 50, 2000
 
     def __init__(self, query: Query) -> None:
         self._query = query

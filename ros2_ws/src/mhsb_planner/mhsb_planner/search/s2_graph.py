@@ -16,6 +16,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.posture.grid import Grid
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.posture.s1_posture_table import PostureTable
@@ -30,14 +31,14 @@ from mhsb_planner.search.s2_pricing import (
 )
 from mhsb_planner.search.s2_step import Postures, circuit_of, describe
 
-PostureRule = Callable[[Machine, float, float], FloatArray]
+PostureRule = Callable[[Machine, float, float, Deadline], FloatArray]
 """Posture for each pattern at a tip position (x, z) m, float64[patterns, n] [rad]; raises
-InfeasibleGoalError where there is none."""
+InfeasibleGoalError where there is none, DeadlineError where there is not the time."""
 
 
-def largest_polytope(machine: Machine, x: float, z: float) -> FloatArray:
+def largest_polytope(machine: Machine, x: float, z: float, deadline: Deadline) -> FloatArray:
     """The rule of the posture table."""
-    return postures_at(machine, x, z).posture
+    return postures_at(machine, x, z, deadline).posture
 
 
 class StepGraph:
@@ -60,18 +61,26 @@ class StepGraph:
         jobs: int | None = None,
         like: StepGraph | None = None,
         resolve: PostureRule = largest_polytope,
+        grid: Grid | None = None,
+        deadline: Deadline = NEVER,
     ) -> None:
-        """Graph of a machine; `like`, a graph on the same table, saves what they share."""
+        """Graph of a machine; `like`, a graph on the same table, saves what they share.
+
+        grid: of the table's nodes, where it is known. Raises DeadlineError.
+        """
         self.machine = machine
         self.table = table
         self.jobs = jobs
         self.resolve: PostureRule = like.resolve if like else resolve
-        self.grid: Grid = like.grid if like else Grid(table.nodes, table.spacing)
+        self.grid: Grid = like.grid if like else grid or Grid(table.nodes, table.spacing)
         self.layout: Layout = like.layout if like else layout_of(table, self.grid)
         self.switches: IntArray = like.switches if like else self._switches()
         arrays = machine.arrays
         self._loads: Loads = like._loads if like else posture_loads(arrays, self.layout)
-        self._middle: Loads = like._middle if like else middle_loads(arrays, self.layout, jobs)
+        deadline.check("the graph of all steps")
+        self._middle: Loads = (
+            like._middle if like else middle_loads(arrays, self.layout, jobs, deadline)
+        )
         self.circuit = circuit_of(arrays, table.patterns)
         self.postures: Postures = like.postures if like else describe(arrays, self.layout.posture)
         force = self._loads.bare + arrays.payload * self._loads.for_each_kg
@@ -90,7 +99,7 @@ class StepGraph:
         room = len(like.steps.edges.state) if like else 0
         self.steps: PricedSteps = PricedSteps(terms, jobs, room)
         if like is None:
-            self.steps.price_all()
+            self.steps.price_all(deadline)
 
     @property
     def edges(self) -> Edges:

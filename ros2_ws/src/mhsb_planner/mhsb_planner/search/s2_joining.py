@@ -16,6 +16,7 @@ from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.search.goal_clearance import check_tip, clear_postures
 from mhsb_planner.search.s2_graph import StepGraph
@@ -32,6 +33,11 @@ from mhsb_planner.search.s2_step import (
 )
 
 NOWHERE = -1
+
+ORIGINS_AT_ONCE = 50
+"""Postures from which steps to the goal are priced between two looks at a deadline."""
+
+JOINING = "joining start and goal to the table"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +82,14 @@ def start_at(graph: StepGraph, posture: FloatArray) -> Start:
     return Start((float(x), float(z)), describe(graph.machine.arrays, posture[None, :]))
 
 
-def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> Goal:
+def goal_at(
+    graph: StepGraph, x: float, z: float, psi: float | None = None, deadline: Deadline = NEVER
+) -> Goal:
     """A search's goal at (x, z) m.
 
     Without psi, for every pattern the posture by the graph's rule, for the posture table that of
     largest velocity polytope; with psi [rad], all postures with that end-link angle, in any
-    pattern. Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError.
+    pattern. Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, DeadlineError.
     """
     machine = graph.machine
     machine.check_in_workspace(x, z)
@@ -95,20 +103,24 @@ def goal_at(graph: StepGraph, x: float, z: float, psi: float | None = None) -> G
         owner = np.repeat(first[:-1, None], len(machine.patterns), axis=1)
     else:
         node = graph.grid.node_at(x, z)
-        postures, owner = np.unique(postures_by_rule(graph, x, z), axis=0, return_inverse=True)
+        postures, owner = np.unique(
+            postures_by_rule(graph, x, z, deadline), axis=0, return_inverse=True
+        )
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
     clear_postures(machine, x, z, postures)  # steps to those that are not will be barred
     return Goal((x, z), node, describe(machine.arrays, postures), first, owner)
 
 
-def postures_by_rule(graph: StepGraph, x: float, z: float) -> FloatArray:
+def postures_by_rule(
+    graph: StepGraph, x: float, z: float, deadline: Deadline = NEVER
+) -> FloatArray:
     """Posture for each pattern at (x, z) m, float64[patterns, n] [rad]; the table's on a node.
 
-    Raises InfeasibleGoalError.
+    Raises InfeasibleGoalError, DeadlineError.
     """
     node = graph.grid.node_at(x, z)
     if node is None:
-        return graph.resolve(graph.machine, x, z)
+        return graph.resolve(graph.machine, x, z, deadline)
     if not graph.table.feasible[node]:
         raise InfeasibleGoalError(x, z)
     return graph.table.posture[node]
@@ -136,10 +148,13 @@ def steps_from_start(graph: StepGraph, start: Start, goal: Goal, rings: int = 0)
     return Steps(*(np.concatenate(pair) for pair in zip(to_grid, direct, strict=True)))
 
 
-def steps_to_goal(graph: StepGraph, goal: Goal, rings: int = 0) -> tuple[Steps, IntArray]:
+def steps_to_goal(
+    graph: StepGraph, goal: Goal, rings: int = 0, deadline: Deadline = NEVER
+) -> tuple[Steps, IntArray]:
     """Steps from the nodes around the goal, and where those of each posture begin.
 
-    The second is int64[postures + 1]: steps from posture i are first[i] … first[i + 1].
+    The second is int64[postures + 1]: steps from posture i are first[i] … first[i + 1]. Raises
+    DeadlineError.
     """
     first = graph.layout.first
     around = np.sort(graph.grid.around(*goal.tip, rings))
@@ -148,9 +163,16 @@ def steps_to_goal(graph: StepGraph, goal: Goal, rings: int = 0) -> tuple[Steps, 
         [nothing, *(np.arange(first[node], first[node + 1]) for node in around)]
     )
     if goal.node is not None and rings == 0:
+        graph.steps.price(origins, deadline)
         steps = _steps_to_goal_on_node(graph, goal.node, origins, goal.owner[0])
     else:
-        steps = _to_goal(graph, graph.postures, origins, goal)
+        parts = []
+        for at in range(0, max(1, len(origins)), ORIGINS_AT_ONCE):
+            deadline.check(JOINING)
+            part = origins[at : at + ORIGINS_AT_ONCE]
+            parts.append(_to_goal(graph, graph.postures, part, goal))
+        steps = Steps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    deadline.check(JOINING)
     leaving = np.bincount(steps.origin, minlength=len(graph.layout.posture))
     return steps, np.concatenate([[0], np.cumsum(leaving)])
 
@@ -158,8 +180,7 @@ def steps_to_goal(graph: StepGraph, goal: Goal, rings: int = 0) -> tuple[Steps, 
 def _steps_to_goal_on_node(
     graph: StepGraph, node: int, origins: IntArray, owner: IntArray
 ) -> Steps:
-    """Steps to a goal that is a node: the graph's own to that node's states."""
-    graph.steps.price(origins)
+    """Steps to a goal that is a node: the graph's own, priced, to that node's states."""
     edges, patterns = graph.steps.edges, len(graph.table.patterns)
     begin, count = edges.first[origins], edges.last[origins] - edges.first[origins]
     before = np.cumsum(count) - count

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from numba import njit
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.obstacles.clearance import move_is_clear, travel
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.search.s2_layout import Layout
 from mhsb_planner.search.s2_step import (
     INADMISSIBLE,
@@ -174,12 +175,14 @@ def posture_loads(m: MachineArrays, layout: Layout) -> Loads:
     return Loads(bare, loaded - bare)
 
 
-def middle_loads(m: MachineArrays, layout: Layout, jobs: int | None = None) -> Loads:
+def middle_loads(
+    m: MachineArrays, layout: Layout, jobs: int | None = None, deadline: Deadline = NEVER
+) -> Loads:
     """Forces at the middle of all moves, in the order of `Layout.move`."""
     bare, loaded = (np.empty((layout.move[-1], layout.posture.shape[1])) for _ in range(2))
     for payload, force in ((0.0, bare), (1.0, loaded)):
         work = partial(_middle_forces, m._replace(payload=payload), layout, force)
-        _in_parallel(work, len(layout.posture), jobs)
+        _in_parallel(work, len(layout.posture), jobs, deadline)
     return Loads(bare, loaded - bare)
 
 
@@ -221,13 +224,16 @@ class PricedSteps:
             changed[name][:count] = old[:count]
         self.edges = self.edges._replace(**changed)
 
-    def price(self, postures: IntArray) -> None:
-        """Price the steps that leave some postures, those that are not priced yet."""
+    def price(self, postures: IntArray, deadline: Deadline = NEVER) -> None:
+        """Price the steps that leave some postures, those that are not priced yet.
+
+        None of them where the deadline passes: DeadlineError.
+        """
         with self.guard():
             missing = postures[self.edges.first[postures] == NOT_PRICED]
             leaving = np.empty(len(missing), dtype=np.int64)
             work = partial(_price_range, self.terms, missing, leaving)
-            parts = _in_parallel(work, len(missing), self._jobs)
+            parts = _in_parallel(work, len(missing), self._jobs, deadline)
             total, count = int(leaving.sum()), int(self.edges.used[0])
             if count + total > len(self.edges.state):
                 self.grow(total)
@@ -240,15 +246,20 @@ class PricedSteps:
                 count += len(state)
             self.edges.used[0] = count
 
-    def price_all(self) -> None:
+    def price_all(self, deadline: Deadline = NEVER) -> None:
         """Price every step there is."""
         if not self.complete:
-            self.price(np.arange(len(self.edges.first)))
+            self.price(np.arange(len(self.edges.first)), deadline)
             self.complete = True
 
 
 def _in_parallel(
-    work: Callable[[int, int], Result], total: int, jobs: int | None
+    work: Callable[[int, int], Result], total: int, jobs: int | None, deadline: Deadline
 ) -> list[Result]:
     """Results of work(begin, end) over ranges of so many postures, in order."""
-    return list(over_ranges(work, total, POSTURES_PER_TASK, jobs))
+    results = []
+    with closing(over_ranges(work, total, POSTURES_PER_TASK, jobs)) as parts:
+        for part in parts:
+            deadline.check("the pricing of steps")
+            results.append(part)
+    return results

@@ -34,7 +34,7 @@ class PublishedSearch:
     Oracle: the same search written with dictionaries, on steps priced by the book.
     """
 
-    portion = 100
+    first_portion, portion = 5, 100
 
     def __init__(self, query: Query, scale: float = DEFAULT_HEURISTIC_SCALE) -> None:
         """Raises RequestError where the scale [1/m] is not finite or negative."""

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import energy_bound_between
 from mhsb_planner.search.s2_graph import StepGraph
@@ -34,9 +35,11 @@ class Link(NamedTuple):
 class Search(Protocol):
     """A search under way, taken further portion by portion.
 
-    portion  states to expand before a look at budget and cancellation, some milliseconds' work
+    first_portion, portion  states to expand before the first look at the clock, and between two of
+                            them at most
     """
 
+    first_portion: int
     portion: int
 
     @property
@@ -91,9 +94,13 @@ class Query:
         weight: FloatArray,
         column: int,
         rings: int,
+        deadline: Deadline = NEVER,
     ) -> Query:
-        """The question with start and goal joined to so many rings of nodes around them."""
-        to_goal, goal_first = steps_to_goal(graph, goal, rings)
+        """The question with start and goal joined to so many rings of nodes around them.
+
+        Raises DeadlineError.
+        """
+        to_goal, goal_first = steps_to_goal(graph, goal, rings, deadline)
         return cls(
             graph=graph,
             start=start,

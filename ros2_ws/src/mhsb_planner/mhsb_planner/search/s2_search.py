@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import (
     DeadlineError,
     ExpansionLimitError,
@@ -32,6 +33,8 @@ from mhsb_planner.search.s2_joining import Goal, Start, goal_at, start_at
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE, PublishedSearch
 from mhsb_planner.search.s2_query import FOUND, PAUSED, Query, Search
 from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading
+
+SEARCHING = "the search for a path"
 
 SearchMethod = Literal["exact", "published"]
 SEARCH_METHODS: tuple[SearchMethod, ...] = ("exact", "published")
@@ -70,7 +73,7 @@ def search(
     method: SearchMethod = "exact",
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE,
     goal_psi: float | None = None,
-    budget: float | None = None,
+    deadline: Deadline = NEVER,
     max_expansions: int | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> DiscretePath:
@@ -79,7 +82,7 @@ def search(
     method           `exact`, the cheapest path, or `published`, one label per node
     heuristic_scale  of the published search, cost per distance from the goal [1/m]
     goal_psi         end-link angle asked for at the goal [rad]
-    budget           s, after which a search that has not ended is given up
+    deadline         after which a search that has not ended is given up
     max_expansions   states after whose expansion likewise
     cancelled        asked now and then whether anybody still wants the path
 
@@ -94,7 +97,8 @@ def search(
     posture = _checked_posture(graph, start_posture)
     modes = np.array(start_modes, dtype=np.uint8)
     x, z = float(goal_xz[0]), float(goal_xz[1])
-    start, goal = start_at(graph, posture), goal_at(graph, x, z, goal_psi)
+    deadline.check(SEARCHING)
+    start, goal = start_at(graph, posture), goal_at(graph, x, z, goal_psi, deadline)
     if _is_at(start, posture, goal, goal_psi):
         seconds = time.perf_counter() - began
         return DiscretePath.standing(np.array(start.tip), posture, modes, seconds)
@@ -102,39 +106,51 @@ def search(
     expanded = 0
     for rings in RINGS:
         query = Query.joined(
-            graph, start, modes, goal, weight, ENERGY_COLUMN[energy_reading], rings
+            graph, start, modes, goal, weight, ENERGY_COLUMN[energy_reading], rings, deadline
         )
-        under_way = _begun(query, method, heuristic_scale)
-        status = PAUSED
-        while status == PAUSED:
-            status = under_way.expand(_portion(under_way, max_expansions, expanded))
-            seconds = time.perf_counter() - began
-            if status == FOUND:
-                return query.path(under_way, seconds)
-            if cancelled is not None and cancelled():
-                raise PlanningCancelledError("planning")
-            if budget is not None and seconds > budget:
-                raise DeadlineError(budget, expanded + under_way.expanded)
+        under_way = _begun(query, method, heuristic_scale, deadline)
+        if _ends_at_goal(under_way, deadline, max_expansions, expanded, cancelled):
+            return query.path(under_way, time.perf_counter() - began)
         expanded += under_way.expanded
     raise NoPathError(start.tip, goal.tip, graph.machine.obstacles.names)
 
 
-def _begun(query: Query, method: str, heuristic_scale: float) -> Search:
+def _begun(query: Query, method: str, heuristic_scale: float, deadline: Deadline) -> Search:
     if method == "exact":
         return ExactSearch(query)
     if method == "published":
+        query.graph.steps.price_all(deadline)
         return PublishedSearch(query, heuristic_scale)
     raise RequestError("search method", method, f"must be one of {', '.join(SEARCH_METHODS)}")
 
 
-def _portion(under_way: Search, max_expansions: int | None, before: int) -> int:
-    """How many states to expand until the next look; `before` were expanded by other searches."""
+def _ends_at_goal(
+    under_way: Search,
+    deadline: Deadline,
+    max_expansions: int | None,
+    before: int,
+    cancelled: Callable[[], bool] | None,
+) -> bool:
+    """Take a search to its end; `before` states were expanded by others that count."""
+    for portion in deadline.portions(under_way.first_portion, under_way.portion):
+        status = under_way.expand(_within(portion, under_way, max_expansions, before))
+        if status == FOUND:
+            return True
+        if cancelled is not None and cancelled():
+            raise PlanningCancelledError("planning")
+        if status != PAUSED:
+            return False
+    raise DeadlineError(SEARCHING)
+
+
+def _within(portion: int, under_way: Search, max_expansions: int | None, before: int) -> int:
+    """What of a portion may be expanded."""
     if max_expansions is None:
-        return under_way.portion
+        return portion
     rest = max_expansions - before - under_way.expanded
     if rest <= 0:
         raise ExpansionLimitError(max_expansions)
-    return min(under_way.portion, rest)
+    return min(portion, rest)
 
 
 def _checked_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:

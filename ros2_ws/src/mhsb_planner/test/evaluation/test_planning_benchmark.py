@@ -19,7 +19,9 @@ def figures(machine):
 
 
 def test_the_keys_are_all_there(figures):
-    assert set(figures) == {"table", "plan", "scipy_dijkstra", "growth"}
+    assert set(figures) == {
+        *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth")
+    }
     assert set(figures["table"]) == {
         *("entries", "build_s", "slsqp_s_per_entry", "speedup_over_slsqp", "worst_area_ratio")
     }
@@ -31,6 +33,13 @@ def test_the_keys_are_all_there(figures):
         *("ground_truth_ratio_mean", "ground_truth_ratio_max"),
     }
     assert set(figures["scipy_dijkstra"]) == {"p50_ms", "p99_ms"}
+    for kind in ("table", "integrated"):
+        for start in ("rest", "motion"):
+            of_start = figures["first_motion_ms"][kind][start]
+            assert set(of_start) == {"p50", "p99", "p99_over_dijkstra"}
+    distribution = {"p50", "p90", "p99", "max", "asked", "ended_by_deadline", "without_motion"}
+    assert set(figures["overrun_ms"]) == {*distribution, "table", "integrated"}
+    assert set(figures["overrun_ms"]["integrated"]) == distribution
     assert [row["spacing_m"] for row in figures["growth"]] == [0.2, 0.1]
 
 
@@ -47,6 +56,12 @@ def test_the_figures_make_sense(figures):
     assert integrated["worst_energy_ratio"] <= 1.001
     assert integrated["ground_truth_ratio_mean"] < 1.1
     assert integrated["ground_truth_ratio_max"] < 1.25
+    for of_kind in figures["first_motion_ms"].values():
+        assert all(0 < value["p50"] <= value["p99"] for value in of_kind.values())
+    overrun = figures["overrun_ms"]
+    assert overrun["asked"] >= overrun["ended_by_deadline"] >= overrun["without_motion"]
+    assert overrun["asked"] == sum(overrun[kind]["asked"] for kind in ("table", "integrated"))
+    assert 0 <= overrun["p50"] <= overrun["p99"] <= overrun["max"]
     assert figures["growth"][0]["states"] < figures["growth"][1]["states"]
     assert len(as_text(figures)) > 4
 

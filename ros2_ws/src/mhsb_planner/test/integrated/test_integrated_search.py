@@ -1,14 +1,16 @@
 """The whole search: what it finds is possible, as cheap as can be, and told honestly."""
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mhsb_model.errors import OutOfWorkspaceError
-from mhsb_planner.errors import InfeasibleGoalError, NoPathError
-from mhsb_planner.integrated.integrated_search import Effort, search
+from mhsb_model.obstacles.zones import Zones
+from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
+from mhsb_planner.integrated.integrated_search import Effort, IntegratedSearch, search
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_search import search as table_search
@@ -16,6 +18,8 @@ from mhsb_planner.search.s2_step import step_costs
 
 ENERGY, TIME = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
+LOOKS_TO_END = 12
+"""Looks at the clock that stages may take to see, one after the other, that time is up."""
 THOROUGH = Effort(psi_spacing=0.01, cells=14, expansions=10**6, margin=10, sweeps=20)
 
 
@@ -107,19 +111,46 @@ def test_an_angle_of_the_end_link_is_kept_when_asked_for(machine, posture_within
     assert search(machine, start, NORMAL, goal, ENERGY).cost <= path.cost * 1.01
 
 
-def test_without_time_the_best_so_far_is_taken_and_told(machine, posture_within):
+def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture_within):
+    several = 0
+    for start, goal in tasks(machine, posture_within, 6, seed=6):
+        found = IntegratedSearch(machine, start, NORMAL, goal, ENERGY)
+        paths = [path for path in found.paths() if path is not None]
+        for path in paths:
+            check_possible(machine, path, start, goal)
+            assert path.lower_bound == found.lower_bound
+        assert np.all(np.diff([path.cost for path in paths]) < 0.0)
+        several += len(paths) > 1
+    assert several > 2
+
+
+def test_where_no_straight_line_is_possible_it_says_so_first(machine):
+    barred = machine.changed(zones=Zones(tip_boxes=((0.45, 0.20, 0.90, 0.30),)))
+    start = machine.postures(0.55, -0.05, np.linspace(-3.0, 3.0, 50))[0]
+    found = list(IntegratedSearch(barred, start, NORMAL, (0.55, 0.60), ENERGY).paths())
+    assert found[0] is None
+    check_possible(barred, found[-1], start, (0.55, 0.60))
+
+
+def test_when_time_is_up_the_best_so_far_is_taken_and_told(machine, posture_within, looks):
     told = 0
     for start, goal in tasks(machine, posture_within, 6, seed=6):
-        free = search(machine, start, NORMAL, goal, ENERGY)
+        free = search(machine, start, NORMAL, goal, ENERGY, deadline=looks.deadline_after(math.inf))
         assert not free.statistics.out_of_time
-        try:
-            hurried = search(machine, start, NORMAL, goal, ENERGY, budget=0.0)
-        except NoPathError:
-            continue
-        check_possible(machine, hurried, start, goal)
-        assert hurried.cost >= free.cost
-        told += hurried.statistics.out_of_time
-    assert told > 0
+        needed = looks.count
+        for after in range(0, needed - 1, 3):
+            try:
+                hurried = search(
+                    machine, start, NORMAL, goal, ENERGY, deadline=looks.deadline_after(after)
+                )
+            except DeadlineError:
+                continue
+            finally:
+                assert looks.count <= after + LOOKS_TO_END
+            check_possible(machine, hurried, start, goal)
+            assert hurried.cost >= free.cost
+            told += hurried.statistics.out_of_time
+    assert told > 20
 
 
 def test_the_modes_in_force_count_as_switches(machine, posture_within):

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from mhsb_model.workspace import node_set_excess
+from mhsb_planner.deadline import Deadline
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.integrated.lattice import LatticeSearch, lattice_around
@@ -94,7 +95,7 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
     for start, goal in problems(machine, posture_within, 3):
         goals = describe(machine.arrays, goal[None, :])
         searching = LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
-        route = searching.search(math.inf, 10**6, lambda: False)
+        route = searching.search(math.inf, 10**6)
         lengths = np.vstack([machine.cylinder_lengths(start), goals.length])
         lattice = lattice_around(machine, start, lengths, SPACING, MARGIN)
         expected = by_dijkstra(machine, lattice, goal)
@@ -125,9 +126,9 @@ def test_nothing_is_found_that_costs_as_much_as_is_known_already(
         return LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
 
     best = searching()
-    assert best.search(math.inf, 10**6, lambda: False) is not None
-    assert searching().search(best.cost * (1 - 1e-9), 10**6, lambda: False) is None
-    assert searching().search(best.cost * (1 + 1e-9), 10**6, lambda: False) is not None
+    assert best.search(math.inf, 10**6) is not None
+    assert searching().search(best.cost * (1 - 1e-9), 10**6) is None
+    assert searching().search(best.cost * (1 + 1e-9), 10**6) is not None
 
 
 def test_a_search_stops_when_it_is_late_or_has_expanded_enough(machine, terms_of, posture_within):
@@ -135,8 +136,8 @@ def test_a_search_stops_when_it_is_late_or_has_expanded_enough(machine, terms_of
     start, goal = next(problems(machine, posture_within, 1))
     goals = describe(machine.arrays, goal[None, :])
     late = LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
-    assert late.search(math.inf, 10**6, lambda: True) is None
+    assert late.search(math.inf, 10**6, Deadline.after(-1.0)) is None
     assert late.expanded == 0
     short = LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
-    assert short.search(math.inf, 2, lambda: False) is None
+    assert short.search(math.inf, 2) is None
     assert short.expanded == 2

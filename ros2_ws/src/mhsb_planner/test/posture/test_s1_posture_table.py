@@ -1,12 +1,14 @@
 """The posture table's file: what goes in comes out, and nothing else is accepted."""
 
 import json
+import os
 import shutil
 
 import numpy as np
 import pytest
 
 from mhsb_planner.errors import TableError
+from mhsb_planner.posture import s1_posture_table
 from mhsb_planner.posture.s1_posture_table import ARRAY_NAMES, PostureTable
 
 
@@ -114,6 +116,18 @@ def test_a_missing_file_and_a_directory_are_refused(tmp_path, machine):
         PostureTable.load(tmp_path / "none.npz", machine)
     with pytest.raises(TableError, match="cannot be read"):
         PostureTable.load(tmp_path, machine)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path, machine):
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(TableError, match="no regular file"):
+        PostureTable.load(tmp_path / "pipe.npz", machine)
+
+
+def test_what_would_fill_the_memory_is_not_unpacked(file, machine, monkeypatch):
+    monkeypatch.setattr(s1_posture_table, "LARGEST_TABLE", 1000)
+    with pytest.raises(TableError, match="1000 are the most"):
+        PostureTable.load(file, machine)
 
 
 def test_a_place_that_cannot_be_written_is_an_error(table, tmp_path):

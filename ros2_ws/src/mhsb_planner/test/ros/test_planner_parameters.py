@@ -1,5 +1,6 @@
 """The planner node's parameters: what they ask for, and what is refused."""
 
+import math
 import re
 from collections.abc import Iterator
 
@@ -108,3 +109,30 @@ def test_what_is_no_zone_is_refused_with_its_sentence(node, machine, name, value
     said = planner_parameters.refusal(node, machine, [Parameter(name, value=value)])
     assert re.search(reason, said), said
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (
+            {"lead_min": 0.5, "lead_max": 0.2},
+            "lead_min 0.5 s must not be above lead_max 0.2 s; change both in one go",
+        ),
+        (
+            {"planning_budget": 0.005},
+            "planning_budget 0.005 s is too short for a hand-over; give at least 0.01 s, or 0 to "
+            "let the lead adapt",
+        ),
+        ({"payload": math.nan}, "payload is nan; it must be a number"),
+        ({"v_max": math.nan}, "v_max is nan; it must be a number"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_its_sentence(node, machine, changes, sentence):
+    parameters = [Parameter(name, value=value) for name, value in changes.items()]
+    assert planner_parameters.refusal(node, machine, parameters) == sentence
+
+
+def test_the_lead_adapts_unless_a_budget_is_set(node, machine):
+    assert planner_parameters.read(node).settings(machine).planning_budget == 0.0
+    node.set_parameters([Parameter("planning_budget", value=0.2)])
+    assert planner_parameters.read(node).settings(machine).planning_budget == 0.2

@@ -9,7 +9,7 @@ import pytest
 from mhsb_model.command import Command
 from mhsb_model.inverse_kinematics_3r import within_limits
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.errors import InfeasibleGoalError, RequestError
+from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, RequestError
 from mhsb_planner.evaluation.paper_cases import paper_case
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions
@@ -95,6 +95,16 @@ def test_a_node_has_one_posture_for_all_modes(machine, table):
         x, z = table.nodes[node] * table.spacing
         expected = fixed_j3_posture(machine, x, z, -1.0)
         assert np.array_equal(graph.table.posture[node], np.tile(expected, (23, 1)))
+
+
+def test_a_graph_for_which_there_is_no_time_is_given_up(machine, table, looks):
+    fixed_j3_graph(machine, table, -1.0, ELBOW_UP, deadline=looks.deadline_after(math.inf))
+    needed = looks.count
+    assert needed > 10
+    for after in range(needed):
+        with pytest.raises(DeadlineError):
+            fixed_j3_graph(machine, table, -1.0, ELBOW_UP, deadline=looks.deadline_after(after))
+        assert looks.count == after + 1
 
 
 def test_its_polytopes_are_smaller_than_those_of_the_posture_table(machine, table):

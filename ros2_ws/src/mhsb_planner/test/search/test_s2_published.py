@@ -181,11 +181,23 @@ def test_both_searches_keep_a_limit_of_expansions(graph, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_both_searches_keep_a_budget_of_time(graph, machine, method):
-    heavy = graph.changed(machine.changed(payload=200.0))
-    start = graph.table.posture[graph.grid.node_at(0.8, -0.3), 0]
-    with pytest.raises(DeadlineError, match="did not end within 0 s"):
-        search(heavy, start, NORMAL, (0.8, 0.3), ENERGY_OPTIMAL, method=method, budget=0.0)
+def test_both_searches_end_with_the_first_look_that_finds_the_deadline_passed(
+    graph, looks, method
+):
+    start = graph.table.posture[graph.grid.node_at(0.55, -0.70), 0]
+
+    def searched(after):
+        deadline = looks.deadline_after(after)
+        arguments = (start, NORMAL, (0.55, 0.75), ENERGY_OPTIMAL)
+        return search(graph, *arguments, method=method, deadline=deadline)
+
+    assert searched(math.inf).steps > 0
+    needed = looks.count
+    assert needed > 3
+    for after in range(needed - 1):
+        with pytest.raises(DeadlineError, match="did not end before the deadline"):
+            searched(after)
+        assert looks.count <= after + 3  # two of them measure the portion
 
 
 def test_what_it_cannot_work_with_is_refused(graph):

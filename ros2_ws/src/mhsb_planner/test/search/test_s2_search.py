@@ -1,5 +1,6 @@
 """The search, against SciPy's Dijkstra on the same explicit graph."""
 
+import math
 from contextlib import suppress
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from mhsb_model.errors import OutOfWorkspaceError
+from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import (
     DeadlineError,
     InfeasibleGoalError,
@@ -17,6 +19,7 @@ from mhsb_planner.errors import (
     RequestError,
 )
 from mhsb_planner.posture.s1_global_search import postures_at
+from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_joining import (
     NOWHERE,
     goal_at,
@@ -276,9 +279,31 @@ def test_a_load_that_cannot_be_lifted_has_no_path(graph, machine):
         search(heavy, a_node(graph, 0.8, -0.3), NORMAL, (0.8, 0.3), ENERGY_OPTIMAL)
 
 
-def test_a_search_beyond_its_budget_says_so(graph):
-    with pytest.raises(DeadlineError, match="did not end within 0 s"):
-        search(graph, a_node(graph, 0.55, -0.7), NORMAL, (0.55, 0.75), (0, 0, 0), budget=0.0)
+def test_a_search_after_its_deadline_says_so(graph):
+    over = Deadline.after(-1.0)
+    with pytest.raises(DeadlineError, match="the search for a path did not end before"):
+        search(graph, a_node(graph, 0.55, -0.7), NORMAL, (0.55, 0.75), (0, 0, 0), deadline=over)
+
+
+def test_a_goal_off_the_grid_is_given_up_when_the_deadline_has_passed(machine, looks):
+    assert np.array_equal(
+        postures_at(machine, 0.61, 0.31, looks.deadline_after(math.inf)).posture,
+        postures_at(machine, 0.61, 0.31).posture,
+    )
+    for after in range(5):
+        with pytest.raises(DeadlineError, match="the search for the goal's postures"):
+            postures_at(machine, 0.61, 0.31, looks.deadline_after(after))
+        assert looks.count == after + 1
+
+
+def test_steps_that_could_not_be_priced_in_time_are_priced_later(graph, machine):
+    lighter = graph.changed(machine.changed(payload=3.0))
+    with pytest.raises(DeadlineError, match="the pricing of steps"):
+        lighter.steps.price_all(Deadline.after(-1.0))
+    assert not lighter.steps.complete
+    assert lighter.steps.edges.used[0] == 0
+    complete = StepGraph(lighter.machine, graph.table)
+    assert np.array_equal(lighter.edges.cost, complete.edges.cost)
 
 
 def test_a_search_can_be_cancelled(graph):

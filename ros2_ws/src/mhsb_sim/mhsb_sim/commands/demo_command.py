@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import sys
 import time
@@ -10,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-import yaml
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
@@ -18,6 +18,7 @@ from mhsb_model import command_line
 from mhsb_model.config_files import config_file
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import load_machine
+from mhsb_model.yaml_files import read_yaml
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.live.child_process import ChildEndedError, ChildProcess
@@ -97,16 +98,22 @@ def shortfall(summary: dict[str, Any]) -> str | None:
 
 def read_goals(file: Path) -> list[TimedGoal]:
     """Goals of a YAML file; MhsbError where they cannot be used."""
+    content = read_yaml(file)
+    if not isinstance(content, list) or not content:
+        raise MhsbError(f"{file} is not a list of goals; see config/{GOALS_FILE} for one")
+    return [_goal(file, number, values) for number, values in enumerate(content, start=1)]
+
+
+def _goal(file: Path, number: int, values: Any) -> TimedGoal:
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-        goals = [TimedGoal(**{key: float(value) for key, value in g.items()}) for g in content]
-    except (yaml.YAMLError, TypeError, ValueError, AttributeError) as error:
-        raise MhsbError(
-            f"{file} is not a list of goals with x, z [m] and perhaps time [s]: {error}"
-        ) from error
-    if not goals:
-        raise MhsbError(f"{file} has no goals; give at least one")
-    return goals
+        goal = TimedGoal(**{key: float(value) for key, value in values.items()})
+        if all(map(math.isfinite, (goal.x, goal.z, goal.time or 0.0))):
+            return goal
+    except (TypeError, ValueError, AttributeError, OverflowError):
+        pass
+    raise MhsbError(
+        f"{file}: goal {number} must have x and z [m] and may have time [s], finite numbers"
+    )
 
 
 def clear(output: Path) -> None:

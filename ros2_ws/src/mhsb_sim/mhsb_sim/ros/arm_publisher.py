@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
@@ -40,6 +41,7 @@ class ArmPublisher:
         self._arm = arm
         self._simulator = arm.simulator
         self._with_clock = with_clock
+        self._namespace = node.get_namespace()
         self._publishers = {
             topic.name: node.create_publisher(topic.message, topic.name, topic.qos)
             for topic in (
@@ -62,7 +64,7 @@ class ArmPublisher:
     def restart(self) -> None:
         """Simulated time has begun anew: publish all from now on."""
         now_ns = self._simulator.time_ns
-        self._next_state_ns = self._next_modes_ns = now_ns
+        self._next_state_ns = self._next_modes_ns = now_ns + STATE_PERIOD_NS
         self._in_force_ns: int | None = None
         self._modes: ModeArray | None = None
         self._last_report = (time.monotonic(), now_ns)
@@ -93,7 +95,7 @@ class ArmPublisher:
 
     def publish_hand_over(self, report: HandOverReport) -> None:
         """What became of a plan."""
-        self._publish(topics.DIAGNOSTICS, sim_status.encode(report, self._simulator.time_ns))
+        self._publish(topics.DIAGNOSTICS, self._encoded(report, self._simulator.time_ns))
 
     def report_due(self) -> bool:
         """Whether it is time for the simulator's report."""
@@ -117,7 +119,10 @@ class ArmPublisher:
             energies["servo_pumps"],
             warning,
         )
-        self._publish(topics.DIAGNOSTICS, sim_status.encode(report, now_ns))
+        self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
+
+    def _encoded(self, report: HandOverReport | SimulatorReport, now_ns: int) -> DiagnosticArray:
+        return sim_status.encode(report, now_ns, self._namespace)
 
     def _publish_states(self, now_ns: int) -> None:
         simulator, machine = self._simulator, self._simulator.machine

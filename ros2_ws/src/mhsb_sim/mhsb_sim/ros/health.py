@@ -26,7 +26,7 @@ class Health:
         self._pacer = pacer
         self._own_clock = own_clock
         self.duplicates = ""
-        self._told = self._kind()
+        self._told: tuple[object, ...] | None = None
 
     @property
     def faulty(self) -> bool:
@@ -47,7 +47,7 @@ class Health:
     def changed(self) -> bool:
         """Whether it is in another way than at the last call; numbers aside."""
         before, self._told = self._told, self._kind()
-        return before != self._told
+        return before not in (None, self._told)
 
     def _kind(self) -> tuple[object, ...]:
         arm = self._arm

@@ -87,7 +87,9 @@ class SimNode(Node):
     def _tick(self) -> None:
         """Bring the simulation up to date, publishing on the way."""
         now_ns = time.monotonic_ns()
-        if now_ns - self._left_ns > LATE_WAKE_NS and not self._messages_first:
+        if not self._left_ns:
+            self._start_anew()  # time begins when the node is served
+        elif now_ns - self._left_ns > LATE_WAKE_NS and not self._messages_first:
             self._messages_first = True
             return
         self._messages_first = False

@@ -17,7 +17,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
 from mhsb_planner.evaluation.moves import case_moves, random_moves
-from mhsb_planner.planner import Planner, warm_up
+from mhsb_planner.planner import PLANNER_KINDS, Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
@@ -26,7 +26,6 @@ from mhsb_sim.study.compare_figure import draw_proportions
 from mhsb_sim.study.planner_comparison import (
     BASELINE,
     GROUND_TRUTH,
-    PLANNERS,
     Comparison,
     Ratios,
     Request,
@@ -98,7 +97,7 @@ def requests(machine: Machine, moves: int, truths: int) -> list[Request]:
 def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     """Each planner against the baseline: ratios as geometric mean and extremes."""
     summary: dict[str, Any] = {}
-    for kind in (*PLANNERS, GROUND_TRUTH):
+    for kind in (*PLANNER_KINDS, GROUND_TRUTH):
         if kind == BASELINE:
             continue
         found = ratios(comparisons, kind)

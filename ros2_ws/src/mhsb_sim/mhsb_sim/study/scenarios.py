@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import yaml
 from pydantic import Field, ValidationError
 
 from mhsb_model.config_files import config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
+from mhsb_model.yaml_files import YamlFileError, read_yaml
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.errors import ScenarioError
 
@@ -76,9 +76,9 @@ def load_scenarios(file: Path | None = None) -> list[Scenario]:
     """All scenarios of a file, the suite's own when left out; raises ScenarioError."""
     file = file or config_file(SCENARIOS_FILE)
     try:
-        config = StudyConfig.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{file}: is not YAML: {' '.join(str(error).split())}") from error
+        config = StudyConfig.model_validate(read_yaml(file))
+    except YamlFileError as error:
+        raise ScenarioError(str(error)) from None
     except ValidationError as error:
         problems = [
             f"{'.'.join(map(str, item['loc']))}: {item['msg'].lower()}" for item in error.errors()

@@ -17,6 +17,7 @@ from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_trajectory import FitRules, FittedMotion, fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planner import fit_rules
 from mhsb_planner.search.discrete_path import DiscretePath
 
 
@@ -59,7 +60,7 @@ def fit_runs(runs: Runs, names: Iterable[str]) -> Fits:
             failures[name] = run.failure
             continue
         try:
-            fits[name] = _fit(run.machine, run.path, run.setting.case.options.fit_rules)
+            fits[name] = _fit(run.machine, run.path, fit_rules(run.setting.case.options))
         except MhsbError as error:
             failures[name] = str(error)
     return Fits(fits, failures)

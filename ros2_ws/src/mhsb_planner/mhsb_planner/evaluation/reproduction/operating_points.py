@@ -24,13 +24,13 @@ from mhsb_planner.evaluation.reproduction.runs import (
     Runs,
     pressure_run,
 )
-from mhsb_planner.planner import Planner, PlannerKind
+from mhsb_planner.planner import Planner
 from mhsb_planner.result_files import write_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PLANNERS: tuple[PlannerKind, ...] = ("table", "integrated")
+PLANNERS = ("table", "integrated")
 COLOR = {"table": ORANGE, "integrated": BLUE}
 MEGA, MILLI = 1e6, 1e-3
 
@@ -41,7 +41,7 @@ class Found:
 
     case: str
     varied: str
-    planner: PlannerKind
+    planner: str
     point: OperatingPoint
 
 

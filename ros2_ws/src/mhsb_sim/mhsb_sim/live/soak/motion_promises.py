@@ -171,7 +171,8 @@ def rests_after_stops(events: Events) -> Kept:
 
 
 def heals_gently(events: Events) -> Kept:
-    """After healing no joint is faster than 0.05 rad/s without a new goal."""
+    """After healing an arm that held its position, no joint is faster than 0.05 rad/s without a
+    new goal."""
     table = events.recording.joint_states
     others = events.deeds_of(DeedKind.GOAL, DeedKind.RESET, DeedKind.END, DeedKind.FAULT)
     broken, tested = [], 0
@@ -179,7 +180,8 @@ def heals_gently(events: Events) -> Kept:
         later = (deed.begin_ns for deed in others if deed.begin_ns > heal.begin_ns)
         end_ns = min(later, default=events.end_ns)
         rows = np.flatnonzero((table.time_ns > heal.begin_ns) & (table.time_ns < end_ns))
-        if heal.value == "sensor" or len(rows) < 2:  # a simulation that diverged starts anew
+        anew = heal.value in ("", "sensor")  # nothing failed, or a diverged simulation starts anew
+        if anew or len(rows) < 2 or _plan_in_force(events, heal.begin_ns) != 0:
             continue
         tested += 1
         speed = _measured_speed(table, rows)
@@ -217,6 +219,12 @@ def _in_force(events: Events) -> Iterator[tuple[int, int, int]]:
         end_ns = events.end_ns if after is None else after.time_ns
         if not overlapping(silent, each.time_ns, end_ns, before=0.1, after=0.5):
             yield each.value, each.time_ns, end_ns
+
+
+def _plan_in_force(events: Events, time_ns: int) -> int:
+    """Stamp of the plan in force at a time [ns], 0 where the arm holds."""
+    told = events.recording.plans_in_force
+    return next((each.value for each in reversed(told) if each.time_ns <= time_ns), 0)
 
 
 def _zones(events: Events) -> Iterator[tuple[Zones, int, int]]:

@@ -1,0 +1,85 @@
+"""YAML files: what is read, and that what is refused is not repeated."""
+
+import os
+
+import pytest
+
+from mhsb_model.yaml_files import LARGEST_FILE, YamlFileError, read_yaml
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{name}: &{name} [{', '.join(['*' + before] * 10)}]\n"
+    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.fixture
+def refused(tmp_path):
+    """Function (content) that returns what is said of a file with it."""
+
+    def read(content):
+        file = tmp_path / "file.yaml"
+        file.write_bytes(content.encode() if isinstance(content, str) else content)
+        with pytest.raises(YamlFileError) as caught:
+            read_yaml(file)
+        assert str(caught.value) == f"{file}: {caught.value.reason}"
+        return caught.value.reason
+
+    return read
+
+
+def test_plain_values_and_anchors_are_read(tmp_path):
+    file = tmp_path / "file.yaml"
+    file.write_text("link: &link {length: 0.5}\nlinks: [*link, *link]\nname: Käfer\n")
+    assert read_yaml(file) == {
+        "link": {"length": 0.5}, "links": [{"length": 0.5}] * 2, "name": "Käfer"
+    }  # fmt: skip
+
+
+def test_an_empty_file_has_no_content(tmp_path):
+    (tmp_path / "empty.yaml").touch()
+    assert read_yaml(tmp_path / "empty.yaml") is None
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("a: [1, 2", "is not YAML: line 1, column 9: "),
+        ("- 1\na: secret", "line 2, column 1: expected <block end>, but found '?'"),
+        ("a: secret: secret", "line 1, column 10: mapping values are not allowed here"),
+        ("a: 'secret", "found unexpected end of stream"),
+        ("a: *secret", "found undefined alias …"),
+        ("a: !!python/object/apply:os.system [secret]", "could not determine a constructor"),
+        ("a: !secret 1", "could not determine a constructor for the tag …"),
+        ("a: 2024-13-45", "something cannot be read"),
+        ("? [secret]\n: 1", "found unhashable key"),
+        (b"secret\xff", "is not text in UTF-8; is it the right file?"),
+        (b"secret\x00", "is not YAML"),
+        (BOMB, "has more than 100000 values, with anchors written out; shorten it"),
+        ("a: &a [*a]", "is nested too deeply, or in itself; make it flatter"),
+        ("[" * 50_000, "is nested too deeply, or in itself; make it flatter"),
+        ("a" * (LARGEST_FILE + 1), f"it has more than {LARGEST_FILE} bytes"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_by_its_place_and_not_by_its_words(refused, content, sentence):
+    reason = refused(content)
+    assert sentence in reason
+    assert "secret" not in reason
+    assert "\n" not in reason
+
+
+def test_a_missing_file_a_folder_and_a_file_that_must_not_be_read_are_told(tmp_path):
+    locked = tmp_path / "locked.yaml"
+    locked.touch(mode=0o000)
+    cases = {tmp_path / "none.yaml": "No such file or directory", tmp_path: "it is a folder"}
+    if not os.access(locked, os.R_OK):  # who is root may read everything
+        cases[locked] = "Permission denied"
+    for path, reason in cases.items():
+        with pytest.raises(YamlFileError, match=f"{path}: cannot be read: {reason}"):
+            read_yaml(path)
+
+
+def test_neither_a_pipe_nor_an_endless_device_is_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", type(tmp_path)("/dev/zero")):
+        with pytest.raises(YamlFileError, match="it is no regular file"):
+            read_yaml(path)

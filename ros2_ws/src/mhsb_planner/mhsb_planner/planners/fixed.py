@@ -1,0 +1,43 @@
+"""Joint 3 stays where it is: the conventional method (`fixed_j3`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.table import path_over
+from mhsb_planner.search import fixed_j3
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.search_time import SearchTime
+
+
+class FixedPlanner:
+    """Path and modes over a graph that depends on the start and is made for it."""
+
+    name = "fixed"
+    summary = "keeps joint 3 and changes it by 1 degree at a time where the others have no solution"
+    trajectory: TrajectoryKind = "polynomial"
+    weighs_area = False
+
+    def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
+        """The path of least cost, or the published search's."""
+        machine, j3 = graph.machine, task.options.initial_j3
+        if j3 is None:  # a start that noise has put beyond a limit is led inside
+            limits = machine.arrays.joint_min[2], machine.arrays.joint_max[2]
+            j3 = float(np.clip(task.departure[2], *limits))
+        own = fixed_j3.fixed_j3_graph(
+            machine,
+            graph.table,
+            j3,
+            fixed_j3.elbow_side(machine, task.departure),
+            grid=graph.grid,
+            deadline=time.until,
+        )
+        yield Candidate(path_over(own, task, time))
+
+    def warm_up(self, graph: StepGraph) -> None:
+        """Compile what paths run through."""
+        fixed_j3.warm_up(graph)

@@ -1,0 +1,54 @@
+"""What a plan is to be like."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mhsb_planner.errors import RequestError
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
+from mhsb_planner.search.s2_search import SearchMethod, Weights
+from mhsb_planner.search.s2_step import EnergyReading
+
+ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
+"""Weights of the paper's energy-optimal cases."""
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a plan is to be like.
+
+    weights          of energy, time and mode switches
+    energy_reading   `paper` or `series`
+    goal_psi         rad, end-link angle at the goal; None leaves it free
+    planner          where postures come from, one of `registry.PLANNERS`
+    trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
+                     None: as the planner does
+    initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
+    search           `exact` or `published`
+    heuristic_scale  of the published search [1/m]
+    max_expansions   of the search; None takes what it needs
+    area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for planners that
+                     weigh it; 0 leaves the area out
+
+    Raises RequestError for an angle that is not finite and a weight that is negative or not
+    finite.
+    """
+
+    weights: Weights = ENERGY_OPTIMAL
+    energy_reading: EnergyReading = "paper"
+    goal_psi: float | None = None
+    planner: str = "table"
+    trajectory: TrajectoryKind | None = None
+    initial_j3: float | None = None
+    search: SearchMethod = "exact"
+    heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
+    max_expansions: int | None = None
+    area_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.goal_psi is not None and not math.isfinite(self.goal_psi):
+            raise RequestError("goal_psi", self.goal_psi, "must be a finite angle in rad")
+        if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
+            raise RequestError("area weight", self.area_weight, "must be finite and not negative")

@@ -1,0 +1,78 @@
+"""What a planner is: where a path's postures come from, and the paths it gives, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.search.area_shortfall import AreaTerm
+from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.search_time import SearchTime
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is asked for.
+
+    goal   (x, z) m
+    modes  in force at the start
+    brake  how a moving start comes to rest
+    area   weight of the polytope's area, and the area that counts as full
+    """
+
+    goal: tuple[float, float]
+    start: MotionState
+    modes: StartModes
+    brake: Trajectory | None
+    options: PlanOptions
+    area: AreaTerm
+
+    @property
+    def departure(self) -> FloatArray:
+        """Posture at rest from which the path begins [rad]."""
+        return self.start.position if self.brake is None else self.brake.position[-1]
+
+
+class Candidate(NamedTuple):
+    """A path that a motion may follow; `compared` if it is another planner's."""
+
+    path: DiscretePath
+    compared: bool = False
+
+
+class PathPlanner(Protocol):
+    """A way of planning; its paths are made motions, of which the cheapest is the plan.
+
+    name         by which it is asked for
+    summary      where postures come from, for people: a clause that follows its name
+    trajectory   how S3 begins unless it is told
+    weighs_area  whether w₄ may be above 0
+    """
+
+    name: str
+    summary: str
+    trajectory: TrajectoryKind
+    weighs_area: bool
+
+    def paths(
+        self, graph: StepGraph, task: Task, time: SearchTime
+    ) -> Iterator[Candidate]:
+        """Paths from the task's departure to its goal: the first soon, then cheaper ones.
+
+        graph  the machine, its posture table and the steps between the table's postures
+        time   to be looked at every millisecond or so; when it is over, what there is by then is
+               given, and nothing more
+
+        Whoever asks may stop asking at any time. All paths state lower bounds that hold for every
+        plan of this planner. Raises MhsbError where there is no path or none in time.
+        """
+
+    def warm_up(self, graph: StepGraph) -> None:
+        """Compile what paths run through."""

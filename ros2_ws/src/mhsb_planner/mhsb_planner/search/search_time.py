@@ -1,0 +1,28 @@
+"""How long a search for paths may go on while a plan is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mhsb_planner.deadline import NEVER, Deadline
+
+
+@dataclass
+class SearchTime:
+    """What the search may take of the time that there is for a plan.
+
+    Whoever makes motions of the paths keeps it up to date; the search looks at it.
+
+    deadline  of the whole plan
+    reserve   s, that making a motion of a path has taken so far
+    found     whether there is a motion already
+    """
+
+    deadline: Deadline = NEVER
+    reserve: float = 0.0
+    found: bool = False
+
+    @property
+    def until(self) -> Deadline:
+        """When to end: what is found later can no longer be made a motion."""
+        return self.deadline.less(self.reserve)
