@@ -13,10 +13,8 @@ import numpy as np
 from mhsb_model.braking import CLOSEST_POINTS_NS
 from mhsb_model.command import Command
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import Trajectory
+from mhsb_model.trajectory import POINT_SPACING_NS, Trajectory
 from mhsb_model.types import IntArray
-
-HOLD_SPACING_NS = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -83,9 +81,9 @@ def _prefix_times(old: Trajectory, times: ChangeOver) -> IntArray:
     inside = points[(points > times.stamp_ns) & (points < times.change_ns)]
     kept = np.concatenate([[times.stamp_ns], inside])
     hold = np.arange(
-        max(times.stamp_ns, old.end_ns) + HOLD_SPACING_NS,
+        max(times.stamp_ns, old.end_ns) + POINT_SPACING_NS,
         times.change_ns - CLOSEST_POINTS_NS,
-        HOLD_SPACING_NS,
+        POINT_SPACING_NS,
     )
     return np.concatenate([kept, hold]).astype(np.int64)
 
