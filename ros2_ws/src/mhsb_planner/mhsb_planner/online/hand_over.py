@@ -80,11 +80,10 @@ def _prefix_times(old: Trajectory, times: ChangeOver) -> IntArray:
     points = old.stamp_ns + old.offset_ns
     inside = points[(points > times.stamp_ns) & (points < times.change_ns)]
     kept = np.concatenate([[times.stamp_ns], inside])
-    hold = np.arange(
-        max(times.stamp_ns, old.end_ns) + POINT_SPACING_NS,
-        times.change_ns - CLOSEST_POINTS_NS,
-        POINT_SPACING_NS,
-    )
+    begin_ns = max(times.stamp_ns, old.end_ns)
+    held_ns = max(0, times.change_ns - begin_ns)
+    intervals = -(-held_ns // POINT_SPACING_NS)
+    hold = begin_ns + held_ns * np.arange(1, intervals) // max(1, intervals)
     return np.concatenate([kept, hold]).astype(np.int64)
 
 
