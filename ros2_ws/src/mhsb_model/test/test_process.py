@@ -41,7 +41,8 @@ import ctypes
 
 def main():
     print("in a library", flush=True)
-    ctypes.CDLL(None).sleep(30)  # as in a compiler: Python calls no handler meanwhile
+    while True:  # a signal cuts it short
+        ctypes.CDLL(None).sleep(30)  # as in a compiler: Python calls no handler meanwhile
 """
 WAITING = """
 import time
