@@ -32,7 +32,13 @@ from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.trajectory import (
+    POINT_SPACING_NS,
+    SECOND_NS,
+    MotionState,
+    Trajectory,
+    standstill,
+)
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
@@ -58,9 +64,6 @@ from mhsb_planner.motion.s4_mode_schedule import (
     schedule_of_intervals,
 )
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-
-POINT_SPACING_NS = 20_000_000
-"""Largest distance of a trajectory's points."""
 
 FEWEST_INTERVALS = 10
 """Intervals between a trajectory's points, at least."""
