@@ -15,15 +15,14 @@ import numpy as np
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, Trajectory
+from mhsb_model.trajectory import LONGEST_NS, POINT_SPACING_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_msgs_py import checks, point_arrays, stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.point_arrays import PointArrays
 
-LONGEST_NS = 600 * SECOND_NS
 MOST_POINTS = 40_000
-"""Longest duration and greatest number of points that an arm takes."""
+"""Greatest number of points that an arm takes."""
 
 SMALLEST_END_VELOCITY = 1e-9
 """Below this the end counts as standing still [rad/s]."""

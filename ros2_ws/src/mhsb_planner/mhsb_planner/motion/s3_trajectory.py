@@ -33,6 +33,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import (
+    LONGEST_NS,
     POINT_SPACING_NS,
     SECOND_NS,
     MotionState,
@@ -82,6 +83,9 @@ USAGE_RESERVE = 1.003
 
 ROUNDS = 8
 """Times that a curve is stretched before it is given up."""
+
+LONGEST_MOTION = LONGEST_NS / SECOND_NS - 10.0
+"""What an arm takes, less the longest prefix in which a plan repeats the one before [s]."""
 
 FITTING = "making a trajectory of the path"
 
@@ -385,6 +389,8 @@ def _stretched(
     for _ in range(ROUNDS):
         deadline.check(FITTING)
         curve = candidate.curve_at(stretch)
+        if not curve.breaks[-1] <= LONGEST_MOTION:
+            return f"it takes {curve.breaks[-1]:.4g} s, at most {LONGEST_MOTION:g} s is allowed"
         trajectory, first = _sampled(curve, candidate.start, path.posture[-1], lead_in)
         deadline.check(FITTING)
         position = trajectory.position[first:]
