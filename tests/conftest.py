@@ -13,12 +13,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.machine import load_machine
 from mhsb_model.verdict import ExecutionReport, GoalVerdict
-from mhsb_msgs_py import reference, sim_status, stamps, topics
+from mhsb_msgs_py import joint_state, reference, sim_status, stamps, topics
+from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_msgs_py.reference import Reference
 from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
@@ -38,10 +40,12 @@ class Observer(GoalSender):
         self.hand_overs: list[HandOverReport] = []
         self.simulator_reports: list[SimulatorReport] = []
         self.references: list[Reference] = []
+        self.measured: list[JointSample] = []
         self.in_force_ns: int | None = None
         for topic, callback in (
             (topics.DIAGNOSTICS, self._on_diagnostics),
             (topics.REFERENCE, self._on_reference),
+            (topics.JOINT_STATES, self._on_joint_states),
             (topics.PLAN_IN_FORCE, self._on_plan_in_force),
         ):
             self.create_subscription(topic.message, topic.name, callback, topic.qos)
@@ -134,6 +138,9 @@ class Observer(GoalSender):
 
     def _on_reference(self, message: JointTrajectory) -> None:
         self.references.append(reference.decode(message, self.machine.joint_names))
+
+    def _on_joint_states(self, message: JointState) -> None:
+        self.measured.append(joint_state.decode(message, self.machine.joint_names))
 
     def _on_plan_in_force(self, message: Time) -> None:
         self.in_force_ns = stamps.from_time(message)

@@ -24,7 +24,8 @@ class HandOverReason(StrEnum):
     INVALID = "invalid"  # it cannot be read or followed
     INCOMPLETE = "incomplete"  # its other half did not come
     NEWER = "newer"  # a newer plan came before it could be applied
-    STOPPED = "stopped"  # the arm was stopped or reset after it had been made
+    STOPPED = "stopped"  # the arm was stopped after it had been made
+    RESET = "reset"  # the arm was started anew, or healed, after it had been made
     FAULT = "fault"  # the arm takes no plans
 
 

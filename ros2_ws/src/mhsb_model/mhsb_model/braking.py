@@ -9,7 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.trajectory import (
+    POINT_SPACING_NS,
+    SECOND_NS,
+    MotionState,
+    Trajectory,
+    standstill,
+)
 from mhsb_model.types import FloatArray, IntArray
 
 DECELERATION = 0.05
@@ -17,8 +23,6 @@ DECELERATION = 0.05
 
 SHORTEST_BRAKING_NS = 60_000_000
 """Shortest duration of a braking motion."""
-
-POINT_SPACING_NS = 20_000_000
 
 CLOSEST_POINTS_NS = 1_000_000
 """Points closer than this make the quintic between them numerically useless."""

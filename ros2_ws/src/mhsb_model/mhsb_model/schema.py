@@ -156,7 +156,9 @@ class Hydraulics(Section):
 class Motion(Section):
     """Limits of planned motion."""
 
-    max_piston_speed: Positive = Field(le=1, description="V_max of the quasi-static plan [m/s]")
+    max_piston_speed: float = Field(
+        ge=1e-4, le=1, description="V_max of the quasi-static plan [m/s]"
+    )
 
 
 class CircuitDynamics(Section):

@@ -17,6 +17,12 @@ from mhsb_model.types import FloatArray, IntArray, frozen
 
 SECOND_NS = 1_000_000_000
 
+POINT_SPACING_NS = 20_000_000
+"""Largest distance of neighbouring points that planner, braking and wire agree on."""
+
+LONGEST_NS = 600 * SECOND_NS
+"""Longest duration that an arm takes."""
+
 
 @dataclass(frozen=True, eq=False)
 class MotionState:

@@ -23,6 +23,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import JointTrajectory
 
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
@@ -76,7 +77,7 @@ def stamp_of(raw: bytes) -> int:
         stamps.check_nanoseconds(nanosec)
     except MessageError:
         return 0
-    return sec * stamps.SECOND_NS + nanosec
+    return sec * SECOND_NS + nanosec
 
 
 def to_bytes(arrays: PointArrays) -> bytes:
@@ -181,9 +182,9 @@ def _of_points(head: _Head, points: np.ndarray, given: tuple[str, ...]) -> Point
     for each in (nanosec, int(points["nanosec"].max())):
         stamps.check_nanoseconds(each)
     return PointArrays(
-        sec * stamps.SECOND_NS + nanosec,
+        sec * SECOND_NS + nanosec,
         head.joint_names,
-        points["sec"].astype(np.int64) * stamps.SECOND_NS + points["nanosec"],
+        points["sec"].astype(np.int64) * SECOND_NS + points["nanosec"],
         *(points[field] if field in given else np.zeros((len(points), 0)) for field in FIELDS),
     )
 
@@ -218,7 +219,7 @@ def _record(columns: int, given: tuple[str, ...]) -> np.dtype:
 
 
 def _seconds_and_rest(time_ns: int | IntArray) -> tuple[int | IntArray, int | IntArray]:
-    return time_ns // stamps.SECOND_NS, time_ns % stamps.SECOND_NS
+    return time_ns // SECOND_NS, time_ns % SECOND_NS
 
 
 def _append_count(head: bytearray, count: int) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Duration, Time
 
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_msgs_py.errors import MessageError
 
-SECOND_NS = 1_000_000_000
 FIRST_SECOND, LAST_SECOND = -(2**31), 2**31 - 1
 
 

@@ -15,16 +15,14 @@ import numpy as np
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mhsb_model.trajectory import Trajectory
+from mhsb_model.trajectory import LONGEST_NS, POINT_SPACING_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_msgs_py import checks, point_arrays, stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.point_arrays import PointArrays
 
-LONGEST_GAP_NS = 20_000_000
-LONGEST_NS = 600 * stamps.SECOND_NS
 MOST_POINTS = 40_000
-"""Longest duration and greatest number of points that an arm takes."""
+"""Greatest number of points that an arm takes."""
 
 SMALLEST_END_VELOCITY = 1e-9
 """Below this the end counts as standing still [rad/s]."""
@@ -76,7 +74,7 @@ def decode(message: JointTrajectory | bytes, joint_names: Sequence[str]) -> Traj
     """
     given = point_arrays.point_arrays(message, "the trajectory", MOST_POINTS)
     order = checks.joint_order("joint_names", given.joint_names, joint_names)
-    offset = checks.point_times("the trajectory", given.time_ns, apart_ns=LONGEST_GAP_NS)
+    offset = checks.point_times("the trajectory", given.time_ns, apart_ns=POINT_SPACING_NS)
     if offset[-1] > LONGEST_NS:
         raise MessageError(
             f"the trajectory takes {offset[-1] / 1e9:g} s; give at most {LONGEST_NS / 1e9:g} s"

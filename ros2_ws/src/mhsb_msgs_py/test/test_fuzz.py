@@ -28,6 +28,7 @@ from mhsb_msgs_py import (
     modes_in_force,
     names,
     plan_status,
+    point_arrays,
     reference,
     sim_status,
     spoiling,
@@ -46,10 +47,11 @@ FEW, MANY = 200, 4500
 
 
 class Codec(NamedTuple):
-    """A good message, and what reads its like."""
+    """A good message, what reads its like, and whether that reads the message's bytes as well."""
 
     message: Any
     decode: Callable[[Any], Any]
+    reads_bytes: bool = False
 
 
 def rows(count: int) -> np.ndarray:
@@ -73,11 +75,14 @@ def codecs() -> dict[str, Codec]:
     return {
         "goal_pose": Codec(goal_pose.encode(Goal(STAMP_NS, 0.5, 0.1)), goal_pose.decode),
         "joint_trajectory": Codec(
-            trajectory.encode(path, JOINTS), lambda message: trajectory.decode(message, JOINTS)
+            trajectory.encode(path, JOINTS),
+            lambda message: trajectory.decode(message, JOINTS),
+            reads_bytes=True,
         ),
         "mode_commands": Codec(
             mode_schedule.encode(schedule, ACTUATORS),
             lambda message: mode_schedule.decode(message, ACTUATORS),
+            reads_bytes=True,
         ),
         "reference": Codec(
             reference.encode(Reference(STAMP_NS, state), JOINTS),
@@ -103,27 +108,40 @@ def codecs() -> dict[str, Codec]:
     }
 
 
-def read(codec: Codec, message: Any) -> None:
+def read(codec: Codec, message: Any) -> bool:
     """Read a message; nothing but `MessageError` may come of it, with one sentence."""
-    sentence = "a sentence"
+    sentence = ""
     try:
         codec.decode(message)
     except MessageError as error:
         sentence = str(error)
-    assert 10 <= len(sentence) < 500
-    assert sentence.isprintable()
+        assert_a_sentence(sentence)
+    return not sentence
+
+
+def assert_a_sentence(text: str) -> None:
+    assert 10 <= len(text) < 500
+    assert text.isprintable()
 
 
 def read_spoilt(codec: Codec, seed: int) -> None:
+    """A spoilt message; where its bytes are read, too, they must be worth as much."""
     source = random.Random(seed)
-    read(codec, spoiling.spoilt(codec.message, source, source.choice((1, 1, 1, 2, 5))))
+    message = spoiling.spoilt(codec.message, source, source.choice((1, 1, 1, 2, 5)))
+    readable = read(codec, message)
+    if codec.reads_bytes:
+        assert read(codec, serialize_message(message)) == readable
 
 
 def read_torn(codec: Codec, seed: int) -> None:
-    source = random.Random(seed)
+    """Torn bytes, as the middleware lets them through, or as a node reads them itself."""
     kind = type(codec.message)
+    data = spoiling.torn(serialize_message(codec.message), random.Random(seed))
+    if codec.reads_bytes:
+        read(codec, data)
+        read(Codec(data, point_arrays.stamp_of), data)
     try:
-        message = deserialize_message(spoiling.torn(serialize_message(codec.message), source), kind)
+        message = deserialize_message(data, kind)
     except Exception:  # whatever the middleware says of bytes that it cannot read
         return
     read(codec, message)

@@ -13,6 +13,9 @@ from mhsb_model.machine import load_machine
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.integrated import integrated_search
+from mhsb_model.trajectory import MotionState
+from mhsb_planner import planner as planning
+from mhsb_planner.deadline import Deadline
 from mhsb_planner.search.s2_search import Weights, search, warm_up
 
 def compiled():
@@ -43,7 +46,20 @@ for x, z in ((0.61, 0.31), (0.50, -0.20), (0.30, 0.60), (0.80, 0.10)):
         with suppress(MhsbError):
             integrated_search.search(machine, q, modes, (x, z), weights)
 integrated_search.search(machine, q, modes, (0.61, 0.31), Weights(1, 0, 2), goal_psi=psi)
-print({name: count for name, count in compiled().items() if count != before.get(name)})
+by_searches = {name: count for name, count in compiled().items() if count != before.get(name)}
+planner = planning.Planner(machine, table)
+planning.warm_up(planner)
+before = compiled()
+for options in (
+    *(planning.PlanOptions(planner=kind) for kind in planning.PLANNER_KINDS),
+    planning.PlanOptions(planner="integrated", area_weight=300.0),
+    planning.PlanOptions(search="published"),
+):
+    for x, z in ((0.60, 0.30), (0.61, 0.31)):
+        start = MotionState.at_rest(q)
+        plan = planner.plan((x, z), start, options=options, deadline=Deadline.after(3600.0))
+by_plans = {name: count for name, count in compiled().items() if count != before.get(name)}
+print(by_searches | by_plans)
 """
 
 

@@ -30,7 +30,7 @@ from mhsb_model.command import Command
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_sim.mechanics.mujoco_model import build_model
 from mhsb_sim.simulation.simulator import Simulator
 
@@ -41,8 +41,6 @@ DURATION = 5.0
 ACTUATORS = (3, 6, 12)
 SWING = 0.05
 """Amplitude of every joint's motion [rad], once in `DURATION`."""
-
-POINT_SPACING = 0.02  # s
 
 
 def arm_of(machine: Machine, joints: int) -> Machine:
@@ -72,7 +70,7 @@ def boosted_swing(machine: Machine) -> Command:
     q = q₀ ± SWING (1 − cos ωt)²/4, towards the middle of the joint's range: at rest at both ends,
     in position, velocity and acceleration.
     """
-    time = np.arange(0.0, DURATION + 1e-9, POINT_SPACING)[:, None]
+    time = np.arange(0.0, DURATION + 1e-9, POINT_SPACING_NS / SECOND_NS)[:, None]
     omega = 2.0 * np.pi / DURATION
     start = np.array(machine.config.simulation.start_posture)
     middle = (machine.arrays.joint_min + machine.arrays.joint_max) / 2.0

@@ -272,7 +272,7 @@ def _routes(task: Task) -> Iterator[tuple[Route | None, tuple[int, int]]]:
         best = route
     if _leaves_room(task, best, WORTH_A_LATTICE):
         best, work = _over_lattice(task, best)
-        if best is not None and not task.time.found:
+        if not task.time.found and _is_cheaper(best, told):
             told = best
             yield told, work
     if best is None:
@@ -282,8 +282,13 @@ def _routes(task: Task) -> Iterator[tuple[Route | None, tuple[int, int]]]:
         raise NoPathError((float(x), float(z)), task.goals.tip, task.machine.obstacles.names)
     if _leaves_room(task, best, GOOD_ENOUGH):
         best = _refined(task, best)
-    if told is None or best.cost < told.cost:
+    if _is_cheaper(best, told):
         yield best, work
+
+
+def _is_cheaper(route: Route | None, other: Route | None) -> bool:
+    """Whether there is a route and it costs less than another, or there is no other."""
+    return route is not None and (other is None or route.cost < other.cost)
 
 
 def _leaves_room(task: Task, best: Route | None, share: float) -> bool:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -31,7 +32,14 @@ from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.trajectory import (
+    LONGEST_NS,
+    POINT_SPACING_NS,
+    SECOND_NS,
+    MotionState,
+    Trajectory,
+    standstill,
+)
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
@@ -58,9 +66,6 @@ from mhsb_planner.motion.s4_mode_schedule import (
 )
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
-POINT_SPACING_NS = 20_000_000
-"""Largest distance of a trajectory's points."""
-
 FEWEST_INTERVALS = 10
 """Intervals between a trajectory's points, at least."""
 
@@ -78,6 +83,9 @@ USAGE_RESERVE = 1.003
 
 ROUNDS = 8
 """Times that a curve is stretched before it is given up."""
+
+LONGEST_MOTION = LONGEST_NS / SECOND_NS - 10.0
+"""What an arm takes, less the longest prefix in which a plan repeats the one before [s]."""
 
 FITTING = "making a trajectory of the path"
 
@@ -251,6 +259,8 @@ def warm_up(machine: Machine) -> None:
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
+    with suppress(FitError):
+        fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
     s3_clearance.warm_up(machine)
 
 
@@ -379,6 +389,8 @@ def _stretched(
     for _ in range(ROUNDS):
         deadline.check(FITTING)
         curve = candidate.curve_at(stretch)
+        if not curve.breaks[-1] <= LONGEST_MOTION:
+            return f"it takes {curve.breaks[-1]:.4g} s, at most {LONGEST_MOTION:g} s is allowed"
         trajectory, first = _sampled(curve, candidate.start, path.posture[-1], lead_in)
         deadline.check(FITTING)
         position = trajectory.position[first:]

@@ -22,6 +22,9 @@ SHORTEST_SPAN = 0.3
 SPACING = 0.02
 """Of the stamps heard within each span of this length the least delayed one is kept [s]."""
 
+LEAP = 1.0
+"""A clock this far ahead of where it should be has been set [s]."""
+
 AS_THE_WORLD = 0.1
 """A speed within so much of 1 is that of a clock heard with delays."""
 
@@ -40,7 +43,7 @@ class ArmTime:
     def hear(self, stamp_ns: int, wall: float) -> bool:
         """Take in a stamp heard at `wall`; False where the arm's clock has gone back."""
         went_back = self._last is not None and stamp_ns < self._last[1]
-        if went_back:
+        if went_back or self._leaps(stamp_ns, wall):
             self.forget()
         self._last = (wall, stamp_ns)
         if not self._heard or wall // SPACING != self._heard[-1][0] // SPACING:
@@ -52,6 +55,12 @@ class ArmTime:
         while wall - self._heard[0][0] > SPEED_WINDOW:
             self._heard.popleft()
         return not went_back
+
+    def _leaps(self, stamp_ns: int, wall: float) -> bool:
+        if self._last is None:
+            return False
+        last, last_ns = self._last
+        return (stamp_ns - last_ns) / SECOND_NS > self.speed * (wall - last) + LEAP
 
     def silence(self, wall: float) -> float:
         """Time since the last stamp [s]; infinite where there was none."""

@@ -158,7 +158,10 @@ class GoalLifecycle:
         in_hand, wall = self._waiting, self._clock.wall()
         if in_hand is None or self._request or self._unconfirmed or self._stopping:
             return
-        if not self._out.connected() and wall - in_hand.waiting_since < LONGEST_WAIT:
+        # Who tells a reference also tells the plan in force: that may come a moment later.
+        half_heard = self.view.reference is not None and self.view.in_force_ns is None
+        reachable = self._out.connected() and not half_heard
+        if not reachable and wall - in_hand.waiting_since < LONGEST_WAIT:
             return
         now_ns = self._now_ns()
         try:
@@ -459,7 +462,8 @@ class GoalLifecycle:
             self._tell.pass_over(in_hand)
         else:
             as_before = request.epoch == self._epoch and self._still_departs(request)
-            anew = replan.from_rest and as_before and reason != HandOverReason.JUMP
+            elsewhere = reason in (HandOverReason.JUMP, HandOverReason.RESET)
+            anew = replan.from_rest and as_before and not elsewhere
             late = Verdict.DEADLINE
             self._took_too_long(request, late, sentence, replan if anew else None)
 

@@ -13,10 +13,8 @@ import numpy as np
 from mhsb_model.braking import CLOSEST_POINTS_NS
 from mhsb_model.command import Command
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import Trajectory
+from mhsb_model.trajectory import POINT_SPACING_NS, Trajectory
 from mhsb_model.types import IntArray
-
-HOLD_SPACING_NS = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -82,11 +80,10 @@ def _prefix_times(old: Trajectory, times: ChangeOver) -> IntArray:
     points = old.stamp_ns + old.offset_ns
     inside = points[(points > times.stamp_ns) & (points < times.change_ns)]
     kept = np.concatenate([[times.stamp_ns], inside])
-    hold = np.arange(
-        max(times.stamp_ns, old.end_ns) + HOLD_SPACING_NS,
-        times.change_ns - CLOSEST_POINTS_NS,
-        HOLD_SPACING_NS,
-    )
+    begin_ns = max(times.stamp_ns, old.end_ns)
+    held_ns = max(0, times.change_ns - begin_ns)
+    intervals = -(-held_ns // POINT_SPACING_NS)
+    hold = begin_ns + held_ns * np.arange(1, intervals) // max(1, intervals)
     return np.concatenate([kept, hold]).astype(np.int64)
 
 

@@ -22,6 +22,9 @@ HALF_LIFE = 4.0
 LONGER = 1.5
 """Factor of the lead for a plan that is made again, because the one before was late."""
 
+OFFLINE_LEAD = 0.1
+"""Of plans made in simulated time, which stands still meanwhile [s]."""
+
 FIRST_MOTION, FLIGHT = 0.05, 0.02
 """What is taken before anything has been measured [s]."""
 

@@ -23,6 +23,7 @@ from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
+from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.planner import Plan, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
@@ -142,7 +143,7 @@ class Replanner:
             (SECOND_NS, SECOND_NS + SECOND_NS // 2),
         ):
             with contextlib.suppress(MhsbError):
-                replan = self.replan(command, now_ns, (goal[0], goal[1]), 0.1, kind)
+                replan = self.replan(command, now_ns, (goal[0], goal[1]), OFFLINE_LEAD, kind)
                 command = replan.command if replan is not None else command
         return command
 

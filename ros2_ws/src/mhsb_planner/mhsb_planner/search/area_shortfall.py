@@ -24,7 +24,7 @@ from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import MODE_COUNT
-from mhsb_model.trajectory import Trajectory
+from mhsb_model.trajectory import POINT_SPACING_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.posture.s1_polytope import (
@@ -41,9 +41,6 @@ from mhsb_planner.search.discrete_path import DiscretePath
 
 TURN = 0.02
 """Largest change of a joint between two places at which the area of a path is taken [rad]."""
-
-SAMPLE_NS = 20_000_000
-"""Largest time between two instants at which the area of a motion is taken."""
 
 SAMPLES_AT_ONCE = 128
 """Samples of a way whose area is taken between two looks at a deadline."""
@@ -136,7 +133,7 @@ def area_along_motion(
     machine: Machine, trajectory: Trajectory, schedule: ModeSchedule, deadline: Deadline = NEVER
 ) -> AreaProfile:
     """Along a trajectory, in the modes of its schedule; raises DeadlineError."""
-    count = max(1, -(-trajectory.duration_ns // SAMPLE_NS))
+    count = max(1, -(-trajectory.duration_ns // POINT_SPACING_NS))
     at = trajectory.stamp_ns + np.linspace(0, trajectory.duration_ns, 2 * count + 1).astype(int)
     posture = trajectory.sample_many(at[::2])[0]
     return _profile(machine, posture, schedule.modes_at_many(at[1::2]), deadline)

@@ -13,7 +13,7 @@ from mhsb_model.types import FloatArray, ModeArray, frozen
 class SearchStatistics:
     """What a search took: states expanded, states generated (steps looked at), seconds.
 
-    out_of_time: whether it was ended by its budget, with the best path found until then
+    out_of_time: whether a deadline ended it, with the best path found until then
     """
 
     expanded: int

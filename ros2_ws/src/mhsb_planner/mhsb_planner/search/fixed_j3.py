@@ -8,6 +8,7 @@ whatever the modes, from which the search takes path and modes at the same step 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 
@@ -156,4 +157,6 @@ def warm_up(graph: StepGraph) -> None:
     """Compile the kernels of this module."""
     j3 = float(graph.machine.arrays.joint_max[2])
     _fill(graph.machine.arrays, np.empty((0, 2)), j3, ELBOW_UP, np.empty((0, 3)))
+    with suppress(InfeasibleGoalError):
+        fixed_j3_posture(graph.machine, 0.0, 0.0, j3)
     polytope_areas(graph.machine, np.empty((0, 3)), graph.table.patterns)

@@ -134,10 +134,12 @@ def _ends_at_goal(
     """Take a search to its end; `before` states were expanded by others that count."""
     for portion in deadline.portions(under_way.first_portion, under_way.portion):
         status = under_way.expand(_within(portion, under_way, max_expansions, before))
-        if status != PAUSED:
-            return status == FOUND
+        if status == FOUND:
+            return True
         if cancelled is not None and cancelled():
             raise PlanningCancelledError("planning")
+        if status != PAUSED:
+            return False
     raise DeadlineError(SEARCHING)
 
 

@@ -48,6 +48,15 @@ def test_a_clock_that_goes_back_is_noticed_and_believed():
     assert arm.now_ns(1.5) == SECOND_NS + SECOND_NS // 2
 
 
+@pytest.mark.parametrize("speed", [0.4, 1.0, 3.0])
+def test_a_clock_that_was_set_ahead_does_not_count_as_a_fast_one(speed):
+    arm = heard(speed, [0.001] * 300)
+    assert arm.hear(100 * SECOND_NS, 3.01)
+    assert arm.now_ns(3.11) == pytest.approx((100.0 + 0.1 * arm.speed) * SECOND_NS)
+    assert arm.speed == 1.0  # until it is known again
+    assert arm.hear(round((100.0 + 0.01 * speed) * SECOND_NS), 3.02)
+
+
 def test_an_arm_that_was_never_heard_has_no_time():
     arm = ArmTime()
     assert arm.silence(5.0) == float("inf")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.arm_view import NO_PLAN
@@ -325,3 +326,20 @@ def test_a_goal_that_has_been_reached_is_accepted_and_costs_nothing(world):
     assert (verdict.code, verdict.plan.energy_j) == (Verdict.AT_GOAL, 0.0)
     assert len(world.sent) == sent
     assert world.arm.in_force_ns == NO_PLAN
+
+
+def test_a_goal_waits_until_the_arm_receives_plans(world):
+    world.reachable = False
+    stamp = world.goal(*UP)
+    world.pass_time(1.0)
+    assert world.planned == []
+    world.reachable = True
+    assert world.ending(stamp).outcome is Outcome.REACHED
+
+
+def test_an_arm_that_tells_a_reference_is_given_time_to_tell_the_plan_in_force(world):
+    world.life.view.in_force_ns = None
+    world.life.goal(Goal(7, *UP))
+    assert world.planned == []
+    world.pass_time(0.01)
+    assert len(world.planned) == 1

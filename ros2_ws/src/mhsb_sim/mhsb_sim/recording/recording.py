@@ -48,12 +48,14 @@ class JointTable:
     position      float64[k, n], rad
     velocity      float64[k, n], rad/s
     acceleration  float64[k, n], rad/s²
+    recorded_ns   int64[k], when they were recorded, by the system's clock
     """
 
     time_ns: IntArray
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    recorded_ns: IntArray
 
 
 @dataclass(frozen=True)
@@ -178,26 +180,30 @@ class _Messages:
         )
 
     def _joint_states(self) -> JointTable:
-        samples = self._values(
+        heard = self._decoded(
             topics.JOINT_STATES, lambda message: joint_state.decode(message, self._joints)
         )
+        samples = [each.value for each in heard]
         velocity = self._table([each.velocity for each in samples])
         return JointTable(
             np.array([each.stamp_ns for each in samples], dtype=np.int64),
             self._table([each.position for each in samples]),
             velocity,
             np.full_like(velocity, np.nan),
+            _recorded_ns(heard),
         )
 
     def _references(self) -> JointTable:
-        samples = self._values(
+        heard = self._decoded(
             topics.REFERENCE, lambda message: reference.decode(message, self._joints)
         )
+        samples = [each.value for each in heard]
         return JointTable(
             np.array([each.stamp_ns for each in samples], dtype=np.int64),
             self._table([each.state.position for each in samples]),
             self._table([each.state.velocity for each in samples]),
             self._table([each.state.acceleration for each in samples]),
+            _recorded_ns(heard),
         )
 
     def _actuator_states(self) -> ActuatorTable:
@@ -256,6 +262,10 @@ class _Messages:
             (log_ns, deserialize_message(data, topic.message))
             for log_ns, data in self._serialized(topic)
         ]
+
+
+def _recorded_ns(heard: Sequence[Timed]) -> IntArray:
+    return np.array([each.recorded_ns for each in heard], dtype=np.int64)
 
 
 def _of_kind(kind: type, statuses: Sequence[Timed]) -> tuple[Timed, ...]:

@@ -6,7 +6,13 @@ import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.trajectory import (
+    SECOND_NS,
+    MotionState,
+    Trajectory,
+    quintic_hermite,
+    standstill,
+)
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.bound_kernel import bind
 
@@ -115,16 +121,9 @@ def evaluate(
             continue
         time = max(time, 0)
         i = min(int(np.searchsorted(offset_ns, time, "right")) - 1, last - 1)
-        h = (offset_ns[i + 1] - offset_ns[i]) / 1e9
-        s = (time - offset_ns[i]) / 1e9
+        h = (offset_ns[i + 1] - offset_ns[i]) / SECOND_NS
+        s = (time - offset_ns[i]) / SECOND_NS
         for j in range(position.shape[1]):
-            v0, a0 = velocity[i, j], acceleration[i, j]
-            dq = position[i + 1, j] - position[i, j] - v0 * h - 0.5 * a0 * h**2
-            dv = velocity[i + 1, j] - v0 - a0 * h
-            da = acceleration[i + 1, j] - a0
-            c3 = (10 * dq - 4 * dv * h + 0.5 * da * h**2) / h**3
-            c4 = (-15 * dq + 7 * dv * h - da * h**2) / h**4
-            c5 = (6 * dq - 3 * dv * h + 0.5 * da * h**2) / h**5
-            out[0, j] = position[i, j] + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
-            out[1, j] = v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
-            out[2, j] = a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
+            start = (position[i, j], velocity[i, j], acceleration[i, j])
+            end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
+            out[0, j], out[1, j], out[2, j] = quintic_hermite(s, h, start, end)

@@ -91,16 +91,19 @@ class PlanReceiver:
         """As if nothing had ever come: the target's time begins anew, from now."""
         self._told: deque[int] = deque(maxlen=REMEMBERED)
         self._last_stamp_ns = -1
-        self._stopped_ns = self._target.time_ns - 1
+        self._void_until_ns = self._target.time_ns - 1
+        self._void_because = HandOverReason.RESET
         self._wait_for(None)
 
-    def void(self, event: str) -> list[HandOverReport]:
+    def void(
+        self, event: str, reason: HandOverReason = HandOverReason.STOPPED
+    ) -> list[HandOverReport]:
         """Let no plan take effect that is stamped up to now, whether it has come or not.
 
         event: what has happened, such as `the arm was stopped`.
         """
-        self._stopped_ns = self._target.time_ns
-        return self._drop(HandOverReason.STOPPED, f"{event} before it could be applied")
+        self._void_until_ns, self._void_because = self._target.time_ns, reason
+        return self._drop(reason, f"{event} before it could be applied")
 
     def close(self, fault: str) -> list[HandOverReport]:
         """Refuse what waits and all that comes, for this reason, until `open`."""
@@ -110,7 +113,8 @@ class PlanReceiver:
     def open(self) -> None:
         """Take plans again, if they are made from now on."""
         self._fault = ""
-        self._stopped_ns = self._target.time_ns
+        self._void_until_ns = self._target.time_ns
+        self._void_because = HandOverReason.RESET
 
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
         """Take in a trajectory received at the wall-clock time `wall` [s]."""
@@ -172,8 +176,10 @@ class PlanReceiver:
         ahead = (stamp - self._target.time_ns) / SECOND_NS
         if self._fault:
             return HandOverReason.FAULT, self._fault
-        if stamp <= self._stopped_ns:
-            return HandOverReason.STOPPED, (
+        if problem is not None:
+            return HandOverReason.INVALID, problem
+        if stamp <= self._void_until_ns:
+            return self._void_because, (
                 "it was made before the arm was started, stopped or reset; plan anew"
             )
         if stamp <= newest:
@@ -185,7 +191,7 @@ class PlanReceiver:
                 f"it is stamped {ahead:.3f} s ahead of the arm's time, at most {LARGEST_LEAD:g} s "
                 "is allowed; go by the stamps of `reference`"
             )
-        return None if problem is None else (HandOverReason.INVALID, problem)
+        return None
 
     def _wait_for(self, pair: Pair | None) -> None:
         self._pending = pair

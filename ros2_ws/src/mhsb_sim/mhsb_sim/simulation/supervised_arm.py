@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_model.arm_reports import HandOverReport
+from mhsb_model.arm_reports import HandOverReason, HandOverReport
 from mhsb_model.holding import HoldingError
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
@@ -14,7 +14,7 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervision import Phase, Supervision
 from mhsb_sim.simulation.symptoms import WATCH_PERIOD_NS, SupervisionLimits
 
-UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 40.0
+UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 30.0
 """A lighter payload is approached with this time constant [s], at least this fast [kg/s]. Oil that
 a load has compressed would throw the arm up if the load vanished at once."""
 
@@ -122,7 +122,7 @@ class SupervisedArm:
 
     def reset(self, time_ns: int) -> None:
         """To rest in the start posture at `time_ns`; forget plans and faults."""
-        self._reports += self._receiver.void("the arm was reset")
+        self._reports += self._receiver.void("the arm was reset", HandOverReason.RESET)
         self.simulator.set_payload(self._payload_wanted)
         self._payload = self._payload_wanted
         self.simulator.reset(time_ns)
@@ -180,7 +180,7 @@ class SupervisedArm:
 
     def _restart_where_it_is(self, time_ns: int) -> None:
         simulator = self.simulator
-        self._reports += self._receiver.void("the arm was reset")
+        self._reports += self._receiver.void("the arm was reset", HandOverReason.RESET)
         posture = simulator.joint_state.position
         try:
             simulator.reset(time_ns, posture if np.all(np.isfinite(posture)) else None)

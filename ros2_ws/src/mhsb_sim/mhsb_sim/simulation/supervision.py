@@ -11,11 +11,13 @@ remembers nothing of what was before.
 
 from __future__ import annotations
 
+from collections import deque
 from enum import Enum
 
 import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.symptoms import (
     SYMPTOMS,
@@ -32,12 +34,14 @@ GROWN = 2.0
 LONGEST_STOP_NS = 3 * SECOND_NS
 """Time that a stopping arm has to come to rest before its valves close."""
 
-REST_SPEED = 0.05
-"""Measured joint speed below which the arm rests [rad/s], once it has for `REST_NS`."""
-
 REST_NS = 300_000_000
+REST_SWAY = 2e-3
+"""An arm rests whose joints have stayed within this [rad] for `REST_NS`; one that a servo holds
+hums."""
 
-VENTING_RATE = 4e6
+LOOKS_AT_REST = REST_NS // WATCH_PERIOD_NS
+
+VENTING_RATE = 6e6
 """At which trapped oil is let down before valves open again [Pa/s]."""
 
 DRIFT = 1e-3
@@ -74,13 +78,15 @@ class Supervision:
         self._following = FollowingError(self._simulator.machine)
         self.phase = Phase.WATCHING
         self.fault = self.warning = ""
-        self._since_ns = self._moved_ns = self._simulator.time_ns
+        self._since_ns = self._simulator.time_ns
+        self._stayed: deque[FloatArray] = deque(maxlen=LOOKS_AT_REST)
 
     def watch(self) -> None:
         """Look at the arm, and do what follows."""
         now, sample = self._simulator.time_ns, Sample.of(self._simulator)
-        if np.abs(sample.measured.velocity).max() > REST_SPEED or sample.reference.velocity.any():
-            self._moved_ns = now
+        self._stayed.append(sample.measured.position)
+        if sample.reference.velocity.any():
+            self._stayed.clear()
         if self.phase is Phase.WATCHING:
             self._judge(sample)
         elif self.phase is Phase.STOPPING:
@@ -99,7 +105,9 @@ class Supervision:
     @property
     def rests(self) -> bool:
         """Whether arm and reference have been at rest for a while."""
-        return self._simulator.time_ns - self._moved_ns >= REST_NS
+        if len(self._stayed) < LOOKS_AT_REST:
+            return False
+        return float(np.ptp(self._stayed, axis=0).max()) < REST_SWAY
 
     def release(self) -> None:
         """Let an arm that is held go on, as soon as no oil is trapped; with the next plan."""
@@ -130,4 +138,5 @@ class Supervision:
 
     def _enter(self, phase: Phase) -> None:
         self.phase = phase
-        self._since_ns = self._moved_ns = self._simulator.time_ns
+        self._since_ns = self._simulator.time_ns
+        self._stayed.clear()

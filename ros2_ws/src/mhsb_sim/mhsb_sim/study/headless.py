@@ -16,6 +16,7 @@ from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_sim.errors import HandOverError
@@ -23,8 +24,6 @@ from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.simulator import Simulator
 
 SAMPLE_NS = SECOND_NS // 100
-BUDGET = 0.1
-"""Time from a plan's stamp to where it leaves the previous one, as the planner node has it [s]."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ class HeadlessRun:
         simulator = self.simulator
         end_ns = simulator.time_ns + round(goal.time * SECOND_NS)
         replan = self._replanner.replan(
-            self._command, simulator.time_ns, (goal.x, goal.z), BUDGET, self._options
+            self._command, simulator.time_ns, (goal.x, goal.z), OFFLINE_LEAD, self._options
         )
         jump = self._hand_over(replan.command) if replan is not None else 0.0
         while simulator.time_ns < end_ns:

@@ -22,13 +22,13 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.energy_comparison import Element, energy_elements
-from mhsb_sim.study.headless import BUDGET
 from mhsb_sim.study.needed_pressure import needed_pressure
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.scenarios import Scenario
@@ -119,7 +119,7 @@ def script_of(machine: Machine, scenario: Scenario) -> Script:
     for number, goal in enumerate(scenario.goals):
         now_ns = round(number * scenario.interval * SECOND_NS)
         try:
-            replan = replanner.replan(command, now_ns, goal, BUDGET, options)
+            replan = replanner.replan(command, now_ns, goal, OFFLINE_LEAD, options)
         except MhsbError as error:
             refused.append(f"{scenario.name}: goal ({goal[0]:g}, {goal[1]:g}) m: {error}")
             continue

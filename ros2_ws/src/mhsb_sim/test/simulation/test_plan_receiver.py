@@ -297,7 +297,7 @@ def test_a_closed_receiver_refuses_what_waits_and_what_comes_until_it_is_opened(
     target.time_ns = NOW + 10
     receiver.open()
     (report,) = deliver(receiver, trajectory(NOW + 9), schedule(NOW + 9))
-    assert report.reason is HandOverReason.STOPPED
+    assert report.reason is HandOverReason.RESET
     target.time_ns = NOW + 11
     (report,) = deliver(receiver, trajectory(NOW + 11), schedule(NOW + 11))
     assert report.outcome is HandOverOutcome.APPLIED

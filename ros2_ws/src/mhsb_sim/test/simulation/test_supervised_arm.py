@@ -96,7 +96,7 @@ def test_a_reset_forgets_plans_in_force_and_those_that_wait(
     send(arm, motion(continued, GOAL, ahead_ns))
     arm.take_reports()
     arm.reset(0)
-    assert [report.reason for report in arm.take_reports()] == [HandOverReason.STOPPED]
+    assert [report.reason for report in arm.take_reports()] == [HandOverReason.RESET]
     advance(arm, 1.5)
     assert arm.plan_stamp_ns == 0
     np.testing.assert_array_equal(arm.simulator.reference.position, start)

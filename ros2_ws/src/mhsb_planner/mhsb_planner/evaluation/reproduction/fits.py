@@ -10,7 +10,7 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.evaluation.reproduction.runs import Runs
 from mhsb_planner.motion.energy import Energy, motion_energy
@@ -19,9 +19,6 @@ from mhsb_planner.motion.s3_trajectory import FitRules, FittedMotion, fit_trajec
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import fit_rules
 from mhsb_planner.search.discrete_path import DiscretePath
-
-SAMPLE_NS = 20_000_000
-"""Spacing of the samples that are drawn and written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,4 +84,4 @@ def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> Fit:
 
 
 def _sample_times(duration_ns: int) -> IntArray:
-    return np.append(np.arange(0, duration_ns, SAMPLE_NS, dtype=np.int64), duration_ns)
+    return np.append(np.arange(0, duration_ns, POINT_SPACING_NS, dtype=np.int64), duration_ns)

@@ -1,4 +1,7 @@
-"""What was done to the suite in a soak, and what was heard of it. System and ROS time are one."""
+"""What was done to the suite in a soak, and what was heard of it.
+
+All times are the system's, at which things were sent; simulated time may fall behind it.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
+
+import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
@@ -103,6 +108,12 @@ class Events:
         return spanned and not overlapping(
             (deed for deed in self.deeds_of(DeedKind.FREEZE) if deed.node == node), begin_ns, end_ns
         )
+
+    def system_ns(self, ros_ns: int) -> int:
+        """System time [ns] of a simulated time [ns], by the references."""
+        table = self.recording.references
+        row = min(int(np.searchsorted(table.time_ns, ros_ns)), len(table.time_ns) - 1)
+        return int(table.recorded_ns[row])
 
     def seconds(self, time_ns: int) -> float:
         """Time since the soak's begin [s]."""

@@ -96,10 +96,11 @@ def told_once(events: Events) -> Kept:
     resets = events.deeds_of(DeedKind.RESET, DeedKind.FAULT, DeedKind.HEAL)
     broken, tested = [], 0
     for stamp_ns in {each.stamp_ns for each in events.recording.trajectories}:
-        answer_ns = stamp_ns + ANSWER_NS
-        found_ns = stamp_ns - round(SETTLED * SECOND_NS)
+        sent_ns = events.system_ns(stamp_ns)
+        answer_ns = sent_ns + ANSWER_NS
+        found_ns = sent_ns - round(SETTLED * SECOND_NS)
         heard = all(events.alive(node, found_ns, answer_ns) for node in (PLANNER, SIM))
-        heard = heard and not overlapping(resets, stamp_ns, answer_ns, before=0.5)
+        heard = heard and not overlapping(resets, sent_ns, answer_ns, before=0.5)
         tested += heard
         if told[stamp_ns] > 1 or (heard and told[stamp_ns] == 0):
             when = events.seconds(stamp_ns)

@@ -28,9 +28,6 @@ UNEVEN = 1e-6
 """What a quintic of the suite's motions can differ by from the cubic through two references that
 are 10 ms apart, where its jerk jumps between them [rad]."""
 
-MARGIN_NS = 50_000_000
-"""Plan in force and references are heard on their own."""
-
 JOINT_TOLERANCE = 1e-6  # rad
 SPEED_EXCESS = 0.005
 """Share by which a motion that follows its path may pass V_max and the pump's flow, by rounding."""
@@ -69,7 +66,7 @@ def continuous_reference(events: Events) -> Kept:
     ]
     broken = []
     for row, gap in zip(rows, apart, strict=True):
-        time_ns = int(table.time_ns[row])
+        time_ns = int(table.recorded_ns[row])
         if gap <= UNEVEN or overlapping(anew, time_ns, time_ns, before=0.5, after=0.5):
             continue
         if any(abs(time_ns - each) < SECOND_NS for each in told_ns):
@@ -97,7 +94,7 @@ def follows_the_plan(events: Events) -> Kept:
     for stamp_ns, begin_ns, end_ns in _in_force(events):
         if stamp_ns not in plans:
             continue
-        inside = (table.time_ns > begin_ns + MARGIN_NS) & (table.time_ns < end_ns - MARGIN_NS)
+        inside = (table.recorded_ns > begin_ns) & (table.recorded_ns < end_ns)
         if not inside.any():
             continue
         tested += int(inside.sum())
@@ -106,7 +103,7 @@ def follows_the_plan(events: Events) -> Kept:
         ).max(axis=1)
         worst = int(np.argmax(away))
         if away[worst] > SAME_CURVE:
-            when = events.seconds(int(table.time_ns[inside][worst]))
+            when = events.seconds(int(table.recorded_ns[inside][worst]))
             broken.append(f"at {when:.3f} s it is {away[worst]:.2g} rad from plan {stamp_ns}")
     return Kept(tested, tuple(broken))
 
@@ -134,16 +131,17 @@ def within_speed_limits(events: Events) -> Kept:
 def keeps_out(events: Events) -> Kept:
     """Zones that are left, or never entered, are not entered, once there was time to stop."""
     table = events.recording.references
+    at_ns = table.recorded_ns
     broken, tested = [], 0
     for zones, begin_ns, end_ns in _zones(events):
         arm = events.machine.changed(zones=zones)
-        rows = np.flatnonzero((table.time_ns > begin_ns + BRAKING_NS) & (table.time_ns < end_ns))
+        rows = np.flatnonzero((at_ns > begin_ns + BRAKING_NS) & (at_ns < end_ns))
         clearance = np.array([arm.clearance(q)[0] for q in table.position[rows]])
         tested += len(rows)
         outside = np.logical_or.accumulate(clearance > 0.0) if len(rows) else clearance > 0.0
         entered = np.flatnonzero(outside & (clearance < -JOINT_TOLERANCE))
         if len(entered):
-            when = events.seconds(int(table.time_ns[rows[entered[0]]]))
+            when = events.seconds(int(at_ns[rows[entered[0]]]))
             broken.append(f"at {when:.2f} s it is {-clearance[entered].min():.2g} m in a zone")
     return Kept(tested, tuple(broken))
 
@@ -156,13 +154,13 @@ def rests_after_stops(events: Events) -> Kept:
     for stop in events.deeds_of(DeedKind.STOP):
         later = (deed.begin_ns for deed in next_deeds if deed.begin_ns > stop.begin_ns)
         end_ns = min(later, default=events.end_ns)
-        still = (table.time_ns > stop.end_ns + BRAKING_NS) & (table.time_ns < end_ns)
+        still = (table.recorded_ns > stop.end_ns + BRAKING_NS) & (table.recorded_ns < end_ns)
         if not (stop.done and still.any()):
             continue
         tested += 1
         moving = np.flatnonzero(still & table.velocity.any(axis=1))
         if len(moving):
-            when, stopped = events.seconds(int(table.time_ns[moving[0]])), stop.begin_ns
+            when, stopped = events.seconds(int(table.recorded_ns[moving[0]])), stop.begin_ns
             broken.append(
                 f"stopped by the {stop.node} at {events.seconds(stopped):.2f} s, it moves at "
                 f"{when:.2f} s"
@@ -171,15 +169,17 @@ def rests_after_stops(events: Events) -> Kept:
 
 
 def heals_gently(events: Events) -> Kept:
-    """After healing no joint is faster than 0.05 rad/s without a new goal."""
+    """After healing an arm that held its position, no joint is faster than 0.05 rad/s without a
+    new goal."""
     table = events.recording.joint_states
     others = events.deeds_of(DeedKind.GOAL, DeedKind.RESET, DeedKind.END, DeedKind.FAULT)
     broken, tested = [], 0
     for heal in events.deeds_of(DeedKind.HEAL):
         later = (deed.begin_ns for deed in others if deed.begin_ns > heal.begin_ns)
         end_ns = min(later, default=events.end_ns)
-        rows = np.flatnonzero((table.time_ns > heal.begin_ns) & (table.time_ns < end_ns))
-        if heal.value == "sensor" or len(rows) < 2:  # a simulation that diverged starts anew
+        rows = np.flatnonzero((table.recorded_ns > heal.begin_ns) & (table.recorded_ns < end_ns))
+        anew = heal.value in ("", "sensor")  # nothing failed, or a diverged simulation starts anew
+        if anew or len(rows) < 2 or _plan_in_force(events, heal.begin_ns) != 0:
             continue
         tested += 1
         speed = _measured_speed(table, rows)
@@ -207,16 +207,20 @@ def _neighbours(table: JointTable) -> BoolArray:
 
 
 def _in_force(events: Events) -> Iterator[tuple[int, int, int]]:
-    """Each plan in force with the times between which it was [ns]; frozen nodes say nothing."""
+    """Each plan in force with the times between which it was [ns], of one simulation."""
     told = events.recording.plans_in_force
-    silent = [
-        deed for deed in events.deeds_of(DeedKind.FREEZE, DeedKind.END, DeedKind.RESET)
-        if deed.node == SIM
-    ]  # fmt: skip
+    ends = events.deeds_of(DeedKind.START, DeedKind.END, DeedKind.RESET)
+    anew = [deed for deed in ends if deed.node == SIM]
     for each, after in zip(told, (*told[1:], None), strict=True):
-        end_ns = events.end_ns if after is None else after.time_ns
-        if not overlapping(silent, each.time_ns, end_ns, before=0.1, after=0.5):
-            yield each.value, each.time_ns, end_ns
+        end_ns = events.end_ns if after is None else after.recorded_ns
+        if not overlapping(anew, each.recorded_ns, end_ns, before=0.1, after=0.5):
+            yield each.value, each.recorded_ns, end_ns
+
+
+def _plan_in_force(events: Events, time_ns: int) -> int:
+    """Stamp of the plan in force at a time [ns], 0 where the arm holds."""
+    told = events.recording.plans_in_force
+    return next((each.value for each in reversed(told) if each.recorded_ns <= time_ns), 0)
 
 
 def _zones(events: Events) -> Iterator[tuple[Zones, int, int]]:
@@ -243,6 +247,6 @@ def _broken_rows(
     if not np.any(wrong):
         return Kept(len(table.time_ns), ())
     worst = int(np.argmax(amount))
-    when = events.seconds(int(table.time_ns[worst]))
+    when = events.seconds(int(table.recorded_ns[worst]))
     count = int(np.count_nonzero(wrong))
     return Kept(len(table.time_ns), (f"{count} times, {amount[worst]:.4g} {what} at {when:.2f} s",))

@@ -52,7 +52,7 @@ def motion(machine: Machine) -> Trajectory:
 def sampled(path: Trajectory) -> JointTable:
     """All references of the minute."""
     time_ns = ns(0.0) + np.arange(0, round(100 * END)) * 10_000_000
-    return JointTable(time_ns, *path.sample_many(time_ns))
+    return JointTable(time_ns, *path.sample_many(time_ns), recorded_ns=time_ns)
 
 
 def life(node: str, number: int, begin: float, end: float, **more) -> Life:
