@@ -43,7 +43,7 @@ class Commander:
         return self.halves(self._latest().stamp_ns, SPACING_NS, (path, zero, zero), modes)
 
     def move(
-        self, by: FloatArray, duration: float = 6.0, wait: float = 0.4, stamp_ns: int | None = None
+        self, by: FloatArray, duration: float = 6.0, wait: float = 0.8, stamp_ns: int | None = None
     ) -> Halves:
         """A plan that holds for `wait` [s] and then turns the joints by `by` [rad]."""
         latest = self._latest()

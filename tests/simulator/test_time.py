@@ -25,33 +25,36 @@ def until_warning(observer, text, timeout=15.0):
     observer.until(warned, timeout)
 
 
+def until_no_warning(observer, text):
+    """A busy machine may have it warn of something else meanwhile."""
+    observer.until(lambda: text not in latest(observer).sentence)
+
+
 def lag(observer):
     """Simulated time behind the system's [s]."""
     return (time.time_ns() - observer.references[-1].stamp_ns) / 1e9
 
 
-def test_a_simulator_frozen_in_motion_goes_on_where_it_was_and_makes_up_gently(
+def test_a_simulator_frozen_in_motion_goes_on_where_it_was_without_a_leap(
     observer, simulator, commander
 ):
-    commander.apply(commander.move(MOVE))
-    observer.serve(1.5)
+    commander.apply(commander.move(MOVE, duration=20.0))
+    observer.until(lambda: observer.references[-1].state.velocity.any())
     in_force = observer.in_force_ns
     observer.references.clear()
     simulator.process.send_signal(signal.SIGSTOP)
     time.sleep(1.5)
     simulator.process.send_signal(signal.SIGCONT)
     until_warning(observer, "behind its pace")
+    observer.until(lambda: len(observer.references) > 100)
     assert observer.in_force_ns == in_force
-    observer.until(lambda: observer.references)
-    began = time.monotonic()
-    assert lag(observer) > 1.0
-    observer.until(lambda: lag(observer) < 0.1, 20.0)
-    assert time.monotonic() - began > 3.0  # at a quarter more than its pace
     steps = np.diff([each.stamp_ns for each in observer.references])
-    assert set(steps.tolist()) == {SECOND_NS // 100}
+    assert steps.min() > 0
+    assert steps.max() < SECOND_NS / 2  # where messages were lost; the freeze took longer
     assert observer.largest_reference_step() < 1e-4
-    observer.until(lambda: not latest(observer).warning)
-    commander.apply(commander.plan())
+    assert observer.call("mhsb_sim/stop").success
+    observer.until(lambda: not observer.references[-1].state.velocity.any())
+    commander.apply(commander.move(-MOVE / 10))
 
 
 def test_plans_go_by_the_stamps_of_reference_while_simulated_time_is_behind(
@@ -76,7 +79,7 @@ def test_a_pace_that_cannot_be_kept_is_told_with_the_one_that_is(observer, start
     assert 1.0 < latest(observer).real_time_factor < 49.0
     taken, reason = observer.set_parameter("mhsb_sim", "real_time_factor", 1.0)
     assert taken, reason
-    observer.until(lambda: not latest(observer).warning)
+    until_no_warning(observer, "behind its pace")
     steps = np.diff([each.stamp_ns for each in observer.references])
     assert steps.min() > 0
 
@@ -88,7 +91,7 @@ def test_two_simulators_of_one_name_are_noticed_by_both(observer, start_simulato
     for child in children:
         child.wait_for("there are 2 nodes called /mhsb_sim")
     assert children[1].stop(signal.SIGINT) == 0
-    observer.until(lambda: not latest(observer).warning)
+    until_no_warning(observer, "one is allowed")
     assert children[0].output.count("there are 2 nodes called") == 1
 
 
@@ -98,5 +101,5 @@ def test_somebody_else_on_its_topics_is_noticed_while_he_is_there(observer, simu
     publisher = observer.create_publisher(topic.message, topic.name, topic.qos)
     until_warning(observer, f"/{topic.name} has 2 publishers")
     observer.destroy_publisher(publisher)
-    observer.until(lambda: not latest(observer).warning)
+    until_no_warning(observer, "one is allowed")
 

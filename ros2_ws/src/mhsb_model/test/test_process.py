@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -40,7 +41,8 @@ import ctypes
 
 def main():
     print("in a library", flush=True)
-    ctypes.CDLL(None).sleep(30)  # as in a compiler: Python calls no handler meanwhile
+    while True:  # a signal cuts it short
+        ctypes.CDLL(None).sleep(30)  # as in a compiler: Python calls no handler meanwhile
 """
 WAITING = """
 import time
@@ -68,7 +70,7 @@ def start(folder: Path, kind: str, body: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env=None,
+        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
     )
 
 

@@ -14,6 +14,7 @@ from rosgraph_msgs.msg import Clock
 from mhsb_model.arm_reports import HandOverReport, SimulatorReport
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.verdict import Level
 from mhsb_msgs_py import (
     actuator_states,
     joint_state,
@@ -103,7 +104,7 @@ class ArmPublisher:
         passed_ns = self._simulator.time_ns - sim_ns
         return max(time.monotonic() - wall, passed_ns / SECOND_NS) >= REPORT_PERIOD
 
-    def publish_report(self, sentence: str, *, faulty: bool, warning: bool) -> None:
+    def publish_report(self, sentence: str, level: Level) -> None:
         """How the simulator is."""
         now_ns = self._simulator.time_ns
         wall, sim_ns = self._last_report
@@ -112,12 +113,12 @@ class ArmPublisher:
         energies = self._simulator.energies
         report = SimulatorReport(
             sentence,
-            faulty,
+            level is Level.ERROR,
             now_ns,
             (now_ns - sim_ns) / SECOND_NS / elapsed,
             energies["main_pump"],
             energies["servo_pumps"],
-            warning,
+            level is Level.WARN,
         )
         self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
 

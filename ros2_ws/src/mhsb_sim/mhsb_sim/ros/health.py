@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.verdict import Level
 from mhsb_sim.ros.pacing import Pacer
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
@@ -29,14 +31,11 @@ class Health:
         self._told: tuple[object, ...] | None = None
 
     @property
-    def faulty(self) -> bool:
-        """Whether the arm is stopped and takes no plans."""
-        return bool(self._arm.fault)
-
-    @property
-    def warns(self) -> bool:
-        """Whether the sentence warns of something."""
-        return not self.faulty and any(self._warnings())
+    def level(self) -> Level:
+        """ERROR where the arm is stopped and takes no plans, WARN where something is to be told."""
+        if self._arm.fault:
+            return Level.ERROR
+        return Level.WARN if any(self._warnings()) else Level.OK
 
     @property
     def sentence(self) -> str:
@@ -48,6 +47,15 @@ class Health:
         """Whether it is in another way than at the last call; numbers aside."""
         before, self._told = self._told, self._kind()
         return before not in (None, self._told)
+
+    def log(self, logger: Any) -> None:
+        """Say it in a log, each level at a place of its own, which rclpy asks for."""
+        if self.level is Level.ERROR:
+            logger.error(self.sentence)
+        elif self.level is Level.WARN:
+            logger.warning(self.sentence)
+        else:
+            logger.info(self.sentence)
 
     def _kind(self) -> tuple[object, ...]:
         arm = self._arm

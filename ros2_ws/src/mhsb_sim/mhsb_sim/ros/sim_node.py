@@ -9,6 +9,8 @@ from __future__ import annotations
 import gc
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -39,7 +41,6 @@ LATE_WAKE_NS = 10_000_000
 """Wall-clock time between two wakes beyond which what came meanwhile is received first."""
 
 DUPLICATES_PERIOD = 1.0  # s
-
 
 class SimNode(Node):
     """Simulates the arm with its hydraulics and servo, and executes plans."""
@@ -124,26 +125,25 @@ class SimNode(Node):
 
     def _on_trajectory(self, raw: bytes) -> None:
         wall = time.monotonic()
-        try:
+        with self._refusing(raw, "joint_trajectory", wall):
             received = trajectory.decode(raw, self._machine.joint_names)
-        except MessageError as error:
-            self._refuse(raw, f"its joint_trajectory cannot be used: {error}", wall)
-        else:
             self._arm.add_trajectory(received, wall)
-        self._tell()
 
     def _on_schedule(self, raw: bytes) -> None:
         wall = time.monotonic()
-        try:
+        with self._refusing(raw, "mode_commands", wall):
             received = mode_schedule.decode(raw, self._machine.actuator_names)
-        except MessageError as error:
-            self._refuse(raw, f"its mode_commands cannot be used: {error}", wall)
-        else:
             self._arm.add_schedule(received, wall)
-        self._tell()
 
-    def _refuse(self, raw: bytes, problem: str, wall: float) -> None:
-        self._arm.add_unusable(point_arrays.stamp_of(raw), problem, wall)
+    @contextmanager
+    def _refusing(self, raw: bytes, half: str, wall: float) -> Iterator[None]:
+        """What comes of half a plan is told; one that cannot be decoded is refused."""
+        try:
+            yield
+        except MessageError as error:
+            problem = f"its {half} cannot be used: {error}"
+            self._arm.add_unusable(point_arrays.stamp_of(raw), problem, wall)
+        self._tell()
 
     # --- Services and parameters -----------------------------------------------------------------
 
@@ -217,19 +217,9 @@ class SimNode(Node):
         health = self._health
         changed = health.changed()
         if changed:
-            self._log(health)
+            health.log(self.get_logger())
         if changed or self._publisher.report_due():
-            self._publisher.publish_report(
-                health.sentence, faulty=health.faulty, warning=health.warns
-            )
-
-    def _log(self, health: Health) -> None:
-        if health.faulty:
-            self.get_logger().error(health.sentence)
-        elif health.warns:
-            self.get_logger().warning(health.sentence)
-        else:
-            self.get_logger().info(health.sentence)
+            self._publisher.publish_report(health.sentence, health.level)
 
 
 def sim_node() -> int:
