@@ -15,8 +15,9 @@ from pydantic import ValidationError
 
 from mhsb_model import inverse_kinematics_3r, kinematics, statics
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
+from mhsb_model.files.config_files import config_file
+from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
@@ -24,7 +25,6 @@ from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_model.yaml_files import YamlFileError, read_yaml
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())

@@ -15,10 +15,10 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.config_files import config_file
+from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.machine import load_machine
-from mhsb_model.yaml_files import read_yaml
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.live.child_process import ChildEndedError, ChildProcess
