@@ -25,45 +25,45 @@ def test_a_planner_alone_says_that_it_knows_no_arm(observer, start_planner):
     assert "start the arm" in verdict.sentence
 
 
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_a_planner_restarted_under_a_moving_arm_plans_without_a_jump(
-    observer, pair, start_planner
+    observer, start_planner, start_simulator, how
 ):
+    start_simulator()
+    # So slow that the arm still moves when the next planner is ready.
+    planner = start_planner("--ros-args", "-p", "v_max:=0.002")
+    observer.until(lambda: observer.matched and len(observer.references) > 0)
     first = observer.ask(*UP)
     observer.until_in_force(first)
     observer.serve(1.0)
-    assert pair["planner"].stop(signal.SIGTERM) == 0
+    assert planner.stop(how) == (0 if how == signal.SIGTERM else -signal.SIGKILL)
     start_planner()
     observer.until(lambda: observer.matched)
     assert observer.references[-1].state.velocity.any()
     observer.references.clear()
     verdict = observer.ask(*DOWN)
     assert verdict.code is Verdict.OK, verdict.sentence
-    observer.until_in_force(verdict)
-    observer.serve(1.0)
+    observer.until(lambda: observer.references[-1].state.velocity.any())
+    assert observer.ending_of(verdict, 90.0).outcome is Outcome.REACHED
     assert observer.largest_reference_step() < 1e-3
-    assert observer.hand_overs[-1].outcome == "applied"
-    assert observer.hand_overs[-1].position_jump <= 1e-6
+    applied = [each for each in observer.hand_overs if each.outcome == "applied"]
+    assert max(each.position_jump for each in applied) <= 1e-6
 
 
-def test_a_simulator_restarted_under_a_running_planner_is_planned_for_anew(
+def test_a_simulator_killed_and_restarted_under_a_running_planner_is_planned_for_anew(
     observer, pair, start_simulator
 ):
     first = observer.ask(*UP)
     observer.until_in_force(first)
     observer.serve(1.0)
-    pair["simulator"].process.kill()
-    pair["simulator"].wait()
+    pair["simulator"].stop(signal.SIGKILL)
     start_simulator()
     observer.references.clear()
     observer.until(lambda: len(observer.references) > 5 and observer.in_force_ns == 0)
     assert observer.ending_of(first).outcome is Outcome.ABORTED
     verdict = observer.ask(*DOWN)
     assert verdict.code is Verdict.OK, verdict.sentence
-    if not observer.comes_into_force(verdict, 3.0):
-        # Planner and new simulator had not found each other: that has to be told, and to pass.
-        assert observer.ending_of(verdict).outcome is Outcome.ABORTED
-        verdict = observer.ask(*DOWN)
-        observer.until_in_force(verdict)
+    assert observer.ending_of(verdict, 90.0).outcome is Outcome.REACHED
     assert observer.largest_reference_step() < 1e-3
 
 

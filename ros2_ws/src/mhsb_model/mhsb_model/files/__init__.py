@@ -1,1 +1,1 @@
-"""Files of settings: where the suite's own are, and how YAML is read."""
+"""Files of configuration: where they are found, and how they are read."""

@@ -65,12 +65,12 @@ class Running:
             None if by_itself else signal_number,
             None if signal_number == signal.SIGKILL else code,
             time.monotonic() - began,
-            _traceback(lines),
+            traceback_in(lines),
             tuple(self.memory),
         )
 
 
-def _traceback(lines: list[str]) -> str | None:
+def traceback_in(lines: list[str]) -> str | None:
     """The line that says what happened in the first traceback, None where there is none."""
     for index, line in enumerate(lines):
         if line.startswith("Traceback"):
@@ -235,7 +235,7 @@ class Actor:
         self.deeds.append(Deed(kind, node, begin_ns, time.time_ns(), value, done))
 
 
-def spoilt_goals(random: np.random.Generator) -> PoseStamped:
+def spoilt_goal(random: np.random.Generator) -> PoseStamped:
     """A goal that cannot be accepted: not finite, in a strange frame, or out of reach."""
     x, z = random.uniform(0.3, 0.9), random.uniform(-0.5, 0.5)
     message = goal_pose.encode(Goal(time.time_ns(), x, z))

@@ -30,7 +30,7 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_sim.live.nodes import refuse_company
 from mhsb_sim.live.seeded_goals import SeededGoal, seeded_goals
-from mhsb_sim.live.soak.actor import Actor, spoilt_goals
+from mhsb_sim.live.soak.actor import Actor, spoilt_goal
 from mhsb_sim.live.soak.events import PLANNER, SIM, DeedKind, Events
 from mhsb_sim.live.soak.kept import Kept
 from mhsb_sim.live.soak.promises import PROMISES
@@ -100,7 +100,7 @@ class Soak:
 
     def send_spoilt(self) -> None:
         """Send a goal that must be refused."""
-        self.actor.message(spoilt_goals(self.random))
+        self.actor.message(spoilt_goal(self.random))
 
     def send_many(self) -> None:
         """Send goals faster than they can be planned."""

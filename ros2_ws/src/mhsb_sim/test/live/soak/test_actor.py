@@ -1,0 +1,36 @@
+"""What a soak makes of a process's output, and the goals that it spoils."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mhsb_model.errors import MhsbError
+from mhsb_msgs_py import goal_pose
+from mhsb_sim.live.soak.actor import spoilt_goal, traceback_in
+
+
+def test_the_first_traceback_is_told_by_its_last_line():
+    lines = [
+        "[INFO] ready",
+        "Traceback (most recent call last):",
+        '  File "node.py", line 1, in <module>',
+        "    1 / 0",
+        "ZeroDivisionError: division by zero",
+        "Traceback (most recent call last):",
+        "KeyError: 1",
+    ]
+    assert traceback_in(lines) == "ZeroDivisionError: division by zero"
+    assert traceback_in(lines[:1]) is None
+    assert traceback_in(lines[:2]) == lines[1]
+
+
+def test_a_spoilt_goal_is_nothing_that_can_be_accepted(machine):
+    def take(message):
+        goal = goal_pose.decode(message)
+        machine.check_in_workspace(goal.x, goal.z)
+
+    random = np.random.default_rng(0)
+    for _ in range(50):
+        with pytest.raises(MhsbError):
+            take(spoilt_goal(random))
