@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
 LONGEST_WAIT = 120.0
 """Time to wait for another process's compilation; it may have been stopped [s]."""
@@ -68,6 +68,19 @@ class SharedCache(FunctionCache):
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+
+class _InnerFiles(CompileResultCacheImpl):
+    """Files beside those of the same function as it is called from Python."""
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        return f"inner-{super().get_filename_base(fullname, abiflags)}"
+
+
+class SharedInnerCache(SharedCache):
+    """What is there of one kernel for other kernels that call it."""
+
+    _impl_class = _InnerFiles
 
 
 class _CheckedFile(IndexDataCacheFile):
