@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, frozen
 
 SECOND_NS = 1_000_000_000
@@ -179,7 +179,7 @@ def quintic_hermite(
     return q, qd, qdd
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _inside(
     time: FloatArray,
     position: FloatArray,

@@ -19,10 +19,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -42,7 +42,7 @@ ROUNDING = 1e-9
 Interval = tuple[float, float]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cosine(low: float, high: float) -> Interval:
     """Range of cos over [low, high] rad."""
     a, b = math.cos(low), math.cos(high)
@@ -55,7 +55,7 @@ def _cosine(low: float, high: float) -> Interval:
     return least, most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _wrist_direction(low: float, high: float, radius: float, link: float) -> Interval:
     """Range of α over u ∈ [low, high] rad; it turns where cos u = L₃/R."""
     if radius <= link:
@@ -73,7 +73,7 @@ def _wrist_direction(low: float, high: float, radius: float, link: float) -> Int
     return least, most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _elbow_angle(low: float, high: float, l1: float, l2: float) -> Interval:
     """Range of β over |q₂| ∈ [low, high] rad; where L₂ < L₁ it turns at cos|q₂| = −L₂/L₁."""
     a = math.atan2(l2 * math.sin(low), l1 + l2 * math.cos(low))
@@ -84,7 +84,7 @@ def _elbow_angle(low: float, high: float, l1: float, l2: float) -> Interval:
     return min(a, b), most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _within(low: float, high: float, least: float, most: float) -> Interval:
     """The part of an interval of angles, taken by whole turns, that lies within [least, most]."""
     found_low, found_high = math.inf, -math.inf
@@ -96,7 +96,7 @@ def _within(low: float, high: float, least: float, most: float) -> Interval:
     return found_low, found_high
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def enclose(
     m: MachineArrays, tip: tuple[float, float], elbow: int, low: float, high: float, box: FloatArray
 ) -> bool:
@@ -132,7 +132,7 @@ def enclose(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _branch_and_bound(
     m: MachineArrays,
     c: Circuit,

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
@@ -69,7 +69,7 @@ def goal_postures(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _feasible(
     m: MachineArrays,
     x: float,

@@ -13,13 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
-from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
@@ -400,16 +398,57 @@ def _is_at(machine: Machine, posture: FloatArray, goals: GoalPostures) -> bool:
 
 def warm_up(machine: Machine) -> None:
     """Compile everything that a search can run through, whatever the stages of this one need."""
+    task = _example(machine)
+    x, z = task.goals.tip
+    modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
+    psi = float(task.goals.psi[0])
+    search(machine, task.start, modes, (x, z), weights, goal_psi=psi, effort=task.effort)
+    for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
+        part(machine)
+
+
+def warm_up_pricing(machine: Machine) -> None:
+    """Compile what a route's cost takes."""
+    task = _example(machine)
+    task.price(_line(task))
+
+
+def warm_up_paths(machine: Machine) -> None:
+    """Compile what becomes of the cheapest route."""
+    task = _example(machine)
+    modes, statistics = np.zeros(machine.joint_count, dtype=np.uint8), SearchStatistics(0, 0, 0.0)
+    path_of(task.terms, task.memory, _line(task), 0.0, task.start, modes, 0.0, statistics)
+
+
+def warm_up_lattice(machine: Machine) -> None:
+    """Compile the search over the lattice."""
+    task = _example(machine)
+    goals, effort = task.goals.postures, task.effort
+    lattice = LatticeSearch(
+        task.terms, task.memory, machine, task.start, goals, effort.coarsest, effort.margin
+    )
+    lattice.search(math.inf, effort.expansions)
+
+
+def warm_up_refinement(machine: Machine) -> None:
+    """Compile what improves a route."""
+    task = _example(machine)
+    _refined(task, task.to_goal(_line(task), 0, math.inf))
+
+
+def _line(task: Task) -> FloatArray:
+    """The straight route to the first goal posture."""
+    return np.array([task.lengths, task.goals.postures.length[0]])
+
+
+def _example(machine: Machine) -> Task:
+    """A short way in the middle of the joints' ranges, with nothing in its way."""
+    machine = machine.without_obstacles()
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     start, end = low + 0.5 * (high - low), low + 0.52 * (high - low)
-    x, z = machine.tip_position(end)
-    modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
     effort = Effort(psi_spacing=1.0, expansions=2, sweeps=1)
-    with suppress(MhsbError):
-        search(machine, start, modes, (x, z), weights, goal_psi=float(end.sum()), effort=effort)
-        goals = goal_postures(machine, x, z, None, effort.psi_spacing)
-        priced_by = terms(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
-        task = Task.of(machine, start, priced_by, goals, SearchTime(), effort)
-        via = np.array([task.lengths, goals.postures.length[0]])
-        _over_lattice(task, None)
-        _refined(task, task.to_goal(via, 0, task.price(via)))
+    x, z = machine.tip_position(end)
+    goals = goal_postures(machine, float(x), float(z), float(end.sum()), effort.psi_spacing)
+    modes = np.zeros(machine.joint_count, dtype=np.uint8)
+    priced_by = terms(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
+    return Task.of(machine, start, priced_by, goals, SearchTime(), effort)

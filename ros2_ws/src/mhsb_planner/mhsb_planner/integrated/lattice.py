@@ -16,8 +16,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length, joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
@@ -139,7 +139,7 @@ def empty_frontier(lattice: Lattice, patterns: int) -> Frontier:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _place(
     t: Terms, f: Frontier, lattice: Lattice, point: int, points: Postures, i: int
 ) -> None:
@@ -155,7 +155,7 @@ def _place(
     points.force[i] = f.force[point]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _remaining(t: Terms, length: FloatArray, goals: FloatArray) -> float:
     least = math.inf
     for k in range(len(goals)):
@@ -163,7 +163,7 @@ def _remaining(t: Terms, length: FloatArray, goals: FloatArray) -> float:
     return least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _within_a_step(length: FloatArray, goal: FloatArray, spacing: float) -> bool:
     farthest = 0.0
     for j in range(len(length)):
@@ -171,7 +171,7 @@ def _within_a_step(length: FloatArray, goal: FloatArray, spacing: float) -> bool
     return farthest <= spacing
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _relax(t: Terms, f: Frontier, state: int, target: int, cost: float, least: float) -> bool:
     """Note that the target is reached from a state at this cost, where that is cheaper.
 
@@ -202,7 +202,7 @@ def _relax(t: Terms, f: Frontier, state: int, target: int, cost: float, least: f
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _take(
     t: Terms,
     w: Memory,
@@ -231,7 +231,7 @@ def _take(
     return gained
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def expand(
     t: Terms, w: Memory, f: Frontier, lattice: Lattice, goals: Postures, enough: float, limit: int
 ) -> int:

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.linkages.linkage import joint_angle
 from mhsb_model.machine import Machine
@@ -113,7 +113,7 @@ class Memory(NamedTuple):
     shortfall: FloatArray  # [patterns] w₄ M of the piece
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def new_memory(t: Terms) -> Memory:
     """Working memory for these terms."""
     count, n = t.patterns.shape
@@ -130,7 +130,7 @@ def new_memory(t: Terms) -> Memory:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def place(m: MachineArrays, points: Postures, i: int, length: FloatArray, near: int) -> None:
     """Put the posture with the cylinder lengths `length` [m] at points[i].
 
@@ -144,14 +144,14 @@ def place(m: MachineArrays, points: Postures, i: int, length: FloatArray, near: 
     piston_forces(m, points.posture[i], points.force[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _outside(m: MachineArrays, posture: FloatArray) -> float:
     """How far the tip lies outside the workspace [m]; negative within it."""
     x, z = tip_position(m.link_length, posture)
     return node_set_excess(m, x, z)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     """Whether the tip gets out of the workspace from points[here] to the other, or further out.
 
@@ -172,7 +172,7 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     return _outside(m, points.posture[HALF_WAY]) > allowed
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def price_piece(t: Terms, w: Memory, here: int) -> int:
     """Price the step from w.points[here] to the other one in all patterns.
 
@@ -214,7 +214,7 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
     return status
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pieces_between(start: FloatArray, end: FloatArray) -> int:
     """Into how many pieces a straight move between two lengths[n] is cut."""
     stroke = 0.0
@@ -223,13 +223,13 @@ def pieces_between(start: FloatArray, end: FloatArray) -> int:
     return max(1, math.ceil(stroke / PIECE - 1e-9))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_step(t: Terms, start: FloatArray, end: FloatArray) -> float:
     """Least cost of any way between two cylinder lengths[n], in any modes."""
     return least_cost_between(t.circuit, start, end, t.weight)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     """Take the piece from w.points[here], reached at w.value[here], to the other point.
 
@@ -259,7 +259,7 @@ def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     return least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) -> None:
     """Be at the start of a route, with the modes in force there."""
     w.points.posture[0] = posture
@@ -269,7 +269,7 @@ def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) ->
     w.value[0, -1] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def continue_route(
     t: Terms, w: Memory, via: FloatArray, limit: float, parent: IntArray
 ) -> float:
@@ -309,7 +309,7 @@ def continue_route(
     return least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def price_route(
     t: Terms, w: Memory, via: FloatArray, start: FloatArray, limit: float
 ) -> float:
@@ -322,7 +322,7 @@ def price_route(
     return continue_route(t, w, via, limit, np.empty((1, len(t.patterns)), dtype=np.int64))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _best_patterns(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> IntArray:
     """The pattern of every piece of a route on which there is a way, int64[pieces]."""
     pieces = 0
@@ -338,7 +338,7 @@ def _best_patterns(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> I
     return pattern
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _unrolled(
     t: Terms, w: Memory, via: FloatArray, start: FloatArray, pattern: IntArray
 ) -> tuple[FloatArray, FloatArray]:

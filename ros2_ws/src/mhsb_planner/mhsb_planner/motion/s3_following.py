@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, Trajectory
@@ -72,7 +72,7 @@ def followed_path(
     return FollowedPath(smoothed_path(machine, path, window, stretch), brake)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pistons(
     m: MachineArrays, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

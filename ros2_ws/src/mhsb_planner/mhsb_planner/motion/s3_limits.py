@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
@@ -27,6 +26,7 @@ from mhsb_model.hydraulics import (
     retraction_speed,
     speed_of_drop,
 )
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
@@ -96,7 +96,7 @@ class Violation:
         return f"{what} at {self.time:.3f} s"
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def speed_limit(
     oil: Oil, cap: float, rod: float, force: float, direction: float, modules: int
 ) -> float:
@@ -149,7 +149,7 @@ class Demand:
         return (self.outside < -CLEAR_DISTANCE) & (share < CLEAR_USAGE)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _demand(
     m: MachineArrays, speed: FloatArray, force: FloatArray, tip: FloatArray, modes: ModeArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -248,7 +248,7 @@ def _doubtful(
     return ~clear | (_joint_bound(machine.arrays, time, *motion) > JOINT_TOLERANCE)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _joint_bound(
     m: MachineArrays,
     time: FloatArray,

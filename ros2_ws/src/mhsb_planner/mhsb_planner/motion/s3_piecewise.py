@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length, joint_angle, motion
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -118,7 +118,7 @@ def stepped_path(path: DiscretePath, stretch: float) -> SteppedPath:
     return SteppedPath(path.posture, np.concatenate([[0.0], np.cumsum(duration)]))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lengths(m: MachineArrays, posture: FloatArray) -> FloatArray:
     """Cylinder lengths [m] in the postures [k, n]."""
     length = np.empty(posture.shape)
@@ -128,7 +128,7 @@ def _lengths(m: MachineArrays, posture: FloatArray) -> FloatArray:
     return length
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def joint_motion(
     m: MachineArrays,
     length: FloatArray,

@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import modes_to_stop
@@ -24,6 +23,7 @@ from mhsb_model.hydraulics import (
     opposes_motion,
     pressure_to_move,
 )
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED, Mode
@@ -163,7 +163,7 @@ def schedule_of_intervals(
     return ModeSchedule(stamp_ns, offset_ns[keep], rows[keep])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _interval_modes(
     m: MachineArrays,
     time: FloatArray,
@@ -214,7 +214,7 @@ def _interval_modes(
     return modes
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _needs(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray
 ) -> tuple[np.ndarray, np.ndarray, FloatArray]:
@@ -233,7 +233,7 @@ def _needs(
     return need, lifts, flow
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lacks_to_accelerate(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray
 ) -> np.ndarray:
@@ -249,7 +249,7 @@ def _lacks_to_accelerate(
     return lacks
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _run_end(on: np.ndarray, first: int, last: int) -> int:
     """End of the run of equal values that begins at `first`, at most `last`."""
     end = first + 1
@@ -258,7 +258,7 @@ def _run_end(on: np.ndarray, first: int, last: int) -> int:
     return end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _drop_short_holds(
     time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
 ) -> None:
@@ -272,7 +272,7 @@ def _drop_short_holds(
         first = end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _settle(
     time: FloatArray,
     on: np.ndarray,
@@ -316,7 +316,7 @@ def _settle(
         i = end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _settle_shared(
     time: FloatArray,
     on: np.ndarray,
@@ -340,7 +340,7 @@ def _settle_shared(
         first = end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _keep_budget(
     m: MachineArrays, modes: ModeArray, demand: FloatArray, needed: np.ndarray
 ) -> None:

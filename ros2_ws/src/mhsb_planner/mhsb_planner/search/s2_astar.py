@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.search.indexed_heap import NOT_IN_HEAP, pop, sift_up
 from mhsb_planner.search.lower_bound import least_cost
@@ -57,7 +57,7 @@ def empty_frontier(graph: StepGraph) -> Frontier:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def expand(
     f: Frontier,
     terms: Terms,

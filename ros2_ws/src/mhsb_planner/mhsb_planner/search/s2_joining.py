@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError
@@ -206,7 +206,7 @@ def _to_goal(graph: StepGraph, start: Postures, origins: IntArray, goal: Goal) -
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _steps_to_nodes(
     m: MachineArrays,
     obstacles: FloatArray,
@@ -245,7 +245,7 @@ def _steps_to_nodes(
     return Steps(nowhere, state[:found], nowhere.copy(), state[:found] % count, cost[:found])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _steps_to_goal(
     m: MachineArrays,
     obstacles: FloatArray,

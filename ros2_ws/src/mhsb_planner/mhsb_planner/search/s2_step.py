@@ -27,10 +27,10 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model import hydraulics
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, MODE_COUNT, ON_RAIL
@@ -64,7 +64,7 @@ class Postures(NamedTuple):
     force: FloatArray  # [count, n] N, of the cylinders under gravity
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArray, FloatArray]:
     length = np.empty(posture.shape)
     force = np.empty(posture.shape)
@@ -106,7 +106,7 @@ class Circuit(NamedTuple):
     boosted: IntArray  # [patterns] bit j is set where joint j is boosted
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
     """The numbers of a machine and its patterns uint8[patterns, n]."""
     n = len(m.cap_area)
@@ -165,7 +165,7 @@ class Scratch(NamedTuple):
     middle: FloatArray  # [postures of a node, n] room for their `middle_force`
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def new_scratch(patterns: ModeArray) -> Scratch:
     """Working memory for one thread."""
     count, n = patterns.shape
@@ -179,7 +179,7 @@ def new_scratch(patterns: ModeArray) -> Scratch:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def steps_to_node(
     c: Circuit,
     patterns: ModeArray,
@@ -290,7 +290,7 @@ def steps_to_node(
     return INADMISSIBLE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
@@ -308,7 +308,7 @@ def middle_forces(
         piston_forces(m, middle, force[k])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bar_collisions(
     m: MachineArrays,
     obstacles: FloatArray,

@@ -25,10 +25,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mhsb_model.hydraulics import required_pressure
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, ON_RAIL
@@ -286,7 +286,7 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
     circuit.actuators["join"] = ON_RAIL[modes]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def enter(
     net: Records, count: int, kind: int, start: int, end: int, flow: float, slope: float
 ) -> int:
@@ -299,7 +299,7 @@ def enter(
     return count + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def move_spool(actuator: Record, c: Record) -> None:
     """ẍ + 2 ζ ω ẋ + ω² (x − u) = 0 over one substep, x within −1 … 1 (c: CONSTANTS)."""
     away = actuator.spool - actuator.valve_command
@@ -311,7 +311,7 @@ def move_spool(actuator: Record, c: Record) -> None:
         actuator.spool_speed = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def audit(
     net: Records,
     count: int,
@@ -359,7 +359,7 @@ def audit(
             volume.returned += returned
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def advance(
     cylinders: Records,
     constants: Records,

@@ -25,9 +25,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.hydraulics import pressure_against
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
@@ -122,7 +122,7 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     return axes
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def piston_demands(
     reference: FloatArray,
     sensors: Records,
@@ -182,7 +182,7 @@ def piston_demands(
         axis.demand = axis.speed + pull * (force_reference - force)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def supply_need(
     hold: float, force: float, speed: float, cylinder: Record, constants: Records, gains: Records
 ) -> float:
@@ -202,7 +202,7 @@ def supply_need(
     return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
     """Write the supply pressures that an actuator needs from now on, and later at point `AHEAD`."""
     d = axis.bias
@@ -213,7 +213,7 @@ def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Recor
     axis.supply_target = max(now, axis.target_ahead)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
     """Whether actuator j draws on the rail: by its mode, or served by a module of another line."""
     draws = ON_RAIL[modes[j]]

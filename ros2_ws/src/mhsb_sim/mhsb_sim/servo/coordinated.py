@@ -12,9 +12,9 @@ measured, no pressure is kept in reserve beyond the plan's.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.hydraulics import inlet_area, load_pressure
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED
 from mhsb_model.statics import Chain, chain_of
@@ -109,7 +109,7 @@ class CoordinatedController:
         self._control()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def control(
     reference: FloatArray,
     sensors: Records,
@@ -170,7 +170,7 @@ def control(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def open_valve(
     axis: Record, sensor: Record, cylinder: Record, constants: Records, actuator: Record
 ) -> None:
@@ -203,7 +203,7 @@ def open_valve(
     actuator.valve_command = gate * min(max(opening, -1.0), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def set_target(
     axis: Record,
     sensor: Record,
@@ -220,7 +220,7 @@ def set_target(
         axis.target_ahead = axis.supply_target
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def join_lines(
     sensors: Records,
     constants: Records,
@@ -268,7 +268,7 @@ def join_lines(
         actuators[j].join_command = max(axis.joined, throttle)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_served(j: int, serves: IntArray) -> bool:
     """Whether any module is in use for actuator j."""
     found = False
@@ -277,7 +277,7 @@ def is_served(j: int, serves: IntArray) -> bool:
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def look_ahead(
     reference: FloatArray,
     sensors: Records,
@@ -325,7 +325,7 @@ def look_ahead(
             before = flow
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def coasting_limit(
     volume: FloatArray, coasting: FloatArray, capacity: float, rise: float, rise_ahead: float
 ) -> float:
@@ -343,7 +343,7 @@ def coasting_limit(
     return limit
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pump_demand(
     drawn: float,
     pressure: float,
@@ -364,7 +364,7 @@ def pump_demand(
     return min(drawn + capacity * g.pressure_gain * (target - pressure), limit)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
     """Whether a module in use feeds the rail: lent and switched over, or its line joined."""
     if home == user:
@@ -372,7 +372,7 @@ def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
     return module.to_rail > SWITCHED_OVER
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def rail_demand(
     sensors: Records,
     constants: Records,
@@ -410,7 +410,7 @@ def rail_demand(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def drive_pumps(
     sensors: Records,
     constants: Records,

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.hydraulics import inlet_area
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.statics import Chain, chain_of
 from mhsb_model.types import FloatArray, IntArray, ModeArray
@@ -75,7 +75,7 @@ class IndependentController:
         self._control()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def control(
     reference: FloatArray,
     sensors: Records,
