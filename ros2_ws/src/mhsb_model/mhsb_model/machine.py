@@ -147,7 +147,7 @@ class Machine:
     def piston_forces(self, q: FloatArray) -> FloatArray:
         """Cylinder forces that hold the arm and its payload, positive resists extension."""
         force = np.empty(self.joint_count)
-        statics.piston_forces(self.arrays, q, force)
+        statics.piston_forces(self.arrays, np.array(q), force)  # a copy: one type for the kernel
         return force
 
     def mass_matrix(self, q: FloatArray) -> FloatArray:

@@ -6,8 +6,10 @@ longest parts come first; those at the end need kernels of the ones before.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
+from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.motion import s3_trajectory
@@ -89,4 +91,8 @@ PARTS = tuple(
         pricing, postures, lattice, motion, steps, refinement, search, paths, fixed, others,
     )
 )  # fmt: skip
-"""For `mhsb_model.kernels.pool.compile_ahead`."""
+
+
+def compile_planner(say: Callable[[str], None] | None = None) -> None:
+    """See to it that the planner compiles nothing later; `say` and the rest as `compile_ahead`."""
+    compile_ahead(PARTS, say)

@@ -25,6 +25,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.motion.s3_trajectory import (
@@ -313,7 +314,8 @@ def _is_cheaper(plan: Plan, other: Plan, options: PlanOptions) -> bool:
 
 
 def warm_up(planner: Planner) -> None:
-    """Compile everything that a plan runs through, with nothing in its way."""
+    """Compile everything that a plan runs through, and load it, with nothing in its way."""
+    compile_planner()
     graph = planner.graph
     planner.change(planner.machine.without_obstacles())
     goal_clearance.warm_up(planner.machine)

@@ -2,13 +2,11 @@
 
 What needs kernels lists functions that call them, the parts: `MODULE:FUNCTION`, without arguments.
 The processes take them in turn, and share what they compile through the cache; where two need the
-same kernel, one of them waits (`shared_cache`). Compiling happens once for all programs that use
-the same cache: whoever comes second waits, and loads what is there.
+same kernel, one of them waits (`shared_cache`). So nodes that start together compile once for all.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import logging
 import os
@@ -17,7 +15,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from llvmlite import binding
@@ -25,9 +23,6 @@ from tqdm import tqdm
 
 from mhsb_model.kernels import cache_folder
 from mhsb_model.process import signals_kept
-
-LOCK = "compiling.lock"
-WAITING = "waiting for another program that compiles kernels"
 
 _log = logging.getLogger(__name__)
 
@@ -43,16 +38,13 @@ def compile_ahead(parts: Sequence[str], say: Callable[[str], None] | None = None
     if mark.exists():
         return
     progress = _Lines(say, len(parts)) if say else _Bar(len(parts))
-    with _alone(folder, progress.wait):
-        if mark.exists():
-            return
-        progress.tell(0)
-        for done, (part, trouble) in enumerate(_called_by_workers(parts), start=1):
-            if trouble:
-                _log.warning("kernels of %s were not compiled ahead: %s", part, trouble)
-            progress.tell(done)
-        with suppress(OSError):  # said when the folder was chosen
-            mark.touch()
+    progress.tell(0)
+    for done, (part, trouble) in enumerate(_called_by_workers(parts), start=1):
+        if trouble:
+            _log.warning("kernels of %s were not compiled ahead: %s", part, trouble)
+        progress.tell(done)
+    with suppress(OSError):  # said when the folder was chosen
+        mark.touch()
 
 
 class _Lines:
@@ -60,9 +52,6 @@ class _Lines:
 
     def __init__(self, say: Callable[[str], None], total: int) -> None:
         self._say, self._total = say, total
-
-    def wait(self) -> None:
-        self._say(WAITING)
 
     def tell(self, done: int) -> None:
         self._say(f"compiling kernels, which happens once: {done} of {self._total} parts")
@@ -73,9 +62,6 @@ class _Bar:
 
     def __init__(self, total: int) -> None:
         self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
-
-    def wait(self) -> None:
-        self._bar.set_postfix_str(WAITING)
 
     def tell(self, done: int) -> None:
         self._bar.update(done - self._bar.n)
@@ -88,23 +74,6 @@ def _mark(parts: Sequence[str]) -> str:
     sources = cache_folder.fingerprint(cache_folder.kernel_sources())
     words = (*parts, sources, sys.version, binding.get_host_cpu_name())
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
-
-
-@contextmanager
-def _alone(folder: Path, tell_waiting: Callable[[], None]) -> Iterator[None]:
-    """For the length of a block, no other program compiles into this folder in this way."""
-    try:
-        lock = (folder / LOCK).open("w")
-    except OSError:
-        yield
-        return
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            tell_waiting()
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
 
 
 def _called_by_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:

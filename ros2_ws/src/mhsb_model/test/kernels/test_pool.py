@@ -83,14 +83,6 @@ def test_what_is_complete_is_not_done_again_and_other_parts_are(start):
     assert len(lines(start("slow", "slow"))) == 4
 
 
-def test_a_second_program_waits_for_the_first_and_finds_what_it_made(start, tmp_path):
-    both = [start("slow", "slow"), start("slow", "slow")]
-    first, second = sorted(map(lines, both), key=len, reverse=True)
-    assert first[-2:] == ["compiling kernels, which happens once: 2 of 2 parts", "ready"]
-    assert second in (["ready"], ["waiting for another program that compiles kernels", "ready"])
-    assert len((tmp_path / "done").read_text().split()) == 2
-
-
 def test_what_cannot_be_compiled_is_told_and_stops_nothing(start, tmp_path):
     printed = lines(start("wrong", "deadly", "slow", "slow"))
     assert "kernels of parts:wrong were not compiled ahead: ValueError: no such type" in printed

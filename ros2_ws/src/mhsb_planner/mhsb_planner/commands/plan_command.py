@@ -25,6 +25,7 @@ from mhsb_planner.evaluation.operating_point import (
     best_operating_point,
 )
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
+from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
 from mhsb_planner.planners.registry import summaries
@@ -118,6 +119,7 @@ def plan(
         _range("v-max", v_max_range, v_max),
     )
     base = load_machine(machine)
+    compile_planner()
     suite = Planner(base, table_for(base, table))
     suite.change(
         base.changed(

@@ -348,25 +348,25 @@ def _spacing(task: Task, best: Route | None) -> float:
 
 def _over_lattice(task: Task, best: Route | None) -> tuple[Route | None, tuple[int, int]]:
     """The cheapest route over the lattice, or the best so far; states expanded, steps priced."""
-    effort = task.effort
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.least < limit)
-    lattice = LatticeSearch(
-        task.terms,
-        task.memory,
-        task.machine,
-        task.start,
-        Postures(*(column[worth] for column in task.goals.postures)),
-        _spacing(task, best),
-        effort.margin,
-    )
-    found = lattice.search(limit, effort.expansions, task.time.until)
+    lattice = _lattice(task, worth, _spacing(task, best))
+    found = lattice.search(limit, task.effort.expansions, task.time.until)
     if found is not None:
         via, k = found
         cost = task.price(via)
         if cost < limit:
             best = task.to_goal(via, int(worth[k]), cost)
     return best, (lattice.expanded, lattice.priced)
+
+
+def _lattice(task: Task, worth: IntArray, spacing: float) -> LatticeSearch:
+    """The search for those of the goal postures that are worth it."""
+    goals = Postures(*(column[worth] for column in task.goals.postures))
+    margin = task.effort.margin
+    return LatticeSearch(
+        task.terms, task.memory, task.machine, task.start, goals, spacing, margin
+    )
 
 
 def _refined(task: Task, best: Route) -> Route:
@@ -403,6 +403,7 @@ def warm_up(machine: Machine) -> None:
     modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
     psi = float(task.goals.psi[0])
     search(machine, task.start, modes, (x, z), weights, goal_psi=psi, effort=task.effort)
+    goal_postures(machine, x, z, None, task.effort.psi_spacing)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
         part(machine)
 
@@ -423,11 +424,8 @@ def warm_up_paths(machine: Machine) -> None:
 def warm_up_lattice(machine: Machine) -> None:
     """Compile the search over the lattice."""
     task = _example(machine)
-    goals, effort = task.goals.postures, task.effort
-    lattice = LatticeSearch(
-        task.terms, task.memory, machine, task.start, goals, effort.coarsest, effort.margin
-    )
-    lattice.search(math.inf, effort.expansions)
+    lattice = _lattice(task, np.array([0]), task.effort.coarsest)
+    lattice.search(math.inf, task.effort.expansions)
 
 
 def warm_up_refinement(machine: Machine) -> None:

@@ -340,9 +340,10 @@ def _best_patterns(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> I
 
 @kernel
 def _unrolled(
-    t: Terms, w: Memory, via: FloatArray, start: FloatArray, pattern: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Postures at the ends of all pieces, and the costs of the pieces in the patterns given."""
+    t: Terms, w: Memory, via: FloatArray, start: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Postures at the ends of all pieces, the pieces' best patterns, and their costs in these."""
+    pattern = _best_patterns(t, w, via, start)
     begin_route(t, w, via[0], start)
     posture = np.empty((len(pattern) + 1, via.shape[1]))
     cost = np.empty((len(pattern), 3))
@@ -357,7 +358,7 @@ def _unrolled(
             cost[row] = w.scratch.cost[pattern[row]]
             here, row = 1 - here, row + 1
             posture[row] = w.points.posture[here]
-    return posture, cost
+    return posture, pattern, cost
 
 
 def path_of(
@@ -375,8 +376,7 @@ def path_of(
     start  float64[n] rad, the posture at via[0]
     cost   of the route
     """
-    pattern = _best_patterns(t, w, via, start)
-    posture, of_step = _unrolled(t, w, via, start, pattern)
+    posture, pattern, of_step = _unrolled(t, w, via, start)
     return DiscretePath(
         tip=tip_positions(t.machine.link_length, posture),
         posture=posture,

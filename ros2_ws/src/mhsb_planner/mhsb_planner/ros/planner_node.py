@@ -44,6 +44,7 @@ from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
+from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.posture.posture_table_cache import table_for
@@ -68,6 +69,7 @@ class PlannerNode(Node):
         self._settings = planner_parameters.read(self).settings(self._machine)
 
         self._outbox = RosOutbox(self, self._machine, self._frame_prefix)
+        compile_planner(self.get_logger().info)
         table = table_for(self._machine, table_path)
         replanner = Replanner(self._machine, table)
         replanner.change(self._settings.machine)

@@ -17,12 +17,14 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.commands.plan_command import Box, Circle
+from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, energy_of_states
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.servo import controller_class
+from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.simulator import Simulator, energy_gap, volume_gap
 from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.energy_comparison import as_text as energy_text
@@ -76,11 +78,13 @@ def simulate(
     goals = [_timed_goal(*values) for values in goal]
     arm = load_machine(machine).changed(payload=payload)
     controller_class(controller)  # refuses an unknown one before anything takes time
+    compile_planner()
+    compile_simulator()
     replanner = Replanner(arm, table_for(arm))
     replanner.change(arm.changed(zones=arm.zones.with_more(zone_box, zone_circle)))
     replanner.warm_up()
     simulator = Simulator(arm, controller, seed)
-    simulator.step()  # compiles, which is not to be timed
+    simulator.step()  # loads kernels, which is not to be timed
     simulator.reset()
     run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
     began = time.perf_counter()

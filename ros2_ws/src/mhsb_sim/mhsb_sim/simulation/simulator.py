@@ -453,11 +453,6 @@ def _leave_commands() -> None:
     """What stands in for the servo while valves are closed."""
 
 
-def warm_up(machine: Machine, controller: str = "coordinated") -> None:
-    """Compile everything that a simulation runs through."""
-    Simulator(machine, controller).step()
-
-
 def energy_gap(energies: dict[str, float]) -> float:
     """Energy delivered by the pumps less all that is accounted for [J]."""
     delivered = energies["main_pump"] + energies["servo_pumps"]
