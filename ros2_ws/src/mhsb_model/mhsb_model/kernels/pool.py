@@ -33,18 +33,18 @@ def compile_ahead(parts: Sequence[str], say: Callable[[str], None] | None = None
     `say` is told how far it is, a line at a time; without it a progress bar tells. What cannot be
     compiled, or kept, is logged: whoever needs it compiles it again and sees why.
     """
-    folder = Path(os.environ[cache_folder.VARIABLE])
-    mark = folder / f"complete-{_mark(parts)}"
-    if mark.exists():
+    marks = _marks(parts)
+    missing = [part for part in parts if not marks[part].exists()]
+    if not missing:
         return
-    progress = _Lines(say, len(parts)) if say else _Bar(len(parts))
+    progress = _Lines(say, len(missing)) if say else _Bar(len(missing))
     progress.tell(0)
-    for done, (part, trouble) in enumerate(_called_by_workers(parts), start=1):
+    for done, (part, trouble) in enumerate(_called_by_workers(missing), start=1):
         if trouble:
             _log.warning("kernels of %s were not compiled ahead: %s", part, trouble)
+        with suppress(OSError):  # said when the folder was chosen
+            marks[part].touch()
         progress.tell(done)
-    with suppress(OSError):  # said when the folder was chosen
-        mark.touch()
 
 
 class _Lines:
@@ -69,11 +69,16 @@ class _Bar:
             self._bar.close()
 
 
-def _mark(parts: Sequence[str]) -> str:
-    """Changes with the parts, the kernels and the processor."""
+def _marks(parts: Sequence[str]) -> dict[str, Path]:
+    """The file of each part that is there when it is complete, for these kernels and processor."""
+    folder = Path(os.environ[cache_folder.VARIABLE])
     sources = cache_folder.fingerprint(cache_folder.kernel_sources())
-    words = (*parts, sources, sys.version, binding.get_host_cpu_name())
-    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
+
+    def mark(part: str) -> Path:
+        words = (part, sources, sys.version, binding.get_host_cpu_name())
+        return folder / f"complete-{hashlib.sha256(repr(words).encode()).hexdigest()[:16]}"
+
+    return {part: mark(part) for part in parts}
 
 
 def _called_by_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:

@@ -38,7 +38,7 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_sim.live.child_process import ChildProcess
 from mhsb_sim.live.load import busy_loops, one_processor
-from mhsb_sim.live.nodes import both_nodes, refuse_company, shake_hands
+from mhsb_sim.live.nodes import both_nodes, compile_nodes, refuse_company, shake_hands
 from mhsb_sim.live.seeded_goals import SeededGoal, seeded_goals
 from mhsb_sim.live.watcher import Watcher
 from mhsb_sim.report.online_figures import online_figures
@@ -161,6 +161,7 @@ def online(
 
 def _offline(machine: Machine, goals: int, seed: int) -> tuple[Figures, list[SeededGoal]]:
     """What is the same for all conditions, worked out before."""
+    compile_nodes()
     planner = Planner(machine, table_for(machine))
     warm_up(planner)
     wanted = seeded_goals(planner, goals, seed)
