@@ -101,15 +101,19 @@ class Observer(GoalSender):
         self.destroy_client(client)
         return future.result()
 
-    def set_parameter(self, node: str, name: str, value: float | str) -> tuple[bool, str]:
-        """Set a number or a text as parameter; whether it was taken, and the reason where not."""
+    def set_parameter(
+        self, node: str, name: str, value: float | str | tuple[float, ...]
+    ) -> tuple[bool, str]:
+        """Set a number, a text or numbers; whether they were taken, and the reason where not."""
         client = self.create_client(SetParameters, f"{node}/set_parameters")
         self.until(client.service_is_ready)
-        content = (
-            ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-            if isinstance(value, str)
-            else ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-        )
+        content = ParameterValue()
+        if isinstance(value, str):
+            content.type, content.string_value = ParameterType.PARAMETER_STRING, value
+        elif isinstance(value, tuple):
+            content.type, content.double_array_value = ParameterType.PARAMETER_DOUBLE_ARRAY, value
+        else:
+            content.type, content.double_value = ParameterType.PARAMETER_DOUBLE, value
         request = SetParameters.Request(parameters=[Parameter(name=name, value=content)])
         future = client.call_async(request)
         self.until(future.done)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 import time
@@ -35,7 +36,9 @@ LONGEST_TIME = 3600.0  # s
 
 def simulate(
     goal: Annotated[
-        tuple[tuple[float, float, float], ...], tyro.conf.arg(metavar="X Z T [X Z T ...]")
+        tuple[tuple[tuple[float, float, float], ...], ...],
+        tyro.conf.arg(metavar="X Z T [X Z T ...]"),
+        tyro.conf.UseAppendAction,
     ],
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     controller: str = "coordinated",
@@ -59,7 +62,7 @@ def simulate(
     The arm starts at rest in the machine file's start posture. Same arguments, same bits.
 
     Args:
-        goal: Goals: tip position [m] and time until the next goal [s].
+        goal: Goals: tip position [m] and time until the next goal [s]; may be given several times.
         machine: Machine file (YAML); the suite's own arm when left out.
         controller: Servo controller, coordinated or independent.
         seed: Of the sensor noise.
@@ -75,7 +78,9 @@ def simulate(
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went, and what the plans had expected.
     """
-    goals = [_timed_goal(*values) for values in goal]
+    goals = [_timed_goal(*values) for values in itertools.chain(*goal)]
+    if not goals:
+        raise command_line.UsageError("give --goal X Z T, once or several times")
     arm = load_machine(machine).changed(payload=payload)
     controller_class(controller)  # refuses an unknown one before anything takes time
     compile_planner()
