@@ -24,9 +24,19 @@ from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.integrated.route import Memory, Terms, least_step, price_piece
-from mhsb_planner.search.indexed_heap import NOT_IN_HEAP, pop, sift_up
-from mhsb_planner.search.s2_joining import NOWHERE
-from mhsb_planner.search.s2_query import EXHAUSTED, FOUND, PAUSED
+from mhsb_planner.search.frontier import (
+    EXHAUSTED,
+    EXPANDED,
+    FOUND,
+    GENERATED,
+    NOWHERE,
+    PAUSED,
+    Frontier,
+    empty_frontier,
+    reach,
+    take_first,
+    way_to_goal,
+)
 from mhsb_planner.search.s2_step import DURATION, INADMISSIBLE, Postures
 
 FIRST_PORTION, PORTION = 4, 50
@@ -55,8 +65,8 @@ def lattice_around(
     """
     lengths, angles, below = [], [], []
     for j in range(machine.joint_count):
-        reach = goals[:, j].min() - margin * spacing, goals[:, j].max() + margin * spacing
-        length, angle, start = _along_cylinder(machine, j, posture[j], spacing, reach)
+        span = goals[:, j].min() - margin * spacing, goals[:, j].max() + margin * spacing
+        length, angle, start = _along_cylinder(machine, j, posture[j], spacing, span)
         lengths.append(length)
         angles.append(angle)
         below.append(start)
@@ -75,17 +85,17 @@ def lattice_around(
 
 
 def _along_cylinder(
-    machine: Machine, j: int, angle: float, spacing: float, reach: tuple[float, float]
+    machine: Machine, j: int, angle: float, spacing: float, span: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, int]:
     """Lengths [m] of cylinder j every `spacing`, angles [rad] of its joint, and the start's place.
 
-    Within the joint's limits, and within `reach` [m] or at the start.
+    Within the joint's limits, and within `span` [m] or at the start.
     """
     linkage, low, high = machine.arrays.linkage[j], *_limits(machine, j)
     here = cylinder_length(linkage, angle)
     ends = sorted((cylinder_length(linkage, low), cylinder_length(linkage, high)))
-    below = max(0, math.floor((here - max(ends[0], reach[0])) / spacing))
-    above = max(0, math.floor((min(ends[1], reach[1]) - here) / spacing))
+    below = max(0, math.floor((here - max(ends[0], span[0])) / spacing))
+    above = max(0, math.floor((min(ends[1], span[1]) - here) / spacing))
     length = here + spacing * np.arange(-below, above + 1)
     angles = np.array([joint_angle(linkage, at, low, high, angle) for at in length])
     angles[below] = angle
@@ -104,44 +114,29 @@ def _rows(rows: list[FloatArray]) -> FloatArray:
     return frozen(filled)
 
 
-class Frontier(NamedTuple):
-    """State of a search that can be taken up again; the goal is one more state, the last."""
+class Known(NamedTuple):
+    """What this search notes beside its frontier."""
 
-    cost: FloatArray  # [states + 1] so far
-    estimate: FloatArray  # [states + 1] cost so far plus least cost to the goal
-    depth: IntArray  # [states + 1] steps so far
-    parent: IntArray  # [states + 1] state before; NOWHERE for the start
-    place: IntArray  # [states + 1] in the heap, NOT_IN_HEAP where not there
-    heap: IntArray  # [states + 1]
     remaining: FloatArray  # [points] least cost to the goal, NaN where not yet computed
     force: FloatArray  # [points, n] of the cylinders [N], NaN where not yet computed
     best: IntArray  # [points + 1] the cheapest state of each point so far, NOWHERE where none
     reached: IntArray  # [1] goal posture at the end of the path to the goal
-    counts: IntArray  # [3] size of the heap, states expanded, steps priced
 
 
-def empty_frontier(lattice: Lattice, patterns: int) -> Frontier:
-    """A search that has not begun."""
+def nothing_known(lattice: Lattice) -> Known:
+    """What is noted before a search."""
     points = int(np.prod(lattice.shape))
-    states = points * patterns + 1
-    return Frontier(
-        cost=np.full(states, np.inf),
-        estimate=np.empty(states),
-        depth=np.zeros(states, dtype=np.int64),
-        parent=np.empty(states, dtype=np.int64),
-        place=np.full(states, NOT_IN_HEAP),
-        heap=np.empty(states, dtype=np.int64),
+    return Known(
         remaining=np.full(points, np.nan),
         force=np.full((points, len(lattice.shape)), np.nan),
         best=np.full(points + 1, NOWHERE),
         reached=np.full(1, NOWHERE),
-        counts=np.zeros(3, dtype=np.int64),
     )
 
 
 @kernel
 def _place(
-    t: Terms, f: Frontier, lattice: Lattice, point: int, points: Postures, i: int
+    t: Terms, known: Known, lattice: Lattice, point: int, points: Postures, i: int
 ) -> None:
     """Put a lattice point at points[i], its forces computed once."""
     rest = point
@@ -150,9 +145,9 @@ def _place(
         rest -= at * lattice.stride[j]
         points.length[i, j] = lattice.length[j, at]
         points.posture[i, j] = lattice.angle[j, at]
-    if math.isnan(f.force[point, 0]):
-        piston_forces(t.machine, points.posture[i], f.force[point])
-    points.force[i] = f.force[point]
+    if math.isnan(known.force[point, 0]):
+        piston_forces(t.machine, points.posture[i], known.force[point])
+    points.force[i] = known.force[point]
 
 
 @kernel
@@ -171,8 +166,18 @@ def _within_a_step(length: FloatArray, goal: FloatArray, spacing: float) -> bool
     return farthest <= spacing
 
 
+class Origin(NamedTuple):
+    """The state that is being expanded, from which steps lead."""
+
+    state: int  # NOWHERE for the start
+    pattern: int  # in which it was reached; the modes in force are one more, the last
+    cost: float  # so far
+
+
 @kernel
-def _relax(t: Terms, f: Frontier, state: int, target: int, cost: float, least: float) -> bool:
+def _relax(
+    t: Terms, f: Frontier, known: Known, state: int, target: int, cost: float, least: float
+) -> bool:
     """Note that the target is reached from a state at this cost, where that is cheaper.
 
     Not where the cheapest state of the same point, with the switches from its pattern to the
@@ -180,25 +185,17 @@ def _relax(t: Terms, f: Frontier, state: int, target: int, cost: float, least: f
     """
     patterns = len(t.patterns)
     point, p = target // patterns, target % patterns
-    best = f.best[point]
+    best = known.best[point]
     if best != NOWHERE:
         if cost >= f.cost[best] + t.weight[2] * t.switches[best % patterns, p]:
             return False
         if cost < f.cost[best]:
-            f.best[point] = target
+            known.best[point] = target
     else:
-        f.best[point] = target
+        known.best[point] = target
     if cost >= f.cost[target]:
         return False
-    f.cost[target] = cost
-    f.estimate[target] = cost + least
-    f.depth[target] = 1 if state == NOWHERE else f.depth[state] + 1
-    f.parent[target] = state
-    slot = f.place[target]
-    if slot == NOT_IN_HEAP:
-        slot = f.counts[0]
-        f.counts[0] += 1
-    sift_up(f.estimate, f.depth, f.heap, f.place, slot, target)
+    reach(f, target, state, 1 if state == NOWHERE else f.depth[state] + 1, cost, least)
     return True
 
 
@@ -207,9 +204,8 @@ def _take(
     t: Terms,
     w: Memory,
     f: Frontier,
-    state: int,
-    own: int,
-    so_far: float,
+    known: Known,
+    origin: Origin,
     admitted: int,
     first: int,
     apart: int,
@@ -218,22 +214,30 @@ def _take(
 ) -> bool:
     """Take the step priced in w.scratch in all patterns admitted; whether it gained anything.
 
-    Pattern p leads from `state`, reached in the pattern `own`, to the state first + p · apart,
-    from which `least` is left to the goal.
+    Pattern p leads from the origin to the state first + p · apart, from which `least` is left to
+    the goal.
     """
     cost, gained = w.scratch.cost, False
     for p in range(len(t.patterns)):
         if w.scratch.status[p] == admitted:
-            there = so_far + t.weight[0] * cost[p, t.column] + t.weight[1] * cost[p, DURATION]
-            there += t.weight[2] * t.switches[own, p] + w.shortfall[p]
+            there = origin.cost + t.weight[0] * cost[p, t.column] + t.weight[1] * cost[p, DURATION]
+            there += t.weight[2] * t.switches[origin.pattern, p] + w.shortfall[p]
             if there + least < enough:
-                gained = _relax(t, f, state, first + p * apart, there, least) or gained
+                target = first + p * apart
+                gained = _relax(t, f, known, origin.state, target, there, least) or gained
     return gained
 
 
 @kernel
 def expand(
-    t: Terms, w: Memory, f: Frontier, lattice: Lattice, goals: Postures, enough: float, limit: int
+    t: Terms,
+    w: Memory,
+    f: Frontier,
+    known: Known,
+    lattice: Lattice,
+    goals: Postures,
+    enough: float,
+    limit: int,
 ) -> int:
     """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED.
 
@@ -247,21 +251,21 @@ def expand(
     n = len(lattice.shape)
     at = np.empty(n, dtype=np.int64)
     for _ in range(limit):
-        if f.counts[1] == 0:
+        if f.counts[EXPANDED] == 0:
             state, point, own, so_far = NOWHERE, lattice.start, patterns, 0.0
         else:
-            if f.counts[0] == 0:
+            state = take_first(f)
+            if state == NOWHERE:
                 return EXHAUSTED
-            state = pop(f.estimate, f.depth, f.heap, f.place, f.counts[0])
-            f.counts[0] -= 1
             if state == sink:
                 return FOUND
             point, own, so_far = state // patterns, state % patterns, f.cost[state]
-            best = f.best[point]
+            best = known.best[point]
             if so_far > f.cost[best] + w_switch * t.switches[best % patterns, own]:
                 continue
-        f.counts[1] += 1
-        _place(t, f, lattice, point, w.points, 0)
+        origin = Origin(state, own, so_far)
+        f.counts[EXPANDED] += 1
+        _place(t, known, lattice, point, w.points, 0)
         rest = point
         for j in range(n):
             at[j] = rest // lattice.stride[j]
@@ -274,21 +278,21 @@ def expand(
                 target += move[j] * lattice.stride[j]
             if not inside:
                 continue
-            _place(t, f, lattice, target, w.points, 1)
-            if math.isnan(f.remaining[target]):
-                f.remaining[target] = _remaining(t, w.points.length[1], goals.length)
-            least = f.remaining[target]
+            _place(t, known, lattice, target, w.points, 1)
+            if math.isnan(known.remaining[target]):
+                known.remaining[target] = _remaining(t, w.points.length[1], goals.length)
+            least = known.remaining[target]
             there = so_far + least_step(t, w.points.length[0], w.points.length[1])
             if there + least >= enough:
                 continue
-            best = f.best[target]
+            best = known.best[target]
             if best != NOWHERE and there >= f.cost[best] + w_switch * n:
                 continue
-            f.counts[2] += 1
+            f.counts[GENERATED] += 1
             admitted = price_piece(t, w, 0)
             if admitted == INADMISSIBLE:
                 continue
-            _take(t, w, f, state, own, so_far, admitted, target * patterns, 1, least, enough)
+            _take(t, w, f, known, origin, admitted, target * patterns, 1, least, enough)
         for k in range(len(goals.length)):
             if not _within_a_step(w.points.length[0], goals.length[k], lattice.spacing):
                 continue
@@ -299,8 +303,8 @@ def expand(
             admitted = price_piece(t, w, 0)
             if admitted == INADMISSIBLE:
                 continue
-            if _take(t, w, f, state, own, so_far, admitted, sink, 0, 0.0, enough):
-                f.reached[0] = k
+            if _take(t, w, f, known, origin, admitted, sink, 0, 0.0, enough):
+                known.reached[0] = k
     return PAUSED
 
 
@@ -320,17 +324,18 @@ class LatticeSearch:
         self._terms, self._memory, self._goals = t, memory, goals
         lengths = np.vstack([machine.cylinder_lengths(start), goals.length])
         self._lattice = lattice_around(machine, start, lengths, spacing, margin)
-        self._frontier = empty_frontier(self._lattice, len(t.patterns))
+        self._frontier = empty_frontier(int(np.prod(self._lattice.shape)) * len(t.patterns))
+        self._known = nothing_known(self._lattice)
 
     @property
     def expanded(self) -> int:
         """States expanded so far."""
-        return int(self._frontier.counts[1])
+        return int(self._frontier.counts[EXPANDED])
 
     @property
     def priced(self) -> int:
         """Steps priced so far."""
-        return int(self._frontier.counts[2])
+        return int(self._frontier.counts[GENERATED])
 
     @property
     def cost(self) -> float:
@@ -351,6 +356,7 @@ class LatticeSearch:
                 self._terms,
                 self._memory,
                 self._frontier,
+                self._known,
                 self._lattice,
                 self._goals,
                 enough,
@@ -361,14 +367,9 @@ class LatticeSearch:
         return self._found() if status == FOUND else None
 
     def _found(self) -> tuple[FloatArray, int]:
-        lattice, parent = self._lattice, self._frontier.parent
-        points = []
-        state = int(parent[-1])
-        while state != NOWHERE:
-            points.append(state // len(self._terms.patterns))
-            state = int(parent[state])
-        points.append(lattice.start)
-        index = (np.array(points[::-1])[:, None] // lattice.stride) % lattice.shape
+        lattice, way = self._lattice, way_to_goal(self._frontier)
+        points = [lattice.start, *(state // len(self._terms.patterns) for state in way[:-1])]
+        index = (np.array(points)[:, None] // lattice.stride) % lattice.shape
         corners = lattice.length[np.arange(len(lattice.shape)), index]
-        goal = int(self._frontier.reached[0])
+        goal = int(self._known.reached[0])
         return np.vstack([corners, self._goals.length[goal]]), goal

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,18 +47,12 @@ N, DB, SB = int(Mode.N), int(Mode.DB), int(Mode.SB)
 _OFF, _ON, _EDGE = 0, 1, 2
 
 
-@dataclass(frozen=True)
-class SwitchingRules:
-    """How modes are switched.
+class SwitchingRules(NamedTuple):
+    """How modes are switched."""
 
-    min_dwell  s, shortest time between two switches of an actuator
-    lead       s, by which boost precedes its need
-    max_hold   s, how long a closed valve holds a load above P_S without boost
-    """
-
-    min_dwell: float = 0.3
-    lead: float = 0.1
-    max_hold: float = 1.0
+    min_dwell: float = 0.3  # s, shortest time between two switches of an actuator
+    lead: float = 0.1  # s, by which boost precedes its need
+    max_hold: float = 1.0  # s, how long a closed valve holds a load above P_S without boost
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +142,7 @@ def interval_modes(
         start.modes,
         start.age,
         hold,
-        rules.lead,
-        rules.min_dwell,
-        rules.max_hold,
+        rules,
     )
 
 
@@ -174,11 +167,10 @@ def _interval_modes(
     start: ModeArray,
     age: FloatArray,
     hold: ModeArray,
-    lead: float,
-    dwell: float,
-    longest_hold: float,
+    rules: SwitchingRules,
 ) -> ModeArray:
     """Kernel of `interval_modes`; the tests check its result against the rules, one by one."""
+    lead, dwell = rules.lead, rules.min_dwell
     intervals, n = len(speed) - 1, speed.shape[1]
     modes = np.zeros((intervals, n), dtype=np.uint8)
     needed = np.zeros((intervals, n), dtype=np.bool_)
@@ -190,7 +182,7 @@ def _interval_modes(
         for i in range(intervals):
             on[i] = need[i] or need[i + 1]
             demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
-        _drop_short_holds(time, on, lifts, longest_hold, BOOSTED[hold[j]])
+        _drop_short_holds(time, on, lifts, rules.max_hold, BOOSTED[hold[j]])
         needed[:, j] = on
         lacks = _lacks_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):

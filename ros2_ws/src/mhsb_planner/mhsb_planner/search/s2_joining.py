@@ -18,6 +18,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError
+from mhsb_planner.search.frontier import NOWHERE
 from mhsb_planner.search.goal_clearance import check_tip, clear_postures
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_layout import Layout
@@ -31,8 +32,6 @@ from mhsb_planner.search.s2_step import (
     new_scratch,
     steps_to_node,
 )
-
-NOWHERE = -1
 
 ORIGINS_AT_ONCE = 50
 """Postures from which steps to the goal are priced between two looks at a deadline."""

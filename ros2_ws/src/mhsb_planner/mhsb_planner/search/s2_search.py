@@ -26,12 +26,13 @@ from mhsb_planner.errors import (
 )
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.frontier import FOUND, PAUSED
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_astar import ExactSearch
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_joining import Goal, Start, goal_at, start_at
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE, PublishedSearch
-from mhsb_planner.search.s2_query import FOUND, PAUSED, Query, Search
+from mhsb_planner.search.s2_query import Query, Search
 from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading
 
 SEARCHING = "the search for a path"
