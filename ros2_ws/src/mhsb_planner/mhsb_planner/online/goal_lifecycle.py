@@ -51,9 +51,6 @@ STOP_TIMEOUT = 5.0
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
 
-SAME_GOAL = 1e-4
-"""Goals within this of each other are the same [m]."""
-
 STOP_ASKED = "the planner was asked to stop"
 
 @dataclass
@@ -215,9 +212,7 @@ class GoalLifecycle:
         execution, goal = self._execution, in_hand.goal
         if execution is None or not self.view.executes_own(now_ns):
             return False
-        other = execution.in_hand.goal
-        far = max(abs(goal.x - other.x), abs(goal.z - other.z)) > SAME_GOAL
-        if far or execution.command is not self.view.own:
+        if not goal.same_place(execution.in_hand.goal) or execution.command is not self.view.own:
             return False
         if execution.settings is not self._settings:
             return False
