@@ -114,6 +114,25 @@ def test_stopping_decelerates_and_holds_and_the_next_goal_goes_on_from_there(arm
     arm.until_in_force(later)
 
 
+@pytest.mark.parametrize("node", ["mhsb_planner", "mhsb_sim"])
+def test_a_stop_while_a_plan_is_made_ends_its_goal_at_rest_and_in_motion(arm, node):
+    for x, z in (UP, DOWN, UP):
+        if (x, z) == DOWN:  # in motion
+            arm.until_in_force(arm.ask(*UP))
+        stamp_ns = arm.send(x, z)
+        arm.serve(0.01)
+        assert arm.call(f"{node}/stop").success
+        arm.until(lambda stamp_ns=stamp_ns: stamp_ns in arm.verdicts)
+        verdict = arm.verdicts[stamp_ns]
+        assert verdict.code in (Verdict.OK, Verdict.STOPPED), verdict.sentence
+        if verdict.code is Verdict.OK:
+            assert arm.ending_of(verdict).outcome is Outcome.STOPPED
+        arm.serve(1.5)
+        arm.references.clear()
+        arm.serve(0.5)
+        assert not any(each.state.velocity.any() for each in arm.references)
+
+
 def test_parameters_apply_to_the_next_plan_and_are_refused_out_of_range(arm):
     before = arm.ask(*UP)
     taken, reason = arm.set_parameter("mhsb_planner", "payload", -1.0)

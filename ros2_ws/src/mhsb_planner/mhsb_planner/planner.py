@@ -115,11 +115,25 @@ class Plan:
         """Time that making the plan took [s]."""
         return sum(value for name, value in self.seconds.items() if name != "first_motion")
 
+    @property
+    def duration(self) -> float:
+        """Of the motion [s]."""
+        return self.motion.trajectory.duration_ns / SECOND_NS
+
+    @property
+    def joint_travel(self) -> float:
+        """How far all joints turn together [rad]."""
+        return float(np.abs(np.diff(self.motion.trajectory.position, axis=0)).sum())
+
+    def energy_read(self, options: PlanOptions) -> float:
+        """In the reading that is asked for [J]."""
+        return self.energy.paper if options.energy_reading == "paper" else self.energy.series
+
     def cost(self, options: PlanOptions) -> float:
-        """w₁ E + w₂ T + w₄ M of the motion."""
-        energy = self.energy.paper if options.energy_reading == "paper" else self.energy.series
-        duration = self.motion.trajectory.duration_ns / SECOND_NS
-        cost = options.weights.energy * energy + options.weights.time * duration
+        """w₁ E + w₂ T + w₃ switches + w₄ M of the motion."""
+        weights = options.weights
+        cost = weights.energy * self.energy_read(options) + weights.time * self.duration
+        cost += weights.switches * self.motion.schedule.switches
         return cost + options.area_weight * self.area_shortfall
 
 
@@ -254,7 +268,7 @@ class _Making:
         """Make the path a motion, where it may be cheaper, and keep it if it is."""
         path, options, best = candidate.path, self._task.options, self._best
         promised = path.cost - options.weights.switches * path.switches
-        if best is not None and PROMISE_KEPT * promised >= best.cost(options):
+        if best is not None and PROMISE_KEPT * promised > best.cost(options):
             return
         began = self._since
         try:
@@ -306,11 +320,17 @@ class _Making:
 
 
 def _is_cheaper(plan: Plan, other: Plan, options: PlanOptions) -> bool:
-    """Whether a plan costs less than another, or as much with fewer switches of modes."""
-    cost, known = plan.cost(options), other.cost(options)
-    if abs(cost - known) > ROUNDING * known:
-        return cost < known
-    return plan.motion.schedule.switches < other.motion.schedule.switches
+    """Whether a plan costs less than another; ties go by energy, time, joint travel."""
+    for measure in (
+        lambda each: each.cost(options),
+        lambda each: each.energy_read(options),
+        lambda each: each.duration,
+        lambda each: each.joint_travel,
+    ):
+        new, known = measure(plan), measure(other)
+        if abs(new - known) > ROUNDING * known:
+            return bool(new < known)
+    return False
 
 
 def warm_up(planner: Planner) -> None:

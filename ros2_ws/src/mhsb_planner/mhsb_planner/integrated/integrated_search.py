@@ -12,6 +12,7 @@ there is a deadline and the processor is slower than it has to be.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
@@ -50,6 +51,9 @@ WORTH_A_LATTICE = 1e-2
 SPARSE = 3
 """Straight lines lead to one in so many goal postures first."""
 
+WHOLE_RANGE = 10**6
+"""Lattice points beyond start and goals that no joint's range has."""
+
 FIRST_LINES = 8
 """So many are tried before something else may come first."""
 
@@ -64,6 +68,7 @@ class Effort:
     finest       m, least spacing of the lattice
     coarsest     m, largest
     expansions   states of the lattice to expand, at most
+    whole_range  m, spacings of the lattices that are searched to the end where nothing was found
     strides      lengths of the compass search's strides, as shares of the lattice's spacing
     turn         rad, by which ψ is turned per stride of one spacing
     sweeps       rounds for each stride, at most
@@ -75,6 +80,7 @@ class Effort:
     finest: float = 1e-3
     coarsest: float = 10e-3
     expansions: int = 300
+    whole_range: tuple[float, ...] = (10e-3, 5e-3)
     strides: tuple[float, ...] = (0.5, 0.25, 0.1)
     turn: float = 0.1
     sweeps: int = 3
@@ -272,6 +278,9 @@ def _routes(task: Task) -> Iterator[tuple[Route | None, tuple[int, int]]]:
         best = route
     if _leaves_room(task, best, WORTH_A_LATTICE):
         best, work = _over_lattice(task, best)
+        if best is None:
+            best, more = _anywhere(task)
+            work = work[0] + more[0], work[1] + more[1]
         if not task.time.found and _is_cheaper(best, told):
             told = best
             yield told, work
@@ -350,7 +359,7 @@ def _over_lattice(task: Task, best: Route | None) -> tuple[Route | None, tuple[i
     """The cheapest route over the lattice, or the best so far; states expanded, steps priced."""
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.least < limit)
-    lattice = _lattice(task, worth, _spacing(task, best))
+    lattice = _lattice(task, worth, _spacing(task, best), task.effort.margin)
     found = lattice.search(limit, task.effort.expansions, task.time.until)
     if found is not None:
         via, k = found
@@ -360,10 +369,28 @@ def _over_lattice(task: Task, best: Route | None) -> tuple[Route | None, tuple[i
     return best, (lattice.expanded, lattice.priced)
 
 
-def _lattice(task: Task, worth: IntArray, spacing: float) -> LatticeSearch:
+def _anywhere(task: Task) -> tuple[Route | None, tuple[int, int]]:
+    """A route over lattices of the joints' whole ranges, ever finer, as long as there is time.
+
+    None: there is no route over the finest either, or time is up.
+    """
+    expanded = priced = 0
+    every = np.arange(len(task.least))
+    for spacing in task.effort.whole_range:
+        lattice = _lattice(task, every, spacing, margin=WHOLE_RANGE)
+        found = lattice.search(math.inf, sys.maxsize, task.time.until)
+        expanded, priced = expanded + lattice.expanded, priced + lattice.priced
+        if found is not None:
+            via, k = found
+            return task.to_goal(via, k, task.price(via)), (expanded, priced)
+        if task.time.until.passed:
+            break
+    return None, (expanded, priced)
+
+
+def _lattice(task: Task, worth: IntArray, spacing: float, margin: int) -> LatticeSearch:
     """The search for those of the goal postures that are worth it."""
     goals = Postures(*(column[worth] for column in task.goals.postures))
-    margin = task.effort.margin
     return LatticeSearch(
         task.terms, task.memory, task.machine, task.start, goals, spacing, margin
     )
@@ -424,7 +451,7 @@ def warm_up_paths(machine: Machine) -> None:
 def warm_up_lattice(machine: Machine) -> None:
     """Compile the search over the lattice."""
     task = _example(machine)
-    lattice = _lattice(task, np.array([0]), task.effort.coarsest)
+    lattice = _lattice(task, np.array([0]), task.effort.coarsest, task.effort.margin)
     lattice.search(math.inf, task.effort.expansions)
 
 

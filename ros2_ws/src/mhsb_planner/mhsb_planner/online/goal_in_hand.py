@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mhsb_model.goal import Goal
-from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
 from mhsb_planner.online.replanning import Replan
 
@@ -66,7 +65,7 @@ def summary_of(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:
         plan_stamp_ns=replan.command.stamp_ns,
         energy_j=plan.energy.paper,
         energy_series_j=plan.energy.series,
-        duration_s=plan.motion.trajectory.duration_ns / SECOND_NS,
+        duration_s=plan.duration,
         switches=plan.motion.schedule.switches,
         plan_ms=plan_ms,
         lower_bound_j=plan.lower_bound,

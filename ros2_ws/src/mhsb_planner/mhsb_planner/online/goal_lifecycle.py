@@ -11,6 +11,7 @@ stamped anew.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -51,10 +52,8 @@ STOP_TIMEOUT = 5.0
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
 
-SAME_GOAL = 1e-4
-"""Goals within this of each other are the same [m]."""
-
 STOP_ASKED = "the planner was asked to stop"
+ARM_STOPPED = "the arm was asked to stop"
 
 @dataclass
 class Stopping:
@@ -104,7 +103,9 @@ class GoalLifecycle:
         self._stopping: Stopping | None = None
         self._sent: dict[int, Sent] = {}
         self._last_stamp_ns = 0
+        self._last_stop_ns = 0
         self._arm_asked = False
+        self._asked_at = -math.inf
 
     @property
     def pending(self) -> Command | None:
@@ -170,7 +171,7 @@ class GoalLifecycle:
             foreign = self.view.in_force_ns != NO_PLAN
             if isinstance(error, MovingError) and foreign and not self._arm_asked:
                 self._arm_asked = True
-                self._out.stop_arm()
+                self._stop_arm()
             if wall - in_hand.waiting_since >= LONGEST_WAIT:
                 self._waiting = None
                 self._tell.refuse(in_hand, code_of(error), str(error))
@@ -215,9 +216,7 @@ class GoalLifecycle:
         execution, goal = self._execution, in_hand.goal
         if execution is None or not self.view.executes_own(now_ns):
             return False
-        other = execution.in_hand.goal
-        far = max(abs(goal.x - other.x), abs(goal.z - other.z)) > SAME_GOAL
-        if far or execution.command is not self.view.own:
+        if not goal.same_place(execution.in_hand.goal) or execution.command is not self.view.own:
             return False
         if execution.settings is not self._settings:
             return False
@@ -383,6 +382,25 @@ class GoalLifecycle:
             self._execution = None
         self._stopped(True, sentence)
 
+    def heard_stop(self, stop_ns: int) -> None:
+        """When the arm was last asked to stop [ns], 0 never: goals that had come are void."""
+        if stop_ns in (0, self._last_stop_ns):
+            return
+        self._last_stop_ns, wall = stop_ns, self._clock.wall()
+        if wall - self._asked_at < LONGEST_WAIT:  # by this planner, for a goal that waits
+            return
+        ago = (self._now_ns() - stop_ns) / SECOND_NS / self._in_arm_time(1.0)
+        for in_hand in self._before_confirmation():
+            if in_hand.received <= wall - ago:
+                self._tell.stop(in_hand, ARM_STOPPED)
+        if self._waiting is not None and self._waiting.over:
+            self._waiting = None
+        if self._request is not None and self._request.in_hand.over:
+            self._request = None
+        sent = self._unconfirmed
+        if sent is not None and sent.request is not None and sent.request.in_hand.over:
+            sent.void = True
+
     def clock_jumped(self, sentence: str) -> None:
         """All that is known of the arm is void; goals that have not been confirmed start anew."""
         self._out.warn(f"{sentence}: what was known of the arm is forgotten")
@@ -526,7 +544,11 @@ class GoalLifecycle:
                 self._send_braking(own, now_ns, LONGER ** (stopping.tries - 1))
             elif stopping.tries == TRIES:
                 stopping.tries += 1
-                self._out.stop_arm()
+                self._stop_arm()
+
+    def _stop_arm(self) -> None:
+        self._asked_at = self._clock.wall()
+        self._out.stop_arm()
 
     def _send_braking(self, own: Command, now_ns: int, stretch: float) -> None:
         lead = self._in_arm_time(max(self._settings.lead_min, stretch * self.lead.flight))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from mhsb_model.errors import MhsbError, OutOfWorkspaceError
 from mhsb_model.goal import Goal
-from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import (
     DeadlineError,
@@ -40,7 +39,7 @@ def code_of(error: MhsbError) -> Verdict:
 def announcement(replan: Replan, goal: Goal) -> str:
     """What is told of an accepted goal."""
     plan = replan.plan
-    duration = plan.motion.trajectory.duration_ns / SECOND_NS
+    duration = plan.duration
     sentence = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {duration:.1f} s"
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"

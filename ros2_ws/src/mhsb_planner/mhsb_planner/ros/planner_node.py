@@ -188,6 +188,7 @@ class PlannerNode(Node):
         for report in reports:
             if not isinstance(report, HandOverReport):
                 self._lifecycle.heard_fault(report.sentence if report.faulty else "")
+                self._lifecycle.heard_stop(report.last_stop_ns)
             elif report.reason:
                 self._lifecycle.heard_refusal(report.plan_stamp_ns, report.reason, report.sentence)
 

@@ -188,3 +188,29 @@ def test_impossible_goals_are_refused(machine, posture_within):
     if above @ above < 1.0:
         with pytest.raises(NoPathError):
             search(heavy, start, NORMAL, tuple(above), ENERGY)
+
+
+@pytest.mark.parametrize(
+    ("zones", "start", "goal"),
+    [
+        (
+            Zones(boxes=((0.403, 0.506, 0.541, 0.708),), circles=((0.772, 0.28, 0.07),)),
+            (0.3301, -2.1685, 0.7313),
+            (0.35, 0.75),
+        ),
+        (
+            Zones(boxes=((0.694, 0.743, 0.801, 0.844),), circles=((0.346, 0.151, 0.084),)),
+            (1.981, -1.1268, 0.0064),
+            (0.30, -0.15),
+        ),
+    ],
+)
+def test_where_a_lattice_around_start_and_goal_has_no_way_the_whole_range_is_searched(
+    machine, zones, start, goal
+):
+    among = machine.changed(zones=zones)
+    with pytest.raises(NoPathError):
+        search(among, np.array(start), NORMAL, goal, ENERGY, effort=Effort(whole_range=()))
+    path = search(among, np.array(start), NORMAL, goal, ENERGY)
+    check_possible(among, path, np.array(start), goal)
+    assert min(among.clearance(q)[0] for q in path.posture) > 0.0

@@ -46,6 +46,7 @@ class Arm:
     speed: float = 1.0
     frozen: bool = False
     fault: str = ""
+    last_stop_ns: int = 0
     jumps: list[float] = field(default_factory=list)
 
     @property
@@ -78,6 +79,7 @@ class Arm:
         position, modes = self.reference.position, self.command.schedule.modes_at(self.time_ns)
         self.command = Command.hold(self.time_ns, position, modes)
         self.in_force_ns = NO_PLAN
+        self.last_stop_ns = self.time_ns
 
     def start_anew(self, time_ns: int) -> None:
         """Hold where it is, with its clock at another time."""
@@ -86,6 +88,7 @@ class Arm:
         normal = np.zeros(len(position), dtype=np.uint8)
         self.command = Command.hold(time_ns, position, normal)
         self.in_force_ns = NO_PLAN
+        self.last_stop_ns = 0
 
 
 class World:
@@ -244,6 +247,7 @@ class World:
         if self.arm.frozen:
             return
         self.life.heard_fault(self.arm.fault)
+        self.life.heard_stop(self.arm.last_stop_ns)
         if self.life.view.in_force_ns != self.arm.in_force_ns:
             self.life.heard_in_force(self.arm.in_force_ns)
         self.life.heard_modes(self.arm.command.schedule.modes_at(self.arm.time_ns))

@@ -233,6 +233,28 @@ def test_a_frozen_arm_that_takes_a_revoked_plan_afterwards_is_braked_at_once(wor
     world.check_that_each_goal_was_answered_once()
 
 
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("after", [0.0, 0.01, 0.02, 0.025, 0.03, 0.06])
+def test_when_somebody_stops_the_arm_goals_that_had_come_are_void(world, moving, after):
+    first = under_way(world) if moving else None
+    stamp = world.goal(*DOWN)
+    world.pass_time(after)
+    world.arm.stop_at_once()
+    world.pass_time(3.0)
+    resting = world.arm.reference.position
+    world.pass_time(5.0)
+    np.testing.assert_array_equal(world.arm.reference.position, resting)
+    assert world.life.idle
+    [verdict] = world.verdicts(stamp)
+    if verdict.code is Verdict.OK:
+        assert world.ending(stamp).outcome is Outcome.STOPPED
+    else:
+        assert (verdict.code, verdict.sentence) == (Verdict.STOPPED, "the arm was asked to stop")
+    if first is not None:
+        assert world.ending(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
+    assert world.ending(world.goal(*UP)).outcome is Outcome.REACHED
+
+
 def test_a_goal_after_a_stop_goes_on_from_there(world):
     under_way(world)
     world.life.stop(lambda *answer: None)

@@ -172,7 +172,7 @@ def as_text(summary: dict[str, Any]) -> list[str]:
     """The summary for a person."""
     lines = ["goal x, z [m]     time [s]  planned [s]  left to the goal [mm]"]
     for goal in summary["goals"]:
-        planned = f"{goal['duration_s']:11.2f}" if "duration_s" in goal else "   at goal "
+        planned = f"{goal['duration_s']:11.2f}" if "duration_s" in goal else "no new plan"
         lines.append(
             f"{goal['x']:6.3f} {goal['z']:7.3f}  {goal['time_s']:9.2f}  {planned}"
             f"  {goal['goal_distance_mm']:12.2f}"
