@@ -2,8 +2,8 @@
 
 Numba looks only at the file that a kernel is in: after a change to a kernel that it calls in
 another file, or to a constant, it would silently go on with the old one. So the folder's name is
-a fingerprint of all files with kernels and of those that their constants come from, in all
-packages of the suite.
+a fingerprint of all files with kernels, of those that their constants come from, in all packages
+of the suite, and of how they are compiled.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from pathlib import Path
 
 PACKAGES = ("mhsb_model", "mhsb_planner", "mhsb_sim")
 VARIABLE = "NUMBA_CACHE_DIR"
+DECORATOR = "mhsb_model.kernels.kernel"
 MARK = re.compile(rb"^@kernel\b", re.MULTILINE)
 IMPORT = re.compile(rb"^from (mhsb_[\w.]+) import (?:\(([^)]*)\)|(.*))", re.MULTILINE)
 CONSTANT = re.compile(rb"\b[A-Z][A-Z0-9_]*\b")
@@ -67,7 +68,7 @@ def kernel_cache_folder() -> Path:
 
 
 def kernel_sources() -> list[Path]:
-    """All source files of the suite that hold kernels, or constants for them, in a fixed order."""
+    """All sources of the suite with kernels, constants for them or their decorator, in order."""
     files = {}
     for package in PACKAGES:
         found = importlib.util.find_spec(package)
@@ -78,7 +79,8 @@ def kernel_sources() -> list[Path]:
                 files[name] = file
     kernels = {name: text for name, file in files.items() if MARK.search(text := file.read_bytes())}
     constants = {name for text in kernels.values() for name in constants_from(text)}
-    return [files[name] for name in sorted(files.keys() & (kernels.keys() | constants))]
+    wanted = kernels.keys() | constants | {DECORATOR}
+    return [files[name] for name in sorted(files.keys() & wanted)]
 
 
 def constants_from(source: bytes) -> set[str]:

@@ -42,8 +42,9 @@ def compile_ahead(parts: Sequence[str], say: Callable[[str], None] | None = None
     for done, (part, trouble) in enumerate(_called_by_workers(missing), start=1):
         if trouble:
             _log.warning("kernels of %s were not compiled ahead: %s", part, trouble)
-        with suppress(OSError):  # said when the folder was chosen
-            marks[part].touch()
+        else:
+            with suppress(OSError):  # said when the folder was chosen
+                marks[part].touch()
         progress.tell(done)
 
 

@@ -96,6 +96,9 @@ def test_what_cannot_be_compiled_is_told_and_stops_nothing(start, tmp_path):
     assert "kernels of parts:deadly were not compiled ahead: its process has ended" in printed
     assert printed[-1] == "ready"
     assert len((tmp_path / "done").read_text().split()) == 2
+    again = lines(start("wrong", "slow"))
+    assert again[0] == "compiling kernels, which happens once: 0 of 1 parts"
+    assert "no such type" in again[1]
 
 
 def test_workers_end_with_a_program_that_is_killed(start, tmp_path):
