@@ -33,8 +33,9 @@ def test_both_nodes_tell_how_compiling_goes_and_compile_nothing_once_they_are_re
             observer.serve(1.0)
     assert observer.set_parameter("mhsb_planner", "payload", 6.0)[0]
     assert observer.set_parameter("mhsb_planner", "zone_boxes", (0.65, 0.1, 0.95, 0.3))[0]
-    observer.ask(*GOALS[0])
+    observer.ask(*GOALS[0])  # the arm may be in the zone by now: whatever comes of it
     assert observer.call("mhsb_planner/stop").success
+    assert observer.set_parameter("mhsb_planner", "zone_boxes", ())[0]
     assert observer.set_parameter("mhsb_planner", "planner", "integrated")[0]
     verdict = observer.ask(*GOALS[1])
     assert verdict.code is Verdict.OK, verdict.sentence
@@ -44,4 +45,4 @@ def test_both_nodes_tell_how_compiling_goes_and_compile_nothing_once_they_are_re
     verdict = observer.ask(*GOALS[0])
     assert observer.ending_of(verdict).outcome is Outcome.REACHED
 
-    assert set(kernels.rglob("*.nbc")) == compiled
+    assert [file.name for file in kernels.rglob("*.nbc") if file not in compiled] == []
