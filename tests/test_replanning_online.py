@@ -146,3 +146,9 @@ def test_parameters_apply_to_the_next_plan_and_are_refused_out_of_range(arm):
     taken, reason = arm.set_parameter("mhsb_sim", "real_time_factor", 2.0)
     assert not taken
     assert "publish_clock" in reason
+
+
+def test_two_planners_of_one_name_are_noticed_by_both(ros_domain, start_planner):
+    children = [start_planner(), start_planner()]
+    for child in children:
+        child.wait_for("there are 2 nodes called /mhsb_planner")

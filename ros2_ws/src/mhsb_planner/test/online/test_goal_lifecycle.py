@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from mhsb_model.goal import Goal
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.arm_view import NO_PLAN
 from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.planner import PlanOptions
 
 UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)
 
@@ -19,9 +21,13 @@ def under_way(world, goal=UP, seconds=1.0) -> int:
     return stamp
 
 
-def in_new_zones(world, **zones) -> Settings:
-    old = world.life._settings
-    return Settings(old.machine.changed(**zones), old.options)
+def across_the_way(world) -> Settings:
+    """Settings with a zone in which the tip would be later on its way, given what is in force."""
+    now_ns, way = world.arm.time_ns, world.arm.command.trajectory
+    later = way.sample(now_ns + (way.end_ns - now_ns) // 2)
+    x, z = world.machine.tip_position(later.position)
+    zones = Zones(tip_circles=((float(x), float(z), 0.03),))
+    return Settings(world.machine.changed(zones=zones), PlanOptions(planner="integrated"))
 
 
 def test_a_goal_is_planned_confirmed_and_reached(world):
@@ -112,6 +118,25 @@ def test_a_refused_plan_replaces_nothing_and_the_arm_can_be_stopped_all_the_same
     assert not world.arm.moves
     assert not world.tip_is_at(*UP)
     assert not world.tip_is_at(*DOWN)
+
+
+def test_after_a_refused_plan_a_zone_across_the_way_stops_the_arm_all_the_same(world):
+    first = under_way(world)
+    world.lost = 99
+    second = world.goal(*DOWN)
+    world.pass_time(0.3)
+    world.lost = 0
+    settings = across_the_way(world)
+    world.life.change(settings)
+    closest = np.inf
+    for _ in range(200):
+        world.pass_time(0.02)
+        closest = min(closest, settings.machine.clearance(world.arm.reference.position)[0])
+    assert closest > 0.0
+    assert not world.tip_is_at(*UP)
+    world.until(lambda: world.life.idle)
+    assert world.ending(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
+    assert world.verdict(second).code in (Verdict.OK, Verdict.INFEASIBLE)
 
 
 def test_planning_that_never_comes_in_time_ends_with_not_found_or_deadline(new_world):
