@@ -51,6 +51,11 @@ class Observer(GoalSender):
             self.create_subscription(topic.message, topic.name, callback, topic.qos)
         self.goal_publisher = self._goals
 
+    def listeners_to_goals(self) -> set[bytes]:
+        """Who hears goals; one that was killed stays among them for a while."""
+        found = self.get_subscriptions_info_by_topic(topics.GOAL_POSE.name)
+        return {bytes(each.endpoint_gid) for each in found}
+
     def until(self, condition: Callable[[], bool], timeout: float = 15.0) -> None:
         """Serve until the condition holds; fails where it does not in time [s]."""
         assert spin_until(self.executor_of_tests, condition, timeout), f"not within {timeout} s"
