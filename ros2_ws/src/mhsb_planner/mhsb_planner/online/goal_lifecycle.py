@@ -52,6 +52,9 @@ STOP_TIMEOUT = 5.0
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
 
+OLD_STOP = 1.0
+"""The arm's clock may be so much behind what is told of it, also when it told of a stop [s]."""
+
 STOP_ASKED = "the planner was asked to stop"
 ARM_STOPPED = "the arm was asked to stop"
 
@@ -104,6 +107,7 @@ class GoalLifecycle:
         self._sent: dict[int, Sent] = {}
         self._last_stamp_ns = 0
         self._last_stop_ns = 0
+        self._void_until = -math.inf
         self._arm_asked = False
         self._asked_at = -math.inf
 
@@ -125,13 +129,16 @@ class GoalLifecycle:
 
     # --- Goals -----------------------------------------------------------------------------------
 
-    def goal(self, goal: Goal) -> None:
-        """A goal has come."""
+    def goal(self, goal: Goal, received: float | None = None) -> None:
+        """A goal has come: now, or at `received` by the steady clock [s]."""
         wall = self._clock.wall()
-        in_hand = GoalInHand(goal, wall, wall)
+        in_hand = GoalInHand(goal, wall if received is None else received, wall)
         machine = self._settings.machine
         if self.view.fault:
             self._tell.refuse(in_hand, Verdict.FAULT, self.view.fault)
+            return
+        if in_hand.received <= self._void_until:
+            self._tell.stop(in_hand, ARM_STOPPED)
             return
         try:
             machine.check_in_workspace(goal.x, goal.z)
@@ -382,16 +389,21 @@ class GoalLifecycle:
             self._execution = None
         self._stopped(True, sentence)
 
-    def heard_stop(self, stop_ns: int) -> None:
-        """When the arm was last asked to stop [ns], 0 never: goals that had come are void."""
+    def heard_stop(self, stop_ns: int, heard: float | None = None) -> None:
+        """When the arm was last asked to stop [ns], 0 never: goals that had come are void.
+
+        That is all that came before the arm's report, which came now or at `heard` by the steady
+        clock [s]; a goal sent after the arm's answer comes later. An old stop voids nothing.
+        """
         if stop_ns in (0, self._last_stop_ns):
             return
         self._last_stop_ns, wall = stop_ns, self._clock.wall()
         if wall - self._asked_at < LONGEST_WAIT:  # by this planner, for a goal that waits
             return
         ago = (self._now_ns() - stop_ns) / SECOND_NS / self._in_arm_time(1.0)
+        self._void_until = min(wall if heard is None else heard, wall - ago + OLD_STOP)
         for in_hand in self._before_confirmation():
-            if in_hand.received <= wall - ago:
+            if in_hand.received <= self._void_until:
                 self._tell.stop(in_hand, ARM_STOPPED)
         if self._waiting is not None and self._waiting.over:
             self._waiting = None
