@@ -8,8 +8,10 @@ Tried in this order; the first that keeps every limit is taken, and the result s
    polynomials are not asked for, first setting out while still braking;
 3. the discrete path step by step, from rest to rest.
 
-From a moving start all others, and 1 where it has been refused, come after braking. Durations
-are stretched until valves, servo pumps and the main pump can follow.
+From a moving start all others, and 1 where it has been refused, come after braking; where a mode
+has just been switched, 2 and 3 also after a rest in which it may be left again. Durations are
+stretched until valves, servo pumps and the main pump can follow; what switches an actuator too
+soon for that at its end rests there for a while.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
-from mhsb_model.holding import HoldingError, holding_modes, modes_to_stop
+from mhsb_model.holding import HoldingError, holding_modes
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -45,7 +47,7 @@ from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, overloads
 from mhsb_planner.motion.s3_following import followed_path
 from mhsb_planner.motion.s3_limits import (
@@ -57,13 +59,8 @@ from mhsb_planner.motion.s3_limits import (
 )
 from mhsb_planner.motion.s3_piecewise import smoothed_path, stepped_path
 from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
-from mhsb_planner.motion.s4_mode_schedule import (
-    StartModes,
-    SwitchingRules,
-    interval_modes,
-    mode_schedule,
-    schedule_of_intervals,
-)
+from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
+from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
 FEWEST_INTERVALS = 10
@@ -207,7 +204,7 @@ def fit_trajectory(
     rules = rules or FitRules()
     refused: list[str] = []
     least = rules.least_duration / float(np.sum(path.duration))
-    for kind in _candidates(machine, path, start, brake, rules):
+    for kind in _candidates(machine, path, start, brake, modes, rules):
         candidate = replace(kind, stretch=max(kind.stretch, least))
         outcome = _stretched(machine, limits, path, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
@@ -220,13 +217,12 @@ def fit_braking(
     machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
 ) -> FittedMotion:
     """Braking alone, as a motion with its mode schedule; for stopping."""
-    switching = (rules or FitRules()).switching
-    trajectory = brake.shifted(-brake.stamp_ns)
-    schedule = mode_schedule(machine, trajectory, modes, rules=switching)
-    profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+    rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
+    scheduled = ScheduledMotion.of(machine, motion, modes, None, rules.switching)
+    trajectory, profile = scheduled.trajectory, scheduled.profile
     return FittedMotion(
         trajectory,
-        schedule,
+        scheduled.schedule,
         FitMethod.BRAKING,
         braked=True,
         stretch=1.0,
@@ -258,8 +254,8 @@ def warm_up(machine: Machine) -> None:
     )
     start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
     still = standstill(middle)
-    following = _candidates(machine, path, start, still, FitRules.following())
-    for candidate in chain(_candidates(machine, path, start, None, rules), following):
+    following = _candidates(machine, path, start, still, modes, FitRules.following())
+    for candidate in chain(_candidates(machine, path, start, None, modes, rules), following):
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
@@ -327,6 +323,7 @@ def _candidates(
     path: DiscretePath,
     start: MotionState,
     brake: Trajectory | None,
+    modes: StartModes,
     rules: FitRules,
 ) -> Iterator[_Candidate]:
     rest = MotionState.at_rest(path.posture[0])
@@ -348,6 +345,20 @@ def _candidates(
             brake,
         )
     yield _Candidate(FitMethod.STEPPED, "stepped", partial(stepped_path, path), rest, brake)
+    youngest = rules.switching.min_dwell - float(modes.age.min())
+    if youngest <= 0.0:
+        return
+    waited = (brake or standstill(start.position)).rested(round(youngest * SECOND_NS))
+    for window in rules.windows:
+        yield _Candidate(
+            FitMethod.PIECEWISE,
+            f"after a rest, smoothed over {window:g} s",
+            partial(smoothed_path, machine, path, window),
+            rest,
+            waited,
+        )
+    name, curve_at = "after a rest, stepped", partial(stepped_path, path)
+    yield _Candidate(FitMethod.STEPPED, name, curve_at, rest, waited)
 
 
 def _polynomials(
@@ -405,22 +416,19 @@ def _stretched(
             overrun = _overrun(machine, candidate.start, position, candidate.furthest)
             if overrun > rules.overrun:
                 return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
-        profile = motion_profile(
-            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
-        )
         time = trajectory.offset_ns / SECOND_NS
         preferred = _preferred(path, curve.node_time, time, first)
-        hold = modes_to_stop(machine, profile.force[-1], modes.modes)
-        intervals = interval_modes(
-            machine, time, profile, modes, hold, preferred, rules.switching
-        )
+        scheduled = ScheduledMotion.of(machine, trajectory, modes, preferred, rules.switching)
+        if not scheduled.keeps_dwell:
+            return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
+        trajectory, profile = scheduled.trajectory, scheduled.profile
         after = profile[first:]
         quasi_static = (1 + _speed_excess(machine, after)) / (1 + rules.max_excess)
-        used = max(largest_usage(machine, after, intervals[first:]), quasi_static)
+        used = max(largest_usage(machine, after, scheduled.intervals[first:]), quasi_static)
         deadline.check(FITTING)
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
-            schedule = schedule_of_intervals(0, trajectory.offset_ns, intervals, hold)
+            schedule = scheduled.schedule
             violation = first_violation(machine, trajectory, schedule, profile, deadline)
             if violation is None:
                 return _fitted(
