@@ -102,6 +102,19 @@ class Trajectory:
             self.acceleration,
         )
 
+    def rested(self, rest_ns: int) -> Trajectory:
+        """The same motion, and then a rest at its end for `rest_ns`."""
+        points = -(-rest_ns // POINT_SPACING_NS)
+        rest = self.duration_ns + rest_ns * np.arange(1, points + 1) // points
+        still = np.zeros((points, self.joint_count))
+        return Trajectory(
+            self.stamp_ns,
+            np.concatenate([self.offset_ns, rest]),
+            np.vstack([self.position, self.position[-1] + still]),
+            np.vstack([self.velocity, still]),
+            np.vstack([self.acceleration, still]),
+        )
+
     def sample(self, time_ns: int) -> MotionState:
         """State at the absolute time `time_ns`; held at rest after the end."""
         q, qd, qdd = self.sample_many(np.array([time_ns], dtype=np.int64))

@@ -100,3 +100,14 @@ def test_a_state_at_rest_has_neither_velocity_nor_acceleration():
     state = MotionState.at_rest(np.array([1.0, 2.0]))
     assert not state.velocity.any()
     assert not state.acceleration.any()
+
+
+def test_a_rest_follows_the_same_motion():
+    trajectory = example()
+    rested = trajectory.rested(310_000_000)
+    assert rested.end_ns == trajectory.end_ns + 310_000_000
+    assert np.max(np.diff(rested.offset_ns[len(trajectory.offset_ns) - 1 :])) <= 20_000_000
+    moving, end = START + trajectory.duration_ns // 2, rested.sample(rested.end_ns)
+    assert rested.sample(moving).velocity.tolist() == trajectory.sample(moving).velocity.tolist()
+    assert end.position.tolist() == trajectory.position[-1].tolist()
+    assert not end.velocity.any()

@@ -78,8 +78,11 @@ def fit_rules(options: PlanOptions) -> FitRules:
     """What S3 may do."""
     kind = options.trajectory or planner_named(options.planner).trajectory
     if kind == "followed":
-        return FitRules.following()
-    return FitRules(max_excess=options.max_speed_excess, patient=options.trajectory is not None)
+        rules = FitRules.following()
+    else:
+        patient = options.trajectory is not None
+        rules = FitRules(max_excess=options.max_speed_excess, patient=patient)
+    return replace(rules, least_duration=options.least_duration)
 
 
 @dataclass(frozen=True, eq=False)

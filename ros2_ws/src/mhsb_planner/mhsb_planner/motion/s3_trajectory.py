@@ -9,8 +9,10 @@ Tried in this order; the first that keeps every limit is taken, and the result s
 3. from a moving start: coming to rest, and then 2;
 4. the discrete path step by step, from rest to rest.
 
+Where a mode has just been switched, 3 and 4 also after a rest in which it may be left again.
 Durations are stretched until valves, servo pumps and the main pump can follow, and ramps made
-slower until the pressures can.
+slower until the pressures can; what switches an actuator too soon for that at its end rests there
+for a while.
 """
 
 from __future__ import annotations
@@ -28,18 +30,18 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
-from mhsb_model.holding import HoldingError, holding_modes, modes_to_stop
+from mhsb_model.holding import HoldingError, holding_modes
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory
+from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, overloads
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
@@ -47,6 +49,7 @@ from mhsb_planner.motion.s3_following import followed_path
 from mhsb_planner.motion.s3_limits import (
     JOINT_TOLERANCE,
     Limit,
+    Violation,
     first_violation,
     joint_excess,
     largest_usage,
@@ -54,13 +57,8 @@ from mhsb_planner.motion.s3_limits import (
 from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
 from mhsb_planner.motion.s3_ramps import shortest_ramp
 from mhsb_planner.motion.s3_stepped import stepped_path
-from mhsb_planner.motion.s4_mode_schedule import (
-    StartModes,
-    SwitchingRules,
-    interval_modes,
-    mode_schedule,
-    schedule_of_intervals,
-)
+from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
+from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 from mhsb_planner.motion.trajectory_points import SmoothCurve, joined, sampled_trajectory
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
@@ -119,6 +117,7 @@ class FitRules:
     patient      whether polynomials are stretched as far as that takes; otherwise no longer than
                  following the path would last
     overrun      m, by which a piston may run on beyond what braking and the path need
+    least_duration  s, that the discrete path takes at least
     """
 
     trajectory: TrajectoryKind = "polynomial"
@@ -128,6 +127,7 @@ class FitRules:
     max_excess: float = 0.1
     patient: bool = True
     overrun: float = 2e-3
+    least_duration: float = 0.0
 
     @classmethod
     def following(cls) -> FitRules:
@@ -199,11 +199,17 @@ def fit_trajectory(
     limits, machine = machine.arrays, _admitting(machine, start.position)
     rules = rules or FitRules()
     refused: list[str] = []
-    for candidate in _candidates(machine, path, start, brake, coast, rules):
+    least = rules.least_duration / float(np.sum(path.duration))
+    lacked = False
+    for kind in _candidates(machine, path, start, brake, coast, modes, rules):
+        if kind.for_thrust and not lacked:
+            continue
+        candidate = replace(kind, stretch=max(kind.stretch, least))
         outcome = _stretched(machine, limits, path, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused))
         refused.append(f"{candidate.name}: {outcome}")
+        lacked = isinstance(outcome, Violation) and outcome.limit == Limit.THRUST
     raise FitError(tuple(refused))
 
 
@@ -211,13 +217,12 @@ def fit_braking(
     machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
 ) -> FittedMotion:
     """Braking alone, as a motion with its mode schedule; for stopping."""
-    switching = (rules or FitRules()).switching
-    trajectory = brake.shifted(-brake.stamp_ns)
-    schedule = mode_schedule(machine, trajectory, modes, rules=switching)
-    profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+    rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
+    scheduled = ScheduledMotion.of(machine, motion, modes, None, rules.switching)
+    trajectory, profile = scheduled.trajectory, scheduled.profile
     return FittedMotion(
         trajectory,
-        schedule,
+        scheduled.schedule,
         FitMethod.BRAKING,
         braked=True,
         stretch=1.0,
@@ -249,8 +254,11 @@ def warm_up(machine: Machine) -> None:
     )
     start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
     coast = coasting(machine, MotionState(middle, 0.1 * middle, middle))
-    following = _candidates(machine, path, start, coast.trajectory, coast, FitRules.following())
-    for candidate in chain(_candidates(machine, path, start, None, None, rules), following):
+    following = FitRules.following()
+    for candidate in chain(
+        _candidates(machine, path, start, None, None, modes, rules),
+        _candidates(machine, path, start, coast.trajectory, coast, modes, following),
+    ):
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
@@ -269,6 +277,7 @@ class _Candidate:
     coasts       whether it begins with coasting
     stretchable  limits for which it is stretched, rather than refused
     longest      largest factor on the first stretch; None: that of the rules
+    for_thrust   whether it is tried only where the one before lacks pressure
     """
 
     method: FitMethod
@@ -281,6 +290,7 @@ class _Candidate:
     coasts: bool = False
     stretchable: tuple[Limit, ...] = (Limit.USAGE, Limit.THRUST)
     longest: float | None = None
+    for_thrust: bool = False
 
 
 def _check_meeting(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
@@ -330,6 +340,7 @@ def _candidates(
     start: MotionState,
     brake: Trajectory | None,
     coast: Coasting | None,
+    modes: StartModes,
     rules: FitRules,
 ) -> Iterator[_Candidate]:
     rest = MotionState.at_rest(path.posture[0])
@@ -337,9 +348,15 @@ def _candidates(
         yield _polynomial(machine, path, start, brake, rules)
     if coast is not None:
         yield from _ramped(machine, path, start, None, coast, rules.slowness)
-    yield from _ramped(machine, path, rest, brake, None, rules.slowness)
-    stepped = partial(stepped_path, machine, path)
-    yield _Candidate(FitMethod.STEPPED, "stepped", stepped, rest, brake)
+    youngest = rules.switching.min_dwell - float(modes.age.min())
+    lead_ins = [("", brake)]
+    if youngest > 0.0:
+        waited = (brake or standstill(start.position)).rested(round(youngest * SECOND_NS))
+        lead_ins.append(("after a rest, ", waited))
+    for words, lead_in in lead_ins:
+        yield from _ramped(machine, path, rest, lead_in, None, rules.slowness, words)
+        stepped = partial(stepped_path, machine, path)
+        yield _Candidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
 
 
 def _ramped(
@@ -349,18 +366,20 @@ def _ramped(
     lead_in: Trajectory | None,
     coast: Coasting | None,
     slowness: tuple[float, ...],
+    words: str = "",
 ) -> Iterator[_Candidate]:
     """The path followed with ever slower ramps; from rest the slowest are stretched as well."""
-    at_once = "" if coast is None else "setting out at once, "
+    words = words if coast is None else "setting out at once, "
     for slower in slowness:
         last = coast is None and slower == slowness[-1]
         yield _Candidate(
             FitMethod.RAMPED,
-            f"{at_once}with ramps {slower:g} times the shortest",
+            f"{words}with ramps {slower:g} times the shortest",
             partial(followed_path, machine, path, slower, coast),
             start,
             lead_in,
             coasts=coast is not None,
+            for_thrust=slower != slowness[0],
             stretchable=(Limit.USAGE, Limit.THRUST) if last else (Limit.USAGE,),
         )
 
@@ -406,7 +425,7 @@ def _stretched(
     candidate: _Candidate,
     rules: FitRules,
     deadline: Deadline,
-) -> FittedMotion | str:
+) -> FittedMotion | Violation | str:
     """The candidate's motion, stretched as far as its limits ask; or why there is none.
 
     The machine admits the start, `limits` are those to which a joint beyond them has to return.
@@ -431,32 +450,29 @@ def _stretched(
             overrun = _overrun(machine, candidate.start, position, candidate.furthest)
             if overrun > rules.overrun:
                 return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
-        profile = motion_profile(
-            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
-        )
         time = trajectory.offset_ns / SECOND_NS
         preferred = _preferred(path, curve.node_time, time, first)
-        hold = modes_to_stop(machine, profile.force[-1], modes.modes)
-        intervals = interval_modes(
-            machine, time, profile, modes, hold, preferred, rules.switching
-        )
+        scheduled = ScheduledMotion.of(machine, trajectory, modes, preferred, rules.switching)
+        if not scheduled.keeps_dwell:
+            return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
+        trajectory, profile = scheduled.trajectory, scheduled.profile
         after = profile[first:]
         fastest = 1.0 + rules.max_excess
         if candidate.coasts:  # what is too fast already becomes slower, but not by stretching
             fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
         quasi_static = (1.0 + _speed_excess(machine, after)) / fastest
-        used = max(largest_usage(machine, after, intervals[first:]), quasi_static)
+        used = max(largest_usage(machine, after, scheduled.intervals[first:]), quasi_static)
         deadline.check(FITTING)
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
-            schedule = schedule_of_intervals(0, trajectory.offset_ns, intervals, hold)
+            schedule = scheduled.schedule
             violation = first_violation(machine, trajectory, schedule, profile, deadline)
             if violation is None:
                 return _fitted(
                     machine, path, candidate, curve, trajectory, schedule, profile, stretch
                 )
             if violation.limit not in candidate.stretchable or violation.time < time[first]:
-                return str(violation)
+                return violation
             needed = USAGE_RESERVE * (1.0 + violation.amount)
         stretch *= needed
         if stretch > (candidate.longest or rules.max_stretch) * candidate.stretch:

@@ -280,6 +280,22 @@ def test_when_somebody_stops_the_arm_goals_that_had_come_are_void(world, moving,
     assert world.ending(world.goal(*UP)).outcome is Outcome.REACHED
 
 
+def test_a_goal_that_came_before_the_arm_was_stopped_is_void_also_when_it_is_read_later(world):
+    came = world.wall()
+    world.pass_time(0.01)
+    world.arm.stop_at_once()
+    world.pass_time(0.05)
+    world.life.goal(Goal(1, *DOWN), came)
+    assert world.verdict(1).code is Verdict.STOPPED
+    assert not world.planned
+
+
+def test_a_stop_of_long_ago_voids_no_goal(world):
+    world.life.goal(Goal(1, *DOWN))
+    world.life.heard_stop(world.arm.time_ns - 3 * SECOND_NS)
+    assert world.verdict(1).code is Verdict.OK
+
+
 def test_a_goal_after_a_stop_goes_on_from_there(world):
     under_way(world)
     world.life.stop(lambda *answer: None)
