@@ -24,7 +24,8 @@ class PlanOptions:
     goal_psi         rad, end-link angle at the goal; None leaves it free
     planner          where postures come from, one of `registry.PLANNERS`
     trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
-                     None: as the planner does
+                     None: as the planner does, polynomials where they last no longer
+    max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial
     initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
@@ -42,6 +43,7 @@ class PlanOptions:
     goal_psi: float | None = None
     planner: str = "table"
     trajectory: TrajectoryKind | None = None
+    max_speed_excess: float = 0.1
     initial_j3: float | None = None
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
@@ -54,3 +56,5 @@ class PlanOptions:
             raise RequestError("goal_psi", self.goal_psi, "must be a finite angle in rad")
         if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
             raise RequestError("area weight", self.area_weight, "must be finite and not negative")
+        if not 0.0 <= self.max_speed_excess <= 1.0:
+            raise RequestError("max_speed_excess", self.max_speed_excess, "must be within 0 … 1")
