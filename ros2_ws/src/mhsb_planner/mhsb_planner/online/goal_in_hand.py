@@ -72,4 +72,5 @@ def summary_of(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:
         plan_ms=plan_ms,
         lower_bound_j=plan.lower_bound,
         lead_ms=lead_ms,
+        speed_excess=plan.motion.speed_excess,
     )
