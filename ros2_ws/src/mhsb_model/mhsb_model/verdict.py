@@ -75,6 +75,7 @@ class PlanSummary:
     plan_ms          from goal received to plan published, ms
     lower_bound_j    no plan to this goal needs less, J
     lead_ms          from goal received to where the new curve leaves the old one, ms
+    cavitation_s     for which loads empty the inlet chambers of actuators, summed over these, s
     continued        whether the plan in force leads there already and nothing was published
     """
 
@@ -87,6 +88,7 @@ class PlanSummary:
     lower_bound_j: float
     lead_ms: float = 0.0
     continued: bool = False
+    cavitation_s: float = 0.0
 
 
 @dataclass(frozen=True)

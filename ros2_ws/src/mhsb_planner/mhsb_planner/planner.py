@@ -19,6 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from mhsb_model.cavitation import Cavitation
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
@@ -27,6 +28,7 @@ from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
+from mhsb_planner.motion.cavitation import cavitations_of
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
@@ -89,6 +91,7 @@ class Plan:
              `comparison` with others' paths; `first_motion` is when, since the call, there was a
              motion at all [s]
     area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
+    cavitations     of actuators whose static loads drive them faster than inlets fill
     """
 
     path: DiscretePath
@@ -96,6 +99,12 @@ class Plan:
     energy: Energy
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
+    cavitations: tuple[Cavitation, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the motion asks of the machine beyond its limits; one sentence for each."""
+        return tuple(map(str, (*self.motion.overloads, *self.cavitations)))
 
     @property
     def lower_bound(self) -> float:
@@ -261,6 +270,7 @@ class _Making:
         return replace(
             self._best,
             path=replace(path, statistics=statistics),
+            cavitations=cavitations_of(self._machine, self._best.motion.trajectory),
             seconds=MappingProxyType(self._seconds),
         )
 

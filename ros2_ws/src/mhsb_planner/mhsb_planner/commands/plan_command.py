@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -26,6 +27,7 @@ from mhsb_planner.evaluation.operating_point import (
 )
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
 from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.motion.cavitation import cavitating_steps
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
 from mhsb_planner.planners.registry import summaries
@@ -153,7 +155,8 @@ def plan(
     if json_:
         print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))
     else:
-        print("\n".join([*as_text(made, seconds), area_line(area), *point_lines(found)]))
+        lines = as_text(suite.machine, made, seconds)
+        print("\n".join([*lines, area_line(area), *point_lines(found)]))
 
 
 def _advance(bar: tqdm, _: Sample) -> None:
@@ -230,22 +233,28 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
             "joint_deviation_rad": motion.joint_deviation,
             "refused": list(motion.refused),
         },
-        "warnings": [str(overload) for overload in motion.overloads],
+        "warnings": list(made.warnings),
+        "cavitating": [
+            {"actuator": each.actuator, "begin_s": each.begin, "duration_s": each.duration}
+            for each in made.cavitations
+        ],
+        "cavitating_steps": cavitating_steps(machine, path).tolist(),
         "expanded": path.statistics.expanded,
         "out_of_time": path.statistics.out_of_time,
         "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
     }
 
 
-def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
+def as_text(machine: Machine, made: Plan, seconds: dict[str, float]) -> list[str]:
     """A table of the steps and the sums."""
     path, motion = made.path, made.motion
-    lines = ["step   tip x, z [m]      modes           time [s]   energy [J]"]
+    names, empty = np.array(machine.actuator_names), cavitating_steps(machine, path)
+    lines = ["step   tip x, z [m]      modes           time [s]   energy [J]   cavitating"]
     for k in range(path.steps):
         x, z = path.tip[k + 1]
         lines.append(
             f"{k + 1:4d}   {x:6.3f} {z:7.3f}   {pattern_name(path.modes[k]):14s}"
-            f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}"
+            f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}   {', '.join(names[empty[k]]) or '–'}"
         )
     lines += [
         f"discrete path: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
@@ -257,7 +266,7 @@ def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
         f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
         f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
-        *(f"warning: {overload}" for overload in motion.overloads),
+        *(f"warning: {warning}" for warning in made.warnings),
         "planned in "
         + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
     ]

@@ -43,4 +43,4 @@ def announcement(replan: Replan, goal: Goal) -> str:
     sentence = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {duration:.1f} s"
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"
-    return "; ".join([sentence, *map(str, plan.motion.overloads)])
+    return "; ".join([sentence, *plan.warnings])
