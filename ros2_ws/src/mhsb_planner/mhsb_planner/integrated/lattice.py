@@ -7,6 +7,9 @@ no cylinder needs boost. From points within one spacing of a goal posture a step
 
 A state is a point and the pattern in which it was reached. The estimate of the cost that remains,
 `lower_bound.least_cost` to the nearest goal posture, is consistent.
+
+Only points that are met take memory, each a row of its own, so that a lattice is laid out at once
+however many points it has; rows are added as the search asks for them.
 """
 
 from __future__ import annotations
@@ -28,11 +31,13 @@ from mhsb_planner.search.frontier import (
     EXHAUSTED,
     EXPANDED,
     FOUND,
+    FULL,
     GENERATED,
     NOWHERE,
     PAUSED,
     Frontier,
     empty_frontier,
+    enlarged,
     reach,
     take_first,
     way_to_goal,
@@ -41,6 +46,9 @@ from mhsb_planner.search.s2_step import DURATION, INADMISSIBLE, Postures
 
 FIRST_PORTION, PORTION = 4, 50
 """States to expand before the first look at the clock, and between two at most."""
+
+FIRST_ROWS = 1000
+"""Points for which there is room before a search asks for more; then twice as many each time."""
 
 
 class Lattice(NamedTuple):
@@ -97,9 +105,21 @@ def _along_cylinder(
     below = max(0, math.floor((here - max(ends[0], span[0])) / spacing))
     above = max(0, math.floor((min(ends[1], span[1]) - here) / spacing))
     length = here + spacing * np.arange(-below, above + 1)
-    angles = np.array([joint_angle(linkage, at, low, high, angle) for at in length])
-    angles[below] = angle
-    return length, angles, below
+    return length, _angles(linkage, length, low, high, below, angle), below
+
+
+@kernel
+def _angles(
+    linkage: FloatArray, length: FloatArray, low: float, high: float, first: int, angle: float
+) -> FloatArray:
+    """Angles [rad] of a joint at its cylinder's lengths [m], that at `first` being known."""
+    angles = np.empty(len(length))
+    angles[first] = angle
+    for i in range(first + 1, len(length)):
+        angles[i] = joint_angle(linkage, length[i], low, high, angles[i - 1])
+    for i in range(first - 1, -1, -1):
+        angles[i] = joint_angle(linkage, length[i], low, high, angles[i + 1])
+    return angles
 
 
 def _limits(machine: Machine, j: int) -> tuple[float, float]:
@@ -115,39 +135,73 @@ def _rows(rows: list[FloatArray]) -> FloatArray:
 
 
 class Known(NamedTuple):
-    """What this search notes beside its frontier."""
+    """What this search notes beside its frontier, of the points that it has met, one a row.
 
-    remaining: FloatArray  # [points] least cost to the goal, NaN where not yet computed
-    force: FloatArray  # [points, n] of the cylinders [N], NaN where not yet computed
-    best: IntArray  # [points + 1] the cheapest state of each point so far, NOWHERE where none
+    The states of the point in row r are numbers r · patterns and following.
+    """
+
+    row: IntArray  # [points] one more than the row of each, 0 where it has not been met
+    rows: IntArray  # [1] points met
+    point: IntArray  # [rows] which it is
+    remaining: FloatArray  # [rows] least cost to the goal
+    force: FloatArray  # [rows, n] of the cylinders [N], NaN where not yet computed
+    best: IntArray  # [rows] the cheapest state so far, NOWHERE where none
     reached: IntArray  # [1] goal posture at the end of the path to the goal
 
 
-def nothing_known(lattice: Lattice) -> Known:
-    """What is noted before a search."""
-    points = int(np.prod(lattice.shape))
+def nothing_known(lattice: Lattice, rows: int) -> Known:
+    """What is noted before a search, with room for so many points."""
     return Known(
-        remaining=np.full(points, np.nan),
-        force=np.full((points, len(lattice.shape)), np.nan),
-        best=np.full(points + 1, NOWHERE),
+        row=np.zeros(int(np.prod(lattice.shape)), dtype=np.int64),
+        rows=np.zeros(1, dtype=np.int64),
+        point=np.empty(rows, dtype=np.int64),
+        remaining=np.empty(rows),
+        force=np.full((rows, len(lattice.shape)), np.nan),
+        best=np.full(rows, NOWHERE),
         reached=np.full(1, NOWHERE),
     )
 
 
+def _with_more_rows(known: Known) -> Known:
+    """The same with twice as many rows."""
+    more = len(known.point)
+    return known._replace(
+        point=np.append(known.point, np.empty(more, dtype=np.int64)),
+        remaining=np.append(known.remaining, np.empty(more)),
+        force=np.vstack([known.force, np.full((more, known.force.shape[1]), np.nan)]),
+        best=np.append(known.best, np.full(more, NOWHERE)),
+    )
+
+
 @kernel
-def _place(
-    t: Terms, known: Known, lattice: Lattice, point: int, points: Postures, i: int
+def _put(
+    t: Terms, known: Known, lattice: Lattice, row: int, points: Postures, i: int
 ) -> None:
-    """Put a lattice point at points[i], its forces computed once."""
-    rest = point
+    """Put the lattice point of a row at points[i]; its forces are those of `_load`."""
+    rest = known.point[row]
     for j in range(len(lattice.shape)):
         at = rest // lattice.stride[j]
         rest -= at * lattice.stride[j]
         points.length[i, j] = lattice.length[j, at]
         points.posture[i, j] = lattice.angle[j, at]
-    if math.isnan(known.force[point, 0]):
-        piston_forces(t.machine, points.posture[i], known.force[point])
-    points.force[i] = known.force[point]
+
+
+@kernel
+def _load(t: Terms, known: Known, row: int, points: Postures, i: int) -> None:
+    """Put the cylinders' forces at the point of a row, computed once, at points[i]."""
+    if math.isnan(known.force[row, 0]):
+        piston_forces(t.machine, points.posture[i], known.force[row])
+    points.force[i] = known.force[row]
+
+
+@kernel
+def _meet(known: Known, point: int) -> int:
+    """A new row for a point that has not been met."""
+    row = known.rows[0]
+    known.rows[0] += 1
+    known.row[point] = row + 1
+    known.point[row] = point
+    return row
 
 
 @kernel
@@ -184,15 +238,15 @@ def _relax(
     target's, costs no more: whatever follows can follow that one.
     """
     patterns = len(t.patterns)
-    point, p = target // patterns, target % patterns
-    best = known.best[point]
-    if best != NOWHERE:
-        if cost >= f.cost[best] + t.weight[2] * t.switches[best % patterns, p]:
+    row, p = target // patterns, target % patterns
+    if target < len(f.cost) - 1:
+        best = known.best[row]
+        if best == NOWHERE:
+            known.best[row] = target
+        elif cost >= f.cost[best] + t.weight[2] * t.switches[best % patterns, p]:
             return False
-        if cost < f.cost[best]:
-            known.best[point] = target
-    else:
-        known.best[point] = target
+        elif cost < f.cost[best]:
+            known.best[row] = target
     if cost >= f.cost[target]:
         return False
     reach(f, target, state, 1 if state == NOWHERE else f.depth[state] + 1, cost, least)
@@ -239,7 +293,7 @@ def expand(
     enough: float,
     limit: int,
 ) -> int:
-    """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED.
+    """Expand up to `limit` states; PAUSED, FOUND, EXHAUSTED, or FULL where rows are to be added.
 
     goals   the postures in which the path may end
     enough  paths that cost as much or more are not wanted
@@ -251,36 +305,44 @@ def expand(
     n = len(lattice.shape)
     at = np.empty(n, dtype=np.int64)
     for _ in range(limit):
+        if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
+            return FULL
         if f.counts[EXPANDED] == 0:
-            state, point, own, so_far = NOWHERE, lattice.start, patterns, 0.0
+            state, own, so_far = NOWHERE, patterns, 0.0
+            here = _meet(known, lattice.start)
         else:
             state = take_first(f)
             if state == NOWHERE:
                 return EXHAUSTED
             if state == sink:
                 return FOUND
-            point, own, so_far = state // patterns, state % patterns, f.cost[state]
-            best = known.best[point]
+            here, own, so_far = state // patterns, state % patterns, f.cost[state]
+            best = known.best[here]
             if so_far > f.cost[best] + w_switch * t.switches[best % patterns, own]:
                 continue
         origin = Origin(state, own, so_far)
         f.counts[EXPANDED] += 1
-        _place(t, known, lattice, point, w.points, 0)
-        rest = point
+        _put(t, known, lattice, here, w.points, 0)
+        _load(t, known, here, w.points, 0)
+        rest = known.point[here]
         for j in range(n):
             at[j] = rest // lattice.stride[j]
             rest -= at[j] * lattice.stride[j]
         for move in lattice.moves:
-            target = point
+            point = known.point[here]
             inside = True
             for j in range(n):
                 inside = inside and 0 <= at[j] + move[j] < lattice.shape[j]
-                target += move[j] * lattice.stride[j]
+                point += move[j] * lattice.stride[j]
             if not inside:
                 continue
-            _place(t, known, lattice, target, w.points, 1)
-            if math.isnan(known.remaining[target]):
+            target = known.row[point] - 1
+            if target == NOWHERE:
+                target = _meet(known, point)
+                _put(t, known, lattice, target, w.points, 1)
                 known.remaining[target] = _remaining(t, w.points.length[1], goals.length)
+            else:
+                _put(t, known, lattice, target, w.points, 1)
             least = known.remaining[target]
             there = so_far + least_step(t, w.points.length[0], w.points.length[1])
             if there + least >= enough:
@@ -288,6 +350,7 @@ def expand(
             best = known.best[target]
             if best != NOWHERE and there >= f.cost[best] + w_switch * n:
                 continue
+            _load(t, known, target, w.points, 1)
             f.counts[GENERATED] += 1
             admitted = price_piece(t, w, 0)
             if admitted == INADMISSIBLE:
@@ -309,7 +372,12 @@ def expand(
 
 
 class LatticeSearch:
-    """A search over the lattice from a start posture [rad] to goal postures."""
+    """A search over the lattice from a start posture [rad] to goal postures.
+
+    exhausted  whether it has ended because no route costs less than enough
+    """
+
+    exhausted = False
 
     def __init__(
         self,
@@ -324,8 +392,9 @@ class LatticeSearch:
         self._terms, self._memory, self._goals = t, memory, goals
         lengths = np.vstack([machine.cylinder_lengths(start), goals.length])
         self._lattice = lattice_around(machine, start, lengths, spacing, margin)
-        self._frontier = empty_frontier(int(np.prod(self._lattice.shape)) * len(t.patterns))
-        self._known = nothing_known(self._lattice)
+        rows = max(FIRST_ROWS, len(self._lattice.moves) + 1)
+        self._frontier = empty_frontier(rows * len(t.patterns))
+        self._known = nothing_known(self._lattice, rows)
 
     @property
     def expanded(self) -> int:
@@ -362,14 +431,19 @@ class LatticeSearch:
                 enough,
                 min(portion, expansions - self.expanded),
             )
-            if status != PAUSED or self.expanded >= expansions:
+            if status == FULL:
+                self._frontier = enlarged(self._frontier)
+                self._known = _with_more_rows(self._known)
+            elif status != PAUSED or self.expanded >= expansions:
                 break
+        self.exhausted = status == EXHAUSTED
         return self._found() if status == FOUND else None
 
     def _found(self) -> tuple[FloatArray, int]:
         lattice, way = self._lattice, way_to_goal(self._frontier)
-        points = [lattice.start, *(state // len(self._terms.patterns) for state in way[:-1])]
-        index = (np.array(points)[:, None] // lattice.stride) % lattice.shape
+        rows = [state // len(self._terms.patterns) for state in way[:-1]]
+        points = np.append(lattice.start, self._known.point[rows])
+        index = (points[:, None] // lattice.stride) % lattice.shape
         corners = lattice.length[np.arange(len(lattice.shape)), index]
         goal = int(self._known.reached[0])
         return np.vstack([corners, self._goals.length[goal]]), goal
