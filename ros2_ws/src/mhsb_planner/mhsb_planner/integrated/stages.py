@@ -16,7 +16,7 @@ import numpy as np
 
 from mhsb_model.types import IntArray
 from mhsb_planner.errors import DeadlineError, NoPathError
-from mhsb_planner.integrated.lattice import LatticeSearch
+from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.refinement import shortcut, sweep
 from mhsb_planner.integrated.task import Route, Task
 from mhsb_planner.search.s2_search import SEARCHING
@@ -34,8 +34,11 @@ WORTH_A_MOTION = 5e-3
 SPARSE = 3
 """Straight lines lead to one in so many goal postures first."""
 
-WHOLE_RANGE = 10**6
-"""Lattice points beyond start and goals that no joint's range has."""
+TURNED = 6.0
+"""How far the arm moves per spacing of the lattice in the cylinders, where there are obstacles."""
+
+HASTE = 2.0
+"""Of a first route: it may cost so many times as much as the cheapest over the same lattice."""
 
 FIRST_LINES = 8
 """So many are tried before something else may come first."""
@@ -167,7 +170,7 @@ def over_lattice(task: Task, best: Route | None, spacing: float, work: Work) -> 
     worth = np.flatnonzero(task.least < limit)
     search = lattice(task, worth, spacing)
     left = sys.maxsize if best is None else task.effort.expansions - work.expanded
-    found = search.search(limit, left, task.time.until)
+    found = search.search(limit, left, task.time.until, HASTE if best is None else 1.0)
     work.expanded += search.expanded
     work.priced += search.priced
     if found is None:
@@ -180,9 +183,11 @@ def over_lattice(task: Task, best: Route | None, spacing: float, work: Work) -> 
 def lattice(task: Task, worth: IntArray, spacing: float) -> LatticeSearch:
     """The search for those of the goal postures that are worth it."""
     goals = Postures(*(column[worth] for column in task.goals.postures))
-    return LatticeSearch(
-        task.terms, task.memory, task.machine, task.start, goals, spacing, WHOLE_RANGE
-    )
+    if len(task.terms.obstacles) > 0:
+        points = evenly_turned(task.machine, task.start, TURNED * spacing)
+    else:
+        points = evenly_long(task.machine, task.start, spacing)
+    return LatticeSearch(task.terms, task.memory, points, goals)
 
 
 # --- Small changes -------------------------------------------------------------------------------

@@ -210,7 +210,7 @@ def test_where_a_coarse_lattice_has_no_way_finer_ones_are_searched(
 ):
     among = machine.changed(zones=zones)
     with pytest.raises(NoPathError):
-        search(among, np.array(start), NORMAL, goal, ENERGY, effort=Effort(narrowest=25e-3))
+        search(among, np.array(start), NORMAL, goal, ENERGY, effort=Effort(coarsest=0.06, narrowest=0.06))
     path = search(among, np.array(start), NORMAL, goal, ENERGY)
     check_possible(among, path, np.array(start), goal)
     assert min(among.clearance(q)[0] for q in path.posture) > 0.0
