@@ -77,7 +77,8 @@ ROUNDING = 1e-9
 def fit_rules(options: PlanOptions) -> FitRules:
     """What S3 may do."""
     kind = options.trajectory or planner_named(options.planner).trajectory
-    return FitRules.following() if kind == "followed" else FitRules()
+    rules = FitRules.following() if kind == "followed" else FitRules()
+    return replace(rules, least_duration=options.least_duration)
 
 
 @dataclass(frozen=True, eq=False)

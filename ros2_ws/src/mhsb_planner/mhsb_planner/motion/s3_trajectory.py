@@ -126,6 +126,7 @@ class FitRules:
     max_stretch  largest factor on the discrete path's durations
     max_excess   largest |v|/V_max − 1 of a piston, for the motion to count as quasi-static
     overrun      m, by which a piston may run on beyond what braking and the path need
+    least_duration  s, that the discrete path takes at least
     """
 
     trajectory: TrajectoryKind = "polynomial"
@@ -134,6 +135,7 @@ class FitRules:
     max_stretch: float = 3.0
     max_excess: float = 1.0
     overrun: float = 2e-3
+    least_duration: float = 0.0
 
     @classmethod
     def following(cls) -> FitRules:
@@ -201,7 +203,9 @@ def fit_trajectory(
     limits, machine = machine.arrays, _admitting(machine, start.position)
     rules = rules or FitRules()
     refused: list[str] = []
-    for candidate in _candidates(machine, path, start, brake, modes, rules):
+    least = rules.least_duration / float(np.sum(path.duration))
+    for kind in _candidates(machine, path, start, brake, modes, rules):
+        candidate = replace(kind, stretch=max(kind.stretch, least))
         outcome = _stretched(machine, limits, path, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused))

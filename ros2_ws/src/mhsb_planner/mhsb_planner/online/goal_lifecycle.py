@@ -30,6 +30,7 @@ from mhsb_planner.online.departure import MovingError, NoStateError, departure
 from mhsb_planner.online.execution import EARLY_NS, Execution
 from mhsb_planner.online.goal_in_hand import GoalInHand, summary_of
 from mhsb_planner.online.goal_reports import GoalReports
+from mhsb_planner.online.goal_stream import GoalStream
 from mhsb_planner.online.lead import LONGER, Lead, LeadEstimate
 from mhsb_planner.online.plan_request import PlanRequest, Sent, Settings
 from mhsb_planner.online.ports import Clock, Outbox
@@ -93,6 +94,7 @@ class GoalLifecycle:
     ) -> None:
         self.view = ArmView(settings.machine.joint_count)
         self.lead = LeadEstimate()
+        self._stream = GoalStream()
         self._settings = settings
         self._brake = brake
         self._clock = clock
@@ -146,7 +148,8 @@ class GoalLifecycle:
         except MhsbError as error:
             self._tell.refuse(in_hand, code_of(error), str(error))
             return
-        if self._waiting is not None:
+        self._stream.hear(goal, in_hand.received)
+        if self._waiting is not None and not self._is_under_way(self._waiting):
             self._tell.pass_over(self._waiting)
         self._waiting = in_hand
         self._arm_asked = False
@@ -157,6 +160,7 @@ class GoalLifecycle:
         sent = self._unconfirmed
         if sent is not None and self._overdue(sent):
             self._not_taken(sent, HandOverReason.LATE, "the arm did not take the plan in time")
+        self._go_to_where_the_stream_ended()
         self._judge_execution()
         self._go_on_stopping()
         self._begin()
@@ -193,9 +197,12 @@ class GoalLifecycle:
     ) -> PlanRequest:
         lead = self._lead_of(in_hand)
         at_rest = start.trajectory.end_ns <= now_ns
+        target, lasting = self._target_of(in_hand, wall, lead.total)
         return PlanRequest(
             self._epoch,
             in_hand,
+            target,
+            lasting,
             self._settings,
             start,
             self.view.in_force_ns,
@@ -204,6 +211,33 @@ class GoalLifecycle:
             wall,
             Deadline(wall + lead.total - lead.flight),
         )
+
+    def _target_of(self, in_hand: GoalInHand, wall: float, lead: float) -> tuple[Goal, float]:
+        """Where a plan should lead, and how long it should last: until the goal has come again."""
+        stream, goal = self._stream, in_hand.goal
+        if in_hand.exact or not stream.moves(wall):
+            return goal, 0.0
+        return stream.ahead(goal, lead + stream.period), stream.period
+
+    def _go_to_where_the_stream_ended(self) -> None:
+        """A goal that moved comes no more: the plan in force ends a little beyond it."""
+        execution = self._execution
+        if execution is None or self._waiting or self._request or self._unconfirmed:
+            return
+        in_hand, wall = execution.in_hand, self._clock.wall()
+        if execution.target.same_place(in_hand.goal) or self._stream.moves(wall):
+            return
+        in_hand.exact, in_hand.waiting_since = True, wall
+        self._waiting = in_hand
+
+    def _stay_near(self, in_hand: GoalInHand) -> None:
+        """The plan in force is good enough for a goal that moved: there is none to its very end."""
+        if self._execution is not None:
+            self._execution = replace(self._execution, target=in_hand.goal)
+
+    def _is_under_way(self, in_hand: GoalInHand) -> bool:
+        """Whether the arm executes a plan for this very goal."""
+        return self._execution is not None and self._execution.in_hand is in_hand
 
     def _lead_of(self, in_hand: GoalInHand) -> Lead:
         settings = self._settings
@@ -223,7 +257,7 @@ class GoalLifecycle:
         execution, goal = self._execution, in_hand.goal
         if execution is None or not self.view.executes_own(now_ns):
             return False
-        if not goal.same_place(execution.in_hand.goal) or execution.command is not self.view.own:
+        if not goal.same_place(execution.target) or execution.command is not self.view.own:
             return False
         if execution.settings is not self._settings:
             return False
@@ -250,6 +284,11 @@ class GoalLifecycle:
         elif isinstance(answer, DeadlineError):
             self.lead.add_first_motion(LONGER * (wall - request.began))
             self._took_too_long(request, Verdict.NOT_FOUND, str(answer))
+        elif isinstance(answer, MhsbError) and self._is_under_way(in_hand):
+            self._stay_near(in_hand)
+        elif isinstance(answer, MhsbError) and request.target is not in_hand.goal:
+            in_hand.exact = True
+            self._again(in_hand)
         elif isinstance(answer, MhsbError):
             self._tell.refuse(in_hand, code_of(answer), str(answer))
         elif isinstance(answer, Exception):
@@ -447,7 +486,9 @@ class GoalLifecycle:
         self._execution = None
         if not in_hand.over:
             plan = summary_of(sent.replan, 0.0, in_hand.lead_ms)
-            self._execution = Execution(in_hand, sent.command, plan, sent.request.settings)
+            self._execution = Execution(
+                in_hand, sent.command, sent.request.target, plan, sent.request.settings
+            )
         if sent.void:
             self._stopping = self._stopping or Stopping(STOP_ASKED, wall)
             self._go_on_stopping()
@@ -601,6 +642,8 @@ class GoalLifecycle:
     def _judge_execution(self) -> None:
         execution = self._execution
         if execution is None or self._stopping is not None:
+            return
+        if execution.in_hand in self._before_confirmation():  # another plan for it is being made
             return
         ending = execution.ending(self._settings.machine, self.view, self._now_ns())
         if ending is not None:

@@ -29,6 +29,7 @@ class PlanOptions:
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
     max_expansions   of the search; None takes what it needs
+    least_duration   s, that a motion takes at least: one that is to be followed by another
     area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for planners that
                      weigh it; 0 leaves the area out
 
@@ -45,6 +46,7 @@ class PlanOptions:
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
     max_expansions: int | None = None
+    least_duration: float = 0.0
     area_weight: float = 0.0
 
     def __post_init__(self) -> None:
