@@ -38,6 +38,7 @@ from mhsb_planner.motion.s3_trajectory import (
     fit_trajectory,
 )
 from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planners.legs import paths_by_way
 from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
@@ -78,7 +79,8 @@ def fit_rules(options: PlanOptions) -> FitRules:
     """What S3 may do."""
     kind = options.trajectory or planner_named(options.planner).trajectory
     rules = FitRules.following() if kind == "followed" else FitRules()
-    return replace(rules, least_duration=options.least_duration)
+    passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
+    return replace(rules, least_duration=options.least_duration, passing=passing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +174,7 @@ class Planner:
         options: PlanOptions | None = None,
         deadline: Deadline = NEVER,
     ) -> Plan:
-        """Plan to the tip position `goal` (x, z) m.
+        """Plan to the tip position `goal` (x, z) m, or what the options say will do as well.
 
         modes     in force at the start; all N where left out
         brake     how a moving start comes to rest (`mhsb_model.braking`)
@@ -188,7 +190,7 @@ class Planner:
         task = self._task(goal, start, modes, brake, options)
         deadline.check("planning")
         making = _Making(self.machine, task, deadline)
-        return making.best_along(planner.paths(self.graph, task, making.time))
+        return making.best_along(paths_by_way(planner, self.graph, task, making.time))
 
     def follow(
         self,

@@ -193,13 +193,19 @@ def lattice(task: Task, worth: IntArray, spacing: float) -> LatticeSearch:
 # --- Small changes -------------------------------------------------------------------------------
 
 
+def _tip_of(task: Task, route: Route) -> tuple[float, float]:
+    """Where a route has its tip at its end [m]."""
+    x, z = task.goals.tips[route.goal].tolist()
+    return x, z
+
+
 def refined(task: Task, best: Route, spacing: float) -> Route:
     """The route improved by small changes, in proportion to a lattice's spacing [m]."""
     t, w, effort, until = task.terms, task.memory, task.effort, task.time.until
     via, cost = shortcut(t, w, best.via, task.start, best.cost, until)
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
-    psi, tip = best.psi, task.goals.tip
+    psi, tip = best.psi, _tip_of(task, best)
     for stride in effort.strides:
         stroke, turn = stride * spacing, effort.turn * stride if task.goals.free else 0.0
         for _ in range(effort.sweeps):

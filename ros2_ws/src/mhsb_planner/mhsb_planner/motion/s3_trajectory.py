@@ -49,6 +49,7 @@ from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, overloads
+from mhsb_planner.motion.passing import Passing, first_missed
 from mhsb_planner.motion.s3_following import followed_path
 from mhsb_planner.motion.s3_limits import (
     JOINT_TOLERANCE,
@@ -127,6 +128,7 @@ class FitRules:
     max_excess   largest |v|/V_max − 1 of a piston, for the motion to count as quasi-static
     overrun      m, by which a piston may run on beyond what braking and the path need
     least_duration  s, that the discrete path takes at least
+    passing      points that the tip passes on its way
     """
 
     trajectory: TrajectoryKind = "polynomial"
@@ -136,6 +138,7 @@ class FitRules:
     max_excess: float = 1.0
     overrun: float = 2e-3
     least_duration: float = 0.0
+    passing: tuple[Passing, ...] = ()
 
     @classmethod
     def following(cls) -> FitRules:
@@ -422,6 +425,8 @@ def _stretched(
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
+        if missed := first_missed(profile.tip, rules.passing):
+            return missed
         after = profile[first:]
         quasi_static = (1 + _speed_excess(machine, after)) / (1 + rules.max_excess)
         used = max(largest_usage(machine, after, scheduled.intervals[first:]), quasi_static)
