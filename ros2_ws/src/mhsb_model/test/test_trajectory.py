@@ -31,7 +31,7 @@ def test_samples_equal_scipys_quintic_through_the_same_points():
 def test_states_inside_intervals_are_those_of_the_same_curve():
     trajectory = example()
     rows, shares = np.array([0, 3]), np.array([0.0, 0.25, 1.0])
-    q, qd = trajectory.inside(rows, shares)
+    q, qd, _ = trajectory.inside(rows, shares)
     begin, end = trajectory.offset_ns[rows], trajectory.offset_ns[rows + 1]
     times = (begin[:, None] + shares * (end - begin)[:, None]).ravel()
     expected, expected_rate, _ = trajectory.sample_many(START + np.rint(times).astype(np.int64))

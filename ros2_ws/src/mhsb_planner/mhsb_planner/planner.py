@@ -30,6 +30,8 @@ from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.cavitation import cavitations_of
 from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.motion.s3_coasting import Coasting, coasting
+from mhsb_planner.motion.s3_limits import stays_inside
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitRules,
@@ -78,7 +80,11 @@ ROUNDING = 1e-9
 def fit_rules(options: PlanOptions) -> FitRules:
     """What S3 may do."""
     kind = options.trajectory or planner_named(options.planner).trajectory
-    rules = FitRules.following() if kind == "followed" else FitRules()
+    if kind == "followed":
+        rules = FitRules.following()
+    else:
+        patient = options.trajectory is not None
+        rules = FitRules(max_excess=options.max_speed_excess, patient=patient)
     passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
     return replace(rules, least_duration=options.least_duration, passing=passing)
 
@@ -177,7 +183,8 @@ class Planner:
         """Plan to the tip position `goal` (x, z) m, or what the options say will do as well.
 
         modes     in force at the start; all N where left out
-        brake     how a moving start comes to rest (`mhsb_model.braking`)
+        brake     how a moving start comes to rest (`mhsb_model.braking`) where it cannot coast;
+                  without it, it has to
         deadline  until when cheaper motions are looked for; what takes longer is dropped
 
         Without a deadline the same request gives the same plan. Raises OutOfWorkspaceError,
@@ -187,10 +194,20 @@ class Planner:
         """
         options = options or PlanOptions()
         planner = planner_named(options.planner)
-        task = self._task(goal, start, modes, brake, options)
+        self._check(goal, start, options)
         deadline.check("planning")
-        making = _Making(self.machine, task, deadline)
-        return making.best_along(paths_by_way(planner, self.graph, task, making.time))
+        began, refused = perf_counter(), None
+        for stop in self._stops(start, brake):
+            task = self._task(goal, start, modes, stop, options)
+            making = _Making(self.machine, task, deadline, began)
+            try:
+                return making.best_along(paths_by_way(planner, self.graph, task, making.time))
+            except DeadlineError:
+                raise
+            except MhsbError as error:
+                refused = refused or error
+        assert refused is not None
+        raise refused
 
     def follow(
         self,
@@ -206,18 +223,15 @@ class Planner:
         """
         x, z = path.tip[-1].tolist()
         start = MotionState.at_rest(path.posture[0])
-        task = self._task((x, z), start, modes, None, options or PlanOptions())
-        return _Making(self.machine, task, NEVER).best_along([Candidate(path)])
+        options = options or PlanOptions()
+        self._check((x, z), start, options)
+        task = self._task((x, z), start, modes, None, options)
+        return _Making(self.machine, task, NEVER, perf_counter()).best_along([Candidate(path)])
 
-    def _task(
-        self,
-        goal: tuple[float, float],
-        start: MotionState,
-        modes: StartModes | None,
-        brake: Trajectory | None,
-        options: PlanOptions,
-    ) -> Task:
-        """The task, checked."""
+    def _check(
+        self, goal: tuple[float, float], start: MotionState, options: PlanOptions
+    ) -> None:
+        """Raise RequestError where something is asked for that makes no sense."""
         n = self.machine.joint_count
         if not all(math.isfinite(value) for value in goal):
             raise RequestError("goal", tuple(goal), "must be two finite numbers [m]")
@@ -230,25 +244,50 @@ class Planner:
             rule = f"must be 0 for the planner '{options.planner}'"
             rule += f"; {weighing_area()} can weigh the area"
             raise RequestError("area weight", options.area_weight, rule)
-        modes = modes or StartModes.settled(np.full(n, Mode.N))
+
+    def _stops(
+        self, start: MotionState, brake: Trajectory | None
+    ) -> list[Trajectory | Coasting | None]:
+        """Ways in which the start comes to rest, the better one first; None: it rests already."""
+        if not (start.velocity.any() or start.acceleration.any()):
+            return [None]
+        coast = coasting(self.machine, start)
+        stops: list[Trajectory | Coasting | None] = []
+        if brake is None or stays_inside(self.machine, coast.trajectory):
+            stops.append(coast)
+        return stops if brake is None else [*stops, brake]
+
+    def _task(
+        self,
+        goal: tuple[float, float],
+        start: MotionState,
+        modes: StartModes | None,
+        brake: Trajectory | Coasting | None,
+        options: PlanOptions,
+    ) -> Task:
+        modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
         area = area_term(options.area_weight, self.graph.table)
-        return Task(goal, start, modes, brake, options, area)
+        departure = start.position
+        if brake is not None:
+            departure = brake.posture if isinstance(brake, Coasting) else brake.position[-1]
+        return Task(goal, start, modes, brake, departure, options, area)
 
 
 class _Making:
     """A plan being made: paths come in, the cheapest motion so far stays.
 
-    time  what the search may take of the time until the deadline
+    time   what the search may take of the time until the deadline
+    began  when the plan was asked for
     """
 
-    def __init__(self, machine: Machine, task: Task, deadline: Deadline) -> None:
+    def __init__(self, machine: Machine, task: Task, deadline: Deadline, began: float) -> None:
         self._machine, self._task = machine, task
         self._rules = fit_rules(task.options)
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
-        self._began = self._since = perf_counter()
+        self._began = self._since = began
 
     def best_along(self, candidates: Iterable[Candidate]) -> Plan:
         """The plan along the best of these paths; raises what they raise where there is none."""
@@ -303,9 +342,9 @@ class _Making:
     def _motion(self, path: DiscretePath) -> FittedMotion:
         task = self._task
         if path.steps == 0:
-            return fit_braking(
-                self._machine, task.brake or standstill(task.start.position), task.modes
-            )
+            brake = task.brake or standstill(task.start.position)
+            brake = brake.trajectory if isinstance(brake, Coasting) else brake
+            return fit_braking(self._machine, brake, task.modes)
         return fit_trajectory(
             self._machine,
             path,

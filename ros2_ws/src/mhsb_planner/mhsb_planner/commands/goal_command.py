@@ -34,8 +34,8 @@ def goal(
         x: Forward, from the base [m].
         z: Up, from the base [m].
         tolerance: Distance from the goal at which the tip may end as well [m]; 0 takes it back.
-        psi_range: Least and greatest angle of the end link that will do [rad]; a whole turn, such as
-            0 6.3, takes it back.
+        psi_range: Least and greatest angle of the end link that will do [rad]; a whole turn, such
+            as 0 6.3, takes it back.
         wait: Also wait until the motion has ended.
         timeout: How long to wait for a planner, and again for its answer [s].
     """

@@ -31,13 +31,10 @@ from mhsb_model.modes import BOOSTED, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.s3_limits import DEAD_BAND, LEFT_BY_INERTIA
 
 RESERVE = 1.005
 """Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
-
-LEFT_BY_INERTIA = 0.5
-"""Share of the boost margin that inertia leaves to friction and servo."""
 
 _ROUNDING = 1e-9  # s
 
@@ -256,8 +253,8 @@ def _lacks_to_accelerate(
     lacks = np.zeros(len(speed), dtype=np.bool_)
     for k in range(len(speed)):
         v, load = speed[k, j], force[k, j] + inertia[k, j]
-        if abs(v) > DEAD_BAND and opposes_motion(load, v):
-            needed = pressure_to_move(oil, cap, rod, load, v)
+        if abs(v) > 0.9 * DEAD_BAND and opposes_motion(load, v):
+            needed = pressure_to_move(oil, cap, rod, RESERVE * load, RESERVE * v)
             lacks[k] = needed - spared > oil.supply_pressure
     return lacks
 

@@ -358,7 +358,9 @@ class GoalLifecycle:
         if in_hand.too_long >= TRIES:
             if in_hand.answered:
                 code = Verdict.DEADLINE
-            self._tell.refuse(in_hand, code, f"{sentence}, in {TRIES} tries at the longest lead")
+            spent = self._clock.wall() - in_hand.received
+            tries = f"{TRIES} tries at the longest lead, {spent:.1f} s in all"
+            self._tell.refuse(in_hand, code, f"{sentence}, in {tries}")
         elif replan is not None:
             self._send_plan(request, replan, self._clock.wall())
         else:

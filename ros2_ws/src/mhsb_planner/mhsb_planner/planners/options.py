@@ -29,7 +29,8 @@ class PlanOptions:
     via_tolerance    m, at what distance at most
     planner          where postures come from, one of `registry.PLANNERS`
     trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
-                     None: as the planner does
+                     None: as the planner does, polynomials where they last no longer
+    max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial
     initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
@@ -50,6 +51,7 @@ class PlanOptions:
     via_tolerance: float = 0.01
     planner: str = "table"
     trajectory: TrajectoryKind | None = None
+    max_speed_excess: float = 0.1
     initial_j3: float | None = None
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
@@ -66,6 +68,8 @@ class PlanOptions:
             raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
         if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
             raise RequestError("area weight", self.area_weight, "must be finite and not negative")
+        if not 0.0 <= self.max_speed_excess <= 1.0:
+            raise RequestError("max_speed_excess", self.max_speed_excess, "must be within 0 … 1")
 
     @property
     def on_the_way(self) -> PlanOptions:

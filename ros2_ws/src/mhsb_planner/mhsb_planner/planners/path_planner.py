@@ -10,6 +10,7 @@ from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.motion.s3_coasting import Coasting
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
@@ -26,21 +27,18 @@ class Task:
 
     goal   (x, z) m
     modes  in force at the start
-    brake  how a moving start comes to rest
+    brake  how a moving start comes to rest: by coasting, or on its old way
+    departure  posture at rest from which the path begins [rad]
     area   weight of the polytope's area, and the area that counts as full
     """
 
     goal: tuple[float, float]
     start: MotionState
     modes: StartModes
-    brake: Trajectory | None
+    brake: Trajectory | Coasting | None
+    departure: FloatArray
     options: PlanOptions
     area: AreaTerm
-
-    @property
-    def departure(self) -> FloatArray:
-        """Posture at rest from which the path begins [rad]."""
-        return self.start.position if self.brake is None else self.brake.position[-1]
 
     def bound(self, graph: StepGraph) -> float:
         """No plan from the start to one of the goal's points takes less energy [J]."""
@@ -51,9 +49,10 @@ class Task:
 
     def from_rest(self, path: DiscretePath) -> Task:
         """The same asked from where a path ends, at rest and in its last modes."""
-        modes = path.modes[-1] if path.steps > 0 else path.start_modes
+        last = path.modes[-1] if path.steps > 0 else path.start_modes
         start = MotionState.at_rest(path.posture[-1])
-        return replace(self, start=start, modes=StartModes.settled(modes), brake=None)
+        modes = StartModes.settled(last)
+        return replace(self, start=start, modes=modes, brake=None, departure=start.position)
 
 
 class Candidate(NamedTuple):
