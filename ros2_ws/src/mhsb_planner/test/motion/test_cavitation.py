@@ -1,6 +1,7 @@
 """Which steps and motions have loads that empty inlet chambers."""
 
 import numpy as np
+import pytest
 
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.motion.cavitation import cavitating_steps, cavitations_of
@@ -33,7 +34,7 @@ def test_a_plan_tells_of_the_steps_and_times_at_which_inlets_empty(machine, tabl
     for j, name in enumerate(loaded.actuator_names):
         assert expected[:, j].any() == (name in found)
         if name in found:
-            assert found[name].duration == span[expected[:, j]].sum()
+            assert found[name].duration == pytest.approx(span[expected[:, j]].sum())
             first = motion.offset_ns[np.argmax(expected[:, j])] / SECOND_NS
             assert found[name].begin == first
     assert plan.cavitations == tuple(found.values())
