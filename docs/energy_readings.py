@@ -50,7 +50,7 @@ def main() -> None:
     chosen = {**{n: asked[n] for n in names}}
     chosen |= {runs.published_run(n): asked[runs.published_run(n)] for n in names}
     found = runs.evaluate(machine, chosen)
-    print("run                 search     paper   own  series  no leakage  V_max  boosted  cm³ in N")
+    print("run                 search     paper   own  series  no leakage  V_max boosted  cm³ in N")
     for name, joules in PUBLISHED_ENERGY.values():
         for search, run in (("exact", found[name]), ("published", found[runs.published_run(name)])):
             if run.path is None:

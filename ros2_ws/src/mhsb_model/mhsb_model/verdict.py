@@ -75,8 +75,9 @@ class PlanSummary:
     plan_ms          from goal received to plan published, ms
     lower_bound_j    no plan to this goal needs less, J
     lead_ms          from goal received to where the new curve leaves the old one, ms
-    cavitation_s     for which loads empty the inlet chambers of actuators, summed over these, s
     continued        whether the plan in force leads there already and nothing was published
+    speed_excess     greatest |v|/V_max − 1 of a piston; negative where V_max is kept
+    cavitation_s     for which loads empty the inlet chambers of actuators, summed over these, s
     """
 
     plan_stamp_ns: int
@@ -88,6 +89,7 @@ class PlanSummary:
     lower_bound_j: float
     lead_ms: float = 0.0
     continued: bool = False
+    speed_excess: float = 0.0
     cavitation_s: float = 0.0
 
 

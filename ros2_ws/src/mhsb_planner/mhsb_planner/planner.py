@@ -12,7 +12,8 @@ is the plan: there is one soon, and it gets better while there is time.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from types import MappingProxyType
@@ -34,6 +35,7 @@ from mhsb_planner.motion.s3_coasting import Coasting, coasting
 from mhsb_planner.motion.s3_limits import stays_inside
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
+    FitMethod,
     FitRules,
     FittedMotion,
     fit_braking,
@@ -73,6 +75,9 @@ __all__ = [
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 
+SLOWER = (2.0, 4.0)
+"""Factors on the duration of ramps that are compared with the shortest."""
+
 ROUNDING = 1e-9
 """Costs that differ by no more than this share are equal."""
 
@@ -83,8 +88,7 @@ def fit_rules(options: PlanOptions) -> FitRules:
     if kind == "followed":
         rules = FitRules.following()
     else:
-        patient = options.trajectory is not None
-        rules = FitRules(max_excess=options.max_speed_excess, patient=patient)
+        rules = FitRules(max_excess=options.max_speed_excess)
     passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
     return replace(rules, least_duration=options.least_duration, passing=passing)
 
@@ -324,22 +328,48 @@ class _Making:
             return
         began = self._since
         try:
-            motion = self._motion(path)
+            motion = self._motion(path, self._rules)
         except FitError as error:
             self._refused = self._refused or error
             return
         finally:
             self._spend("comparison" if candidate.compared else "fit")
-        plan = self._priced(path, motion, NEVER if best is None else self.time.deadline)
-        self._spend("comparison" if candidate.compared else "energy")
+        kept = self._kept(candidate, motion)
         if best is None:
             self._seconds["first_motion"] = self._since - self._began
-        if best is None or _is_cheaper(plan, best, options):
-            self._best = plan
         self.time.found = True
         self.time.reserve = max(self.time.reserve, self._since - began)
+        for rules in self._others(path, motion) if kept else ():
+            with suppress(FitError):
+                motion = self._motion(path, rules)
+                self._spend("comparison")
+                self._kept(candidate, motion)
 
-    def _motion(self, path: DiscretePath) -> FittedMotion:
+    def _kept(self, candidate: Candidate, motion: FittedMotion) -> bool:
+        """Price a motion along a path, keep it if it is the cheapest so far, and say so."""
+        best = self._best
+        plan = self._priced(candidate.path, motion, NEVER if best is None else self.time.deadline)
+        self._spend("comparison" if candidate.compared else "energy")
+        if best is not None and not _is_cheaper(plan, best, self._task.options):
+            return False
+        self._best = plan
+        return True
+
+    def _others(self, path: DiscretePath, motion: FittedMotion) -> Iterator[FitRules]:
+        """Other ways along a path that may be cheaper than this motion.
+
+        A polynomial that V_max makes slow against following the path, and where inertia calls for
+        boost, as more switches than the path's tell, slower ramps.
+        """
+        following = replace(FitRules.following(), least_duration=self._rules.least_duration)
+        if motion.method == FitMethod.POLYNOMIAL:
+            if motion.stretch > 1.0 and self._task.options.trajectory is None:
+                yield following
+        elif motion.schedule.switches > path.switches:
+            for slower in SLOWER:
+                yield replace(following, slowness=(slower,))
+
+    def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
         task = self._task
         if path.steps == 0:
             brake = task.brake or standstill(task.start.position)
@@ -351,7 +381,7 @@ class _Making:
             task.start,
             task.modes,
             task.brake,
-            self._rules,
+            rules,
             self.time.deadline,
         )
 

@@ -39,7 +39,10 @@ from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_clearance import first_contact
 
 JOINT_TOLERANCE = 1e-6  # rad, rounding of table and interpolation
-TIP_TOLERANCE = 1e-4  # m, what a step of the search may do between the instants it is looked at
+TIP_TOLERANCE = 1.1e-4
+"""What a step of the search may do between the instants it is looked at, 0.1 mm, and by what it
+differs where it is straight in cylinder lengths instead of angles [m]."""
+
 DEAD_BAND = 2e-4
 """Piston speed below which a cylinder counts as held by its valve [m/s]."""
 

@@ -56,7 +56,6 @@ from mhsb_planner.motion.s3_limits import (
     largest_usage,
 )
 from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
-from mhsb_planner.motion.s3_ramps import shortest_ramp
 from mhsb_planner.motion.s3_stepped import stepped_path
 from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
@@ -74,6 +73,9 @@ motion returns inside and stays there."""
 
 USAGE_RESERVE = 1.003
 """Durations are stretched by this much more than the points need, for what lies between them."""
+
+THRUST_STRETCH = 1.25
+"""By so much a motion is stretched for which pressure lacks: inertia then falls by a third."""
 
 ROUNDS = 8
 """Times that a curve is stretched before it is given up."""
@@ -115,8 +117,6 @@ class FitRules:
     slowness     factors on the duration of the shortest ramps, in the order tried
     max_stretch  largest factor on the discrete path's durations
     max_excess   largest |v|/V_max − 1 of a piston
-    patient      whether polynomials are stretched as far as that takes; otherwise no longer than
-                 following the path would last
     overrun      m, by which a piston may run on beyond what braking and the path need
     least_duration  s, that the discrete path takes at least
     passing      points that the tip passes on its way
@@ -124,10 +124,9 @@ class FitRules:
 
     trajectory: TrajectoryKind = "polynomial"
     switching: SwitchingRules = field(default_factory=SwitchingRules)
-    slowness: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
+    slowness: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
     max_stretch: float = 3.0
     max_excess: float = 0.1
-    patient: bool = True
     overrun: float = 2e-3
     least_duration: float = 0.0
     passing: tuple[Passing, ...] = ()
@@ -348,7 +347,7 @@ def _candidates(
 ) -> Iterator[_Candidate]:
     rest = MotionState.at_rest(path.posture[0])
     if rules.trajectory == "polynomial":
-        yield _polynomial(machine, path, start, brake, rules)
+        yield _polynomial(path, start, brake)
     if coast is not None:
         yield from _ramped(machine, path, start, None, coast, rules.slowness)
     youngest = rules.switching.min_dwell - float(modes.age.min())
@@ -387,26 +386,17 @@ def _ramped(
         )
 
 
-def _polynomial(
-    machine: Machine,
-    path: DiscretePath,
-    start: MotionState,
-    brake: Trajectory | None,
-    rules: FitRules,
-) -> _Candidate:
+def _polynomial(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> _Candidate:
     """The published curve; from a moving start it is not stretched."""
-    duration = float(node_times(path)[-1])
-    shortest = max(1.0, SHORTEST_MOVE / duration)
+    shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
     if brake is None:
         rest = MotionState.at_rest(path.posture[0])
-        followed = max(1.0, (duration + shortest_ramp(machine).duration) / (shortest * duration))
         return _Candidate(
             FitMethod.POLYNOMIAL,
             "polynomial",
             lambda stretch: fit_polynomial(path, rest, 0.0, stretch),
             rest,
             stretch=shortest,
-            longest=None if rules.patient else followed,
         )
     delay = brake.duration_ns / SECOND_NS / 2
     return _Candidate(
@@ -478,7 +468,10 @@ def _stretched(
                 )
             if violation.limit not in candidate.stretchable or violation.time < time[first]:
                 return violation
-            needed = USAGE_RESERVE * (1.0 + violation.amount)
+            if violation.limit == Limit.THRUST:
+                needed = THRUST_STRETCH
+            else:
+                needed = USAGE_RESERVE * (1.0 + violation.amount)
         stretch *= needed
         if stretch > (candidate.longest or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"

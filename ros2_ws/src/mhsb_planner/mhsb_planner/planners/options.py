@@ -15,6 +15,12 @@ from mhsb_planner.search.s2_step import EnergyReading
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
+DEFAULT_SPEED_EXCESS = 0.1
+"""The paper's "slightly above V_max". On a path at V_max throughout a polynomial of its duration
+passes it by a quarter at least, and is stretched."""
+
+HIGHEST_SPEED_EXCESS = 1.0
+
 
 @dataclass(frozen=True)
 class PlanOptions:
@@ -29,7 +35,7 @@ class PlanOptions:
     via_tolerance    m, at what distance at most
     planner          where postures come from, one of `registry.PLANNERS`
     trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
-                     None: as the planner does, polynomials where they last no longer
+                     None: as the planner does, a stretched polynomial compared with following
     max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial
     initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
     search           `exact` or `published`
@@ -51,7 +57,7 @@ class PlanOptions:
     via_tolerance: float = 0.01
     planner: str = "table"
     trajectory: TrajectoryKind | None = None
-    max_speed_excess: float = 0.1
+    max_speed_excess: float = DEFAULT_SPEED_EXCESS
     initial_j3: float | None = None
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
@@ -68,8 +74,9 @@ class PlanOptions:
             raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
         if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
             raise RequestError("area weight", self.area_weight, "must be finite and not negative")
-        if not 0.0 <= self.max_speed_excess <= 1.0:
-            raise RequestError("max_speed_excess", self.max_speed_excess, "must be within 0 … 1")
+        if not 0.0 <= self.max_speed_excess <= HIGHEST_SPEED_EXCESS:
+            rule = f"must be within 0 … {HIGHEST_SPEED_EXCESS:g}"
+            raise RequestError("max_speed_excess", self.max_speed_excess, rule)
 
     @property
     def on_the_way(self) -> PlanOptions:

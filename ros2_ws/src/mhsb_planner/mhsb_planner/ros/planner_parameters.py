@@ -19,7 +19,11 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import Angle, Region, check_angle, region_of
 from mhsb_planner.online.plan_request import Settings
-from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.options import (
+    DEFAULT_SPEED_EXCESS,
+    HIGHEST_SPEED_EXCESS,
+    PlanOptions,
+)
 from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
@@ -64,6 +68,7 @@ class PlannerParameters:
                      will do; None leaves it free
     goal_region      where else than at the goal the tip may end
     area_weight      1/m, of the velocity polytope's area; 0 leaves it out
+    max_speed_excess greatest |v|/V_max − 1 of a piston on a polynomial
     zones            that the arm or its tip keeps out of
     """
 
@@ -79,6 +84,7 @@ class PlannerParameters:
     goal_psi: Angle
     goal_region: Region | None
     area_weight: float
+    max_speed_excess: float
     zones: Zones
 
     @property
@@ -91,6 +97,7 @@ class PlannerParameters:
             goal_region=self.goal_region,
             planner=self.planner,
             area_weight=self.area_weight,
+            max_speed_excess=self.max_speed_excess,
         )
 
     def settings(self, base: Machine) -> Settings:
@@ -213,6 +220,14 @@ def declare(node: Node, machine: Machine) -> None:
             (0.0, HIGHEST_AREA_WEIGHT),
         ),
     )
+    node.declare_parameter(
+        "max_speed_excess",
+        DEFAULT_SPEED_EXCESS,
+        _described(
+            "how far pistons may pass V_max on the published polynomials, as a share of it [-]",
+            (0.0, HIGHEST_SPEED_EXCESS),
+        ),
+    )
     for name, (field, kind, who) in ZONES.items():
         _declare_zones(node, name, kind, who, getattr(machine.zones, field))
     if reason := refusal(node, machine, ()):
@@ -290,6 +305,7 @@ _CHANGEABLE = (
     "goal_segment",
     "goal_box",
     "area_weight",
+    "max_speed_excess",
     *ZONES,
 )
 
@@ -313,6 +329,7 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
             _pair("goal_box", values["goal_box"]),
         ),
         area_weight=values["area_weight"],
+        max_speed_excess=values["max_speed_excess"],
         zones=Zones(**{field: _zones(name, values[name]) for name, (field, *_) in ZONES.items()}),
     )
 
