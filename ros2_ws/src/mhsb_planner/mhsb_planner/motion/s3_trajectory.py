@@ -43,6 +43,7 @@ from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, overloads
+from mhsb_planner.motion.passing import Passing, first_missed
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
 from mhsb_planner.motion.s3_following import followed_path
@@ -118,6 +119,7 @@ class FitRules:
     max_excess   largest |v|/V_max − 1 of a piston
     overrun      m, by which a piston may run on beyond what braking and the path need
     least_duration  s, that the discrete path takes at least
+    passing      points that the tip passes on its way
     """
 
     trajectory: TrajectoryKind = "polynomial"
@@ -127,6 +129,7 @@ class FitRules:
     max_excess: float = 0.1
     overrun: float = 2e-3
     least_duration: float = 0.0
+    passing: tuple[Passing, ...] = ()
 
     @classmethod
     def following(cls) -> FitRules:
@@ -446,6 +449,8 @@ def _stretched(
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
+        if missed := first_missed(profile.tip, rules.passing):
+            return missed
         after = profile[first:]
         fastest = 1.0 + rules.max_excess
         if candidate.coasts:  # what is too fast already becomes slower, but not by stretching

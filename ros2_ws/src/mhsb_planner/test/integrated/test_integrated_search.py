@@ -20,7 +20,7 @@ ENERGY, TIME = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
 LOOKS_TO_END = 12
 """Looks at the clock that stages may take to see, one after the other, that time is up."""
-THOROUGH = Effort(psi_spacing=0.01, cells=14, expansions=10**6, margin=10, sweeps=20)
+THOROUGH = Effort(psi_spacing=0.01, cells=40, finer=1.4, expansions=10**6, sweeps=20)
 
 
 def tasks(machine, posture_within, count, seed=0):
@@ -205,12 +205,12 @@ def test_impossible_goals_are_refused(machine, posture_within):
         ),
     ],
 )
-def test_where_a_lattice_around_start_and_goal_has_no_way_the_whole_range_is_searched(
+def test_where_a_coarse_lattice_has_no_way_finer_ones_are_searched(
     machine, zones, start, goal
 ):
     among = machine.changed(zones=zones)
     with pytest.raises(NoPathError):
-        search(among, np.array(start), NORMAL, goal, ENERGY, effort=Effort(whole_range=()))
+        search(among, np.array(start), NORMAL, goal, ENERGY, effort=Effort(coarsest=0.06, narrowest=0.06))
     path = search(among, np.array(start), NORMAL, goal, ENERGY)
     check_possible(among, path, np.array(start), goal)
     assert min(among.clearance(q)[0] for q in path.posture) > 0.0
