@@ -32,6 +32,7 @@ from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitRules,
     FittedMotion,
+    TrajectoryKind,
     fit_braking,
     fit_trajectory,
 )
@@ -72,9 +73,9 @@ ROUNDING = 1e-9
 """Costs that differ by no more than this share are equal."""
 
 
-def fit_rules(options: PlanOptions) -> FitRules:
-    """What S3 may do."""
-    kind = options.trajectory or planner_named(options.planner).trajectory
+def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
+    """What S3 may do; `of_path` is how it begins on a path, unless it is told."""
+    kind = options.trajectory or of_path or planner_named(options.planner).trajectory
     return FitRules.following() if kind == "followed" else FitRules()
 
 
@@ -231,7 +232,6 @@ class _Making:
 
     def __init__(self, machine: Machine, task: Task, deadline: Deadline) -> None:
         self._machine, self._task = machine, task
-        self._rules = fit_rules(task.options)
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
@@ -272,7 +272,7 @@ class _Making:
             return
         began = self._since
         try:
-            motion = self._motion(path)
+            motion = self._motion(path, fit_rules(options, candidate.trajectory))
         except FitError as error:
             self._refused = self._refused or error
             return
@@ -287,7 +287,7 @@ class _Making:
         self.time.found = True
         self.time.reserve = max(self.time.reserve, self._since - began)
 
-    def _motion(self, path: DiscretePath) -> FittedMotion:
+    def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
         task = self._task
         if path.steps == 0:
             return fit_braking(
@@ -299,7 +299,7 @@ class _Making:
             task.start,
             task.modes,
             task.brake,
-            self._rules,
+            rules,
             self.time.deadline,
         )
 

@@ -80,7 +80,7 @@ class IntegratedSearch:
         self.lower_bound = least_cost_to(machine, priced_by.circuit, origin, goals, ENERGY_ALONE)
 
     def paths(self) -> Iterator[DiscretePath | None]:
-        """Ever cheaper paths; None where no straight line is possible: others may be quicker now.
+        """Ever cheaper paths; None where what follows may take long: others may be quicker now.
 
         A start at the goal gives a path without steps. Raises, at its end, NoPathError where there
         is no path, DeadlineError where none was found in time.

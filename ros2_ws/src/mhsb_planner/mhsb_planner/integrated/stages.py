@@ -40,6 +40,9 @@ TURNED = 6.0
 HASTE = 2.0
 """Of a first route: it may cost so many times as much as the cheapest over the same lattice."""
 
+QUICK = 3
+"""Lattices that are searched before it is time for other ways."""
+
 FIRST_LINES = 8
 """So many are tried before something else may come first."""
 
@@ -53,7 +56,7 @@ class Work:
 
 
 def routes(task: Task, work: Work) -> Iterator[Route | None]:
-    """Ever cheaper routes; None where the straight lines are not possible.
+    """Ever cheaper routes; None where what follows may take long: others may be quicker now.
 
     work  what has been done until then, kept up to date
 
@@ -68,9 +71,11 @@ def routes(task: Task, work: Work) -> Iterator[Route | None]:
         best = route
     if leaves_room(task, best, WORTH_A_LATTICE):
         for route in over_lattices(task, best, work):
-            best = route
-            if told is None or best.cost < (1.0 - WORTH_A_MOTION) * told.cost:
-                told = best
+            best = route or best
+            if route is None:
+                yield None
+            elif told is None or route.cost < (1.0 - WORTH_A_MOTION) * told.cost:
+                told = route
                 yield told
     if best is None:
         if task.time.until.passed:
@@ -151,9 +156,14 @@ def spacings(task: Task, best: Route | None) -> list[float]:
     return [first * (last / first) ** (k / max(1, count - 1)) for k in range(count)]
 
 
-def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route]:
-    """Ever cheaper routes over ever finer lattices, each improved by small changes."""
-    for spacing in spacings(task, best):
+def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route | None]:
+    """Ever cheaper routes over ever finer lattices, each improved by small changes.
+
+    None before those that take long.
+    """
+    for number, spacing in enumerate(spacings(task, best)):
+        if number == QUICK:
+            yield None
         if not leaves_room(task, best, WORTH_A_LATTICE) or work.expanded >= task.effort.expansions:
             break
         found = over_lattice(task, best, spacing, work)
