@@ -2,7 +2,8 @@
 
 A route is cut into pieces, each a step with the costs of `s2_step`. Which pattern each piece is
 run in is decided by dynamic programming over the pieces: least w₁ E + w₂ T + w₃ switches, and
-w₄ M where the polytope's area counts (`area_shortfall`).
+w₄ M where the polytope's area counts (`area_shortfall`). Loads that are held are boosted as in the
+motion, and the switches to the modes that hold the arm at the end count.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import needs_boost
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.linkages.linkage import joint_angle
 from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
@@ -50,6 +53,9 @@ NEAR = 5e-3
 BOOST_RESERVE = 30e3
 """Where the polytope's area counts, boost is taken for needed this much earlier [Pa]: it takes area
 away, and a motion follows its route too loosely to avoid it by less."""
+
+REST_SPEED = 2e-4
+"""Below this a piston holds its load, for S3 and S4, too: `motion.s3_limits.DEAD_BAND` [m/s]."""
 
 HALF_WAY = 2
 
@@ -86,7 +92,7 @@ def terms(
     patterns = machine.patterns
     before = np.vstack([patterns, start_modes[None, :]])
     switches = np.count_nonzero(before[:, None, :] != patterns[None, :, :], axis=2)
-    circuit = circuit_of(machine.arrays, patterns)
+    circuit = circuit_of(machine.arrays, patterns)._replace(rest_speed=REST_SPEED)
     if area.weight > 0.0:
         circuit = circuit._replace(boost_margin=circuit.boost_margin + BOOST_RESERVE)
     return Terms(
@@ -260,6 +266,31 @@ def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
 
 
 @kernel
+def switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray) -> int:
+    """Actuators that change their mode to hold the loads force[n] [N], from modes[n]."""
+    count = 0
+    for j in range(len(force)):
+        hold = Mode.DB if needs_boost(m, j, force[j], 0.0) else Mode.N
+        if modes[j] != hold:
+            count += 1
+    return count
+
+
+@kernel
+def _ended(t: Terms, w: Memory, at: int) -> float:
+    """Least cost at w.points[at], the switches to the holding modes there included.
+
+    They are added to w.value[at].
+    """
+    least = math.inf
+    for p in range(len(t.patterns)):
+        count = switches_to_hold(t.machine, w.points.force[at], t.patterns[p])
+        w.value[at, p] += t.weight[2] * count
+        least = min(least, w.value[at, p])
+    return least
+
+
+@kernel
 def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) -> None:
     """Be at the start of a route, with the modes in force there."""
     w.points.posture[0] = posture
@@ -271,13 +302,14 @@ def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) ->
 
 @kernel
 def continue_route(
-    t: Terms, w: Memory, via: FloatArray, limit: float, parent: IntArray
+    t: Terms, w: Memory, via: FloatArray, limit: float, parent: IntArray, ends: bool = True
 ) -> float:
     """Go on from w.points[0], which is at via[0], through the lengths via[points, n] [m].
 
     limit   costs that reach it do not matter: inf is returned
     parent  int64[pieces or 1, patterns], written: before which pattern each piece's pattern was;
             with one row only the last piece's are kept
+    ends    whether the arm then rests, and is to be held
 
     Returns the least cost so far, from the start of the route on, inf where there is no way;
     otherwise w.points[0] and w.value[0] are at the end then.
@@ -301,6 +333,10 @@ def continue_route(
                 return math.inf
             here = 1 - here
             row = row + 1 if row + 1 < len(parent) else 0
+    if ends:
+        least = _ended(t, w, here)
+        if least >= limit:
+            return math.inf
     if here == 1:
         w.points.posture[0] = w.points.posture[1]
         w.points.length[0] = w.points.length[1]

@@ -18,6 +18,7 @@ from mhsb_model.types import IntArray
 from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.refinement import shortcut, sweep
+from mhsb_planner.integrated.route import Terms
 from mhsb_planner.integrated.task import Route, Task
 from mhsb_planner.search.s2_search import SEARCHING
 from mhsb_planner.search.s2_step import Postures
@@ -30,6 +31,9 @@ WORTH_A_LATTICE = 1e-2
 
 WORTH_A_MOTION = 5e-3
 """Share by which a route must be cheaper than the one told before, to be told in between."""
+
+WORTH_REFINING = 1.1
+"""Share of the best route's cost up to which what a lattice finds is improved."""
 
 SPARSE = 3
 """Straight lines lead to one in so many goal postures first."""
@@ -164,21 +168,33 @@ def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route 
     for number, spacing in enumerate(spacings(task, best)):
         if number == QUICK:
             yield None
-        if not leaves_room(task, best, WORTH_A_LATTICE) or work.expanded >= task.effort.expansions:
-            break
-        found = over_lattice(task, best, spacing, work)
-        if found is not None:
-            found = refined(task, found, spacing)
-            if best is None or found.cost < best.cost:
-                best = found
-                yield best
+        for priced_by in (task.terms, without_holding(task.terms)):
+            spent = best is not None and work.expanded >= task.effort.expansions
+            if spent or not leaves_room(task, best, WORTH_A_LATTICE):
+                return
+            found = over_lattice(task, priced_by, best, spacing, work)
+            if found is not None:
+                found = refined(task, found, spacing)
+                if best is None or found.cost < best.cost:
+                    best = found
+                    yield best
 
 
-def over_lattice(task: Task, best: Route | None, spacing: float, work: Work) -> Route | None:
-    """The cheapest route over a lattice, where it is cheaper than the best so far."""
+def without_holding(t: Terms) -> Terms:
+    """Terms by which a cylinder at rest needs no boost.
+
+    On a lattice a cylinder that moves slowly rests in between, which boosts none in a motion.
+    """
+    return t._replace(circuit=t.circuit._replace(rest_speed=0.0))
+
+
+def over_lattice(
+    task: Task, priced_by: Terms, best: Route | None, spacing: float, work: Work
+) -> Route | None:
+    """The cheapest route over a lattice, where it may be made cheaper than the best so far."""
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.least < limit)
-    search = lattice(task, worth, spacing)
+    search = lattice(task, priced_by, worth, spacing)
     left = sys.maxsize if best is None else task.effort.expansions - work.expanded
     found = search.search(limit, left, task.time.until, HASTE if best is None else 1.0)
     work.expanded += search.expanded
@@ -186,18 +202,18 @@ def over_lattice(task: Task, best: Route | None, spacing: float, work: Work) -> 
     if found is None:
         return None
     via, k = found
-    cost = task.price(via)
-    return task.to_goal(via, int(worth[k]), cost) if cost < limit else None
+    cost = task.price(via, WORTH_REFINING * limit)
+    return task.to_goal(via, int(worth[k]), cost) if cost < math.inf else None
 
 
-def lattice(task: Task, worth: IntArray, spacing: float) -> LatticeSearch:
+def lattice(task: Task, priced_by: Terms, worth: IntArray, spacing: float) -> LatticeSearch:
     """The search for those of the goal postures that are worth it."""
     goals = Postures(*(column[worth] for column in task.goals.postures))
     if len(task.terms.obstacles) > 0:
         points = evenly_turned(task.machine, task.start, TURNED * spacing)
     else:
         points = evenly_long(task.machine, task.start, spacing)
-    return LatticeSearch(task.terms, task.memory, points, goals)
+    return LatticeSearch(priced_by, task.memory, points, goals)
 
 
 # --- Small changes -------------------------------------------------------------------------------
