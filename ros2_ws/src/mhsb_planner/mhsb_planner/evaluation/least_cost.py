@@ -86,7 +86,7 @@ class _Pricing:
         return np.array([self.machine.moment_arms(q) for q in postures])
 
     def forces(self, postures: FloatArray, arms: FloatArray) -> FloatArray:
-        """Of the cylinders, float64[k, n] N: ∂U/∂q of the masses beyond each joint, over its arm."""
+        """Of the cylinders, float64[k, n] N: ∂U/∂q of the masses beyond a joint, over its arm."""
         m = self.m
         cosine = np.cos(np.cumsum(postures, axis=1))
         n = cosine.shape[1]
@@ -163,7 +163,7 @@ class _Pricing:
             energy = (price * (oil + m.leakage_flow * time[:, None])).sum(axis=1)
             value = self.weights.energy * energy + self.weights.time * time
             cost[:, p] = np.where(possible, value, np.inf)
-        cost[exact.any(axis=1)[:, None] & ~exact] = np.inf
+        cost[np.logical_and(np.any(exact, axis=1, keepdims=True), ~exact)] = np.inf
         return cost
 
     def to_hold(self, force: FloatArray) -> FloatArray:

@@ -209,13 +209,12 @@ def test_impossible_goals_are_refused(machine, posture_within):
         ),
     ],
 )
-def test_where_a_coarse_lattice_has_no_way_finer_ones_are_searched(
+def test_ways_between_obstacles_are_found_where_no_straight_line_is_possible(
     machine, zones, start, goal
 ):
     among = machine.changed(zones=zones)
-    coarse = Effort(coarsest=0.2, narrowest=0.2)
-    with pytest.raises(NoPathError):
-        search(among, np.array(start), NORMAL, goal, ENERGY, effort=coarse)
+    found = IntegratedSearch(among, np.array(start), NORMAL, goal, ENERGY).paths()
+    assert next(found) is None
     path = search(among, np.array(start), NORMAL, goal, ENERGY)
     check_possible(among, path, np.array(start), goal)
     assert min(among.clearance(q)[0] for q in path.posture) > 0.0
