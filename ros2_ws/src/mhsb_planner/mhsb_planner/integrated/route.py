@@ -69,6 +69,7 @@ class Terms(NamedTuple):
     column    of the energy reading in a step's cost
     area      w₄ and the area that counts as full
     obstacles `Obstacles.path_rows`
+    piece     longest stroke of a cylinder within one piece [m]
     """
 
     machine: MachineArrays
@@ -79,6 +80,7 @@ class Terms(NamedTuple):
     column: int
     area: AreaTerm
     obstacles: FloatArray
+    piece: float
 
 
 def terms(
@@ -104,6 +106,7 @@ def terms(
         column,
         area,
         machine.obstacles.path_rows,
+        PIECE,
     )
 
 
@@ -221,12 +224,12 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
 
 
 @kernel
-def pieces_between(start: FloatArray, end: FloatArray) -> int:
-    """Into how many pieces a straight move between two lengths[n] is cut."""
+def pieces_between(start: FloatArray, end: FloatArray, piece: float) -> int:
+    """Into how many pieces of at most so many metres a straight move between lengths[n] is cut."""
     stroke = 0.0
     for j in range(len(start)):
         stroke = max(stroke, abs(end[j] - start[j]))
-    return max(1, math.ceil(stroke / PIECE - 1e-9))
+    return max(1, math.ceil(stroke / piece - 1e-9))
 
 
 @kernel
@@ -321,7 +324,7 @@ def continue_route(
     length = np.empty(via.shape[1])
     least = 0.0
     for s in range(len(via) - 1):
-        count = pieces_between(via[s], via[s + 1])
+        count = pieces_between(via[s], via[s + 1], t.piece)
         piece = least_step(t, via[s], via[s + 1]) / count
         for k in range(1, count + 1):
             for j in range(len(length)):
@@ -363,7 +366,7 @@ def _best_patterns(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> I
     """The pattern of every piece of a route on which there is a way, int64[pieces]."""
     pieces = 0
     for s in range(len(via) - 1):
-        pieces += pieces_between(via[s], via[s + 1])
+        pieces += pieces_between(via[s], via[s + 1], t.piece)
     parent = np.empty((pieces, len(t.patterns)), dtype=np.int64)
     begin_route(t, w, via[0], start)
     continue_route(t, w, via, math.inf, parent)
@@ -386,7 +389,7 @@ def _unrolled(
     posture[0] = start
     here, row = 0, 0
     for s in range(len(via) - 1):
-        count = pieces_between(via[s], via[s + 1])
+        count = pieces_between(via[s], via[s + 1], t.piece)
         for k in range(1, count + 1):
             length = via[s] + (via[s + 1] - via[s]) * k / count
             place(t.machine, w.points, 1 - here, length, here)

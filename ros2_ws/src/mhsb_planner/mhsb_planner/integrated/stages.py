@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from mhsb_model.types import IntArray
 from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.refinement import shortcut, sweep
-from mhsb_planner.integrated.route import Terms
+from mhsb_planner.integrated.route import Terms, price_route
 from mhsb_planner.integrated.task import Route, Task
 from mhsb_planner.search.s2_search import SEARCHING
 from mhsb_planner.search.s2_step import Postures
@@ -31,6 +31,9 @@ WORTH_A_LATTICE = 1e-2
 
 WORTH_A_MOTION = 5e-3
 """Share by which a route must be cheaper than the one told before, to be told in between."""
+
+ROUGH = 8e-3
+"""Longest stroke within the pieces by which long strides are priced [m]."""
 
 WORTH_REFINING = 1.1
 """Share of the best route's cost up to which what a lattice finds is improved."""
@@ -163,11 +166,14 @@ def spacings(task: Task, best: Route | None) -> list[float]:
 def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route | None]:
     """Ever cheaper routes over ever finer lattices, each improved by small changes.
 
-    None before those that take long.
+    So is the best before each. None before those that take long.
     """
     for number, spacing in enumerate(spacings(task, best)):
         if number == QUICK:
             yield None
+        if best is not None and leaves_room(task, best, WORTH_A_LATTICE):
+            best = refined(task, best, spacing)
+            yield best
         for priced_by in (task.terms, without_holding(task.terms)):
             spent = best is not None and work.expanded >= task.effort.expansions
             if spent or not leaves_room(task, best, WORTH_A_LATTICE):
@@ -220,19 +226,38 @@ def lattice(task: Task, priced_by: Terms, worth: IntArray, spacing: float) -> La
 
 
 def refined(task: Task, best: Route, spacing: float) -> Route:
-    """The route improved by small changes, in proportion to a lattice's spacing [m]."""
-    t, w, effort, until = task.terms, task.memory, task.effort, task.time.until
-    via, cost = shortcut(t, w, best.via, task.start, best.cost, until)
+    """The route improved by small changes, in proportion to a lattice's spacing [m].
+
+    First, by long strides, at the prices of a few long pieces; then, by the shortest, at those
+    that count.
+    """
+    via, _ = shortcut(task.terms, task.memory, best.via, task.start, best.cost, task.time.until)
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
-    psi, tip = best.psi, task.goals.tip
-    for stride in effort.strides:
+    route = replace(best, via=via, cost=task.price(via))
+    rough = task.terms._replace(piece=ROUGH)
+    moved = _swept(task, rough, route, spacing, task.effort.strides[:-1])
+    moved = replace(moved, cost=task.price(moved.via, route.cost))
+    if moved.cost < route.cost:
+        route = moved
+    route = _swept(task, task.terms, route, spacing, task.effort.strides[-1:])
+    return route if route.cost < best.cost else best
+
+
+def _swept(
+    task: Task, t: Terms, route: Route, spacing: float, strides: tuple[float, ...]
+) -> Route:
+    """The route after rounds of a compass search by these strides, at the prices of t."""
+    w, effort, until = task.memory, task.effort, task.time.until
+    via, psi = route.via.copy(), route.psi
+    cost = float(price_route(t, w, via, task.start, math.inf))
+    for stride in strides:
         stroke, turn = stride * spacing, effort.turn * stride if task.goals.free else 0.0
         for _ in range(effort.sweeps):
             before = cost
             cost, psi = sweep(
-                t, w, via, task.start, cost, tip, best.elbow, psi, stroke, turn, until
+                t, w, via, task.start, cost, task.goals.tip, route.elbow, psi, stroke, turn, until
             )
             if cost > (1.0 - GOOD_ENOUGH) * before:
                 break
-    return Route(via, best.goal, best.elbow, psi, cost)
+    return replace(route, via=via, psi=psi, cost=cost)
