@@ -99,6 +99,22 @@ def test_of_a_flood_of_goals_each_gets_one_verdict_and_the_newest_wins(arm):
     arm.until_in_force(arm.verdicts[sent[-1]])
 
 
+def test_goals_that_stream_are_each_answered_once_and_the_arm_rests_at_the_last(arm):
+    sent = []
+    for k in range(100):
+        sent.append(arm.send(0.6, 0.1 + 0.001 * k))
+        arm.serve(0.02)
+    arm.until(lambda: sent[-1] in arm.executions, 40.0)
+    codes = [arm.verdicts[stamp].code for stamp in sent]
+    assert set(codes) <= {Verdict.OK, Verdict.SUPERSEDED}
+    assert codes[-1] is Verdict.OK
+    assert codes.count(Verdict.OK) > 5
+    assert arm.executions[sent[-1]].outcome is Outcome.REACHED
+    assert arm.largest_reference_step() < 1e-3
+    tip = arm.machine.tip_position(arm.references[-1].state.position)
+    assert np.hypot(*(tip - (0.6, 0.199))) < 1e-3
+
+
 @pytest.mark.parametrize("node", ["mhsb_planner", "mhsb_sim"])
 def test_stopping_decelerates_and_holds_and_the_next_goal_goes_on_from_there(arm, node):
     verdict = arm.ask(*UP)

@@ -32,8 +32,14 @@ SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if pa
 LONGEST_VALUE = 40
 """Characters of a wrong value that a message repeats."""
 
-SECTIONS_WITHOUT_TABLE = {"circuit", "servo", "simulation", "keep_out"}
-"""Sections that do not concern a posture table and so leave it valid."""
+WITHOUT_TABLE: dict[str, bool | set[str]] = {
+    "circuit": True,
+    "servo": True,
+    "simulation": True,
+    "keep_out": True,
+    "motion": {"max_piston_acceleration", "max_piston_jerk"},
+}
+"""What does not concern a posture table and so leaves it valid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +94,7 @@ class Machine:
     @cached_property
     def hash(self) -> str:
         """SHA-256 over everything that a posture table depends on."""
-        content = self.config.model_dump(mode="json", exclude=SECTIONS_WITHOUT_TABLE)
+        content = self.config.model_dump(mode="json", exclude=WITHOUT_TABLE)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def changed(
@@ -280,4 +286,6 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         valve_coefficient=oil.valve.rated_flow / math.sqrt(oil.valve.rated_pressure_drop_per_land),
         leakage_flow=oil.valve.leakage_flow,
         max_piston_speed=config.motion.max_piston_speed,
+        max_piston_acceleration=config.motion.max_piston_acceleration,
+        max_piston_jerk=config.motion.max_piston_jerk,
     )

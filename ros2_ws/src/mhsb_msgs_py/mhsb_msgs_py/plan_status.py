@@ -53,6 +53,7 @@ def _goal(verdict: GoalVerdict) -> DiagnosticStatus:
             "plan_ms": repr(float(plan.plan_ms)),
             "lower_bound_j": repr(float(plan.lower_bound_j)),
             "lead_ms": repr(float(plan.lead_ms)),
+            "speed_excess": repr(float(plan.speed_excess)),
         }
         if plan.continued:
             values["continued"] = "true"
@@ -114,6 +115,7 @@ def _plan(values: StatusValues) -> PlanSummary:
         values.number("lower_bound_j"),
         values.number("lead_ms"),
         values.has("continued"),
+        values.number("speed_excess"),
     )
 
 

@@ -27,6 +27,7 @@ plans = st.builds(
     number,
     number,
     st.booleans(),
+    number,
 )
 sentences = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=40)
 
@@ -77,6 +78,7 @@ def test_an_accepted_goal_reads_as_the_contract_says():
         "plan_ms": "21.5",
         "lower_bound_j": "300.0",
         "lead_ms": "45.5",
+        "speed_excess": "0.0",
     }
 
 

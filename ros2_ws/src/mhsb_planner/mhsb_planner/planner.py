@@ -12,7 +12,8 @@ is the plan: there is one soon, and it gets better while there is time.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from types import MappingProxyType
@@ -28,8 +29,11 @@ from mhsb_planner.errors import DeadlineError, RequestError
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.motion.s3_coasting import Coasting, coasting
+from mhsb_planner.motion.s3_limits import stays_inside
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
+    FitMethod,
     FitRules,
     FittedMotion,
     TrajectoryKind,
@@ -69,6 +73,9 @@ __all__ = [
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 
+SLOWER = (2.0, 4.0)
+"""Factors on the duration of ramps that are compared with the shortest."""
+
 ROUNDING = 1e-9
 """Costs that differ by no more than this share are equal."""
 
@@ -76,7 +83,11 @@ ROUNDING = 1e-9
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
     """What S3 may do; `of_path` is how it begins on a path, unless it is told."""
     kind = options.trajectory or of_path or planner_named(options.planner).trajectory
-    return FitRules.following() if kind == "followed" else FitRules()
+    if kind == "followed":
+        rules = FitRules.following()
+    else:
+        rules = FitRules(max_excess=options.max_speed_excess)
+    return replace(rules, least_duration=options.least_duration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +177,8 @@ class Planner:
         """Plan to the tip position `goal` (x, z) m.
 
         modes     in force at the start; all N where left out
-        brake     how a moving start comes to rest (`mhsb_model.braking`)
+        brake     how a moving start comes to rest (`mhsb_model.braking`) where it cannot coast;
+                  without it, it has to
         deadline  until when cheaper motions are looked for; what takes longer is dropped
 
         Without a deadline the same request gives the same plan. Raises OutOfWorkspaceError,
@@ -176,10 +188,20 @@ class Planner:
         """
         options = options or PlanOptions()
         planner = planner_named(options.planner)
-        task = self._task(goal, start, modes, brake, options)
+        self._check(goal, start, options)
         deadline.check("planning")
-        making = _Making(self.machine, task, deadline)
-        return making.best_along(planner.paths(self.graph, task, making.time))
+        began, refused = perf_counter(), None
+        for stop in self._stops(start, brake):
+            task = self._task(goal, start, modes, stop, options)
+            making = _Making(self.machine, task, deadline, began)
+            try:
+                return making.best_along(planner.paths(self.graph, task, making.time))
+            except DeadlineError:
+                raise
+            except MhsbError as error:
+                refused = refused or error
+        assert refused is not None
+        raise refused
 
     def follow(
         self,
@@ -195,18 +217,15 @@ class Planner:
         """
         x, z = path.tip[-1].tolist()
         start = MotionState.at_rest(path.posture[0])
-        task = self._task((x, z), start, modes, None, options or PlanOptions())
-        return _Making(self.machine, task, NEVER).best_along([Candidate(path)])
+        options = options or PlanOptions()
+        self._check((x, z), start, options)
+        task = self._task((x, z), start, modes, None, options)
+        return _Making(self.machine, task, NEVER, perf_counter()).best_along([Candidate(path)])
 
-    def _task(
-        self,
-        goal: tuple[float, float],
-        start: MotionState,
-        modes: StartModes | None,
-        brake: Trajectory | None,
-        options: PlanOptions,
-    ) -> Task:
-        """The task, checked."""
+    def _check(
+        self, goal: tuple[float, float], start: MotionState, options: PlanOptions
+    ) -> None:
+        """Raise RequestError where something is asked for that makes no sense."""
         n = self.machine.joint_count
         if not all(math.isfinite(value) for value in goal):
             raise RequestError("goal", tuple(goal), "must be two finite numbers [m]")
@@ -219,24 +238,49 @@ class Planner:
             rule = f"must be 0 for the planner '{options.planner}'"
             rule += f"; {weighing_area()} can weigh the area"
             raise RequestError("area weight", options.area_weight, rule)
-        modes = modes or StartModes.settled(np.full(n, Mode.N))
+
+    def _stops(
+        self, start: MotionState, brake: Trajectory | None
+    ) -> list[Trajectory | Coasting | None]:
+        """Ways in which the start comes to rest, the better one first; None: it rests already."""
+        if not (start.velocity.any() or start.acceleration.any()):
+            return [None]
+        coast = coasting(self.machine, start)
+        stops: list[Trajectory | Coasting | None] = []
+        if brake is None or stays_inside(self.machine, coast.trajectory):
+            stops.append(coast)
+        return stops if brake is None else [*stops, brake]
+
+    def _task(
+        self,
+        goal: tuple[float, float],
+        start: MotionState,
+        modes: StartModes | None,
+        brake: Trajectory | Coasting | None,
+        options: PlanOptions,
+    ) -> Task:
+        modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
         area = area_term(options.area_weight, self.graph.table)
-        return Task(goal, start, modes, brake, options, area)
+        departure = start.position
+        if brake is not None:
+            departure = brake.posture if isinstance(brake, Coasting) else brake.position[-1]
+        return Task(goal, start, modes, brake, departure, options, area)
 
 
 class _Making:
     """A plan being made: paths come in, the cheapest motion so far stays.
 
-    time  what the search may take of the time until the deadline
+    time   what the search may take of the time until the deadline
+    began  when the plan was asked for
     """
 
-    def __init__(self, machine: Machine, task: Task, deadline: Deadline) -> None:
+    def __init__(self, machine: Machine, task: Task, deadline: Deadline, began: float) -> None:
         self._machine, self._task = machine, task
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
-        self._began = self._since = perf_counter()
+        self._began = self._since = began
 
     def best_along(self, candidates: Iterable[Candidate]) -> Plan:
         """The plan along the best of these paths; raises what they raise where there is none."""
@@ -278,21 +322,47 @@ class _Making:
             return
         finally:
             self._spend("comparison" if candidate.compared else "fit")
-        plan = self._priced(path, motion, NEVER if best is None else self.time.deadline)
-        self._spend("comparison" if candidate.compared else "energy")
+        kept = self._kept(candidate, motion)
         if best is None:
             self._seconds["first_motion"] = self._since - self._began
-        if best is None or _is_cheaper(plan, best, options):
-            self._best = plan
         self.time.found = True
         self.time.reserve = max(self.time.reserve, self._since - began)
+        for rules in self._others(path, motion) if kept else ():
+            with suppress(FitError):
+                motion = self._motion(path, rules)
+                self._spend("comparison")
+                self._kept(candidate, motion)
+
+    def _kept(self, candidate: Candidate, motion: FittedMotion) -> bool:
+        """Price a motion along a path, keep it if it is the cheapest so far, and say so."""
+        best = self._best
+        plan = self._priced(candidate.path, motion, NEVER if best is None else self.time.deadline)
+        self._spend("comparison" if candidate.compared else "energy")
+        if best is not None and not _is_cheaper(plan, best, self._task.options):
+            return False
+        self._best = plan
+        return True
+
+    def _others(self, path: DiscretePath, motion: FittedMotion) -> Iterator[FitRules]:
+        """Other ways along a path that may be cheaper than this motion.
+
+        A polynomial that V_max makes slow against following the path, and where inertia calls for
+        boost, as more switches than the path's tell, slower ramps.
+        """
+        following = replace(FitRules.following(), least_duration=self._task.options.least_duration)
+        if motion.method == FitMethod.POLYNOMIAL:
+            if motion.stretch > 1.0 and self._task.options.trajectory is None:
+                yield following
+        elif motion.schedule.switches > path.switches:
+            for slower in SLOWER:
+                yield replace(following, slowness=(slower,))
 
     def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
         task = self._task
         if path.steps == 0:
-            return fit_braking(
-                self._machine, task.brake or standstill(task.start.position), task.modes
-            )
+            brake = task.brake or standstill(task.start.position)
+            brake = brake.trajectory if isinstance(brake, Coasting) else brake
+            return fit_braking(self._machine, brake, task.modes)
         return fit_trajectory(
             self._machine,
             path,

@@ -28,6 +28,7 @@ from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
+from mhsb_planner.planners.options import DEFAULT_SPEED_EXCESS
 from mhsb_planner.planners.registry import summaries
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.area_shortfall import area_along_motion, area_along_path, reference_area
@@ -63,6 +64,7 @@ def plan(
         float, tyro.conf.arg(metavar="PER_M")
     ] = DEFAULT_HEURISTIC_SCALE,
     trajectory: TrajectoryKind | None = None,
+    max_speed_excess: float = DEFAULT_SPEED_EXCESS,
     energy_reading: EnergyReading = "paper",
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
     supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
@@ -98,8 +100,10 @@ def plan(
         search: The exact search, or the published one with one label for each node.
         heuristic_scale: Of the published search, cost per distance from the goal [1/m].
         trajectory: How the trajectory is made: polynomial as published, or the discrete path
-            followed; followed for the integrated planner, polynomial for the others when left
-            out.
+            followed; when left out followed for the integrated planner, for the others a
+            polynomial, or followed where V_max makes that the cheaper.
+        max_speed_excess: How far pistons may pass V_max on a polynomial, as a share of it; it
+            is stretched until they do not.
         energy_reading: Price of boosted oil that the search minimises.
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Of the main pump [Pa]; the machine file's when left out.
@@ -136,6 +140,7 @@ def plan(
         search=search,
         heuristic_scale=heuristic_scale,
         trajectory=trajectory,
+        max_speed_excess=max_speed_excess,
         area_weight=area_weight,
     )
     warm_up(suite)

@@ -35,6 +35,11 @@ from mhsb_planner.evaluation.deadline_benchmark import (
 )
 from mhsb_planner.evaluation.integrated_benchmark import integrated_figures
 from mhsb_planner.evaluation.moves import Move, random_moves
+from mhsb_planner.evaluation.streaming_benchmark import (
+    moving_goal_figures,
+    stream_figures,
+    streaming_lines,
+)
 from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
 from mhsb_planner.posture.s1_global_search import build_posture_table
@@ -59,7 +64,7 @@ class Effort:
     """How much is measured.
 
     Plans, plans with a deadline in each condition, SLSQP entries, ground truths, plans for each
-    spacing, and the spacings [m].
+    spacing, and the spacings [m]; moves to a goal that comes again, and lines on which one moves.
     """
 
     moves: int = 500
@@ -69,6 +74,8 @@ class Effort:
     growth_moves: int = 100
     spacings: tuple[float, ...] = SPACINGS
     runs: int = RUNS
+    repeated: int = 30
+    lines: int = 5
 
 
 def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figures:
@@ -88,6 +95,8 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
         "scipy_dijkstra": other,
         "first_motion_ms": first_motion_figures(planner, moves, other["p50_ms"]),
         "overrun_ms": overrun_figures(planner, moves[: effort.deadlines]),
+        "stream": stream_figures(planner, moves[: effort.repeated]),
+        "moving_goal": moving_goal_figures(planner, effort.lines),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
 
@@ -298,6 +307,7 @@ def as_text(figures: Figures) -> list[str]:
         f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
         *first_motion_lines(figures["first_motion_ms"]),
         *overrun_lines(figures["overrun_ms"]),
+        *streaming_lines(figures),
         "spacing [mm]   states     steps   table [s]   graph [s]   search p50, p99 [ms]   expanded",
     ]
     lines += [

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.command import Command
+from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, PlanSummary
@@ -39,12 +40,14 @@ class Ending(NamedTuple):
 class Execution:
     """A goal and the command for it that the arm has taken.
 
+    target   where the command leads: to the goal, or a little ahead of one that moves
     plan     what its verdict told of that command
     settings with which it was planned; a goal is the same only if these are
     """
 
     in_hand: GoalInHand
     command: Command
+    target: Goal
     plan: PlanSummary
     settings: Settings
 

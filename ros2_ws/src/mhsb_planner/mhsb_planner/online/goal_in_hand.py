@@ -21,6 +21,7 @@ class GoalInHand:
     lead_ms        from its arrival to where that one leaves the command before
     stretch        factor of the lead, for plans that came too late before
     too_long       how often even the longest lead was too short
+    exact          whether it is to be planned for where it is, also if it moves
     over           whether it has ended
     """
 
@@ -33,6 +34,7 @@ class GoalInHand:
     lead_ms: float = 0.0
     stretch: float = 1.0
     too_long: int = 0
+    exact: bool = False
     over: bool = False
 
     def refused(self, code: Verdict, sentence: str) -> GoalVerdict:
@@ -70,4 +72,5 @@ def summary_of(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:
         plan_ms=plan_ms,
         lower_bound_j=plan.lower_bound,
         lead_ms=lead_ms,
+        speed_excess=plan.motion.speed_excess,
     )

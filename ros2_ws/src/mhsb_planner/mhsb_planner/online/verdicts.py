@@ -30,6 +30,9 @@ CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (MovingError, Verdict.MOVING),
 )
 
+TOLD_EXCESS = 0.005
+"""A greater excess over V_max is part of the sentence."""
+
 
 def code_of(error: MhsbError) -> Verdict:
     """The code under which an error is reported."""
@@ -43,4 +46,7 @@ def announcement(replan: Replan, goal: Goal) -> str:
     sentence = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {duration:.1f} s"
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"
+    excess = plan.motion.speed_excess
+    if excess >= TOLD_EXCESS:
+        sentence += f", pistons up to {100 * excess:.2g} % faster than V_max"
     return "; ".join([sentence, *map(str, plan.motion.overloads)])

@@ -14,6 +14,12 @@ from mhsb_planner.search.s2_step import EnergyReading
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
+DEFAULT_SPEED_EXCESS = 0.1
+"""The paper's "slightly above V_max". On a path at V_max throughout a polynomial of its duration
+passes it by a quarter at least, and is stretched."""
+
+HIGHEST_SPEED_EXCESS = 1.0
+
 
 @dataclass(frozen=True)
 class PlanOptions:
@@ -24,11 +30,13 @@ class PlanOptions:
     goal_psi         rad, end-link angle at the goal; None leaves it free
     planner          where postures come from, one of `registry.PLANNERS`
     trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
-                     None: as the planner does
+                     None: as the planner does, a stretched polynomial compared with following
+    max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial
     initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
     max_expansions   of the search; None takes what it needs
+    least_duration   s, that a motion takes at least: one that is to be followed by another
     area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for planners that
                      weigh it; 0 leaves the area out
 
@@ -41,10 +49,12 @@ class PlanOptions:
     goal_psi: float | None = None
     planner: str = "table"
     trajectory: TrajectoryKind | None = None
+    max_speed_excess: float = DEFAULT_SPEED_EXCESS
     initial_j3: float | None = None
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
     max_expansions: int | None = None
+    least_duration: float = 0.0
     area_weight: float = 0.0
 
     def __post_init__(self) -> None:
@@ -52,3 +62,6 @@ class PlanOptions:
             raise RequestError("goal_psi", self.goal_psi, "must be a finite angle in rad")
         if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
             raise RequestError("area weight", self.area_weight, "must be finite and not negative")
+        if not 0.0 <= self.max_speed_excess <= HIGHEST_SPEED_EXCESS:
+            rule = f"must be within 0 … {HIGHEST_SPEED_EXCESS:g}"
+            raise RequestError("max_speed_excess", self.max_speed_excess, rule)

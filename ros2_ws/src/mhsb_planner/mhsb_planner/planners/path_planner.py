@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray
+from mhsb_planner.motion.s3_coasting import Coasting
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
@@ -23,21 +24,18 @@ class Task:
 
     goal   (x, z) m
     modes  in force at the start
-    brake  how a moving start comes to rest
+    brake  how a moving start comes to rest: by coasting, or on its old way
+    departure  posture at rest from which the path begins [rad]
     area   weight of the polytope's area, and the area that counts as full
     """
 
     goal: tuple[float, float]
     start: MotionState
     modes: StartModes
-    brake: Trajectory | None
+    brake: Trajectory | Coasting | None
+    departure: FloatArray
     options: PlanOptions
     area: AreaTerm
-
-    @property
-    def departure(self) -> FloatArray:
-        """Posture at rest from which the path begins [rad]."""
-        return self.start.position if self.brake is None else self.brake.position[-1]
 
 
 class Candidate(NamedTuple):

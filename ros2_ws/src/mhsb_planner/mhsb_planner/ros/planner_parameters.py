@@ -18,7 +18,11 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import RequestError
 from mhsb_planner.online.plan_request import Settings
-from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.options import (
+    DEFAULT_SPEED_EXCESS,
+    HIGHEST_SPEED_EXCESS,
+    PlanOptions,
+)
 from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
@@ -60,6 +64,7 @@ class PlannerParameters:
     planning_budget  s, that time where it shall not adapt; 0 where it shall
     goal_psi         rad, angle of the end link at the goal; None leaves it free
     area_weight      1/m, of the velocity polytope's area; 0 leaves it out
+    max_speed_excess greatest |v|/V_max − 1 of a piston on a polynomial
     zones            that the arm or its tip keeps out of
     """
 
@@ -74,6 +79,7 @@ class PlannerParameters:
     planning_budget: float
     goal_psi: float | None
     area_weight: float
+    max_speed_excess: float
     zones: Zones
 
     @property
@@ -85,6 +91,7 @@ class PlannerParameters:
             goal_psi=self.goal_psi,
             planner=self.planner,
             area_weight=self.area_weight,
+            max_speed_excess=self.max_speed_excess,
         )
 
     def settings(self, base: Machine) -> Settings:
@@ -189,6 +196,14 @@ def declare(node: Node, machine: Machine) -> None:
             (0.0, HIGHEST_AREA_WEIGHT),
         ),
     )
+    node.declare_parameter(
+        "max_speed_excess",
+        DEFAULT_SPEED_EXCESS,
+        _described(
+            "how far pistons may pass V_max on the published polynomials, as a share of it [-]",
+            (0.0, HIGHEST_SPEED_EXCESS),
+        ),
+    )
     for name, (field, kind, who) in ZONES.items():
         _declare_zones(node, name, kind, who, getattr(machine.zones, field))
     if reason := refusal(node, machine, ()):
@@ -262,6 +277,7 @@ _CHANGEABLE = (
     "planning_budget",
     "goal_psi",
     "area_weight",
+    "max_speed_excess",
     *ZONES,
 )
 
@@ -280,6 +296,7 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
         planning_budget=values["planning_budget"],
         goal_psi=None if math.isnan(values["goal_psi"]) else values["goal_psi"],
         area_weight=values["area_weight"],
+        max_speed_excess=values["max_speed_excess"],
         zones=Zones(**{field: _zones(name, values[name]) for name, (field, *_) in ZONES.items()}),
     )
 
