@@ -38,6 +38,7 @@ from mhsb_planner.motion.s3_trajectory import (
     FitMethod,
     FitRules,
     FittedMotion,
+    TrajectoryKind,
     fit_braking,
     fit_trajectory,
 )
@@ -82,9 +83,9 @@ ROUNDING = 1e-9
 """Costs that differ by no more than this share are equal."""
 
 
-def fit_rules(options: PlanOptions) -> FitRules:
-    """What S3 may do."""
-    kind = options.trajectory or planner_named(options.planner).trajectory
+def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
+    """What S3 may do; `of_path` is how it begins on a path, unless it is told."""
+    kind = options.trajectory or of_path or planner_named(options.planner).trajectory
     if kind == "followed":
         rules = FitRules.following()
     else:
@@ -286,7 +287,6 @@ class _Making:
 
     def __init__(self, machine: Machine, task: Task, deadline: Deadline, began: float) -> None:
         self._machine, self._task = machine, task
-        self._rules = fit_rules(task.options)
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
@@ -328,7 +328,7 @@ class _Making:
             return
         began = self._since
         try:
-            motion = self._motion(path, self._rules)
+            motion = self._motion(path, fit_rules(options, candidate.trajectory))
         except FitError as error:
             self._refused = self._refused or error
             return
@@ -361,7 +361,7 @@ class _Making:
         A polynomial that V_max makes slow against following the path, and where inertia calls for
         boost, as more switches than the path's tell, slower ramps.
         """
-        following = replace(FitRules.following(), least_duration=self._rules.least_duration)
+        following = replace(FitRules.following(), least_duration=self._task.options.least_duration)
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and self._task.options.trajectory is None:
                 yield following

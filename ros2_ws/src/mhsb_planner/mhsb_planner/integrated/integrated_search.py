@@ -92,7 +92,7 @@ class IntegratedSearch:
         self.lower_bound = least_cost_to(machine, priced_by.circuit, origin, goals, ENERGY_ALONE)
 
     def paths(self) -> Iterator[DiscretePath | None]:
-        """Ever cheaper paths; None where no straight line is possible: others may be quicker now.
+        """Ever cheaper paths; None where what follows may take long: others may be quicker now.
 
         A start at the goal gives a path without steps. Raises, at its end, NoPathError where there
         is no path, DeadlineError where none was found in time.
@@ -109,6 +109,17 @@ class IntegratedSearch:
     def last(self) -> DiscretePath:
         """The cheapest path that is found; raises as `paths`."""
         return [path for path in self.paths() if path is not None][-1]
+
+    def along(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
+        """See `improved`."""
+        task = self._task
+        off = np.abs(task.goals.postures.length - via[-1]).max(axis=1)
+        route = task.to_goal(via, int(np.argmin(off)), task.price(via))
+        if route.cost == math.inf:
+            return None
+        for spacing in spacings:
+            route = stages.refined(task, route, spacing)
+        return self._path(route, Work())
 
     @property
     def _seconds(self) -> float:
@@ -162,6 +173,29 @@ def search(
     return under_way.last()
 
 
+def improved(
+    machine: Machine,
+    start_posture: FloatArray,
+    start_modes: ModeArray,
+    goal_xz: tuple[float, float],
+    weights: Weights,
+    energy_reading: EnergyReading = "paper",
+    *,
+    via: FloatArray,
+    spacings: tuple[float, ...],
+    effort: Effort,
+) -> DiscretePath | None:
+    """The path of a route that was found elsewhere, improved by small changes; None: there is none.
+
+    via       float64[points, n] m, cylinder lengths, the last those of one of the goal's postures
+    spacings  m, to which the changes are in proportion
+    """
+    under_way = IntegratedSearch(
+        machine, start_posture, start_modes, goal_xz, weights, energy_reading, effort=effort
+    )
+    return under_way.along(via, spacings)
+
+
 def warm_up(machine: Machine) -> None:
     """Compile everything that a search can run through, whatever the stages of this one need."""
     task = _example(machine)
@@ -190,7 +224,7 @@ def warm_up_paths(machine: Machine) -> None:
 def warm_up_lattice(machine: Machine) -> None:
     """Compile the search over the lattice."""
     task = _example(machine)
-    lattice = stages.lattice(task, np.array([0]), task.effort.coarsest)
+    lattice = stages.lattice(task, task.terms, np.array([0]), task.effort.coarsest)
     lattice.search(math.inf, task.effort.expansions)
 
 

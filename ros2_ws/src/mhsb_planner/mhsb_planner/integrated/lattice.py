@@ -28,7 +28,13 @@ from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.integrated.route import Memory, Terms, least_step, price_piece
+from mhsb_planner.integrated.route import (
+    Memory,
+    Terms,
+    least_step,
+    price_piece,
+    switches_to_hold,
+)
 from mhsb_planner.search.frontier import (
     EXHAUSTED,
     EXPANDED,
@@ -74,8 +80,9 @@ def evenly_long(machine: Machine, posture: FloatArray, spacing: float) -> Lattic
     axes = []
     for j, angle in enumerate(posture):
         linkage, low, high = machine.arrays.linkage[j], *_limits(machine, j)
-        ends = sorted((cylinder_length(linkage, low), cylinder_length(linkage, high)))
-        length, first = _every(cylinder_length(linkage, angle), *ends, spacing)
+        one, other = cylinder_length(linkage, low), cylinder_length(linkage, high)
+        here = cylinder_length(linkage, angle)
+        length, first = _every(here, min(one, other), max(one, other), spacing)
         axes.append((length, _angles(linkage, length, low, high, first, angle), first))
     return _lattice(axes)
 
@@ -113,7 +120,7 @@ def _every(here: float, low: float, high: float, spacing: float) -> tuple[FloatA
     """Numbers every `spacing` from `here` on to both ends, these included, and where it is."""
     below = max(0, math.floor((here - low) / spacing))
     above = max(0, math.floor((high - here) / spacing))
-    numbers = here + spacing * np.arange(-below, above + 1)
+    numbers: FloatArray = here + spacing * np.arange(-below, above + 1, dtype=np.float64)
     if numbers[0] > low + CLOSE * spacing:
         numbers, below = np.append(low, numbers), below + 1
     if numbers[-1] < high - CLOSE * spacing:
@@ -187,9 +194,7 @@ def _with_more_rows(known: Known) -> Known:
 
 
 @kernel
-def _put(
-    t: Terms, known: Known, lattice: Lattice, row: int, points: Postures, i: int
-) -> None:
+def _put(known: Known, lattice: Lattice, row: int, points: Postures, i: int) -> None:
     """Put the lattice point of a row at points[i]; its forces are those of `_load`."""
     rest = known.point[row]
     for j in range(len(lattice.shape)):
@@ -279,6 +284,7 @@ def _take(
     admitted: int,
     first: int,
     apart: int,
+    after: IntArray,
     least: float,
     enough: float,
     haste: float,
@@ -286,13 +292,14 @@ def _take(
     """Take the step priced in w.scratch in all patterns admitted; whether it gained anything.
 
     Pattern p leads from the origin to the state first + p · apart, from which `least` is left to
-    the goal.
+    the goal; after[p] actuators change their mode there.
     """
     cost, gained = w.scratch.cost, False
     for p in range(len(t.patterns)):
         if w.scratch.status[p] == admitted:
             there = origin.cost + t.weight[0] * cost[p, t.column] + t.weight[1] * cost[p, DURATION]
-            there += t.weight[2] * t.switches[origin.pattern, p] + w.shortfall[p]
+            switches = t.switches[origin.pattern, p] + after[p]
+            there += t.weight[2] * switches + w.shortfall[p]
             if there + least < enough:
                 target = first + p * apart
                 left = haste * least
@@ -325,6 +332,7 @@ def expand(
     sink = len(f.cost) - 1
     n = len(lattice.shape)
     at = np.empty(n, dtype=np.int64)
+    none, after = np.zeros(patterns, dtype=np.int64), np.empty(patterns, dtype=np.int64)
     for _ in range(limit):
         if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
             return FULL
@@ -343,7 +351,7 @@ def expand(
                 continue
         origin = Origin(state, own, so_far)
         f.counts[EXPANDED] += 1
-        _put(t, known, lattice, here, w.points, 0)
+        _put(known, lattice, here, w.points, 0)
         _load(t, known, here, w.points, 0)
         rest = known.point[here]
         for j in range(n):
@@ -360,10 +368,10 @@ def expand(
             target = known.row[point] - 1
             if target == NOWHERE:
                 target = _meet(known, point)
-                _put(t, known, lattice, target, w.points, 1)
+                _put(known, lattice, target, w.points, 1)
                 known.remaining[target] = _remaining(t, w.points.length[1], goals.length)
             else:
-                _put(t, known, lattice, target, w.points, 1)
+                _put(known, lattice, target, w.points, 1)
             least = known.remaining[target]
             there = so_far + least_step(t, w.points.length[0], w.points.length[1])
             if there + least >= enough:
@@ -377,7 +385,7 @@ def expand(
             if admitted == INADMISSIBLE:
                 continue
             first = target * patterns
-            _take(t, w, f, known, origin, admitted, first, 1, least, enough, haste)
+            _take(t, w, f, known, origin, admitted, first, 1, none, least, enough, haste)
         for k in range(len(goals.length)):
             if not _is_around(lattice, at, goals.length[k]):
                 continue
@@ -388,7 +396,9 @@ def expand(
             admitted = price_piece(t, w, 0)
             if admitted == INADMISSIBLE:
                 continue
-            if _take(t, w, f, known, origin, admitted, sink, 0, 0.0, enough, haste):
+            for p in range(patterns):
+                after[p] = switches_to_hold(t.machine, w.points.force[1], t.patterns[p])
+            if _take(t, w, f, known, origin, admitted, sink, 0, after, 0.0, enough, haste):
                 known.reached[0] = k
     return PAUSED
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mhsb_model.types import IntArray
 from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.refinement import shortcut, sweep
+from mhsb_planner.integrated.route import Terms, price_route
 from mhsb_planner.integrated.task import Route, Task
 from mhsb_planner.search.s2_search import SEARCHING
 from mhsb_planner.search.s2_step import Postures
@@ -31,6 +32,12 @@ WORTH_A_LATTICE = 1e-2
 WORTH_A_MOTION = 5e-3
 """Share by which a route must be cheaper than the one told before, to be told in between."""
 
+ROUGH = 8e-3
+"""Longest stroke within the pieces by which long strides are priced [m]."""
+
+WORTH_REFINING = 1.1
+"""Share of the best route's cost up to which what a lattice finds is improved."""
+
 SPARSE = 3
 """Straight lines lead to one in so many goal postures first."""
 
@@ -39,6 +46,9 @@ TURNED = 6.0
 
 HASTE = 2.0
 """Of a first route: it may cost so many times as much as the cheapest over the same lattice."""
+
+QUICK = 3
+"""Lattices that are searched before it is time for other ways."""
 
 FIRST_LINES = 8
 """So many are tried before something else may come first."""
@@ -53,7 +63,7 @@ class Work:
 
 
 def routes(task: Task, work: Work) -> Iterator[Route | None]:
-    """Ever cheaper routes; None where the straight lines are not possible.
+    """Ever cheaper routes; None where what follows may take long: others may be quicker now.
 
     work  what has been done until then, kept up to date
 
@@ -68,9 +78,11 @@ def routes(task: Task, work: Work) -> Iterator[Route | None]:
         best = route
     if leaves_room(task, best, WORTH_A_LATTICE):
         for route in over_lattices(task, best, work):
-            best = route
-            if told is None or best.cost < (1.0 - WORTH_A_MOTION) * told.cost:
-                told = best
+            best = route or best
+            if route is None:
+                yield None
+            elif told is None or route.cost < (1.0 - WORTH_A_MOTION) * told.cost:
+                told = route
                 yield told
     if best is None:
         if task.time.until.passed:
@@ -151,24 +163,44 @@ def spacings(task: Task, best: Route | None) -> list[float]:
     return [first * (last / first) ** (k / max(1, count - 1)) for k in range(count)]
 
 
-def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route]:
-    """Ever cheaper routes over ever finer lattices, each improved by small changes."""
-    for spacing in spacings(task, best):
-        if not leaves_room(task, best, WORTH_A_LATTICE) or work.expanded >= task.effort.expansions:
-            break
-        found = over_lattice(task, best, spacing, work)
-        if found is not None:
-            found = refined(task, found, spacing)
-            if best is None or found.cost < best.cost:
-                best = found
-                yield best
+def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route | None]:
+    """Ever cheaper routes over ever finer lattices, each improved by small changes.
+
+    So is the best before each. None before those that take long.
+    """
+    for number, spacing in enumerate(spacings(task, best)):
+        if number == QUICK:
+            yield None
+        if best is not None and leaves_room(task, best, WORTH_A_LATTICE):
+            best = refined(task, best, spacing)
+            yield best
+        for priced_by in (task.terms, without_holding(task.terms)):
+            spent = best is not None and work.expanded >= task.effort.expansions
+            if spent or not leaves_room(task, best, WORTH_A_LATTICE):
+                return
+            found = over_lattice(task, priced_by, best, spacing, work)
+            if found is not None:
+                found = refined(task, found, spacing)
+                if best is None or found.cost < best.cost:
+                    best = found
+                    yield best
 
 
-def over_lattice(task: Task, best: Route | None, spacing: float, work: Work) -> Route | None:
-    """The cheapest route over a lattice, where it is cheaper than the best so far."""
+def without_holding(t: Terms) -> Terms:
+    """Terms by which a cylinder at rest needs no boost.
+
+    On a lattice a cylinder that moves slowly rests in between, which boosts none in a motion.
+    """
+    return t._replace(circuit=t.circuit._replace(rest_speed=0.0))
+
+
+def over_lattice(
+    task: Task, priced_by: Terms, best: Route | None, spacing: float, work: Work
+) -> Route | None:
+    """The cheapest route over a lattice, where it may be made cheaper than the best so far."""
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.least < limit)
-    search = lattice(task, worth, spacing)
+    search = lattice(task, priced_by, worth, spacing)
     left = sys.maxsize if best is None else task.effort.expansions - work.expanded
     found = search.search(limit, left, task.time.until, HASTE if best is None else 1.0)
     work.expanded += search.expanded
@@ -176,18 +208,18 @@ def over_lattice(task: Task, best: Route | None, spacing: float, work: Work) -> 
     if found is None:
         return None
     via, k = found
-    cost = task.price(via)
-    return task.to_goal(via, int(worth[k]), cost) if cost < limit else None
+    cost = task.price(via, WORTH_REFINING * limit)
+    return task.to_goal(via, int(worth[k]), cost) if cost < math.inf else None
 
 
-def lattice(task: Task, worth: IntArray, spacing: float) -> LatticeSearch:
+def lattice(task: Task, priced_by: Terms, worth: IntArray, spacing: float) -> LatticeSearch:
     """The search for those of the goal postures that are worth it."""
     goals = Postures(*(column[worth] for column in task.goals.postures))
     if len(task.terms.obstacles) > 0:
         points = evenly_turned(task.machine, task.start, TURNED * spacing)
     else:
         points = evenly_long(task.machine, task.start, spacing)
-    return LatticeSearch(task.terms, task.memory, points, goals)
+    return LatticeSearch(priced_by, task.memory, points, goals)
 
 
 # --- Small changes -------------------------------------------------------------------------------
@@ -200,19 +232,38 @@ def _tip_of(task: Task, route: Route) -> tuple[float, float]:
 
 
 def refined(task: Task, best: Route, spacing: float) -> Route:
-    """The route improved by small changes, in proportion to a lattice's spacing [m]."""
-    t, w, effort, until = task.terms, task.memory, task.effort, task.time.until
-    via, cost = shortcut(t, w, best.via, task.start, best.cost, until)
+    """The route improved by small changes, in proportion to a lattice's spacing [m].
+
+    First, by long strides, at the prices of a few long pieces; then, by the shortest, at those
+    that count.
+    """
+    via, _ = shortcut(task.terms, task.memory, best.via, task.start, best.cost, task.time.until)
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
-    psi, tip = best.psi, _tip_of(task, best)
-    for stride in effort.strides:
+    route = replace(best, via=via, cost=task.price(via))
+    rough = task.terms._replace(piece=ROUGH)
+    moved = _swept(task, rough, route, spacing, task.effort.strides[:-1])
+    moved = replace(moved, cost=task.price(moved.via, route.cost))
+    if moved.cost < route.cost:
+        route = moved
+    route = _swept(task, task.terms, route, spacing, task.effort.strides[-1:])
+    return route if route.cost < best.cost else best
+
+
+def _swept(
+    task: Task, t: Terms, route: Route, spacing: float, strides: tuple[float, ...]
+) -> Route:
+    """The route after rounds of a compass search by these strides, at the prices of t."""
+    w, effort, until = task.memory, task.effort, task.time.until
+    via, psi, tip = route.via.copy(), route.psi, _tip_of(task, route)
+    cost = float(price_route(t, w, via, task.start, math.inf))
+    for stride in strides:
         stroke, turn = stride * spacing, effort.turn * stride if task.goals.free else 0.0
         for _ in range(effort.sweeps):
             before = cost
             cost, psi = sweep(
-                t, w, via, task.start, cost, tip, best.elbow, psi, stroke, turn, until
+                t, w, via, task.start, cost, tip, route.elbow, psi, stroke, turn, until
             )
             if cost > (1.0 - GOOD_ENOUGH) * before:
                 break
-    return Route(via, best.goal, best.elbow, psi, cost)
+    return replace(route, via=via, psi=psi, cost=cost)

@@ -56,10 +56,15 @@ class Task:
 
 
 class Candidate(NamedTuple):
-    """A path that a motion may follow; `compared` if it is another planner's."""
+    """A path that a motion may follow.
+
+    compared    whether it is another planner's
+    trajectory  how S3 begins on it, unless it is told; None: as the planner does
+    """
 
     path: DiscretePath
     compared: bool = False
+    trajectory: TrajectoryKind | None = None
 
 
 class PathPlanner(Protocol):

@@ -8,13 +8,14 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from mhsb_model.holding import holding_modes
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.integrated import lattice as lattice_module
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
-from mhsb_planner.integrated.route import new_memory
+from mhsb_planner.integrated.route import REST_SPEED, new_memory
 from mhsb_planner.search.s2_step import describe, step_costs
 
 SPACING, REACH = 22e-3, 0.4  # m
@@ -54,13 +55,16 @@ def by_dijkstra(machine, lattice, goal):
     switches = np.count_nonzero(patterns[:, None] != patterns[None], axis=2)
     sink, source = len(points) * count, len(points) * count + 1
     rows, columns, costs = [], [], []
+    hold = holding_modes(machine, machine.piston_forces(goal))
 
     def add(k, target, states):
         if outside(machine, target) > max(1e-9, outside(machine, posture[k])):
             return
-        step = step_costs(machine, posture[k], target)
+        step = step_costs(machine, posture[k], target, REST_SPEED)
         for p in np.flatnonzero(step.admissible):
             cost = 0.5 * step.energy[p] + step.duration[p]
+            if states[p] == sink:
+                cost += SWITCH * np.count_nonzero(patterns[p] != hold)
             for own in range(count):
                 rows.append(k * count + own)
                 columns.append(states[p])
