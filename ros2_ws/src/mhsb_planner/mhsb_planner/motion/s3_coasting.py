@@ -76,10 +76,11 @@ def coasting(machine: Machine, start: MotionState) -> Coasting:
 
 def _coasting(machine: Machine, start: MotionState, parts: int) -> RampedMotion:
     """With δ so many times half the time in which acceleration builds up."""
-    m, n, ramp = machine.arrays, machine.joint_count, shortest_ramp(machine)
-    told = whole_ticks(0.5 * parts * ramp.blend) if parts > 0 else 0.0
+    m, n = machine.arrays, machine.joint_count
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
     length, speed, acceleration = piston_state(m, *state)
+    ramp = _ramp_from(machine, speed, acceleration)
+    told = whole_ticks(0.5 * parts * ramp.blend) if parts > 0 else 0.0
     since, before, after = _histories(m, ramp.rise, ramp.blend, speed, acceleration)
     return RampedMotion(
         machine,
@@ -92,6 +93,14 @@ def _coasting(machine: Machine, start: MotionState, parts: int) -> RampedMotion:
         blend=np.full(n + 1, ramp.blend),
         node_time=np.array([told + ramp.duration]),
     )
+
+
+def _ramp_from(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
+    """The shortest from these piston speeds; where they change, the one that is going on."""
+    steady = 0.1 * machine.arrays.max_piston_acceleration
+    if np.abs(acceleration).max() > steady:
+        return shortest_ramp(machine)
+    return shortest_ramp(machine, float(np.abs(speed).max()))
 
 
 @kernel

@@ -91,8 +91,12 @@ def _ever_slower(
     machine: Machine, path: DiscretePath, slower: float, coast: Coasting | None, stretch: float
 ) -> Iterator[RampedMotion]:
     """From a moving start the path sets out ever later first; then its ramps become slower."""
-    ramp, delay = shortest_ramp(machine).slower(slower, slower), 0.0
+    length = lengths_of(machine.arrays, path.posture)
+    due = stretch * np.maximum(path.duration, SHORTEST_STEP)
+    fastest = float(np.abs(np.diff(length, axis=0) / due[:, None]).max())
+    ramp, delay = shortest_ramp(machine, fastest).slower(slower, slower), 0.0
     if coast is not None:
+        ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.told + coast.ramp.duration
         for later in (0.0, whole_ticks(0.5 * rise), rise):
             yield following_motion(machine, path, ramp, stretch, coast, coast.told + later)

@@ -43,14 +43,15 @@ def whole_ticks(seconds: float) -> float:
     return max(1, math.ceil(seconds / TICK - 1e-6)) * TICK
 
 
-def shortest_ramp(machine: Machine) -> Ramp:
-    """The ramp from rest to V_max: T₁ = V/a_max, T₂ = a_max/j_max; T₁ = T₂ = √(V/j_max) where the
-    jerk does not let the acceleration build up so far."""
+def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
+    """The ramp from rest to a speed V [m/s], at most V_max: T₁ = V/a_max, T₂ = a_max/j_max;
+    T₁ = T₂ = √(V/j_max) where the jerk does not let the acceleration build up so far."""
     m = machine.arrays
-    rise = m.max_piston_speed / m.max_piston_acceleration
+    speed = min(speed, m.max_piston_speed)
+    rise = speed / m.max_piston_acceleration
     blend = m.max_piston_acceleration / m.max_piston_jerk
     if blend > rise:
-        rise = blend = math.sqrt(m.max_piston_speed / m.max_piston_jerk)
+        rise = blend = math.sqrt(speed / m.max_piston_jerk)
     return Ramp(whole_ticks(rise), whole_ticks(blend))
 
 

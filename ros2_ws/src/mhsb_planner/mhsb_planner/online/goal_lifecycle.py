@@ -259,7 +259,7 @@ class GoalLifecycle:
             return False
         if not goal.same_place(execution.target) or execution.command is not self.view.own:
             return False
-        if execution.settings is not self._settings:
+        if execution.settings is not self._settings or self._stream.moves(self._clock.wall()):
             return False
         if execution.in_hand is in_hand:
             return True
