@@ -3,7 +3,7 @@
 The collocation has the plan's start, its goal with ψ free, its modes at the same shares of the
 duration, and its limits: joint ranges, workspace, V_max, what valves and servo pumps give under
 the load, the main pump's flow, acceleration and jerk. What inertia takes of the pressures is left
-out, so that it may be a little too fast.
+out, and loads are taken a little lighter than they are, so that it may be a little too fast.
 
 For a duration T it is a sequence of linear programmes in cylinder lengths L, their speeds v and
 accelerations a at the ends of intervals in which the jerk is constant,
@@ -44,10 +44,14 @@ FINE, COARSE = 0.02, 0.1
 NEAR_ENDS = 0.3  # s
 
 TRUST = 4e-3
-"""A programme moves a piston by so much at most [m]."""
+"""The first programme moves a piston by so much at most [m]."""
 
-PROGRAMMES = 4
-"""One after the other for one duration."""
+PROGRAMMES = 6
+"""One after the other for one duration; each has half the trust of the one before."""
+
+LIGHTER, LIGHTEST = 0.98, 0.96
+"""Shares of the loads in the programmes, and in judging what comes out: where a load is just what
+P_S lifts, a motion would not be found otherwise."""
 
 SHORTEST, LONGEST = 0.75, 1.03
 """Shares of the plan's duration between which the shortest is looked for."""
@@ -148,12 +152,15 @@ class _Grid:
         still = np.zeros_like(length)
         return joint_motion(self.machine.arrays, length, still, still, self.start)[0]
 
-    def fastest(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest piston speeds in the postures at the ends, float64[k + 1, n] m/s."""
+    def fastest(self, q: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest piston speeds in the postures at the ends, float64[k + 1, n] m/s.
+
+        share: of the loads that gravity gives
+        """
         m = self.machine.arrays
         oil, v_max = oil_of(m), m.max_piston_speed
         lower, upper = np.full(q.shape, -v_max), np.full(q.shape, v_max)
-        force = np.array([self.machine.piston_forces(row) for row in q])
+        force = share * np.array([self.machine.piston_forces(row) for row in q])
         for i, modes in enumerate(self.modes):
             for j, mode in enumerate(modes):
                 modules = m.modules_per_mode[mode]
@@ -168,13 +175,13 @@ class _Grid:
 
 def _solved(grid: _Grid, share: float, length: FloatArray) -> FloatArray | None:
     """Lengths of a motion that lasts `share` of the plan, from those of one nearby; or None."""
-    for _ in range(PROGRAMMES):
-        found = _programme(grid, share, length)
+    for k in range(PROGRAMMES):
+        found = _programme(grid, share, length, TRUST / 2**k)
         if found is None:
             return None
         length, speed = found
         q = grid.posture(length)
-        lower, upper = grid.fastest(q)
+        lower, upper = grid.fastest(q, LIGHTEST)
         excess = max((speed - upper).max(), (lower - speed).max())
         tip = np.hypot(*(grid.machine.tip_position(q[-1]) - grid.goal))
         if excess <= SLACK * grid.machine.arrays.max_piston_speed and tip <= TIP_ERROR:
@@ -206,13 +213,13 @@ class _Rows:
 
 
 def _programme(
-    grid: _Grid, share: float, length: FloatArray
+    grid: _Grid, share: float, length: FloatArray, trust: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Lengths and speeds of one linear programme: the least slack in the speed limits."""
     m, h = grid.machine.arrays, share * grid.step
     points, n = length.shape
     q = grid.posture(length)
-    lower, upper = grid.fastest(q)
+    lower, upper = grid.fastest(q, LIGHTER)
     size = points * n
 
     def at(block: int, k: int, j: int) -> int:  # blocks: L, v⁺, v⁻, a, j, then the slack
@@ -223,8 +230,8 @@ def _programme(
     low, high = np.full(slack + 1, -np.inf), np.full(slack + 1, np.inf)
     low[slack] = 0.0
     ends = np.sort(lengths_of(m, np.array([m.joint_min, m.joint_max])), axis=0)
-    low[:size] = np.maximum(length - TRUST, np.minimum(ends[0], length)).ravel()
-    high[:size] = np.minimum(length + TRUST, np.maximum(ends[1], length)).ravel()
+    low[:size] = np.maximum(length - trust, np.minimum(ends[0], length)).ravel()
+    high[:size] = np.minimum(length + trust, np.maximum(ends[1], length)).ravel()
     low[size : 3 * size], high[size : 3 * size] = 0.0, m.max_piston_speed
     high[3 * size : 4 * size] = m.max_piston_acceleration
     low[3 * size : 4 * size] = -m.max_piston_acceleration

@@ -10,7 +10,10 @@ from mhsb_planner.evaluation import planning_benchmark
 from mhsb_planner.evaluation.planning_benchmark import Effort, as_text, explicit_graph, measure
 from mhsb_planner.search.s2_search import search
 
-LITTLE = Effort(moves=4, entries=3, truths=1, growth_moves=2, spacings=(0.2, 0.1), runs=1)
+LITTLE = Effort(
+    moves=4, entries=3, truths=1, growth_moves=2, spacings=(0.2, 0.1), runs=1, repeated=1, lines=1,
+    collocations=3,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +23,8 @@ def figures(machine):
 
 def test_the_keys_are_all_there(figures):
     assert set(figures) == {
-        *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth")
+        *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth"),
+        *("stream", "moving_goal", "time_optimality"),
     }
     assert set(figures["table"]) == {
         *("entries", "build_s", "slsqp_s_per_entry", "speedup_over_slsqp", "worst_area_ratio")
@@ -63,6 +67,8 @@ def test_the_figures_make_sense(figures):
     assert overrun["asked"] == sum(overrun[kind]["asked"] for kind in ("table", "integrated"))
     assert 0 <= overrun["p50"] <= overrun["p99"] <= overrun["max"]
     assert figures["growth"][0]["states"] < figures["growth"][1]["states"]
+    assert 0.9 < figures["time_optimality"]["ratio_p50"] < 1.05
+    assert figures["time_optimality"]["ratio_max"] < 1.1
     assert len(as_text(figures)) > 4
 
 
