@@ -76,7 +76,7 @@ __all__ = [
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 
-SLOWER = (2.0, 4.0)
+SLOWER = (1.5, 2.2, 3.4)
 """Factors on the duration of ramps that are compared with the shortest."""
 
 ROUNDING = 1e-9
