@@ -45,6 +45,10 @@ from mhsb_planner.evaluation.streaming_benchmark import (
     stream_figures,
     streaming_lines,
 )
+from mhsb_planner.evaluation.time_optimality import (
+    time_optimality_figures,
+    time_optimality_lines,
+)
 from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
 from mhsb_planner.posture.s1_global_search import build_posture_table
@@ -70,7 +74,8 @@ class Effort:
 
     Plans, plans with a deadline in each condition, SLSQP entries, ground truths, plans for each
     spacing, and the spacings [m]; moves to a goal that comes again, and lines on which one moves;
-    moves with ground truth on each machine that boosts much, and scenes with obstacles.
+    moves with ground truth on each machine that boosts much, scenes with obstacles; and
+    plans whose duration is compared with a collocation's.
     """
 
     moves: int = 500
@@ -84,6 +89,7 @@ class Effort:
     lines: int = 5
     boosted: int = 3
     scenes: int = 10
+    collocations: int = 20
 
 
 def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figures:
@@ -107,6 +113,7 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
         "moving_goal": moving_goal_figures(planner, effort.lines),
         "boosted": boosted_figures(planner, effort.boosted),
         "scenes": scene_figures(planner, effort.scenes),
+        "time_optimality": time_optimality_figures(planner, moves[: effort.collocations]),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
 
@@ -286,6 +293,7 @@ def planning(
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     boosted: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.boosted,
     scenes: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.scenes,
+    collocations: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.collocations,
 ) -> None:
     """Measure planning, print a table and write the figures as JSON.
 
@@ -295,8 +303,12 @@ def planning(
         jobs: Number of threads; one for each processor when left out.
         boosted: Moves with ground truth on each of three machines that boost much, 10 to 40 s each.
         scenes: Random scenes with obstacles.
+        collocations: Plans, 1 to 500, whose duration is compared with an offline collocation's.
     """
-    effort = Effort(boosted=boosted, scenes=scenes)
+    if not 1 <= collocations <= Effort.moves:
+        reason = f"--collocations {collocations} must be within 1 … {Effort.moves}"
+        raise command_line.UsageError(reason)
+    effort = Effort(boosted=boosted, scenes=scenes, collocations=collocations)
     figures = measure(load_machine(machine), effort, jobs)
     write_json(output, figures)
     print("\n".join(as_text(figures)))
@@ -320,6 +332,7 @@ def as_text(figures: Figures) -> list[str]:
         f"{integrated['ground_truth_ratio_max']:.3f}",
         f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
         f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
+        *time_optimality_lines(figures["time_optimality"]),
         *first_motion_lines(figures["first_motion_ms"]),
         *overrun_lines(figures["overrun_ms"]),
         *streaming_lines(figures),

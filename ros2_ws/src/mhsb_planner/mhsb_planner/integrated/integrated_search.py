@@ -20,9 +20,10 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.goal_region import Angle, Region, is_met
 from mhsb_planner.integrated import stages
 from mhsb_planner.integrated.certificate import least_cost_to
-from mhsb_planner.integrated.goal_postures import GoalPostures, goal_postures
+from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.integrated.route import path_of, terms
 from mhsb_planner.integrated.stages import Work
 from mhsb_planner.integrated.task import Effort, Route, Task
@@ -51,7 +52,8 @@ class IntegratedSearch:
         weights: Weights,
         energy_reading: EnergyReading = "paper",
         *,
-        goal_psi: float | None = None,
+        goal_psi: Angle = None,
+        goal_region: Region | None = None,
         certified_from: FloatArray | None = None,
         area: AreaTerm = WITHOUT_AREA,
         time: SearchTime | None = None,
@@ -60,6 +62,7 @@ class IntegratedSearch:
         """From a posture [rad] and the modes in force to a tip position [m].
 
         goal_psi        end-link angle asked for at the goal [rad]; None: whichever costs least
+        goal_region     where else the tip may end
         certified_from  posture from which the lower bound counts; the start where left out [rad]
         area            weight of the polytope's area, and the area that counts as full
         time            when to end, and whether there is a motion along one of the paths
@@ -70,7 +73,16 @@ class IntegratedSearch:
         time.until.check(SEARCHING)
         posture = np.array(start_posture, dtype=np.float64)
         self._modes = np.array(start_modes, dtype=np.uint8)
-        goals = goal_postures(machine, *goal_xz, goal_psi, effort.psi_spacing)
+        goals = goal_postures(machine, *goal_xz, goal_psi, effort.psi_spacing, goal_region)
+        self._standing = is_met(
+            goal_xz,
+            goal_region,
+            goal_psi,
+            machine.tip_position(posture),
+            float(posture.sum()),
+            SAME_POINT,
+            SAME_POINT,
+        )
         time.until.check(SEARCHING)
         weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
         priced_by = terms(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
@@ -86,7 +98,7 @@ class IntegratedSearch:
         is no path, DeadlineError where none was found in time.
         """
         task = self._task
-        if _is_at(task.machine, task.start, task.goals):
+        if self._standing:
             tip = task.machine.tip_position(task.start)
             yield DiscretePath.standing(tip, task.start, self._modes, self._seconds)
             return
@@ -138,7 +150,8 @@ def search(
     weights: Weights,
     energy_reading: EnergyReading = "paper",
     *,
-    goal_psi: float | None = None,
+    goal_psi: Angle = None,
+    goal_region: Region | None = None,
     area: AreaTerm = WITHOUT_AREA,
     deadline: Deadline = NEVER,
     effort: Effort | None = None,
@@ -152,6 +165,7 @@ def search(
         weights,
         energy_reading,
         goal_psi=goal_psi,
+        goal_region=goal_region,
         area=area,
         time=SearchTime(deadline),
         effort=effort,
@@ -180,13 +194,6 @@ def improved(
         machine, start_posture, start_modes, goal_xz, weights, energy_reading, effort=effort
     )
     return under_way.along(via, spacings)
-
-
-def _is_at(machine: Machine, posture: FloatArray, goals: GoalPostures) -> bool:
-    if math.dist(machine.tip_position(posture), goals.tip) > SAME_POINT:
-        return False
-    off = np.max(np.abs(goals.postures.posture - posture), axis=1)
-    return goals.free or bool(np.any(off <= SAME_POINT))
 
 
 def warm_up(machine: Machine) -> None:

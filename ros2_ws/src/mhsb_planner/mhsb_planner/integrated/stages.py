@@ -225,6 +225,12 @@ def lattice(task: Task, priced_by: Terms, worth: IntArray, spacing: float) -> La
 # --- Small changes -------------------------------------------------------------------------------
 
 
+def _tip_of(task: Task, route: Route) -> tuple[float, float]:
+    """Where a route has its tip at its end [m]."""
+    x, z = task.goals.tips[route.goal].tolist()
+    return x, z
+
+
 def refined(task: Task, best: Route, spacing: float) -> Route:
     """The route improved by small changes, in proportion to a lattice's spacing [m].
 
@@ -249,14 +255,14 @@ def _swept(
 ) -> Route:
     """The route after rounds of a compass search by these strides, at the prices of t."""
     w, effort, until = task.memory, task.effort, task.time.until
-    via, psi = route.via.copy(), route.psi
+    via, psi, tip = route.via.copy(), route.psi, _tip_of(task, route)
     cost = float(price_route(t, w, via, task.start, math.inf))
     for stride in strides:
         stroke, turn = stride * spacing, effort.turn * stride if task.goals.free else 0.0
         for _ in range(effort.sweeps):
             before = cost
             cost, psi = sweep(
-                t, w, via, task.start, cost, task.goals.tip, route.elbow, psi, stroke, turn, until
+                t, w, via, task.start, cost, tip, route.elbow, psi, stroke, turn, until
             )
             if cost > (1.0 - GOOD_ENOUGH) * before:
                 break

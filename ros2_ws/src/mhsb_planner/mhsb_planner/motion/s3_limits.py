@@ -39,10 +39,7 @@ from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_clearance import first_contact
 
 JOINT_TOLERANCE = 1e-6  # rad, rounding of table and interpolation
-TIP_TOLERANCE = 1.1e-4
-"""What a step of the search may do between the instants it is looked at, 0.1 mm, and by what it
-differs where it is straight in cylinder lengths instead of angles [m]."""
-
+TIP_TOLERANCE = 1e-4  # m, what a step of the search may do between the instants it is looked at
 DEAD_BAND = 2e-4
 """Piston speed below which a cylinder counts as held by its valve [m/s]."""
 
@@ -218,7 +215,8 @@ def stays_inside(machine: Machine, trajectory: Trajectory) -> bool:
     m, tips = machine.arrays, tip_positions(machine.arrays.link_length, trajectory.position)
     radius = np.hypot(tips[:, 0], tips[:, 1])
     ranges = (m.min_x - tips[:, 0], m.min_radius - radius, radius - m.max_radius)
-    if np.max(ranges) > 0.0 or joint_excess(m, trajectory.position).max() > 0.0:
+    beyond = joint_excess(m, trajectory.position).max()
+    if max(np.max(ranges), beyond) > JOINT_TOLERANCE:
         return False
     return first_contact(machine, trajectory) is None
 

@@ -18,13 +18,9 @@ for a while.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Literal, Protocol
 
 import numpy as np
 
@@ -35,7 +31,7 @@ from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory, standstill
+from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
@@ -43,9 +39,20 @@ from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, overloads
+from mhsb_planner.motion.passing import first_missed
 from mhsb_planner.motion.ramped_motion import RampedMotion
+from mhsb_planner.motion.s3_candidates import (
+    TRAJECTORY_KINDS,
+    USAGE_RESERVE,
+    Candidate,
+    Curve,
+    FitMethod,
+    FitRules,
+    TrajectoryKind,
+    candidates,
+    furthest_of,
+)
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
-from mhsb_planner.motion.s3_following import followed_path
 from mhsb_planner.motion.s3_limits import (
     JOINT_TOLERANCE,
     Limit,
@@ -54,24 +61,28 @@ from mhsb_planner.motion.s3_limits import (
     joint_excess,
     largest_usage,
 )
-from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
-from mhsb_planner.motion.s3_stepped import stepped_path
-from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
+from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
-from mhsb_planner.motion.trajectory_points import SmoothCurve, joined, sampled_trajectory
+from mhsb_planner.motion.trajectory_points import joined, sampled_trajectory
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
-SHORTEST_MOVE = 0.5
-"""Shortest duration of a polynomial [s]."""
+__all__ = [
+    "TRAJECTORY_KINDS",
+    "FitError",
+    "FitMethod",
+    "FitRules",
+    "FittedMotion",
+    "TrajectoryKind",
+    "fit_braking",
+    "fit_trajectory",
+    "warm_up",
+]
 
 SAME_POSTURE = 1e-9  # rad, rounding
 
 START_NOISE = 0.01
 """A start this far outside the limits [rad, m] is taken as measurement noise on a valid one: its
 motion returns inside and stays there."""
-
-USAGE_RESERVE = 1.003
-"""Durations are stretched by this much more than the points need, for what lies between them."""
 
 THRUST_STRETCH = 1.25
 """By so much a motion is stretched for which pressure lacks: inertia then falls by a third."""
@@ -83,56 +94,6 @@ LONGEST_MOTION = LONGEST_NS / SECOND_NS - 10.0
 """What an arm takes, less the longest prefix in which a plan repeats the one before [s]."""
 
 FITTING = "making a trajectory of the path"
-
-TrajectoryKind = Literal["polynomial", "followed"]
-"""How S3 begins: with the published polynomials, or with the discrete path followed."""
-
-TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
-
-
-class FitMethod(StrEnum):
-    """How the trajectory was made of the discrete path."""
-
-    POLYNOMIAL = "polynomial"
-    RAMPED = "ramped"
-    STEPPED = "stepped"
-    BRAKING = "braking"
-
-
-class Curve(SmoothCurve, Protocol):
-    """A joint motion with the times at which the discrete path's nodes are due."""
-
-    @property
-    def node_time(self) -> FloatArray:
-        """When the path's nodes are due, float64[k + 1] s."""
-
-
-@dataclass(frozen=True)
-class FitRules:
-    """What a fit may do.
-
-    trajectory   whether the published polynomials are tried, or the path is followed at once
-    switching    how modes are switched
-    slowness     factors on the duration of the shortest ramps, in the order tried
-    max_stretch  largest factor on the discrete path's durations
-    max_excess   largest |v|/V_max − 1 of a piston
-    overrun      m, by which a piston may run on beyond what braking and the path need
-    least_duration  s, that the discrete path takes at least
-    """
-
-    trajectory: TrajectoryKind = "polynomial"
-    switching: SwitchingRules = field(default_factory=SwitchingRules)
-    slowness: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
-    max_stretch: float = 3.0
-    max_excess: float = 0.1
-    overrun: float = 2e-3
-    least_duration: float = 0.0
-
-    @classmethod
-    def following(cls) -> FitRules:
-        """Rules for a motion that follows its path, within V_max but for rounding."""
-        return cls("followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
-
 
 class FitError(MhsbError):
     """No trajectory along the discrete path keeps every limit; `refused` says why not."""
@@ -200,7 +161,7 @@ def fit_trajectory(
     refused: list[str] = []
     least = rules.least_duration / float(np.sum(path.duration))
     lacked = False
-    for kind in _candidates(machine, path, start, brake, coast, modes, rules):
+    for kind in candidates(machine, path, start, brake, coast, modes, rules):
         if kind.for_thrust and not lacked:
             continue
         candidate = replace(kind, stretch=max(kind.stretch, least))
@@ -255,8 +216,8 @@ def warm_up(machine: Machine) -> None:
     coast = coasting(machine, MotionState(middle, 0.1 * middle, middle))
     following = FitRules.following()
     for candidate in chain(
-        _candidates(machine, path, start, None, None, modes, rules),
-        _candidates(machine, path, start, coast.trajectory, coast, modes, following),
+        candidates(machine, path, start, None, None, modes, rules),
+        candidates(machine, path, start, coast.trajectory, coast, modes, following),
     ):
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
@@ -264,32 +225,6 @@ def warm_up(machine: Machine) -> None:
     with suppress(FitError):
         fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
     s3_clearance.warm_up(machine)
-
-
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """A kind of curve, and how it is tried.
-
-    lead_in      what comes before it
-    stretch      the first one
-    furthest     how far joints may go, where that is looked at
-    coasts       whether it begins with coasting
-    stretchable  limits for which it is stretched, rather than refused
-    longest      largest factor on the first stretch; None: that of the rules
-    for_thrust   whether it is tried only where the one before lacks pressure
-    """
-
-    method: FitMethod
-    name: str
-    curve_at: Callable[[float], Curve]
-    start: MotionState
-    lead_in: Trajectory | None = None
-    stretch: float = 1.0
-    furthest: FloatArray | None = None
-    coasts: bool = False
-    stretchable: tuple[Limit, ...] = (Limit.USAGE, Limit.THRUST)
-    longest: float | None = None
-    for_thrust: bool = False
 
 
 def _check_meeting(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
@@ -333,86 +268,12 @@ def _admitting(machine: Machine, posture: FloatArray) -> Machine:
     return replace(machine, arrays=widened)
 
 
-def _candidates(
-    machine: Machine,
-    path: DiscretePath,
-    start: MotionState,
-    brake: Trajectory | None,
-    coast: Coasting | None,
-    modes: StartModes,
-    rules: FitRules,
-) -> Iterator[_Candidate]:
-    rest = MotionState.at_rest(path.posture[0])
-    if rules.trajectory == "polynomial":
-        yield _polynomial(path, start, brake)
-    if coast is not None:
-        yield from _ramped(machine, path, start, None, coast, rules.slowness)
-    youngest = rules.switching.min_dwell - float(modes.age.min())
-    lead_ins = [("", brake)]
-    if youngest > 0.0:
-        waited = (brake or standstill(start.position)).rested(round(youngest * SECOND_NS))
-        lead_ins.append(("after a rest, ", waited))
-    for words, lead_in in lead_ins:
-        yield from _ramped(machine, path, rest, lead_in, None, rules.slowness, words)
-        stepped = partial(stepped_path, machine, path)
-        yield _Candidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
-
-
-def _ramped(
-    machine: Machine,
-    path: DiscretePath,
-    start: MotionState,
-    lead_in: Trajectory | None,
-    coast: Coasting | None,
-    slowness: tuple[float, ...],
-    words: str = "",
-) -> Iterator[_Candidate]:
-    """The path followed with ever slower ramps; from rest the slowest are stretched as well."""
-    words = words if coast is None else "setting out at once, "
-    for slower in slowness:
-        last = coast is None and slower == slowness[-1]
-        yield _Candidate(
-            FitMethod.RAMPED,
-            f"{words}with ramps {slower:g} times the shortest",
-            partial(followed_path, machine, path, slower, coast),
-            start,
-            lead_in,
-            coasts=coast is not None,
-            for_thrust=slower != slowness[0],
-            stretchable=(Limit.USAGE, Limit.THRUST) if last else (Limit.USAGE,),
-        )
-
-
-def _polynomial(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> _Candidate:
-    """The published curve; from a moving start it is not stretched."""
-    shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
-    if brake is None:
-        rest = MotionState.at_rest(path.posture[0])
-        return _Candidate(
-            FitMethod.POLYNOMIAL,
-            "polynomial",
-            lambda stretch: fit_polynomial(path, rest, 0.0, stretch),
-            rest,
-            stretch=shortest,
-        )
-    delay = brake.duration_ns / SECOND_NS / 2
-    return _Candidate(
-        FitMethod.POLYNOMIAL,
-        "polynomial from the moving start",
-        lambda stretch: fit_polynomial(path, start, delay, stretch),
-        start,
-        stretch=shortest,
-        furthest=_furthest(start, np.vstack([brake.position, path.posture])),
-        longest=1.0,
-    )
-
-
 def _stretched(
     machine: Machine,
     limits: MachineArrays,
     path: DiscretePath,
     modes: StartModes,
-    candidate: _Candidate,
+    candidate: Candidate,
     rules: FitRules,
     deadline: Deadline,
 ) -> FittedMotion | Violation | str:
@@ -446,6 +307,8 @@ def _stretched(
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
+        if missed := first_missed(profile.tip, rules.passing):
+            return missed
         after = profile[first:]
         fastest = 1.0 + rules.max_excess
         if candidate.coasts:  # what is too fast already becomes slower, but not by stretching
@@ -490,23 +353,18 @@ def _preferred(
     return modes
 
 
-def _furthest(start: MotionState, position: FloatArray) -> FloatArray:
-    """How far each joint gets in the direction of its first velocity, float64[n] rad."""
-    return np.max(np.sign(start.velocity) * (position - start.position), axis=0)
-
-
 def _overrun(
     machine: Machine, start: MotionState, position: FloatArray, furthest: FloatArray
 ) -> float:
     """By how much a piston runs further in its first direction than it has to [m]."""
-    beyond = _furthest(start, position) - furthest
+    beyond = furthest_of(start, position) - furthest
     return float(np.max(beyond * np.abs(machine.moment_arms(start.position))))
 
 
 def _fitted(
     machine: Machine,
     path: DiscretePath,
-    candidate: _Candidate,
+    candidate: Candidate,
     curve: Curve,
     trajectory: Trajectory,
     schedule: ModeSchedule,

@@ -47,6 +47,12 @@ class IntegratedPlanner:
                 yield from _others(graph, task, time, own.lower_bound)
         if not compared:
             yield from _others(graph, task, time, own.lower_bound)
+        if task.options.goal_region is not None:  # no dearer than to the goal itself
+            alone = replace(task, options=replace(task.options, goal_region=None))
+            with suppress(MhsbError):
+                for candidate in self.paths(graph, alone, time):
+                    path = replace(candidate.path, lower_bound=own.lower_bound)
+                    yield candidate._replace(path=path, compared=True)
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile what paths run through."""
@@ -65,6 +71,7 @@ def _search(machine: Machine, task: Task, time: SearchTime, area: AreaTerm) -> I
         options.weights,
         options.energy_reading,
         goal_psi=options.goal_psi,
+        goal_region=options.goal_region,
         certified_from=task.start.position,
         area=area,
         time=time,

@@ -21,6 +21,7 @@ LITTLE = Effort(
     lines=1,
     boosted=1,
     scenes=2,
+    collocations=3,
 )
 
 
@@ -32,7 +33,7 @@ def figures(machine):
 def test_the_keys_are_all_there(figures):
     assert set(figures) == {
         *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth"),
-        *("stream", "moving_goal", "boosted", "scenes"),
+        *("stream", "moving_goal", "boosted", "scenes", "time_optimality"),
     }
     assert set(figures["boosted"]) == {"low_pressure", "heavy", "negative_arms"}
     ratios = {f"{quick}ratio_{which}" for quick in ("", "quick_") for which in ("mean", "worst")}
@@ -88,6 +89,8 @@ def test_the_figures_make_sense(figures):
     assert overrun["asked"] == sum(overrun[kind]["asked"] for kind in ("table", "integrated"))
     assert 0 <= overrun["p50"] <= overrun["p99"] <= overrun["max"]
     assert figures["growth"][0]["states"] < figures["growth"][1]["states"]
+    assert 0.9 < figures["time_optimality"]["ratio_p50"] < 1.05
+    assert figures["time_optimality"]["ratio_max"] < 1.1
     assert len(as_text(figures)) > 4
 
 

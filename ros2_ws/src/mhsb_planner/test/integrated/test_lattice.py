@@ -124,7 +124,8 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
         assert via[0] == pytest.approx(machine.cylinder_lengths(start))
         assert via[-1] == pytest.approx(machine.cylinder_lengths(goal))
         tip = machine.tip_position(goal)
-        exactly = GoalPostures((tip[0], tip[1]), goals, np.ones(1), np.array([goal.sum()]), True)
+        psi = np.array([goal.sum()])
+        exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, None)
         bound = least_cost_to(machine, t.circuit, via[0], exactly, np.array([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1

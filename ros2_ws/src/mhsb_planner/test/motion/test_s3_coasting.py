@@ -48,7 +48,7 @@ def test_coasting_begins_in_the_state_and_ends_at_rest_within_all_limits(machine
     _, v, a = motion.pistons(t)
     assert np.abs(v).max() <= V_MAX * (1 + 1e-6)
     assert np.abs(a).max() <= m.max_piston_acceleration * (1 + 1e-6)
-    assert motion.end <= 0.2
+    assert motion.end <= 0.3
     assert np.array_equal(coast.trajectory.position[0], state.position)
     assert np.array_equal(coast.trajectory.acceleration[0], state.acceleration)
     assert coast.posture == pytest.approx(motion.sample(np.array([motion.end]))[0][0], abs=1e-9)
