@@ -27,11 +27,12 @@ from mhsb_planner.search.s2_search import Weights
 SPACING = 2.5e-3
 """Between the lattice's points along each cylinder, about [m]."""
 
-CELLS = 40
+CELLS = 25
 """Steps of the longest stroke to the goal, at least."""
 
-MOST_POINTS = 30_000
-"""Where more points could be on a cheaper route, the lattice is made coarser."""
+MOST_POINTS, MOST_LOOKED_AT = 30_000, 400_000
+"""Where more points could be on a cheaper route, or are to be asked whether, the lattice is made
+coarser."""
 
 PSI_SPACING = math.radians(0.5)
 SAMPLES = 2000
@@ -215,6 +216,8 @@ class _Lattice:
         """Choose the points; whether they are not too many."""
         pricing, axes = self._pricing, self._axes(start, spacing)
         shape = tuple(len(axis) for axis in axes)
+        if math.prod(shape) > MOST_LOOKED_AT:
+            return False
         grids = np.indices(shape).reshape(len(shape), -1).T
         angle = np.stack([axis[grids[:, j]] for j, axis in enumerate(axes)], axis=1)
         lengths = [self._along(start, j, axis, pricing.lengths) for j, axis in enumerate(axes)]
@@ -225,8 +228,11 @@ class _Lattice:
         kept = np.flatnonzero(pricing.bound(here, length) + left < self._known)
         if len(kept) > MOST_POINTS:
             return False
+        self.place = grids[kept]
+        if len(kept) == 0:
+            return True
         self.shape, self.spacing = np.array(shape), 1.001 * spacing
-        self.place, self.angle, self.length = grids[kept], angle[kept], length[kept]
+        self.angle, self.length = angle[kept], length[kept]
         self.number = np.full(shape, -1)
         self.number[tuple(self.place.T)] = np.arange(len(kept))
         self.here = int(np.argmin(np.abs(self.angle - start).max(axis=1)))
@@ -251,11 +257,20 @@ class _Lattice:
             low, high = min(length[0], length[-1]), max(length[0], length[-1])
             below, above = math.floor((at - low) / spacing), math.floor((high - at) / spacing)
             steps = np.arange(-below, above + 1)
+            steps = steps[self._worth(j, at, at + spacing * steps)]
             order = np.argsort(length)
             angles = np.interp(at + spacing * steps, length[order], dense[order])
             angles[steps == 0] = q
             axes.append(angles)
         return axes
+
+    def _worth(self, j: int, here: float, length: FloatArray) -> np.ndarray:
+        """Lengths of cylinder j [m] to which routes may lead, by what this cylinder alone takes."""
+        alone, n = np.eye(len(self._goal_lengths[0]))[j], len(length)
+        there = np.full(n, np.inf)
+        for goal in self._goal_lengths[:, j]:
+            there = np.minimum(there, self._pricing.bound(length[:, None] * alone, goal * alone))
+        return self._pricing.bound(here * alone, length[:, None] * alone) + there < self._known
 
     @staticmethod
     def _along(
@@ -270,6 +285,8 @@ class _Lattice:
         """Cost and cylinder lengths of the cheapest route."""
         patterns, w_switch = len(self._pricing.patterns), self._pricing.weights.switches
         count = len(self.place)
+        if count == 0:
+            return math.inf, None
         sink = count * patterns
         steps = _Steps([], [], [])
         for move in itertools.product((-1, 0, 1), repeat=len(self.shape)):

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mhsb_model.types import IntArray
+from mhsb_model.types import IntArray, frozen
 from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.refinement import shortcut, sweep
@@ -174,7 +174,7 @@ def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route 
         if best is not None and leaves_room(task, best, WORTH_A_LATTICE):
             best = refined(task, best, spacing)
             yield best
-        for priced_by in (task.terms, without_holding(task.terms)):
+        for priced_by in _prices(task.terms, best):
             spent = best is not None and work.expanded >= task.effort.expansions
             if spent or not leaves_room(task, best, WORTH_A_LATTICE):
                 return
@@ -186,12 +186,16 @@ def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route 
                     yield best
 
 
-def without_holding(t: Terms) -> Terms:
-    """Terms by which a cylinder at rest needs no boost.
+def _prices(t: Terms, best: Route | None) -> tuple[Terms, ...]:
+    """By what lattices are searched: with and without boost of loads that are held.
 
-    On a lattice a cylinder that moves slowly rests in between, which boosts none in a motion.
+    On a lattice a cylinder that moves slowly rests in between, which boosts none in a motion. Where
+    there is no route yet, switches cost nothing, so that each point is expanded once.
     """
-    return t._replace(circuit=t.circuit._replace(rest_speed=0.0))
+    without = t._replace(circuit=t.circuit._replace(rest_speed=0.0))
+    if best is None:
+        return (without._replace(weight=frozen(t.weight * [1.0, 1.0, 0.0])),)
+    return t, without
 
 
 def over_lattice(
