@@ -140,8 +140,10 @@ def _branch_and_bound(
     tip: tuple[float, float],
     psi: Interval,
     weight: FloatArray,
-) -> float:
-    """Kernel of `least_cost_to`; inf where no posture reaches the goal."""
+    met: float,
+) -> Interval:
+    """Kernel of `least_cost_to` for one tip: the bound, inf where no posture reaches the goal, and
+    the least cost met so far, at other tips, `met`, or here."""
     q, nearest, box = np.empty(3), np.empty(3), np.empty((2, 3))
     cells = [(0, 0.0, 0.0)]
     cells.pop()
@@ -149,7 +151,7 @@ def _branch_and_bound(
         for i in range(FIRST_CELLS):
             width = (psi[1] - psi[0]) / FIRST_CELLS
             cells.append((elbow, psi[0] + i * width, psi[0] + (i + 1) * width))
-    met, least = math.inf, math.inf
+    least = math.inf
     while len(cells) > 0:
         elbow, low, high = cells.pop()
         if not enclose(m, tip, elbow, low, high, box):
@@ -167,7 +169,7 @@ def _branch_and_bound(
             continue
         cells.append((elbow, low, middle))
         cells.append((elbow, middle, high))
-    return least
+    return least, met
 
 
 def least_cost_to(
@@ -182,7 +184,10 @@ def least_cost_to(
     weight  float64[2 or more], of energy [1/J] and time [1/s]
     """
     between = (-math.pi, math.pi) if goals.between is None else goals.between
-    return min(
-        float(_branch_and_bound(machine.arrays, circuit, start, (x, z), between, weight))
-        for x, z in np.unique(goals.tips, axis=0).tolist()
-    )
+    least = met = math.inf
+    for x, z in np.unique(goals.tips, axis=0).tolist():
+        here, met = _branch_and_bound(
+            machine.arrays, circuit, start, (x, z), between, weight, met
+        )
+        least = min(least, here)
+    return least
