@@ -82,17 +82,22 @@ def opposes_motion(force: float, direction: float) -> bool:
     return force * direction > 0.0
 
 
-@kernel
 def cavitates(
-    cap: float, rod: float, supply: float, tank: float, force: float, direction: float
-) -> bool:
+    cap: FloatArray,
+    rod: FloatArray,
+    supply: float,
+    tank: float,
+    force: FloatArray,
+    direction: FloatArray,
+) -> np.ndarray:
     """Whether an overrunning load empties the inlet chamber through a matched valve.
 
-    F < −a³ p_S/A² − a p_T extending, F > A³ p_S/a² + A p_T retracting, at any speed.
+    F < −a³ p_S/A² − a p_T extending, F > A³ p_S/a² + A p_T retracting, at any speed. Arrays
+    broadcast.
     """
-    if direction > 0.0:
-        return force < -(rod**3) * supply / cap**2 - rod * tank
-    return force > cap**3 * supply / rod**2 + cap * tank
+    pulled = force < -(rod**3) * supply / cap**2 - rod * tank
+    pushed = force > cap**3 * supply / rod**2 + cap * tank
+    return np.where(direction > 0.0, pulled, pushed)
 
 
 @kernel

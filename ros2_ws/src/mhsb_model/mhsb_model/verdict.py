@@ -77,6 +77,7 @@ class PlanSummary:
     lead_ms          from goal received to where the new curve leaves the old one, ms
     continued        whether the plan in force leads there already and nothing was published
     speed_excess     greatest |v|/V_max − 1 of a piston; negative where V_max is kept
+    cavitation_s     for which loads empty the inlet chambers of actuators, summed over these, s
     """
 
     plan_stamp_ns: int
@@ -89,6 +90,7 @@ class PlanSummary:
     lead_ms: float = 0.0
     continued: bool = False
     speed_excess: float = 0.0
+    cavitation_s: float = 0.0
 
 
 @dataclass(frozen=True)

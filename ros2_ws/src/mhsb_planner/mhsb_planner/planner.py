@@ -20,6 +20,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from mhsb_model.cavitation import Cavitation
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
@@ -28,6 +29,7 @@ from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
+from mhsb_planner.motion.cavitation import cavitations_of
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
 from mhsb_planner.motion.s3_limits import stays_inside
@@ -36,10 +38,12 @@ from mhsb_planner.motion.s3_trajectory import (
     FitMethod,
     FitRules,
     FittedMotion,
+    TrajectoryKind,
     fit_braking,
     fit_trajectory,
 )
 from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planners.legs import paths_by_way
 from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
@@ -79,14 +83,15 @@ ROUNDING = 1e-9
 """Costs that differ by no more than this share are equal."""
 
 
-def fit_rules(options: PlanOptions) -> FitRules:
-    """What S3 may do."""
-    kind = options.trajectory or planner_named(options.planner).trajectory
+def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
+    """What S3 may do; `of_path` is how it begins on a path, unless it is told."""
+    kind = options.trajectory or of_path or planner_named(options.planner).trajectory
     if kind == "followed":
         rules = FitRules.following()
     else:
         rules = FitRules(max_excess=options.max_speed_excess)
-    return replace(rules, least_duration=options.least_duration)
+    passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
+    return replace(rules, least_duration=options.least_duration, passing=passing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +105,7 @@ class Plan:
              `comparison` with others' paths; `first_motion` is when, since the call, there was a
              motion at all [s]
     area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
+    cavitations     of actuators whose static loads drive them faster than inlets fill
     """
 
     path: DiscretePath
@@ -107,6 +113,12 @@ class Plan:
     energy: Energy
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
+    cavitations: tuple[Cavitation, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the motion asks of the machine beyond its limits; one sentence for each."""
+        return tuple(map(str, (*self.motion.overloads, *self.cavitations)))
 
     @property
     def lower_bound(self) -> float:
@@ -173,7 +185,7 @@ class Planner:
         options: PlanOptions | None = None,
         deadline: Deadline = NEVER,
     ) -> Plan:
-        """Plan to the tip position `goal` (x, z) m.
+        """Plan to the tip position `goal` (x, z) m, or what the options say will do as well.
 
         modes     in force at the start; all N where left out
         brake     how a moving start comes to rest (`mhsb_model.braking`) where it cannot coast;
@@ -194,7 +206,7 @@ class Planner:
             task = self._task(goal, start, modes, stop, options)
             making = _Making(self.machine, task, deadline, began)
             try:
-                return making.best_along(planner.paths(self.graph, task, making.time))
+                return making.best_along(paths_by_way(planner, self.graph, task, making.time))
             except DeadlineError:
                 raise
             except MhsbError as error:
@@ -275,7 +287,6 @@ class _Making:
 
     def __init__(self, machine: Machine, task: Task, deadline: Deadline, began: float) -> None:
         self._machine, self._task = machine, task
-        self._rules = fit_rules(task.options)
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
@@ -305,6 +316,7 @@ class _Making:
         return replace(
             self._best,
             path=replace(path, statistics=statistics),
+            cavitations=cavitations_of(self._machine, self._best.motion.trajectory),
             seconds=MappingProxyType(self._seconds),
         )
 
@@ -316,7 +328,7 @@ class _Making:
             return
         began = self._since
         try:
-            motion = self._motion(path, self._rules)
+            motion = self._motion(path, fit_rules(options, candidate.trajectory))
         except FitError as error:
             self._refused = self._refused or error
             return
@@ -349,7 +361,7 @@ class _Making:
         A polynomial that V_max makes slow against following the path, and where inertia calls for
         boost, as more switches than the path's tell, slower ramps.
         """
-        following = replace(FitRules.following(), least_duration=self._rules.least_duration)
+        following = replace(FitRules.following(), least_duration=self._task.options.least_duration)
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and self._task.options.trajectory is None:
                 yield following

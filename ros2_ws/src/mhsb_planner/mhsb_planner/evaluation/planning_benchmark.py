@@ -35,6 +35,11 @@ from mhsb_planner.evaluation.deadline_benchmark import (
 )
 from mhsb_planner.evaluation.integrated_benchmark import integrated_figures
 from mhsb_planner.evaluation.moves import Move, random_moves
+from mhsb_planner.evaluation.search_benchmark import (
+    boosted_figures,
+    scene_figures,
+    search_lines,
+)
 from mhsb_planner.evaluation.streaming_benchmark import (
     moving_goal_figures,
     stream_figures,
@@ -69,18 +74,21 @@ class Effort:
 
     Plans, plans with a deadline in each condition, SLSQP entries, ground truths, plans for each
     spacing, and the spacings [m]; moves to a goal that comes again, and lines on which one moves;
+    moves with ground truth on each machine that boosts much, scenes with obstacles; and
     plans whose duration is compared with a collocation's.
     """
 
     moves: int = 500
     deadlines: int = 150
     entries: int = 200
-    truths: int = 60
+    truths: int = 20
     growth_moves: int = 100
     spacings: tuple[float, ...] = SPACINGS
     runs: int = RUNS
     repeated: int = 30
     lines: int = 5
+    boosted: int = 3
+    scenes: int = 10
     collocations: int = 20
 
 
@@ -103,6 +111,8 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
         "overrun_ms": overrun_figures(planner, moves[: effort.deadlines]),
         "stream": stream_figures(planner, moves[: effort.repeated]),
         "moving_goal": moving_goal_figures(planner, effort.lines),
+        "boosted": boosted_figures(planner, effort.boosted),
+        "scenes": scene_figures(planner, effort.scenes),
         "time_optimality": time_optimality_figures(planner, moves[: effort.collocations]),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
@@ -281,6 +291,8 @@ def planning(
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/planning.json"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    boosted: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.boosted,
+    scenes: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.scenes,
     collocations: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.collocations,
 ) -> None:
     """Measure planning, print a table and write the figures as JSON.
@@ -289,12 +301,14 @@ def planning(
         output: JSON file to write.
         machine: Machine file (YAML); the suite's own arm when left out.
         jobs: Number of threads; one for each processor when left out.
+        boosted: Moves with ground truth on each of three machines that boost much, 10 to 40 s each.
+        scenes: Random scenes with obstacles.
         collocations: Plans, 1 to 500, whose duration is compared with an offline collocation's.
     """
     if not 1 <= collocations <= Effort.moves:
         reason = f"--collocations {collocations} must be within 1 … {Effort.moves}"
         raise command_line.UsageError(reason)
-    effort = Effort(collocations=collocations)
+    effort = Effort(boosted=boosted, scenes=scenes, collocations=collocations)
     figures = measure(load_machine(machine), effort, jobs)
     write_json(output, figures)
     print("\n".join(as_text(figures)))
@@ -322,6 +336,7 @@ def as_text(figures: Figures) -> list[str]:
         *first_motion_lines(figures["first_motion_ms"]),
         *overrun_lines(figures["overrun_ms"]),
         *streaming_lines(figures),
+        *search_lines(figures["boosted"], figures["scenes"]),
         "spacing [mm]   states     steps   table [s]   graph [s]   search p50, p99 [ms]   expanded",
     ]
     lines += [

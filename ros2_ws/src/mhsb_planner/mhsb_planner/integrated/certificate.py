@@ -177,11 +177,12 @@ def least_cost_to(
     goals: GoalPostures,
     weight: FloatArray,
 ) -> float:
-    """No plan from the cylinder lengths start[n] [m] to the goal costs less.
+    """No plan from the cylinder lengths start[n] [m] to one of the goal's tips costs less.
 
     weight  float64[2 or more], of energy [1/J] and time [1/s]
     """
-    low, high = (-math.pi, math.pi) if goals.free else (goals.psi[0], goals.psi[0])
-    return float(
-        _branch_and_bound(machine.arrays, circuit, start, goals.tip, (low, high), weight)
+    between = (-math.pi, math.pi) if goals.between is None else goals.between
+    return min(
+        float(_branch_and_bound(machine.arrays, circuit, start, (x, z), between, weight))
+        for x, z in np.unique(goals.tips, axis=0).tolist()
     )

@@ -116,7 +116,7 @@ def sweep_corner(
     if i == 1:
         begin_route(t, w, via[0], start)
     else:
-        continue_route(t, w, via[i - 2 : i], math.inf, parent)
+        continue_route(t, w, via[i - 2 : i], math.inf, parent, False)
     # What is known at the corner before the one that is moved: trials begin there.
     value, posture, force = w.value[0].copy(), points.posture[0].copy(), points.force[0].copy()
     kept = np.empty(n)

@@ -13,6 +13,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
+from mhsb_planner.motion.passing import Passing
 from mhsb_planner.motion.s3_coasting import Coasting
 from mhsb_planner.motion.s3_following import followed_path
 from mhsb_planner.motion.s3_limits import Limit
@@ -62,6 +63,7 @@ class FitRules:
     max_excess   largest |v|/V_max − 1 of a piston
     overrun      m, by which a piston may run on beyond what braking and the path need
     least_duration  s, that the discrete path takes at least
+    passing      points that the tip passes on its way
     """
 
     trajectory: TrajectoryKind = "polynomial"
@@ -71,6 +73,7 @@ class FitRules:
     max_excess: float = 0.1
     overrun: float = 2e-3
     least_duration: float = 0.0
+    passing: tuple[Passing, ...] = ()
 
     @classmethod
     def following(cls) -> FitRules:

@@ -34,6 +34,9 @@ from mhsb_planner.motion.trajectory_points import sampled_trajectory
 MOST_PARTS = 4
 """δ is at most so many times half the time in which a ramp's acceleration builds up."""
 
+STEADY = 0.1
+"""Up to this share of the acceleration that is allowed, pistons count as moving steadily."""
+
 NEGLIGIBLE = 1e-9
 """An acceleration below this is rounding [m/s²]."""
 
@@ -106,8 +109,7 @@ def _coasting(machine: Machine, start: MotionState, ramp: Ramp, parts: int) -> R
 
 def _ramp_from(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
     """The shortest from these piston speeds; where they change, the one that is going on."""
-    steady = 0.1 * machine.arrays.max_piston_acceleration
-    if np.abs(acceleration).max() > steady:
+    if np.abs(acceleration).max() > STEADY * machine.arrays.max_piston_acceleration:
         return shortest_ramp(machine)
     return shortest_ramp(machine, float(np.abs(speed).max()))
 

@@ -29,6 +29,9 @@ from mhsb_planner.search.discrete_path import DiscretePath
 SAME_SPEED = 1e-7
 """Speeds of a step and the next that differ by less are one [m/s]."""
 
+AT_ONCE = (1.0, 1.5, 2.5)
+"""Factors on the ramps of a path that sets out while a moving start still coasts."""
+
 ROUNDS = 6
 """Times that ramps are made slower before the last is taken."""
 
@@ -97,7 +100,7 @@ def followed_path(
 def _ever_slower(
     machine: Machine, path: DiscretePath, slower: float, coast: Coasting | None, stretch: float
 ) -> Iterator[RampedMotion]:
-    """From a moving start the path sets out ever later first; then its ramps become slower."""
+    """From a moving start the path sets out at once, then ever later; then ramps become slower."""
     length = lengths_of(machine.arrays, path.posture)
     due = stretch * np.maximum(path.duration, SHORTEST_STEP)
     fastest = float(np.abs(np.diff(length, axis=0) / due[:, None]).max())
@@ -106,10 +109,11 @@ def _ever_slower(
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.told + coast.ramp.duration
         even = ramp.in_step_with(coast.ramp)
-        for later in (0.0, whole_ticks(0.5 * rise), rise):
-            begin = coast.told + later
-            yield following_motion(machine, path, even, stretch, coast, begin, coast.ramp)
-        for later in (0.0, whole_ticks(0.5 * rise), rise):
+        yield following_motion(machine, path, even, stretch, coast, coast.told, coast.ramp)
+        for longer in AT_ONCE:
+            slow = ramp.slower(longer, longer)
+            yield following_motion(machine, path, slow, stretch, coast, coast.told)
+        for later in (whole_ticks(0.5 * rise), rise):
             yield following_motion(machine, path, ramp, stretch, coast, coast.told + later)
     for _ in range(ROUNDS):
         motion = following_motion(machine, path, ramp, stretch, coast, delay)

@@ -13,6 +13,10 @@ from typing import NamedTuple
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 
+SHARE = 0.5
+"""Of the acceleration and the jerk that are allowed a ramp takes so much: another one may be going
+on, at a start that changes its speed already."""
+
 TICK = 1e-3
 """Times of ramps are whole multiples of this [s], so that a motion's points are no closer."""
 
@@ -49,14 +53,15 @@ def whole_ticks(seconds: float) -> float:
 
 
 def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
-    """The ramp from rest to a speed V [m/s], at most V_max: T₁ = V/a_max, T₂ = a_max/j_max;
-    T₁ = T₂ = √(V/j_max) where the jerk does not let the acceleration build up so far."""
+    """The ramp from rest to a speed V [m/s], at most V_max: T₁ = V/a, T₂ = a/j, with a SHARE of
+    a_max and j_max; T₁ = T₂ = √(V/j) where the jerk does not let the acceleration build up so far.
+    """
     m = machine.arrays
     speed = min(speed, m.max_piston_speed)
-    rise = speed / m.max_piston_acceleration
-    blend = m.max_piston_acceleration / m.max_piston_jerk
+    acceleration, jerk = SHARE * m.max_piston_acceleration, SHARE * m.max_piston_jerk
+    rise, blend = speed / acceleration, acceleration / jerk
     if blend > rise:
-        rise = blend = math.sqrt(speed / m.max_piston_jerk)
+        rise = blend = math.sqrt(speed / jerk)
     return Ramp(whole_ticks(rise), whole_ticks(blend))
 
 

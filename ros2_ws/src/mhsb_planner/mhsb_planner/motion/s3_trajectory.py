@@ -39,6 +39,7 @@ from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, overloads
+from mhsb_planner.motion.passing import first_missed
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_candidates import (
     TRAJECTORY_KINDS,
@@ -306,6 +307,8 @@ def _stretched(
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
+        if missed := first_missed(profile.tip, rules.passing):
+            return missed
         after = profile[first:]
         fastest = 1.0 + rules.max_excess
         if candidate.coasts:  # what is too fast already becomes slower, but not by stretching

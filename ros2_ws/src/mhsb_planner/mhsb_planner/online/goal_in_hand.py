@@ -73,4 +73,5 @@ def summary_of(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:
         lower_bound_j=plan.lower_bound,
         lead_ms=lead_ms,
         speed_excess=plan.motion.speed_excess,
+        cavitation_s=sum(each.duration for each in plan.cavitations),
     )

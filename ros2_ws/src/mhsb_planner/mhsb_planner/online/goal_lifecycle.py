@@ -53,6 +53,9 @@ STOP_TIMEOUT = 5.0
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
 
+LASTING = 0.8
+"""A plan for a goal that moves lasts so much of the time until it comes again, before it slows."""
+
 OLD_STOP = 1.0
 """The arm's clock may be so much behind what is told of it, also when it told of a stop [s]."""
 
@@ -217,7 +220,7 @@ class GoalLifecycle:
         stream, goal = self._stream, in_hand.goal
         if in_hand.exact or not stream.moves(wall):
             return goal, 0.0
-        return stream.ahead(goal, lead + stream.period), stream.period
+        return stream.ahead(goal, lead + stream.period), LASTING * stream.period
 
     def _go_to_where_the_stream_ended(self) -> None:
         """A goal that moved comes no more: the plan in force ends a little beyond it."""

@@ -42,11 +42,11 @@ def code_of(error: MhsbError) -> Verdict:
 def announcement(replan: Replan, goal: Goal) -> str:
     """What is told of an accepted goal."""
     plan = replan.plan
-    duration = plan.duration
-    sentence = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {duration:.1f} s"
+    x, z = plan.path.tip[-1].tolist() if plan.path.steps > 0 else (goal.x, goal.z)
+    sentence = f"the tip goes to ({x:.4g}, {z:.4g}) m in {plan.duration:.1f} s"
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"
     excess = plan.motion.speed_excess
     if excess >= TOLD_EXCESS:
         sentence += f", pistons up to {100 * excess:.2g} % faster than V_max"
-    return "; ".join([sentence, *map(str, plan.motion.overloads)])
+    return "; ".join([sentence, *plan.warnings])

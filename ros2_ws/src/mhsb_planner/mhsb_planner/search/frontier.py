@@ -15,8 +15,9 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.search.indexed_heap import NOT_IN_HEAP, pop, sift_up
 
-PAUSED, FOUND, EXHAUSTED = 0, 1, 2
-"""What a portion of a search can end with: the limit, the goal, or nothing left to expand."""
+PAUSED, FOUND, EXHAUSTED, FULL = 0, 1, 2, 3
+"""What a portion of a search can end with: the limit, the goal, nothing left to expand, or no
+room for what the next state leads to."""
 
 NOWHERE = -1
 """Instead of a state or posture: none of those that are numbered."""
@@ -48,6 +49,20 @@ def empty_frontier(states: int) -> Frontier:
         heap=np.empty(states + 1, dtype=np.int64),
         counts=np.zeros(3, dtype=np.int64),
     )
+
+
+def enlarged(f: Frontier) -> Frontier:
+    """The same search over twice as many states; the goal is the last of them again."""
+    goal = len(f.cost) - 1
+    wider, waiting = empty_frontier(2 * goal), f.counts[WAITING]
+    for old, new in zip(f, wider, strict=True):
+        new[: len(old)] = old
+    for name in ("cost", "estimate", "depth", "parent", "place"):
+        column = getattr(wider, name)
+        column[-1] = column[goal]
+    wider.cost[goal], wider.place[goal] = np.inf, NOT_IN_HEAP
+    wider.heap[:waiting][f.heap[:waiting] == goal] = 2 * goal
+    return wider
 
 
 @kernel(inline="always")

@@ -19,6 +19,7 @@ from mhsb_planner.search.frontier import (
     EXHAUSTED,
     EXPANDED,
     FOUND,
+    FULL,
     GENERATED,
     NOWHERE,
     PAUSED,
@@ -34,9 +35,6 @@ from mhsb_planner.search.s2_joining import Steps
 from mhsb_planner.search.s2_pricing import NOT_PRICED, Edges, Terms, largest_number, price
 from mhsb_planner.search.s2_query import Link, Query
 from mhsb_planner.search.s2_step import DURATION, new_scratch
-
-FULL = -1
-"""What a portion of a search also can end with: there is no room for the steps of a posture."""
 
 
 class Known(NamedTuple):

@@ -11,9 +11,18 @@ from mhsb_planner.evaluation.planning_benchmark import Effort, as_text, explicit
 from mhsb_planner.search.s2_search import search
 
 LITTLE = Effort(
-    moves=4, entries=3, truths=1, growth_moves=2, spacings=(0.2, 0.1), runs=1, repeated=1, lines=1,
+    moves=4,
+    entries=3,
+    truths=1,
+    growth_moves=2,
+    spacings=(0.2, 0.1),
+    runs=1,
+    repeated=1,
+    lines=1,
+    boosted=1,
+    scenes=2,
     collocations=3,
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +33,15 @@ def figures(machine):
 def test_the_keys_are_all_there(figures):
     assert set(figures) == {
         *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth"),
-        *("stream", "moving_goal", "time_optimality"),
+        *("stream", "moving_goal", "boosted", "scenes", "time_optimality"),
+    }
+    assert set(figures["boosted"]) == {"low_pressure", "heavy", "negative_arms"}
+    ratios = {f"{quick}ratio_{which}" for quick in ("", "quick_") for which in ("mean", "worst")}
+    for row in figures["boosted"].values():
+        assert set(row) == {"moves", *ratios, "seconds_mean", "seconds_worst"}
+    assert set(figures["scenes"]) == {
+        *("scenes", "solved", "compared", "dearer", "cost_ratio_mean", "cost_ratio_worst"),
+        *("p50_ms", "p99_ms"),
     }
     assert set(figures["table"]) == {
         *("entries", "build_s", "slsqp_s_per_entry", "speedup_over_slsqp", "worst_area_ratio")
@@ -60,6 +77,11 @@ def test_the_figures_make_sense(figures):
     assert integrated["worst_energy_ratio"] <= 1.001
     assert integrated["ground_truth_ratio_mean"] < 1.1
     assert integrated["ground_truth_ratio_max"] < 1.25
+    for row in figures["boosted"].values():
+        assert 1.0 - 1e-9 <= row["ratio_mean"] <= row["ratio_worst"] < 1.1
+        assert row["ratio_worst"] <= row["quick_ratio_worst"] * (1 + 1e-9)
+    assert figures["scenes"]["solved"]["integrated"] == 2
+    assert figures["scenes"]["dearer"] == 0
     for of_kind in figures["first_motion_ms"].values():
         assert all(0 < value["p50"] <= value["p99"] for value in of_kind.values())
     overrun = figures["overrun_ms"]
