@@ -16,6 +16,7 @@ the jerks of both changes of speed not to add up to more than is allowed.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,20 +70,28 @@ class Coasting:
 
 def coasting(machine: Machine, start: MotionState) -> Coasting:
     """The coasting of a moving start; not always within acceleration and jerk (`gentle`)."""
-    for parts in range(MOST_PARTS + 1):
-        motion = _coasting(machine, start, parts)
+    for motion in _ever_gentler(machine, start):
         if motion.gentle:
             break
     rest = motion.sample(np.array([0.0, motion.end]))[0][-1]
     return Coasting(motion, sampled_trajectory(motion, start, rest))
 
 
-def _coasting(machine: Machine, start: MotionState, parts: int) -> RampedMotion:
+def _ever_gentler(machine: Machine, start: MotionState) -> Iterator[RampedMotion]:
+    """With the ramp that the speeds ask for, then with that to V_max, and with ever longer δ."""
+    state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
+    _, speed, acceleration = piston_state(machine.arrays, *state)
+    own, longest = _ramp_from(machine, speed, acceleration), shortest_ramp(machine)
+    for ramp in (own,) if own == longest else (own, longest):
+        for parts in range(MOST_PARTS + 1):
+            yield _coasting(machine, start, ramp, parts)
+
+
+def _coasting(machine: Machine, start: MotionState, ramp: Ramp, parts: int) -> RampedMotion:
     """With δ so many times half the time in which acceleration builds up."""
     m, n = machine.arrays, machine.joint_count
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
     length, speed, acceleration = piston_state(m, *state)
-    ramp = _ramp_from(machine, speed, acceleration)
     told = whole_ticks(0.5 * parts * ramp.blend) if parts > 0 else 0.0
     since, before, after = _histories(m, ramp.rise, ramp.blend, speed, acceleration)
     return RampedMotion(

@@ -42,10 +42,14 @@ def following_motion(
     stretch: float,
     coast: Coasting | None = None,
     delay: float = 0.0,
+    first: Ramp | None = None,
 ) -> RampedMotion:
     """A path's motion, with ramps like `ramp`, beginning at `delay` s.
 
-    stretch: factor on the path's durations. Where the speed changes, times are rounded up to ticks.
+    stretch  factor on the path's durations. Where the speed changes, times are rounded up to ticks
+    first    another, shorter ramp, by which the path begins: with that of the coasting, speeds
+             that stay do not sink in between. Ramps then have the middles that they would have if
+             all were like it; those without room for that are like it
     """
     due = stretch * np.maximum(path.duration, SHORTEST_STEP)
     length = lengths_of(machine.arrays, path.posture)
@@ -57,16 +61,19 @@ def following_motion(
     begin = delay + TICK * np.concatenate([[0.0], np.cumsum(ticks)])
     speed = np.diff(length[corners], axis=0) / (TICK * ticks)[:, None]
     rest = np.zeros((1, length.shape[1]))
+    first = first or ramp
+    sooner = 0.5 * (ramp.duration - first.duration)
+    own_ramp = begin - sooner >= begin[0]
     own = RampedMotion(
         machine,
         path.posture[0],
         length[0],
         rest[0],
-        begin,
+        np.where(own_ramp, begin - sooner, begin),
         np.diff(np.vstack([rest, speed, rest]), axis=0),
-        np.full(len(begin), ramp.rise),
-        np.full(len(begin), ramp.blend),
-        np.interp(time, time[corners], begin) + 0.5 * ramp.duration,
+        np.where(own_ramp, ramp.rise, first.rise),
+        np.where(own_ramp, ramp.blend, first.blend),
+        np.interp(time, time[corners], begin) + 0.5 * first.duration,
     )
     return own if coast is None else coast.motion.plus(own)
 
@@ -101,6 +108,8 @@ def _ever_slower(
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.told + coast.ramp.duration
+        even = ramp.in_step_with(coast.ramp)
+        yield following_motion(machine, path, even, stretch, coast, coast.told, coast.ramp)
         for longer in AT_ONCE:
             slow = ramp.slower(longer, longer)
             yield following_motion(machine, path, slow, stretch, coast, coast.told)

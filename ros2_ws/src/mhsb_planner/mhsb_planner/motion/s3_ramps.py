@@ -41,6 +41,11 @@ class Ramp(NamedTuple):
         rise, blend = rise * self.rise, blend * self.blend
         return Ramp(whole_ticks(max(rise, blend)), whole_ticks(min(rise, blend)))
 
+    def in_step_with(self, other: Ramp) -> Ramp:
+        """This ramp, or one a tick longer: so that both's middles are whole ticks apart."""
+        odd = round((self.duration - other.duration) / TICK) % 2
+        return Ramp(self.rise + odd * TICK, self.blend)
+
 
 def whole_ticks(seconds: float) -> float:
     """The next whole multiple of TICK, at least one."""
