@@ -31,6 +31,10 @@ BEGINNING = 1e9
 """By the world's clock [s]; far beyond the processor's, so that no deadline passes by itself."""
 
 STEP = 0.005
+
+LONGEST_PLANNING = 1.0
+"""What a plan that takes a given time may really take [s]."""
+
 LARGEST_JUMP = 1e-6
 FIRST_STAMP_NS = 1000 * SECOND_NS
 
@@ -146,10 +150,10 @@ class World:
     def plan(self, request: PlanRequest) -> None:
         """Answered after the planning time."""
         self.planned.append(request)
-        began, work = deadline.now(), request
+        began, left = deadline.now(), LONGEST_PLANNING
         if self.planning_time is None:
             left = request.deadline.instant - request.began
-            work = replace(request, deadline=Deadline.after(left))
+        work = replace(request, deadline=Deadline.after(left))
         made: Replan | Exception | None
         try:
             made = work.answered_by(self.replanner)

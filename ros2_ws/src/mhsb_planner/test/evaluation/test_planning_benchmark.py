@@ -10,6 +10,8 @@ from mhsb_planner.evaluation import planning_benchmark
 from mhsb_planner.evaluation.planning_benchmark import Effort, as_text, explicit_graph, measure
 from mhsb_planner.search.s2_search import search
 
+pytestmark = pytest.mark.slow  # the ground truths alone take minutes
+
 LITTLE = Effort(
     moves=4,
     entries=3,

@@ -143,7 +143,7 @@ def test_when_time_is_up_the_best_so_far_is_taken_and_told(machine, posture_with
         free = search(machine, start, NORMAL, goal, ENERGY, deadline=looks.deadline_after(math.inf))
         assert not free.statistics.out_of_time
         needed = looks.count
-        for after in range(0, needed - 1, 3):
+        for after in range(0, needed - 1, max(3, needed // 30)):
             try:
                 hurried = search(
                     machine, start, NORMAL, goal, ENERGY, deadline=looks.deadline_after(after)

@@ -9,12 +9,14 @@ import pytest
 from mhsb_model.command import Command
 from mhsb_model.holding import holding_modes
 from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.deadline import Deadline
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.search.s2_search import Weights
 
 WEIGHTS = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0), Weights(0.0, 0.0, 1.0)
 CHAINS, REPLANS = 3, 7
+LONGEST_PLANNING = 1.0  # s
 
 
 def chain(replanner, machine, table, planner, rng):
@@ -26,7 +28,8 @@ def chain(replanner, machine, table, planner, rng):
         goal = table.nodes[rng.choice(np.flatnonzero(table.feasible))] * table.spacing
         options = PlanOptions(planner=planner, weights=rng.choice(WEIGHTS))
         lead = rng.choice((0.03, 0.1, 0.3))
-        made = replanner.replan(commands[-1], now, tuple(goal), lead, options)
+        deadline = Deadline.after(LONGEST_PLANNING)
+        made = replanner.replan(commands[-1], now, tuple(goal), lead, options, deadline)
         if made is not None:
             commands.append(made.command)
         now = commands[-1].stamp_ns + int(rng.choice((0.05, 0.2, 0.5, 2.0)) * SECOND_NS)
