@@ -225,7 +225,7 @@ class GoalLifecycle:
     def _go_to_where_the_stream_ended(self) -> None:
         """A goal that moved comes no more: the plan in force ends a little beyond it."""
         execution = self._execution
-        if execution is None or self._waiting or self._request or self._unconfirmed:
+        if execution is None or self._stopping or self._before_confirmation():
             return
         in_hand, wall = execution.in_hand, self._clock.wall()
         if execution.target.same_place(in_hand.goal) or self._stream.moves(wall):
@@ -449,6 +449,10 @@ class GoalLifecycle:
         for in_hand in self._before_confirmation():
             if in_hand.received <= self._void_until:
                 self._tell.stop(in_hand, ARM_STOPPED)
+        execution = self._execution
+        if execution is not None and execution.in_hand.received <= self._void_until:
+            self._execution = None
+            self._tell.end(execution.in_hand, Outcome.STOPPED, ARM_STOPPED)
         if self._waiting is not None and self._waiting.over:
             self._waiting = None
         if self._request is not None and self._request.in_hand.over:
@@ -551,6 +555,8 @@ class GoalLifecycle:
         for in_hand in self._before_sending():
             self._tell.stop(in_hand, STOP_ASKED)
         self._waiting = self._request = None
+        if self._execution is not None:
+            self._stay_near(self._execution.in_hand)
         stopping = self._stopping = self._stopping or Stopping(STOP_ASKED, self._clock.wall())
         stopping.done.append(done)
         sent = self._unconfirmed
@@ -651,6 +657,10 @@ class GoalLifecycle:
         if execution.in_hand in self._before_confirmation():  # another plan for it is being made
             return
         ending = execution.ending(self._settings.machine, self.view, self._now_ns())
+        ahead = not execution.target.same_place(execution.in_hand.goal)
+        arrived = ending is not None and ending.outcome is Outcome.REACHED
+        if arrived and ahead and self._stream.moves(self._clock.wall()):
+            return  # soon it is known where the goal stays
         if ending is not None:
             self._execution = None
             self._tell.end(execution.in_hand, *ending)

@@ -87,6 +87,33 @@ def test_when_a_moving_goal_stops_the_arm_rests_exactly_there_and_each_goal_is_a
     assert max(world.arm.jumps) <= 1e-6
 
 
+def test_where_goals_come_seldom_the_arm_rests_exactly_at_the_last_one_too(new_world):
+    world = new_world("integrated")
+    world.ending(world.goal(0.55, 0.1))
+    z, stamps = follow(world, 0.03, 5.0, 2.0)
+    assert world.ending(stamps[-1]).outcome is Outcome.REACHED
+    x_rest, z_rest = world.machine.tip_position(world.arm.reference.position)
+    assert np.hypot(x_rest - 0.55, z_rest - z) < 2e-4
+    world.check_that_each_goal_was_answered_once()
+
+
+@pytest.mark.parametrize("by_the_planner", [False, True])
+def test_an_arm_stopped_while_a_goal_moves_stays_stopped(new_world, by_the_planner):
+    world = new_world("integrated")
+    world.ending(world.goal(0.55, 0.1))
+    follow(world, 0.05, 20.0, 1.0)
+    if by_the_planner:
+        world.life.stop(lambda *answer: None)
+    else:
+        world.arm.stop_at_once()
+    world.pass_time(1.0)
+    resting = world.arm.reference.position
+    world.pass_time(3.0)
+    np.testing.assert_array_equal(world.arm.reference.position, resting)
+    assert world.life.idle
+    world.check_that_each_goal_was_answered_once()
+
+
 def test_at_fifty_goals_a_second_plans_are_finished_and_the_newest_goal_follows(new_world):
     world = new_world("integrated", lead_min=0.03)
     world.ending(world.goal(0.55, 0.1))
