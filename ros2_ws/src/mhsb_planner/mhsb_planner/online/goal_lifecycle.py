@@ -451,8 +451,11 @@ class GoalLifecycle:
                 self._tell.stop(in_hand, ARM_STOPPED)
         execution = self._execution
         if execution is not None and execution.in_hand.received <= self._void_until:
-            self._execution = None
-            self._tell.end(execution.in_hand, Outcome.STOPPED, ARM_STOPPED)
+            if self.view.executes_own(self._now_ns()):  # it took the plan after it was stopped
+                self._stopping = self._stopping or Stopping(ARM_STOPPED, wall)
+            else:
+                self._execution = None
+                self._tell.end(execution.in_hand, Outcome.STOPPED, ARM_STOPPED)
         if self._waiting is not None and self._waiting.over:
             self._waiting = None
         if self._request is not None and self._request.in_hand.over:
@@ -460,6 +463,7 @@ class GoalLifecycle:
         sent = self._unconfirmed
         if sent is not None and sent.request is not None and sent.request.in_hand.over:
             sent.void = True
+        self._go_on_stopping()
 
     def clock_jumped(self, sentence: str) -> None:
         """All that is known of the arm is void; goals that have not been confirmed start anew."""
