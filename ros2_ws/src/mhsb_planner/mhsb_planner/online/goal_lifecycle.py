@@ -233,10 +233,10 @@ class GoalLifecycle:
         in_hand.exact, in_hand.waiting_since = True, wall
         self._waiting = in_hand
 
-    def _stay_near(self, in_hand: GoalInHand) -> None:
+    def _stay_near(self) -> None:
         """The plan in force is good enough for a goal that moved: there is none to its very end."""
         if self._execution is not None:
-            self._execution = replace(self._execution, target=in_hand.goal)
+            self._execution = replace(self._execution, target=self._execution.in_hand.goal)
 
     def _is_under_way(self, in_hand: GoalInHand) -> bool:
         """Whether the arm executes a plan for this very goal."""
@@ -288,7 +288,7 @@ class GoalLifecycle:
             self.lead.add_first_motion(LONGER * (wall - request.began))
             self._took_too_long(request, Verdict.NOT_FOUND, str(answer))
         elif isinstance(answer, MhsbError) and self._is_under_way(in_hand):
-            self._stay_near(in_hand)
+            self._stay_near()
         elif isinstance(answer, MhsbError) and request.target is not in_hand.goal:
             in_hand.exact = True
             self._again(in_hand)
@@ -559,8 +559,7 @@ class GoalLifecycle:
         for in_hand in self._before_sending():
             self._tell.stop(in_hand, STOP_ASKED)
         self._waiting = self._request = None
-        if self._execution is not None:
-            self._stay_near(self._execution.in_hand)
+        self._stay_near()
         stopping = self._stopping = self._stopping or Stopping(STOP_ASKED, self._clock.wall())
         stopping.done.append(done)
         sent = self._unconfirmed

@@ -292,6 +292,15 @@ def test_a_goal_that_came_before_the_arm_was_stopped_is_void_also_when_it_is_rea
     assert not world.planned
 
 
+def test_a_plan_that_the_arm_took_after_somebody_had_stopped_it_is_braked(world):
+    stamp = under_way(world, seconds=0.02)
+    world.life.heard_stop(world.arm.time_ns)
+    world.until(lambda: not world.arm.moves)
+    assert world.ending(stamp).outcome is Outcome.STOPPED
+    assert not world.tip_is_at(*UP)
+    assert max(world.arm.jumps) <= 1e-6
+
+
 def test_a_stop_of_long_ago_voids_no_goal(world):
     world.life.goal(Goal(1, *DOWN))
     world.life.heard_stop(world.arm.time_ns - 3 * SECOND_NS)
