@@ -81,6 +81,50 @@ def servo_pump_flow(
 
 
 @kernel(inline="always")
+def pump_filling(pressure: float, vapour: float, filling: float) -> tuple[float, float]:
+    """Share of its displacement that a pump is filled by, (p − p_v)/Δp_f within 0 … 1, and slope.
+
+    pressure: p at its inlet; vapour: p_v; filling: Δp_f [Pa], that fills it wholly. Source:
+    J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (cavitation at the inlet).
+    """
+    share = (pressure - vapour) / filling
+    if share >= 1.0:
+        return 1.0, 0.0
+    if share <= 0.0:
+        return 0.0, 0.0
+    return share, 1.0 / filling
+
+
+@kernel(inline="always")
+def shaft_power(
+    hydraulic: float, speed: float, efficiency: float, drag_power: float
+) -> float:
+    """P = Δp Q/η + P_d n: power [W] at the shaft of a pump, its efficiency map in closed form.
+
+    The overall efficiency Δp Q/P falls with the load, as P_d [W] is spent at full speed whatever
+    the pressure. hydraulic: Δp Q [W]; speed: n, share of full speed. Source: W. E. Wilson, Rotary
+    Pumps and Fluid Motors (torque proportional to pressure, plus drag).
+    """
+    return max(0.0, hydraulic) / efficiency + drag_power * speed
+
+
+@kernel(inline="always")
+def pressure_and_cavity(
+    pressure: float, cavity: float, capacity: float, vapour: float, inflow: float
+) -> tuple[float, float]:
+    """p [Pa] and vapour volume V_v [m³] of a node after `inflow` [m³] has come into it.
+
+    The node holds C (p − p_v) − V_v of oil beyond what fills it at p_v: where that is negative
+    the oil parts, p stays at p_v and vapour fills the rest. Source: E. B. Wylie, V. L. Streeter,
+    Fluid Transients in Systems (discrete vapour cavities).
+    """
+    content = capacity * (pressure - vapour) - cavity + inflow
+    if content < 0.0:
+        return vapour, -content
+    return vapour + content / capacity, 0.0
+
+
+@kernel(inline="always")
 def first_order_lag(value: float, command: float, decay: float) -> float:
     """τ dx/dt = u − x: switching valves; decay = e^(−dt/τ)."""
     return command + (value - command) * decay

@@ -104,6 +104,41 @@ def test_a_critically_damped_spool_has_the_limit_of_the_formula() -> None:
     np.testing.assert_allclose(found, expm(system * dt), rtol=1e-7)
 
 
+def test_a_pump_is_filled_by_its_inlet_pressure_above_the_vapours() -> None:
+    vapour, filling = 1e3, 8e4
+    pressures = np.linspace(0.0, 1.2e5, 200)
+    found = np.array([elements.pump_filling(p, vapour, filling) for p in pressures])
+    np.testing.assert_allclose(found[:, 0], np.clip((pressures - vapour) / filling, 0.0, 1.0))
+    inside = (found[:, 0] > 0.0) & (found[:, 0] < 1.0)
+    np.testing.assert_allclose(found[inside, 1], 1.0 / filling)
+    assert not found[~inside, 1].any()
+
+
+def test_a_pumps_efficiency_falls_with_its_load() -> None:
+    full = elements.shaft_power(90.0, 1.0, 0.9, 10.0)
+    assert full == pytest.approx(90.0 / 0.9 + 10.0)
+    quarter = elements.shaft_power(22.5, 1.0, 0.9, 10.0)
+    assert 22.5 / quarter < 90.0 / full
+    assert elements.shaft_power(-5.0, 0.0, 0.9, 10.0) == 0.0
+
+
+@given(st.lists(st.floats(-5e-7, 5e-7), min_size=1, max_size=20))
+def test_a_parted_node_keeps_its_oil_and_never_falls_below_vapour_pressure(
+    inflows: list[float],
+) -> None:
+    capacity, vapour, start = 2e-14, 1e3, 4e6
+    pressure, cavity = start, 0.0
+    for k, inflow in enumerate(inflows):
+        pressure, cavity = elements.pressure_and_cavity(
+            pressure, cavity, capacity, vapour, inflow
+        )
+        content = capacity * (start - vapour) + sum(inflows[: k + 1])
+        assert pressure >= vapour
+        assert cavity >= 0.0
+        assert capacity * (pressure - vapour) - cavity == pytest.approx(content, abs=1e-18)
+        assert cavity == 0.0 or pressure == vapour
+
+
 def test_a_switching_valve_closes_the_gap_by_its_time_constant() -> None:
     assert elements.first_order_lag(0.0, 1.0, math.exp(-1.0)) == pytest.approx(1 - math.exp(-1))
 

@@ -13,10 +13,11 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, mode_patterns
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
+from mhsb_sim.circuit.audit import volume_gap
 from mhsb_sim.errors import ModeError, SimulationDivergedError, UnknownControllerError
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.faults import Fault
-from mhsb_sim.simulation.simulator import Simulator, volume_gap
+from mhsb_sim.simulation.simulator import Simulator
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
