@@ -287,9 +287,14 @@ class Simulation(Section):
     """How the simulator runs."""
 
     step: Annotated[float, Field(ge=1e-5, le=5e-3)] = Field(
-        description="of the mechanics and the control [s]"
+        description="of the control [s]"
     )
-    circuit_substeps: int = Field(ge=1, le=100, description="of the circuit in one step [-]")
+    mechanics_substeps: int = Field(
+        default=1, ge=1, le=100, description="of the mechanics in one step of the control [-]"
+    )
+    circuit_substeps: int = Field(
+        ge=1, le=100, description="of the circuit in one of the mechanics [-]"
+    )
     start_posture: tuple[Angle, ...] = Field(description="joint angles at the start [rad]")
 
 

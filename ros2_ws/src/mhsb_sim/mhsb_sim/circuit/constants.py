@@ -15,6 +15,15 @@ from mhsb_sim.records import Records
 
 RATED_BLEED_PRESSURE = 1e7
 
+FILE_TEMPERATURE = 40.0
+"""For which a machine file tells the oil's properties [°C]."""
+
+VISCOSITY_SLOPE = 0.036
+"""k_µ of a mineral oil ISO VG 46 between 20 and 60 °C: from 110 to 26 mm²/s [1/K]."""
+
+BULK_MODULUS_SLOPE = 0.005
+"""k_β of mineral oils [1/K]."""
+
 
 def cylinders_of(machine: Machine) -> Records:
     """CYLINDER[n] of a machine."""
@@ -39,10 +48,19 @@ def modules_of(home: IntArray) -> Records:
 
 
 def constants_of(machine: Machine, substep: float) -> Records:
-    """CONSTANTS[1] of a machine; substep [s]."""
+    """CONSTANTS[1] of a machine; substep [s].
+
+    Oil that is warmer than the file's is thinner by e^(−k_µ ΔT) and softer by e^(−k_β ΔT).
+    Viscosity acts on viscous friction, on laminar leakage and, squared, on the pressure drop at
+    which an orifice turns laminar, a matter of its Reynolds number. Source: Merritt (viscosity and
+    bulk modulus by temperature).
+    """
     arrays = machine.arrays
-    oil = machine.config.circuit
-    beta = oil.bulk_modulus
+    oil, real = machine.config.circuit, machine.config.imperfections
+    warmth = real.oil_temperature - FILE_TEMPERATURE
+    thinner = math.exp(-VISCOSITY_SLOPE * warmth)
+    beta = oil.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth)
+    stiction, accumulator = real.stiction, real.accumulator
     spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
     values = {
         "tank_pressure": arrays.tank_pressure,
@@ -54,7 +72,7 @@ def constants_of(machine: Machine, substep: float) -> Records:
         "line_capacity": oil.line_volume / beta,
         "rail_capacity": oil.rail_volume / beta,
         "manifold_capacity": oil.manifold_volume / beta,
-        "laminar_pressure": oil.laminar_pressure,
+        "laminar_pressure": oil.laminar_pressure * thinner**2,
         "valve_coefficient": arrays.valve_coefficient,
         "leakage_coefficient": arrays.leakage_flow
         / math.sqrt(arrays.supply_pressure - arrays.tank_pressure),
@@ -62,7 +80,7 @@ def constants_of(machine: Machine, substep: float) -> Records:
         "switching_coefficient": oil.switching_valve_flow
         / math.sqrt(oil.switching_valve_pressure_drop),
         "anti_cavitation_gain": oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop,
-        "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE,
+        "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE / thinner,
         "relief_gain": oil.relief_flow_gain,
         "line_relief": oil.line_relief_pressure,
         "manifold_relief": arrays.supply_pressure + oil.manifold_relief_margin,
@@ -72,14 +90,25 @@ def constants_of(machine: Machine, substep: float) -> Records:
         "main_pump_drag": oil.main_pump_drag_power,
         "servo_pump_drag": oil.servo_pump_drag_power,
         "servo_pump_flow": arrays.servo_pump_flow + oil.servo_pump_flow_reserve,
-        "servo_pump_lag": oil.servo_pump_lag,
+        "servo_pump_decay": math.exp(-substep / oil.servo_pump_lag),
         "servo_pump_slew": oil.servo_pump_slew,
         "servo_pump_power": oil.servo_pump_power,
         "servo_pump_efficiency": arrays.servo_pump_efficiency,
         "switching_time": oil.switching_valve_time,
+        "switching_decay": math.exp(-substep / oil.switching_valve_time),
         "coulomb_friction": oil.coulomb_friction,
-        "viscous_friction": oil.viscous_friction,
+        "viscous_friction": oil.viscous_friction * thinner,
         "friction_speed": oil.friction_speed,
+        "breakaway": stiction.breakaway if stiction else 1.0,
+        "stribeck_speed": stiction.speed if stiction else 1.0,
+        "bristle_stiffness": stiction.stiffness if stiction else 0.0,
+        "bristle_damping": stiction.damping if stiction else 0.0,
+        "valve_overlap": real.valve_overlap,
+        "valve_hysteresis": real.valve_hysteresis,
+        "spool_rate": real.spool_rate or math.inf,
+        "accumulator_volume": accumulator.volume if accumulator else 0.0,
+        "accumulator_precharge": accumulator.precharge if accumulator else math.inf,
+        "accumulator_exponent": accumulator.exponent if accumulator else 1.0,
         "substep": substep,
         "spool_00": spool[0],
         "spool_01": spool[1],

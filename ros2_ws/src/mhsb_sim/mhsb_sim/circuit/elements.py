@@ -87,12 +87,12 @@ def pump_filling(pressure: float, vapour: float, filling: float) -> tuple[float,
     pressure: p at its inlet; vapour: p_v; filling: Δp_f [Pa], that fills it wholly. Source:
     J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (cavitation at the inlet).
     """
-    share = (pressure - vapour) / filling
-    if share >= 1.0:
+    above = pressure - vapour
+    if above >= filling:
         return 1.0, 0.0
-    if share <= 0.0:
+    if above <= 0.0:
         return 0.0, 0.0
-    return share, 1.0 / filling
+    return above / filling, 1.0 / filling
 
 
 @kernel(inline="always")
@@ -122,6 +122,67 @@ def pressure_and_cavity(
     if content < 0.0:
         return vapour, -content
     return vapour + content / capacity, 0.0
+
+
+@kernel(inline="always")
+def play(follower: float, leader: float, width: float) -> float:
+    """What follows a leader with backlash: it is moved at either end of the play, width/2 off.
+
+    Source: A. Visintin, Differential Models of Hysteresis (the play operator).
+    """
+    lag = leader - follower
+    if lag > 0.5 * width:
+        return leader - 0.5 * width
+    if lag < -0.5 * width:
+        return leader + 0.5 * width
+    return leader if math.isnan(lag) else follower
+
+
+@kernel(inline="always")
+def metered_opening(spool: float, overlap: float) -> float:
+    """Opening of the edges, sign(x) max(0, |x| − o)/(1 − o): none within the overlap, 1 at full
+    stroke, where the valve is rated. Source: H. E. Merritt, Hydraulic Control Systems (lap).
+    """
+    if abs(spool) < overlap:
+        return 0.0
+    return (spool - math.copysign(overlap, spool)) / (1.0 - overlap)
+
+
+@kernel(inline="always")
+def accumulator_capacity(
+    pressure: float, volume: float, precharge: float, exponent: float
+) -> float:
+    """C = V₀/(n p) (p₀/p)^(1/n) [m³/Pa] of a gas accumulator, none below its precharge p₀.
+
+    From p V^n = p₀ V₀^n. Source: Merritt (accumulators).
+    """
+    if pressure <= precharge:
+        return 0.0
+    return volume / (exponent * pressure) * (precharge / pressure) ** (1.0 / exponent)
+
+
+@kernel(inline="always")
+def sliding_friction(
+    coulomb: float, breakaway: float, stribeck_speed: float, speed: float
+) -> float:
+    """g(v) = F_c (1 + (b − 1) e^(−(v/v_s)²)) [N]: steady friction without its viscous part."""
+    ratio = speed / stribeck_speed
+    return coulomb * (1.0 + (breakaway - 1.0) * math.exp(-ratio * ratio))
+
+
+@kernel(inline="always")
+def bristle_bend(bend: float, speed: float, sliding: float, stiffness: float, dt: float) -> float:
+    """z after dt of ż = v − σ₀ |v|/g z [m], exactly for a constant v: LuGre's bristles.
+
+    sliding: g [N]; stiffness: σ₀ [N/m]. Source: C. Canudas de Wit, H. Olsson, K. J. Åström,
+    P. Lischinsky, A new model for control of systems with friction (1995).
+    """
+    rate = stiffness * abs(speed) / sliding * dt
+    if rate < 1e-9:
+        return bend + speed * dt * (1.0 - 0.5 * rate)
+    decay = math.exp(-rate)
+    steady = sliding / stiffness if speed > 0.0 else -sliding / stiffness
+    return steady + (bend - steady) * decay
 
 
 @kernel(inline="always")

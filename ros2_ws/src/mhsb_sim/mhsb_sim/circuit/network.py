@@ -34,16 +34,21 @@ from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.audit import audit, audit_drag, audit_main_pump, audit_node
 from mhsb_sim.circuit.constants import constants_of, cylinders_of, modules_of
 from mhsb_sim.circuit.elements import (
+    accumulator_capacity,
+    bristle_bend,
     chamber_capacity,
     check_valve,
     constant_pressure_pump,
     first_order_lag,
     friction_force,
+    metered_opening,
     orifice,
+    play,
     pressure_and_cavity,
     pump_filling,
     relief_valve,
     servo_pump_flow,
+    sliding_friction,
 )
 from mhsb_sim.circuit.nodal_analysis import solve_in_place, stamp
 from mhsb_sim.circuit.quantities import (
@@ -83,9 +88,7 @@ class Circuit(NamedTuple):
     volume: Records  # VOLUME[1]
     net: Records  # ELEMENT[…], this and the following are working memory
     conductance: FloatArray  # [nodes, nodes]
-    inflow: FloatArray  # [nodes]
-    capacity: FloatArray  # [nodes]
-    stiffness: FloatArray  # [nodes], C as the step takes it: a node at vapour pressure keeps that
+    nodes: FloatArray  # [3, nodes]: inflow, C, and C as the step takes it
 
     def advance(self, length: FloatArray, speed: FloatArray, substeps: int) -> None:
         """Advance by `substeps` substeps with pistons at `length` [m] moving at `speed` [m/s]."""
@@ -125,9 +128,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         volume=np.zeros(1, VOLUME),
         net=np.zeros(4 + 2 * module_count + 10 * actuator_count, ELEMENT),
         conductance=np.zeros((nodes, nodes)),
-        inflow=np.zeros(nodes),
-        capacity=np.zeros(nodes),
-        stiffness=np.zeros(nodes),
+        nodes=np.zeros((3, nodes)),
     )
 
 
@@ -176,14 +177,44 @@ def enter(
 
 @kernel
 def move_spool(actuator: Record, c: Record) -> None:
-    """ẍ + 2 ζ ω ẋ + ω² (x − u) = 0 over one substep, x within −1 … 1 (c: CONSTANTS)."""
-    away = actuator.spool - actuator.valve_command
-    rate = actuator.spool_speed
-    spool = actuator.valve_command + c.spool_00 * away + c.spool_01 * rate
+    """ẍ + 2 ζ ω ẋ + ω² (x − u) = 0 over one substep, x within −1 … 1 (c: CONSTANTS).
+
+    u is the command beyond the hysteresis, and |ẋ| stays within the spool's rate.
+    """
+    actuator.pilot = play(actuator.pilot, actuator.valve_command, c.valve_hysteresis)
+    before = actuator.spool
+    away, rate = before - actuator.pilot, actuator.spool_speed
+    spool = actuator.pilot + c.spool_00 * away + c.spool_01 * rate
     actuator.spool_speed = c.spool_10 * away + c.spool_11 * rate
+    way = c.spool_rate * c.substep
+    if abs(spool - before) > way:
+        spool = before + math.copysign(way, spool - before)
+        actuator.spool_speed = math.copysign(c.spool_rate, spool - before)
     actuator.spool = min(max(spool, -1.0), 1.0)
     if spool != actuator.spool:
         actuator.spool_speed = 0.0
+
+
+@kernel
+def rub(actuator: Record, speed: float, c: Record, dt: float) -> None:
+    """Friction of a cylinder after dt [s] at `speed` [m/s]: with bristles where there are any.
+
+    F = σ₀ z + σ₁ ż + b v (LuGre), else as `friction_force` (c: CONSTANTS).
+    """
+    if c.bristle_stiffness == 0.0:
+        actuator.friction = friction_force(
+            c.coulomb_friction, c.viscous_friction, c.friction_speed, speed
+        )
+        return
+    sliding = sliding_friction(c.coulomb_friction, c.breakaway, c.stribeck_speed, speed)
+    before = actuator.bend
+    actuator.bend = bristle_bend(before, speed, sliding, c.bristle_stiffness, dt)
+    bending = (actuator.bend - before) / dt
+    actuator.friction = (
+        c.bristle_stiffness * actuator.bend
+        + c.bristle_damping * bending
+        + c.viscous_friction * speed
+    )
 
 
 @kernel
@@ -196,18 +227,24 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
     """
     cylinders, actuators, pressure = circuit.cylinders, circuit.actuators, circuit.pressure
     modules, module_home = circuit.modules, circuit.module_home
-    net, conductance, stiffness = circuit.net, circuit.conductance, circuit.stiffness
-    inflow, capacity, cavity = circuit.inflow, circuit.capacity, circuit.cavity
+    net, conductance, cavity = circuit.net, circuit.conductance, circuit.cavity
+    inflow, capacity, stiffness = circuit.nodes[0], circuit.nodes[1], circuit.nodes[2]
     c, e, v = circuit.constants[0], circuit.energy[0], circuit.volume[0]
     n = len(actuators)
     rail, manifold, tank = 3 * n, 3 * n + 1, 3 * n + 2
     dt = c.substep
     laminar = c.laminar_pressure
-    pump_decay = math.exp(-dt / c.servo_pump_lag)
-    switch_decay = math.exp(-dt / c.switching_time)
+    pump_decay, switch_decay = c.servo_pump_decay, c.switching_decay
     pump_change = c.servo_pump_slew * dt
     capacity[rail], capacity[manifold] = c.rail_capacity, c.manifold_capacity
     for _ in range(substeps):
+        if c.accumulator_volume > 0.0:
+            capacity[manifold] = c.manifold_capacity + accumulator_capacity(
+                pressure[manifold],
+                c.accumulator_volume,
+                c.accumulator_precharge,
+                c.accumulator_exponent,
+            )
         inflow[:] = 0.0
         conductance[:, :] = 0.0
         count = 0
@@ -267,8 +304,9 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             actuator.join = first_order_lag(actuator.join, actuator.join_command, switch_decay)
 
             # The servo valve: line to one chamber, the other chamber to tank.
-            fed, emptied = (a, b) if actuator.spool >= 0.0 else (b, a)
-            k_edge = c.valve_coefficient * abs(actuator.spool)
+            opening = metered_opening(actuator.spool, c.valve_overlap)
+            fed, emptied = (a, b) if opening >= 0.0 else (b, a)
+            k_edge = c.valve_coefficient * abs(opening)
             flow, slope = orifice(k_edge, pressure[line] - pressure[fed], laminar)
             count = enter(net, count, SERVO_VALVE, line, fed, flow, slope)
             actuator.supply_flow = flow
@@ -316,7 +354,8 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         inflow[tank] = 0.0
         mean_flow = pump_flow - pump_slope * inflow[manifold]
         audit_main_pump(mean_flow, pressure[manifold] + 0.5 * inflow[manifold], c, e, v)
-        audit_drag(modules, c, e)
+        if c.servo_pump_drag > 0.0:
+            audit_drag(modules, c, e)
         audit(net, count, pressure, inflow, tank, c.servo_pump_efficiency, dt, e, v)
         for j in range(n):
             force = cylinders[j].cap_area * (pressure[3 * j] + 0.5 * inflow[3 * j])
@@ -325,17 +364,17 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             v.pistons += (cylinders[j].cap_area - cylinders[j].rod_area) * speed[j] * dt
         for i in range(tank):
             before, volume = pressure[i], stiffness[i] * inflow[i]
-            pressure[i], cavity[i] = pressure_and_cavity(
-                before, cavity[i], capacity[i], c.vapour_pressure, volume
-            )
+            pressure[i] = before + inflow[i]
+            if cavity[i] > 0.0 or pressure[i] < c.vapour_pressure:
+                pressure[i], cavity[i] = pressure_and_cavity(
+                    before, cavity[i], capacity[i], c.vapour_pressure, volume
+                )
             audit_node(capacity[i], volume, inflow[i], before, pressure[i], e, v)
 
     for j in range(n):
         actuator = actuators[j]
         cylinder = cylinders[j]
-        actuator.friction = friction_force(
-            c.coulomb_friction, c.viscous_friction, c.friction_speed, speed[j]
-        )
+        rub(actuator, speed[j], c, dt * substeps)
         e.friction += actuator.friction * speed[j] * dt * substeps
         actuator.force = (
             cylinder.cap_area * pressure[3 * j] - cylinder.rod_area * pressure[3 * j + 1]

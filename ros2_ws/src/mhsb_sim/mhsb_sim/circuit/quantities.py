@@ -42,14 +42,25 @@ CONSTANTS = np.dtype(
             "main_pump_drag",  # W, likewise the next
             "servo_pump_drag",
             "servo_pump_flow",  # m³/s, the most one pump gives
-            "servo_pump_lag",  # s
+            "servo_pump_decay",  # of a pump's lag in a substep
             "servo_pump_slew",  # m³/s²
             "servo_pump_power",  # W
             "servo_pump_efficiency",
             "switching_time",  # s
+            "switching_decay",  # of that lag in a substep
             "coulomb_friction",  # N
             "viscous_friction",  # N s/m
             "friction_speed",  # m/s
+            "breakaway",  # static over Coulomb friction
+            "stribeck_speed",  # m/s
+            "bristle_stiffness",  # N/m, 0 for friction without memory
+            "bristle_damping",  # N s/m
+            "valve_overlap",  # share of the stroke, likewise the next
+            "valve_hysteresis",
+            "spool_rate",  # 1/s
+            "accumulator_volume",  # m³
+            "accumulator_precharge",  # Pa
+            "accumulator_exponent",
             "substep",  # s
             "spool_00",  # transition of the spool over one substep
             "spool_01",
@@ -63,12 +74,14 @@ ACTUATOR = np.dtype(
     [
         ("valve_command", "f8"),  # −1 … 1, positive extends
         ("join_command", "f8"),  # 0 … 1, opening of the join valve
+        ("pilot", "f8"),  # the command beyond the valve's hysteresis
         ("spool", "f8"),
         ("spool_speed", "f8"),  # 1/s
         ("join", "f8"),
         ("relief", "f8"),  # Pa, setting of the relief valves of its chambers
         ("force", "f8"),  # N, p_A A − p_B a
         ("friction", "f8"),  # N
+        ("bend", "f8"),  # m, of the bristles that stick and slip
         ("supply_flow", "f8"),  # m³/s, line to chambers
         ("return_flow", "f8"),  # m³/s, chambers to tank
     ]

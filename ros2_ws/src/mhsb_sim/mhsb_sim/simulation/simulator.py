@@ -1,7 +1,10 @@
 """The simulator: MuJoCo mechanics, hydraulic circuit and servo, in lock-step.
 
-In each step of h: mechanics of the present state, servo, circuit, then the mechanics move with
-the forces of the pressures that the circuit has reached.
+In each step of h: servo, half a step of the circuit, a step of the mechanics with the forces of
+the pressures there, and the other half of the circuit with the pistons where they have come to:
+both are taken at the middle of what the other does, which makes the step's error one of second
+order (G. Strang, On the construction and comparison of difference schemes, 1968). Mechanics and
+circuit may take several steps in one of the servo.
 """
 
 from __future__ import annotations
@@ -30,8 +33,20 @@ from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
 from mhsb_sim.servo import controller_class
 from mhsb_sim.servo.controller import REFERENCE_POINTS, SENSOR, ServoSignals
 from mhsb_sim.servo.reference import Reference
-from mhsb_sim.simulation.exchange import act, apply_forces, measure, move_pistons
+from mhsb_sim.simulation.exchange import (
+    ANGLE,
+    ARM,
+    SPEED,
+    Believed,
+    apply_forces,
+    follow,
+    measure,
+    move_pistons,
+    push,
+)
 from mhsb_sim.simulation.faults import Fault, set_fault
+from mhsb_sim.simulation.sensors import channels_of
+from mhsb_sim.simulation.supply_sag import sagging_pressure
 
 NOISE_ROWS = 1000
 LARGEST_VALUE = 1e12
@@ -101,7 +116,12 @@ class Simulator:
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
         self._substeps = settings.circuit_substeps
+        self._last_substeps = self._substeps // 2
+        self._first_substeps = self._substeps - self._last_substeps
+        self._sag = self.plant.config.imperfections.supply_sag
+        self._inner_steps = settings.mechanics_substeps
         self._model = build_model(self.plant)
+        self._model.opt.timestep = settings.step / self._inner_steps
         self._payload = self.plant.config.payload.mass
         if payload is not None:
             self.set_payload(payload)
@@ -117,10 +137,10 @@ class Simulator:
         modes = holding_modes(loaded, loaded.piston_forces(q))
         self._time_ns = time_ns
         self._steps = 0
-        substep = self.machine.config.simulation.step / self._substeps
+        substep = self._model.opt.timestep / self._substeps
         self._circuit = build_circuit(self.plant, substep)
         settle(self._circuit, loaded, q, modes)
-        self._believed = build_circuit(self.machine, substep)
+        self._believed = build_circuit(self.machine, self.machine.config.simulation.step)
         self._believed.actuators["join"] = self._circuit.actuators["join"]
         self._healthy = self._circuit.constants.copy()
         self._reset_mechanics(q)
@@ -132,30 +152,28 @@ class Simulator:
         self._data.qpos[:] = q
         linkage, data = self.plant.arrays.linkage, self._data
         n = self.machine.joint_count
-        self._lengths, self._speeds, arms = np.empty(n), np.empty(n), np.empty(n)
         # MuJoCo makes a new view at each access: these are kept.
         position, velocity, control = data.qpos, data.qvel, data.ctrl
-        self._pistons = (linkage, position, velocity, self._lengths, self._speeds, arms)
-        self._apply_forces = bind(
-            apply_forces,
-            self._circuit.actuators,
-            self._circuit.pressure,
-            arms,
-            position,
-            velocity,
-            control,
-        )
-        move_pistons(*self._pistons)
-        self._apply_forces()
+        self._pistons = np.empty((4, n))
+        joints = linkage, position, velocity, np.full(1, 0.5 * self._model.opt.timestep)
+        servo, circuit = self._believed, self._circuit
+        believed = Believed(servo.actuators, servo.modules, servo.constants, servo.module_home)
+        late = round(self.plant.config.imperfections.computing_delay * SECOND_NS / self._step_ns)
+        queue = np.zeros((1 + late, 2 * (n + len(circuit.modules))))
+        queue[:, n : 2 * n] = servo.actuators["join"]
+        way = believed, queue, np.zeros(1, dtype=np.int64)
+        torque = position, velocity, control
+        self._push = bind(push, *way, circuit, self._pistons, *torque, integers=2)
+        self._follow_pistons = bind(follow, circuit, *joints, self._pistons, integers=1)
+        move_pistons(*joints, self._pistons)
+        apply_forces(circuit.actuators, circuit.pressure, self._pistons[ARM], *torque)
         mujoco.mj_forward(self._model, data)
 
     def _reset_noise(self) -> None:
-        n = self.machine.joint_count
-        servo = self.machine.config.servo
         self._random = np.random.default_rng(self._seed)
-        self._noise = np.zeros((NOISE_ROWS, 4 * n + 1))
-        self._noise_scale = np.full(4 * n + 1, servo.pressure_noise)
-        self._noise_scale[:n] = servo.length_noise
+        own = np.random.default_rng((self._seed, 1))
+        self._channels, self._noise_scale = channels_of(self.plant, own)
+        self._noise = np.zeros((NOISE_ROWS, len(self._channels)))
         self._healthy_noise = self._noise_scale.copy()
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
@@ -172,19 +190,16 @@ class Simulator:
         self._measure = bind(
             measure,
             self._noise,
-            *self._pistons,
+            self._pistons,
             circuit.pressure,
             circuit.modules,
             self._signals.sensors,
             self._signals.rail_pressure,
             believed.modules,
+            self._channels,
             integers=1,
         )
         self._measure(0)
-        queue = np.zeros((1, 2 * (n + len(circuit.modules))))
-        place = np.zeros(1, dtype=np.int64)
-        pistons = self._lengths, self._speeds
-        self._act = bind(act, believed, circuit, queue, place, *pistons, integers=1)
         self._open_valves()
         self._reference = Reference(self._signals.reference, self._controller.preview)
         self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=REMEMBERED)
@@ -221,7 +236,8 @@ class Simulator:
     def joint_state(self) -> MotionState:
         """Measured position, velocity and (of the last step) acceleration of the joints."""
         data = self._data
-        return MotionState(data.qpos.copy(), data.qvel.copy(), data.qacc.copy())
+        position = data.qpos - 0.5 * self._model.opt.timestep * data.qvel  # see `move_pistons`
+        return MotionState(position, data.qvel.copy(), data.qacc.copy())
 
     @property
     def modes(self) -> ModeArray:
@@ -245,7 +261,7 @@ class Simulator:
             rod_pressure=circuit.pressure[1:-3:3].copy(),
             supply_pressure=circuit.pressure[2:-3:3].copy(),
             force=actuators["force"].copy(),
-            piston_speed=self._speeds.copy(),
+            piston_speed=self._pistons[SPEED].copy(),
             valve_opening=actuators["spool"].copy(),
             valve_command=self._believed.actuators["valve_command"].copy(),
             supply_flow=actuators["supply_flow"].copy(),
@@ -270,7 +286,7 @@ class Simulator:
         in the order of the circuit's nodes, modes uint8[n] in force.
         """
         reference[:] = self._signals.reference[0]
-        position[:] = self._data.qpos
+        position[:] = self._pistons[ANGLE]
         pressure[:] = self._circuit.pressure
         modes[:] = self._reference.modes
 
@@ -346,7 +362,7 @@ class Simulator:
 
     def hold_here(self) -> None:
         """Hold the measured posture, within the joint limits, from now on: the reference steps."""
-        q = self._within_limits(self._data.qpos)
+        q = self._within_limits(self._pistons[ANGLE])
         self._hold(q, self._modes_to_hold(q))
 
     def set_payload(self, mass: float) -> None:
@@ -369,17 +385,29 @@ class Simulator:
 
     def step(self) -> None:
         """Advance by one step; raises SimulationDivergedError where the state is not finite."""
-        mujoco.mj_step1(self._model, self._data)
-        self.step_hydraulics()
-        if not self._apply_forces():
-            raise self._diverged()
-        mujoco.mj_step2(self._model, self._data)
+        if self._sag is not None:
+            time = self._steps * self._step_ns / SECOND_NS
+            pressure = sagging_pressure(self.plant.arrays.supply_pressure, self._sag, time)
+            self._circuit.constants["supply_pressure"] = pressure
+        self._control_valves()
+        for inner in range(self._inner_steps):
+            mujoco.mj_step1(self._model, self._data)
+            if not self._push(inner == 0, self._first_substeps):
+                raise self._diverged()
+            mujoco.mj_step2(self._model, self._data)
+            self._follow_pistons(self._last_substeps)
         self._steps += 1
         self._time_ns += self._step_ns
         self._update_reference()
 
     def step_hydraulics(self) -> None:
         """The part of a step that is sensors, servo and circuit; the arm stays where it is."""
+        self._control_valves()
+        self._push(True, self._first_substeps)
+        self._follow_pistons(self._last_substeps)
+
+    def _control_valves(self) -> None:
+        """Sensors, and the servo's commands on their way."""
         row = self._steps % NOISE_ROWS
         if row == 0:
             self._random.standard_normal(out=self._noise)
@@ -387,7 +415,6 @@ class Simulator:
         if not self._measure(row):
             raise self._diverged()
         self._control()
-        self._act(self._substeps)
 
     def _open_valves(self) -> None:
         """Let the servo act, a new one that remembers nothing."""

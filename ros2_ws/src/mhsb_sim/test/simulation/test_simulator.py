@@ -241,6 +241,26 @@ def potential_energy(machine: Machine, q: FloatArray) -> float:
     return float(machine.arrays.gravity * moment)
 
 
+def test_half_the_step_of_the_plant_changes_the_tracking_error_by_less_than_three_percent(
+    machine: Machine, motion: Motion
+) -> None:
+    errors = []
+    for substeps in (1, 2):
+        finer = machine.with_values(
+            {
+                "simulation.mechanics_substeps": substeps,
+                "servo.pressure_noise": 0.0,
+                "servo.length_noise": 0.0,
+            }
+        )
+        simulator = Simulator(finer, posture=LOWERED)
+        duration = go(simulator, motion, LIFTED)
+        errors.append(tip_errors(simulator, duration))
+    coarse, fine = (float(np.sqrt(np.mean(np.square(each)))) for each in errors)
+    assert fine > 5e-5
+    assert coarse == pytest.approx(fine, rel=0.03)
+
+
 def test_half_the_step_changes_little(machine: Machine, motion: Motion) -> None:
     ends = []
     for step in (1e-3, 5e-4):
