@@ -27,6 +27,9 @@ from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
+JOINTS = 3
+"""Joints of an arm that the planners know: one more than the tip needs in its plane."""
+
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
 
 LONGEST_VALUE = 40
@@ -228,7 +231,11 @@ def load_machine(path: str | Path | None = None) -> Machine:
     if len(missing) > len(SECTIONS) / 2:  # nothing of another file's content is repeated
         reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
         raise MachineFileError(str(file), [reason])
-    return _validated(content, str(file))
+    machine = _validated(content, str(file))
+    if machine.joint_count != JOINTS:
+        problem = f"joints: the machine has {machine.joint_count}, plans are made for {JOINTS} only"
+        raise MachineFileError(str(file), [problem])
+    return machine
 
 
 def _validated(content: Any, source: str) -> Machine:

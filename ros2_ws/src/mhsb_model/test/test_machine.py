@@ -141,6 +141,18 @@ def test_a_spoiled_value_is_refused_by_its_path_with_value_and_limit(load, keys,
         load(change)
 
 
+@pytest.mark.parametrize("joints", [2, 4])
+def test_an_arm_that_nothing_plans_for_is_refused(load, joints):
+    def change(content):
+        content["joints"] = (2 * content["joints"])[:joints]
+        simulation = content["simulation"]
+        simulation["start_posture"] = (2 * simulation["start_posture"])[:joints]
+        content["workspace"]["max_radius"] = 0.8
+
+    with pytest.raises(MachineFileError, match=f"has {joints}, plans are made for 3 only"):
+        load(change)
+
+
 def test_all_problems_are_reported_at_once(load):
     def spoil(content):
         content["joints"][0]["cylinder"]["bore"] = -1
