@@ -168,6 +168,14 @@ class Machine:
         rows = self.arrays.linkage
         return np.array([linkage.moment_arm(rows[j], q[j]) for j in range(self.joint_count)])
 
+    @cached_property
+    def fastest_joints(self) -> FloatArray:
+        """Joint speeds that the main pump's whole flow can never exceed: Q / (min A · min |r|)."""
+        a = self.arrays
+        ranges = map(linkage.moment_arm_range, a.linkage, a.joint_min, a.joint_max)
+        shortest = np.array([np.abs(ends).min() for ends in ranges])
+        return a.main_pump_flow / (np.minimum(a.cap_area, a.rod_area) * shortest)
+
     def cylinder_lengths(self, q: FloatArray) -> FloatArray:
         """Distances between each cylinder's pins."""
         rows = self.arrays.linkage
