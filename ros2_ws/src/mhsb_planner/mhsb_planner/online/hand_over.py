@@ -16,7 +16,6 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import POINT_SPACING_NS, MotionState, Trajectory
 from mhsb_model.types import IntArray
 
-
 LARGEST_JUMP = 1e-6
 """Between the old command and the new one, of rounding [rad] and [rad/s]."""
 

@@ -16,7 +16,6 @@ from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
-
 FASTEST = 3.0
 """No joint of the suite's arm is ever planned to turn as fast [rad/s]."""
 
