@@ -23,7 +23,7 @@ import pytest
 import yaml
 from hypothesis import settings
 
-from mhsb_model.config_files import config_file
+from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, Machine
 from mhsb_model.schema import MachineConfig
 

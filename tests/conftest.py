@@ -51,6 +51,11 @@ class Observer(GoalSender):
             self.create_subscription(topic.message, topic.name, callback, topic.qos)
         self.goal_publisher = self._goals
 
+    def listeners_to_goals(self) -> set[bytes]:
+        """Who hears goals; one that was killed stays among them for a while."""
+        found = self.get_subscriptions_info_by_topic(topics.GOAL_POSE.name)
+        return {bytes(each.endpoint_gid) for each in found}
+
     def until(self, condition: Callable[[], bool], timeout: float = 15.0) -> None:
         """Serve until the condition holds; fails where it does not in time [s]."""
         assert spin_until(self.executor_of_tests, condition, timeout), f"not within {timeout} s"
@@ -101,15 +106,19 @@ class Observer(GoalSender):
         self.destroy_client(client)
         return future.result()
 
-    def set_parameter(self, node: str, name: str, value: float | str) -> tuple[bool, str]:
-        """Set a number or a text as parameter; whether it was taken, and the reason where not."""
+    def set_parameter(
+        self, node: str, name: str, value: float | str | tuple[float, ...]
+    ) -> tuple[bool, str]:
+        """Set a number, a text or numbers; whether they were taken, and the reason where not."""
         client = self.create_client(SetParameters, f"{node}/set_parameters")
         self.until(client.service_is_ready)
-        content = (
-            ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-            if isinstance(value, str)
-            else ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-        )
+        content = ParameterValue()
+        if isinstance(value, str):
+            content.type, content.string_value = ParameterType.PARAMETER_STRING, value
+        elif isinstance(value, tuple):
+            content.type, content.double_array_value = ParameterType.PARAMETER_DOUBLE_ARRAY, value
+        else:
+            content.type, content.double_value = ParameterType.PARAMETER_DOUBLE, value
         request = SetParameters.Request(parameters=[Parameter(name=name, value=content)])
         future = client.call_async(request)
         self.until(future.done)

@@ -13,12 +13,12 @@ KEYS = {
 }
 
 
-@pytest.mark.parametrize("condition", ["idle", "one_core"])
-def test_the_benchmark_counts_every_goal_once(ros_domain, tmp_path, condition):
+@pytest.mark.parametrize(("condition", "stream"), [("idle", 3), ("one_core", 0)])
+def test_the_benchmark_counts_every_goal_once(ros_domain, tmp_path, condition, stream):
     output = tmp_path / "online.json"
     run = subprocess.run(
         [ROOT / "scripts" / "bench", "online", "--goals", "4", "--condition", condition]
-        + ["--output", output],
+        + ["--output", output, "--stream", str(stream)],
         capture_output=True,
         text=True,
         timeout=280,
@@ -33,3 +33,7 @@ def test_the_benchmark_counts_every_goal_once(ros_domain, tmp_path, condition):
     assert max(measured["reference_jump_max_rad"], measured["reference_jump_max_rad_s"]) <= 1e-6
     assert figures["scipy_dijkstra_p50_ms"] > 0.0
     assert condition in run.stdout
+    assert ("stream" in figures) == (stream > 0)
+    if stream:
+        assert sum(figures["stream"]["verdicts"].values()) == figures["stream"]["goals"]
+        assert figures["stream"]["plans_per_s"] > 0.0

@@ -59,6 +59,7 @@ BAD_ARGUMENTS = [
     (("mhsb_sim", "study", "--scenarios", "/etc/passwd"), "/etc/passwd: "),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "controller:=magic"), "coordinated"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "real_time_factor:=2.0"), "publish_clock"),
+    (("mhsb_sim", "simulate"), "give --goal X Z T"),
     (("mhsb_sim", "simulate", "--goal", "0.5", "0.1"), "--goal takes"),
     (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "-3"), "must be above 0"),
     (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--controller", "x"), "coordinated"),
@@ -151,9 +152,10 @@ def test_a_case_of_the_paper_brings_its_weights(start):
 
 
 def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
-    arguments = ("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "2.0", "0.55", "-0.3", "3.0")
-    first = start(*arguments, "--output", tmp_path, "--audit")
-    second = start(*arguments, "--json")
+    there, on = ("0.6", "0.1", "2.0"), ("0.55", "-0.3", "3.0")
+    simulate = ("mhsb_sim", "simulate")
+    first = start(*simulate, "--goal", *there, *on, "--output", tmp_path, "--audit")
+    second = start(*simulate, "--goal", *there, "--goal", *on, "--json")
     assert first.wait(180) == 0, first.output
     assert second.wait(180) == 0, second.output
     summary = json.loads((tmp_path / "summary.json").read_text())

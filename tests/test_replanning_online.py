@@ -99,6 +99,22 @@ def test_of_a_flood_of_goals_each_gets_one_verdict_and_the_newest_wins(arm):
     arm.until_in_force(arm.verdicts[sent[-1]])
 
 
+def test_goals_that_stream_are_each_answered_once_and_the_arm_rests_at_the_last(arm):
+    sent = []
+    for k in range(100):
+        sent.append(arm.send(0.6, 0.1 + 0.001 * k))
+        arm.serve(0.02)
+    arm.until(lambda: sent[-1] in arm.executions, 40.0)
+    codes = [arm.verdicts[stamp].code for stamp in sent]
+    assert set(codes) <= {Verdict.OK, Verdict.SUPERSEDED}
+    assert codes[-1] is Verdict.OK
+    assert codes.count(Verdict.OK) > 5
+    assert arm.executions[sent[-1]].outcome is Outcome.REACHED
+    assert arm.largest_reference_step() < 1e-3
+    tip = arm.machine.tip_position(arm.references[-1].state.position)
+    assert np.hypot(*(tip - (0.6, 0.199))) < 1e-3
+
+
 @pytest.mark.parametrize("node", ["mhsb_planner", "mhsb_sim"])
 def test_stopping_decelerates_and_holds_and_the_next_goal_goes_on_from_there(arm, node):
     verdict = arm.ask(*UP)
@@ -114,6 +130,25 @@ def test_stopping_decelerates_and_holds_and_the_next_goal_goes_on_from_there(arm
     arm.until_in_force(later)
 
 
+@pytest.mark.parametrize("node", ["mhsb_planner", "mhsb_sim"])
+def test_a_stop_while_a_plan_is_made_ends_its_goal_at_rest_and_in_motion(arm, node):
+    for x, z in (UP, DOWN, UP):
+        if (x, z) == DOWN:  # in motion
+            arm.until_in_force(arm.ask(*UP))
+        stamp_ns = arm.send(x, z)
+        arm.serve(0.01)
+        assert arm.call(f"{node}/stop").success
+        arm.until(lambda stamp_ns=stamp_ns: stamp_ns in arm.verdicts)
+        verdict = arm.verdicts[stamp_ns]
+        assert verdict.code in (Verdict.OK, Verdict.STOPPED), verdict.sentence
+        if verdict.code is Verdict.OK:
+            assert arm.ending_of(verdict).outcome is Outcome.STOPPED
+        arm.serve(1.5)
+        arm.references.clear()
+        arm.serve(0.5)
+        assert not any(each.state.velocity.any() for each in arm.references)
+
+
 def test_parameters_apply_to_the_next_plan_and_are_refused_out_of_range(arm):
     before = arm.ask(*UP)
     taken, reason = arm.set_parameter("mhsb_planner", "payload", -1.0)
@@ -127,3 +162,9 @@ def test_parameters_apply_to_the_next_plan_and_are_refused_out_of_range(arm):
     taken, reason = arm.set_parameter("mhsb_sim", "real_time_factor", 2.0)
     assert not taken
     assert "publish_clock" in reason
+
+
+def test_two_planners_of_one_name_are_noticed_by_both(ros_domain, start_planner):
+    children = [start_planner(), start_planner()]
+    for child in children:
+        child.wait_for("there are 2 nodes called /mhsb_planner")

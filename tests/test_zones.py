@@ -9,7 +9,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from visualization_msgs.msg import Marker
 
-from mhsb_model.config_files import config_file
+from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, Machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.schema import MachineConfig

@@ -59,6 +59,7 @@ class SimulatorReport:
     main_pump_j       energy delivered by the main pump since the start, J
     servo_pumps_j     likewise by the servo pumps, J
     warning           whether the sentence warns of something that has stopped nothing yet
+    last_stop_ns      simulated time at which ~/stop was last called since the start, ns; 0 never
     """
 
     sentence: str
@@ -68,3 +69,4 @@ class SimulatorReport:
     main_pump_j: float
     servo_pumps_j: float
     warning: bool = False
+    last_stop_ns: int = 0

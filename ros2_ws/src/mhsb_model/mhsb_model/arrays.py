@@ -36,3 +36,5 @@ class MachineArrays(NamedTuple):
     valve_coefficient: float  # m³/(s √Pa), one edge
     leakage_flow: float  # m³/s, one valve
     max_piston_speed: float  # m/s
+    max_piston_acceleration: float  # m/s²
+    max_piston_jerk: float  # m/s³

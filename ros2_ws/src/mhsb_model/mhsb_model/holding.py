@@ -7,11 +7,11 @@ and no load sags.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.hydraulics import needs_boost
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, pattern_name
 from mhsb_model.types import FloatArray, ModeArray
@@ -54,7 +54,7 @@ def modes_to_stop(machine: Machine, force: FloatArray, in_force: ModeArray) -> M
         return np.array(in_force, dtype=np.uint8)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
     modes = np.empty(len(force), dtype=np.uint8)
     for j in range(len(force)):

@@ -11,13 +11,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def extension_speed(
     k: float, cap: float, rod: float, supply: float, tank: float, force: float
 ) -> float:
@@ -28,7 +28,7 @@ def extension_speed(
     return k * math.sqrt(drive / (cap**3 + rod**3))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def retraction_speed(
     k: float, cap: float, rod: float, supply: float, tank: float, force: float
 ) -> float:
@@ -39,7 +39,7 @@ def retraction_speed(
     return k * math.sqrt(drive / (cap**3 + rod**3))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def load_pressure(cap: float, rod: float, tank: float, force: float, direction: float) -> float:
     """p_L = (F + a p_T)/A extending (direction > 0), (−F + A p_T)/a retracting [Pa]."""
     if direction > 0.0:
@@ -47,7 +47,7 @@ def load_pressure(cap: float, rod: float, tank: float, force: float, direction: 
     return (-force + cap * tank) / rod
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def valve_margin(k: float, cap: float, rod: float, speed: float) -> float:
     """m(v) = v² (A³ + a³)/(K² A) extending (v > 0), over K² a retracting [Pa].
 
@@ -57,14 +57,14 @@ def valve_margin(k: float, cap: float, rod: float, speed: float) -> float:
     return speed * speed * (cap**3 + rod**3) / (k * k * inlet)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def speed_of_drop(k: float, cap: float, rod: float, drop: float, direction: float) -> float:
     """v = K √(Δp A_dir/(A³ + a³)) [m/s], the inverse of `valve_margin`; 0 where Δp ≤ 0 [Pa]."""
     inlet = inlet_area(cap, rod, direction)
     return k * math.sqrt(max(0.0, drop) * inlet / (cap**3 + rod**3))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pressure_against(
     k: float, cap: float, rod: float, tank: float, force: float, speed: float
 ) -> float:
@@ -76,26 +76,31 @@ def pressure_against(
     return load_pressure(cap, rod, tank, force, direction) + valve_margin(k, cap, rod, speed)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def opposes_motion(force: float, direction: float) -> bool:
     """Whether the load acts against a motion in `direction` (> 0 extension)."""
     return force * direction > 0.0
 
 
-@njit(cache=True, nogil=True)
 def cavitates(
-    cap: float, rod: float, supply: float, tank: float, force: float, direction: float
-) -> bool:
+    cap: FloatArray,
+    rod: FloatArray,
+    supply: float,
+    tank: float,
+    force: FloatArray,
+    direction: FloatArray,
+) -> np.ndarray:
     """Whether an overrunning load empties the inlet chamber through a matched valve.
 
-    F < −a³ p_S/A² − a p_T extending, F > A³ p_S/a² + A p_T retracting, at any speed.
+    F < −a³ p_S/A² − a p_T extending, F > A³ p_S/a² + A p_T retracting, at any speed. Arrays
+    broadcast.
     """
-    if direction > 0.0:
-        return force < -(rod**3) * supply / cap**2 - rod * tank
-    return force > cap**3 * supply / rod**2 + cap * tank
+    pulled = force < -(rod**3) * supply / cap**2 - rod * tank
+    pushed = force > cap**3 * supply / rod**2 + cap * tank
+    return np.where(direction > 0.0, pulled, pushed)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def inlet_area(cap: float, rod: float, direction: float) -> float:
     """A_dir: the area that the supply fills, A extending, a retracting [m²]."""
     return cap if direction > 0.0 else rod
@@ -114,7 +119,7 @@ class Oil(NamedTuple):
     leakage_flow: float  # m³/s, one valve
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def oil_of(m: MachineArrays) -> Oil:
     """These numbers of a machine."""
     return Oil(
@@ -129,19 +134,19 @@ def oil_of(m: MachineArrays) -> Oil:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def highest_supply(oil: Oil, modules: int) -> float:
     """Highest supply pressure of an actuator with so many booster modules; P_S with none [Pa]."""
     return oil.max_boost_pressure if modules > 0 else oil.supply_pressure
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def highest_flow(oil: Oil, modules: int) -> float:
     """n Q_SP, what so many booster modules give an actuator; with none they set no limit [m³/s]."""
     return modules * oil.servo_pump_flow if modules > 0 else math.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pressure_to_move(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
     """p_L + m(v) + margin [Pa]: supply pressure at which a cylinder moves, or holds, its load.
 
@@ -151,7 +156,7 @@ def pressure_to_move(oil: Oil, cap: float, rod: float, force: float, speed: floa
     return pressure_against(k, cap, rod, tank, force, speed) + oil.boost_margin
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def lacks_pressure(oil: Oil, cap: float, rod: float, force: float, speed: float) -> bool:
     """Whether a cylinder moves (or holds) against its load and P_S is not enough for it."""
     if speed != 0.0 and not opposes_motion(force, speed):
@@ -159,19 +164,19 @@ def lacks_pressure(oil: Oil, cap: float, rod: float, force: float, speed: float)
     return pressure_to_move(oil, cap, rod, force, speed) > oil.supply_pressure
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
     """`pressure_to_move` of actuator j [Pa]."""
     return pressure_to_move(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
     """`lacks_pressure` of actuator j."""
     return lacks_pressure(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def required_pressures(m: MachineArrays, force: FloatArray, speed: FloatArray) -> FloatArray:
     """`required_pressure` of all actuators, float64[k, n] Pa, for force and speed of that shape."""
     pressure = np.empty(force.shape)

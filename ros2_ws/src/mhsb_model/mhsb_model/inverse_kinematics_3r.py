@@ -9,23 +9,23 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 ELBOW_BRANCHES = (-1, 1)
 """Sign of q₂: −1 elbow up (above the line from shoulder to wrist), +1 elbow down."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def wrap_near(angle: float, center: float) -> float:
     """The angle, by whole turns, that lies within half a turn of `center` [rad]."""
     turns = math.floor((angle - center + math.pi) / (2.0 * math.pi))
     return angle - 2.0 * math.pi * turns
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def joint_angles(
     m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray
 ) -> bool:
@@ -49,7 +49,7 @@ def joint_angles(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def within_limits(m: MachineArrays, q: FloatArray, tolerance: float = 0.0) -> bool:
     """Whether every joint lies within its limits, widened by `tolerance` rad."""
     for j in range(len(q)):
@@ -58,7 +58,7 @@ def within_limits(m: MachineArrays, q: FloatArray, tolerance: float = 0.0) -> bo
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
     """All postures within limits at (x, z) m for the end-link angles ψ, float64[found, 3]."""
     found = np.empty((2 * len(psi), 3))

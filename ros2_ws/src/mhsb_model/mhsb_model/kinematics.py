@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_position(link_length: FloatArray, q: FloatArray) -> tuple[float, float]:
     """x = Σ Lᵢ cos(q₁+…+qᵢ), z = Σ Lᵢ sin(q₁+…+qᵢ) [m]."""
     angle = 0.0
@@ -26,7 +26,7 @@ def tip_position(link_length: FloatArray, q: FloatArray) -> tuple[float, float]:
     return x, z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_positions(link_length: FloatArray, q: FloatArray) -> FloatArray:
     """Tip (x, z) [m] in each of the postures q[k, n], float64[k, 2]."""
     tip = np.empty((len(q), 2))
@@ -35,7 +35,7 @@ def tip_positions(link_length: FloatArray, q: FloatArray) -> FloatArray:
     return tip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def joint_positions(link_length: FloatArray, q: FloatArray) -> FloatArray:
     """Positions of all joints and of the tip, float64[n + 1, 2] (x, z) [m]."""
     points = np.zeros((len(q) + 1, 2))
@@ -47,7 +47,7 @@ def joint_positions(link_length: FloatArray, q: FloatArray) -> FloatArray:
     return points
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_jacobian(link_length: FloatArray, q: FloatArray) -> FloatArray:
     """J = ∂(x, z)/∂q, float64[2, n] [m]: column j is the tip's offset from joint j, turned 90°."""
     n = len(q)

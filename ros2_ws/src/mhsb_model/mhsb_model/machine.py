@@ -15,8 +15,9 @@ from pydantic import ValidationError
 
 from mhsb_model import inverse_kinematics_3r, kinematics, statics
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
+from mhsb_model.files.config_files import config_file
+from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
@@ -24,7 +25,6 @@ from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_model.yaml_files import YamlFileError, read_yaml
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
@@ -32,8 +32,14 @@ SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if pa
 LONGEST_VALUE = 40
 """Characters of a wrong value that a message repeats."""
 
-SECTIONS_WITHOUT_TABLE = {"circuit", "servo", "simulation", "keep_out"}
-"""Sections that do not concern a posture table and so leave it valid."""
+WITHOUT_TABLE: dict[str, bool | set[str]] = {
+    "circuit": True,
+    "servo": True,
+    "simulation": True,
+    "keep_out": True,
+    "motion": {"max_piston_acceleration", "max_piston_jerk"},
+}
+"""What does not concern a posture table and so leaves it valid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +94,7 @@ class Machine:
     @cached_property
     def hash(self) -> str:
         """SHA-256 over everything that a posture table depends on."""
-        content = self.config.model_dump(mode="json", exclude=SECTIONS_WITHOUT_TABLE)
+        content = self.config.model_dump(mode="json", exclude=WITHOUT_TABLE)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def changed(
@@ -147,7 +153,7 @@ class Machine:
     def piston_forces(self, q: FloatArray) -> FloatArray:
         """Cylinder forces that hold the arm and its payload, positive resists extension."""
         force = np.empty(self.joint_count)
-        statics.piston_forces(self.arrays, q, force)
+        statics.piston_forces(self.arrays, np.array(q), force)  # a copy: one type for the kernel
         return force
 
     def mass_matrix(self, q: FloatArray) -> FloatArray:
@@ -280,4 +286,6 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         valve_coefficient=oil.valve.rated_flow / math.sqrt(oil.valve.rated_pressure_drop_per_land),
         leakage_flow=oil.valve.leakage_flow,
         max_piston_speed=config.motion.max_piston_speed,
+        max_piston_acceleration=config.motion.max_piston_acceleration,
+        max_piston_jerk=config.motion.max_piston_jerk,
     )

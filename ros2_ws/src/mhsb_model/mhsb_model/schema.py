@@ -159,6 +159,12 @@ class Motion(Section):
     max_piston_speed: float = Field(
         ge=1e-4, le=1, description="V_max of the quasi-static plan [m/s]"
     )
+    max_piston_acceleration: float = Field(
+        default=0.2, ge=1e-3, le=100, description="of motions that follow their path [m/s²]"
+    )
+    max_piston_jerk: float = Field(
+        default=4.0, ge=1e-2, le=1e4, description="of motions that follow their path [m/s³]"
+    )
 
 
 class CircuitDynamics(Section):

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import joint_positions
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.types import FloatArray
@@ -25,13 +25,13 @@ class Chain(NamedTuple):
     gravity: float  # m/s²
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def chain_of(m: MachineArrays) -> Chain:
     """The links and the payload of a machine."""
     return Chain(m.link_length, m.link_mass, m.link_center, m.link_inertia, m.payload, m.gravity)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def link_directions(q: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
     """Cosine and sine of each link's angle q₁ + … + qⱼ, written to cosine[n] and sine[n]."""
     angle = 0.0
@@ -40,7 +40,7 @@ def link_directions(q: FloatArray, cosine: FloatArray, sine: FloatArray) -> None
         cosine[j], sine[j] = math.cos(angle), math.sin(angle)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def gravity_torques(c: Chain, cosine: FloatArray, torque: FloatArray) -> None:
     """τⱼ = g Σ mᵢ (xᵢ − xⱼ) over all masses beyond joint j, written to torque[n] [N m].
 
@@ -62,7 +62,7 @@ MOTION_WORK = INERTIA_WORK + 2
 """Likewise `moving_torques`."""
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def inertia_torques(
     c: Chain,
     cosine: FloatArray,
@@ -101,7 +101,7 @@ def inertia_torques(
         torque[j] = moment
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def moving_torques(
     c: Chain,
     q: FloatArray,
@@ -123,7 +123,7 @@ def moving_torques(
         torque[j] += weight[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
     """`gravity_torques` of a machine in the posture q[n], written to torque[n] [N m]."""
     angle = 0.0
@@ -133,7 +133,7 @@ def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
     gravity_torques(chain_of(m), torque, torque)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
     """F = τ / r under gravity, written to force[n] [N]; F > 0 resists extension."""
     gravity_torque(m, q, force)
@@ -141,7 +141,7 @@ def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
         force[j] /= moment_arm(m.linkage[j], q[j])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
     """M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ over links and payload, float64[n, n] [kg m²]."""
     n = len(q)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, frozen
 
 SECOND_NS = 1_000_000_000
@@ -102,6 +102,19 @@ class Trajectory:
             self.acceleration,
         )
 
+    def rested(self, rest_ns: int) -> Trajectory:
+        """The same motion, and then a rest at its end for `rest_ns`."""
+        points = -(-rest_ns // POINT_SPACING_NS)
+        rest = self.duration_ns + rest_ns * np.arange(1, points + 1) // points
+        still = np.zeros((points, self.joint_count))
+        return Trajectory(
+            self.stamp_ns,
+            np.concatenate([self.offset_ns, rest]),
+            np.vstack([self.position, self.position[-1] + still]),
+            np.vstack([self.velocity, still]),
+            np.vstack([self.acceleration, still]),
+        )
+
     def sample(self, time_ns: int) -> MotionState:
         """State at the absolute time `time_ns`; held at rest after the end."""
         q, qd, qdd = self.sample_many(np.array([time_ns], dtype=np.int64))
@@ -133,8 +146,10 @@ class Trajectory:
         qdd = np.where(ended[:, None], 0.0, qdd)
         return q, qd, qdd
 
-    def inside(self, rows: IntArray, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions and velocities within intervals, float64[rows · shares, n] each.
+    def inside(
+        self, rows: IntArray, shares: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities, accelerations within intervals, float64[rows · shares, n] each.
 
         rows    int64[rows], intervals: the first lasts from point 0 to point 1
         shares  float64[shares], 0 … 1, of an interval's duration; for each row all of them
@@ -179,7 +194,7 @@ def quintic_hermite(
     return q, qd, qdd
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _inside(
     time: FloatArray,
     position: FloatArray,
@@ -187,11 +202,11 @@ def _inside(
     acceleration: FloatArray,
     rows: IntArray,
     shares: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Kernel of `Trajectory.inside`; its oracle in the tests is `Trajectory.sample_many`."""
     n = position.shape[1]
     q = np.empty((len(rows) * len(shares), n))
-    qd = np.empty(q.shape)
+    qd, qdd = np.empty(q.shape), np.empty(q.shape)
     k = 0
     for i in rows:
         h = time[i + 1] - time[i]
@@ -199,6 +214,6 @@ def _inside(
             for j in range(n):
                 start = (position[i, j], velocity[i, j], acceleration[i, j])
                 end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
-                q[k, j], qd[k, j], _ = quintic_hermite(share * h, h, start, end)
+                q[k, j], qd[k, j], qdd[k, j] = quintic_hermite(share * h, h, start, end)
             k += 1
-    return q, qd
+    return q, qd, qdd

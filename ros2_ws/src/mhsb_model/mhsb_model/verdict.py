@@ -76,6 +76,8 @@ class PlanSummary:
     lower_bound_j    no plan to this goal needs less, J
     lead_ms          from goal received to where the new curve leaves the old one, ms
     continued        whether the plan in force leads there already and nothing was published
+    speed_excess     greatest |v|/V_max − 1 of a piston; negative where V_max is kept
+    cavitation_s     for which loads empty the inlet chambers of actuators, summed over these, s
     """
 
     plan_stamp_ns: int
@@ -87,6 +89,8 @@ class PlanSummary:
     lower_bound_j: float
     lead_ms: float = 0.0
     continued: bool = False
+    speed_excess: float = 0.0
+    cavitation_s: float = 0.0
 
 
 @dataclass(frozen=True)

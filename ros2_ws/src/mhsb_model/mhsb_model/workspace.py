@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position
 from mhsb_model.types import FloatArray
 
@@ -18,20 +18,20 @@ LOOKS = 8
 """Instants at which a straight joint move is looked at, between its ends."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def node_set_excess(m: MachineArrays, x: float, z: float) -> float:
     """How far the tip at (x, z) m lies outside the region [m]; negative within it."""
     return excess_of(m.min_x, m.min_radius, m.max_radius, x, z)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def excess_of(min_x: float, min_radius: float, max_radius: float, x: float, z: float) -> float:
     """The same for a region of these bounds [m], where many points are looked at."""
     radius = math.hypot(x, z)
     return max(min_x - x, max(min_radius - radius, radius - max_radius))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def stays_inside(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
     """Whether the tip stays in the region while all joints move in proportion, start[n] to end[n].
 

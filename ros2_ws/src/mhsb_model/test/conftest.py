@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from mhsb_model.config_files import config_file
+from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
+from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, load_machine
 from mhsb_model.obstacles.zones import Zones
 

@@ -31,7 +31,7 @@ def test_samples_equal_scipys_quintic_through_the_same_points():
 def test_states_inside_intervals_are_those_of_the_same_curve():
     trajectory = example()
     rows, shares = np.array([0, 3]), np.array([0.0, 0.25, 1.0])
-    q, qd = trajectory.inside(rows, shares)
+    q, qd, _ = trajectory.inside(rows, shares)
     begin, end = trajectory.offset_ns[rows], trajectory.offset_ns[rows + 1]
     times = (begin[:, None] + shares * (end - begin)[:, None]).ravel()
     expected, expected_rate, _ = trajectory.sample_many(START + np.rint(times).astype(np.int64))
@@ -100,3 +100,14 @@ def test_a_state_at_rest_has_neither_velocity_nor_acceleration():
     state = MotionState.at_rest(np.array([1.0, 2.0]))
     assert not state.velocity.any()
     assert not state.acceleration.any()
+
+
+def test_a_rest_follows_the_same_motion():
+    trajectory = example()
+    rested = trajectory.rested(310_000_000)
+    assert rested.end_ns == trajectory.end_ns + 310_000_000
+    assert np.max(np.diff(rested.offset_ns[len(trajectory.offset_ns) - 1 :])) <= 20_000_000
+    moving, end = START + trajectory.duration_ns // 2, rested.sample(rested.end_ns)
+    assert rested.sample(moving).velocity.tolist() == trajectory.sample(moving).velocity.tolist()
+    assert end.position.tolist() == trajectory.position[-1].tolist()
+    assert not end.velocity.any()

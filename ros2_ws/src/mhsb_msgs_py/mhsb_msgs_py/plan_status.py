@@ -53,6 +53,8 @@ def _goal(verdict: GoalVerdict) -> DiagnosticStatus:
             "plan_ms": repr(float(plan.plan_ms)),
             "lower_bound_j": repr(float(plan.lower_bound_j)),
             "lead_ms": repr(float(plan.lead_ms)),
+            "speed_excess": repr(float(plan.speed_excess)),
+            "cavitation_s": repr(float(plan.cavitation_s)),
         }
         if plan.continued:
             values["continued"] = "true"
@@ -114,6 +116,8 @@ def _plan(values: StatusValues) -> PlanSummary:
         values.number("lower_bound_j"),
         values.number("lead_ms"),
         values.has("continued"),
+        values.number("speed_excess"),
+        values.number("cavitation_s"),
     )
 
 

@@ -1,7 +1,8 @@
 """Codec: what the simulator reports of plans and of itself, as statuses on /diagnostics.
 
 A `HandOverReport` is sent once for every plan that the simulator applied, refused or dropped; a
-`SimulatorReport` once a second, and at once where it turns faulty, warns, or ceases to.
+`SimulatorReport` once a second, and at once where it turns faulty, warns, ceases to, or is asked to
+stop.
 """
 
 from __future__ import annotations
@@ -81,6 +82,7 @@ def _hand_over(report: HandOverReport) -> DiagnosticStatus:
 def _simulator(report: SimulatorReport) -> DiagnosticStatus:
     values = {
         "sim_time": stamps.to_text(report.sim_time_ns),
+        "last_stop": stamps.to_text(report.last_stop_ns),
         "real_time_factor": repr(float(report.real_time_factor)),
         "energy_mp_j": repr(float(report.main_pump_j)),
         "energy_sp_j": repr(float(report.servo_pumps_j)),
@@ -112,6 +114,7 @@ def _read_simulator(message: DiagnosticStatus) -> SimulatorReport:
         values.number("energy_mp_j"),
         values.number("energy_sp_j"),
         message.level == bytes([Level.WARN]),
+        values.time("last_stop") if values.has("last_stop") else 0,  # as above
     )
 
 

@@ -27,6 +27,8 @@ plans = st.builds(
     number,
     number,
     st.booleans(),
+    number,
+    number,
 )
 sentences = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=40)
 
@@ -58,7 +60,8 @@ def test_an_execution_report_comes_back_from_the_wire_unchanged(report):
 
 
 def test_an_accepted_goal_reads_as_the_contract_says():
-    plan = codec.PlanSummary(12_000_000_005, 593.5, 470.25, 8.0, 3, 21.5, 300.0, 45.5)
+    costs = 593.5, 470.25, 8.0, 3, 21.5, 300.0, 45.5
+    plan = codec.PlanSummary(12_000_000_005, *costs, cavitation_s=0.25)
     verdict = codec.GoalVerdict(Verdict.OK, "planned", 7_000_000_000, 0.55, -0.6, plan)
     message = codec.encode(verdict, 1_500_000_000)
     assert message.header.stamp.nanosec == 500_000_000
@@ -77,6 +80,8 @@ def test_an_accepted_goal_reads_as_the_contract_says():
         "plan_ms": "21.5",
         "lower_bound_j": "300.0",
         "lead_ms": "45.5",
+        "speed_excess": "0.0",
+        "cavitation_s": "0.25",
     }
 
 

@@ -10,11 +10,15 @@ from mhsb_model.errors import MhsbError
 class InfeasibleGoalError(MhsbError):
     """No posture within the joint limits puts the tip at the goal."""
 
-    def __init__(self, x: float, z: float, psi: float | None = None) -> None:
+    def __init__(
+        self, x: float, z: float, psi: float | tuple[float, float] | None = None
+    ) -> None:
         self.x = x
         self.z = z
         self.psi = psi
-        with_psi = "" if psi is None else f" with the end link at {psi:.4g} rad"
+        asked = () if psi is None else sorted(set(psi if isinstance(psi, tuple) else (psi,)))
+        angle = " to ".join(f"{each:.4g}" for each in asked)
+        with_psi = f" with the end link at {angle} rad" if angle else ""
         super().__init__(
             f"no posture within the joint limits puts the tip at ({x:.4g}, {z:.4g}) m{with_psi}"
         )

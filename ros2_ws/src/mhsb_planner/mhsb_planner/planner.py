@@ -12,29 +12,38 @@ is the plan: there is one soon, and it gets better while there is time.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from types import MappingProxyType
 
 import numpy as np
 
+from mhsb_model.cavitation import Cavitation
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
+from mhsb_planner.motion.cavitation import cavitations_of
 from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.motion.s3_coasting import Coasting, coasting
+from mhsb_planner.motion.s3_limits import stays_inside
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
+    FitMethod,
     FitRules,
     FittedMotion,
+    TrajectoryKind,
     fit_braking,
     fit_trajectory,
 )
 from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planners.legs import paths_by_way
 from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
@@ -67,14 +76,22 @@ __all__ = [
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 
+SLOWER = (1.5, 2.2, 3.4)
+"""Factors on the duration of ramps that are compared with the shortest."""
+
 ROUNDING = 1e-9
 """Costs that differ by no more than this share are equal."""
 
 
-def fit_rules(options: PlanOptions) -> FitRules:
-    """What S3 may do."""
-    kind = options.trajectory or planner_named(options.planner).trajectory
-    return FitRules.following() if kind == "followed" else FitRules()
+def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
+    """What S3 may do; `of_path` is how it begins on a path, unless it is told."""
+    kind = options.trajectory or of_path or planner_named(options.planner).trajectory
+    if kind == "followed":
+        rules = FitRules.following()
+    else:
+        rules = FitRules(max_excess=options.max_speed_excess)
+    passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
+    return replace(rules, least_duration=options.least_duration, passing=passing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +105,7 @@ class Plan:
              `comparison` with others' paths; `first_motion` is when, since the call, there was a
              motion at all [s]
     area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
+    cavitations     of actuators whose static loads drive them faster than inlets fill
     """
 
     path: DiscretePath
@@ -95,6 +113,12 @@ class Plan:
     energy: Energy
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
+    cavitations: tuple[Cavitation, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the motion asks of the machine beyond its limits; one sentence for each."""
+        return tuple(map(str, (*self.motion.overloads, *self.cavitations)))
 
     @property
     def lower_bound(self) -> float:
@@ -114,11 +138,25 @@ class Plan:
         """Time that making the plan took [s]."""
         return sum(value for name, value in self.seconds.items() if name != "first_motion")
 
+    @property
+    def duration(self) -> float:
+        """Of the motion [s]."""
+        return self.motion.trajectory.duration_ns / SECOND_NS
+
+    @property
+    def joint_travel(self) -> float:
+        """How far all joints turn together [rad]."""
+        return float(np.abs(np.diff(self.motion.trajectory.position, axis=0)).sum())
+
+    def energy_read(self, options: PlanOptions) -> float:
+        """In the reading that is asked for [J]."""
+        return self.energy.paper if options.energy_reading == "paper" else self.energy.series
+
     def cost(self, options: PlanOptions) -> float:
-        """w₁ E + w₂ T + w₄ M of the motion."""
-        energy = self.energy.paper if options.energy_reading == "paper" else self.energy.series
-        duration = self.motion.trajectory.duration_ns / SECOND_NS
-        cost = options.weights.energy * energy + options.weights.time * duration
+        """w₁ E + w₂ T + w₃ switches + w₄ M of the motion."""
+        weights = options.weights
+        cost = weights.energy * self.energy_read(options) + weights.time * self.duration
+        cost += weights.switches * self.motion.schedule.switches
         return cost + options.area_weight * self.area_shortfall
 
 
@@ -147,10 +185,11 @@ class Planner:
         options: PlanOptions | None = None,
         deadline: Deadline = NEVER,
     ) -> Plan:
-        """Plan to the tip position `goal` (x, z) m.
+        """Plan to the tip position `goal` (x, z) m, or what the options say will do as well.
 
         modes     in force at the start; all N where left out
-        brake     how a moving start comes to rest (`mhsb_model.braking`)
+        brake     how a moving start comes to rest (`mhsb_model.braking`) where it cannot coast;
+                  without it, it has to
         deadline  until when cheaper motions are looked for; what takes longer is dropped
 
         Without a deadline the same request gives the same plan. Raises OutOfWorkspaceError,
@@ -160,10 +199,20 @@ class Planner:
         """
         options = options or PlanOptions()
         planner = planner_named(options.planner)
-        task = self._task(goal, start, modes, brake, options)
+        self._check(goal, start, options)
         deadline.check("planning")
-        making = _Making(self.machine, task, deadline)
-        return making.best_along(planner.paths(self.graph, task, making.time))
+        began, refused = perf_counter(), None
+        for stop in self._stops(start, brake):
+            task = self._task(goal, start, modes, stop, options)
+            making = _Making(self.machine, task, deadline, began)
+            try:
+                return making.best_along(paths_by_way(planner, self.graph, task, making.time))
+            except DeadlineError:
+                raise
+            except MhsbError as error:
+                refused = refused or error
+        assert refused is not None
+        raise refused
 
     def follow(
         self,
@@ -179,18 +228,15 @@ class Planner:
         """
         x, z = path.tip[-1].tolist()
         start = MotionState.at_rest(path.posture[0])
-        task = self._task((x, z), start, modes, None, options or PlanOptions())
-        return _Making(self.machine, task, NEVER).best_along([Candidate(path)])
+        options = options or PlanOptions()
+        self._check((x, z), start, options)
+        task = self._task((x, z), start, modes, None, options)
+        return _Making(self.machine, task, NEVER, perf_counter()).best_along([Candidate(path)])
 
-    def _task(
-        self,
-        goal: tuple[float, float],
-        start: MotionState,
-        modes: StartModes | None,
-        brake: Trajectory | None,
-        options: PlanOptions,
-    ) -> Task:
-        """The task, checked."""
+    def _check(
+        self, goal: tuple[float, float], start: MotionState, options: PlanOptions
+    ) -> None:
+        """Raise RequestError where something is asked for that makes no sense."""
         n = self.machine.joint_count
         if not all(math.isfinite(value) for value in goal):
             raise RequestError("goal", tuple(goal), "must be two finite numbers [m]")
@@ -203,25 +249,49 @@ class Planner:
             rule = f"must be 0 for the planner '{options.planner}'"
             rule += f"; {weighing_area()} can weigh the area"
             raise RequestError("area weight", options.area_weight, rule)
-        modes = modes or StartModes.settled(np.full(n, Mode.N))
+
+    def _stops(
+        self, start: MotionState, brake: Trajectory | None
+    ) -> list[Trajectory | Coasting | None]:
+        """Ways in which the start comes to rest, the better one first; None: it rests already."""
+        if not (start.velocity.any() or start.acceleration.any()):
+            return [None]
+        coast = coasting(self.machine, start)
+        stops: list[Trajectory | Coasting | None] = []
+        if brake is None or stays_inside(self.machine, coast.trajectory):
+            stops.append(coast)
+        return stops if brake is None else [*stops, brake]
+
+    def _task(
+        self,
+        goal: tuple[float, float],
+        start: MotionState,
+        modes: StartModes | None,
+        brake: Trajectory | Coasting | None,
+        options: PlanOptions,
+    ) -> Task:
+        modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
         area = area_term(options.area_weight, self.graph.table)
-        return Task(goal, start, modes, brake, options, area)
+        departure = start.position
+        if brake is not None:
+            departure = brake.posture if isinstance(brake, Coasting) else brake.position[-1]
+        return Task(goal, start, modes, brake, departure, options, area)
 
 
 class _Making:
     """A plan being made: paths come in, the cheapest motion so far stays.
 
-    time  what the search may take of the time until the deadline
+    time   what the search may take of the time until the deadline
+    began  when the plan was asked for
     """
 
-    def __init__(self, machine: Machine, task: Task, deadline: Deadline) -> None:
+    def __init__(self, machine: Machine, task: Task, deadline: Deadline, began: float) -> None:
         self._machine, self._task = machine, task
-        self._rules = fit_rules(task.options)
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
-        self._began = self._since = perf_counter()
+        self._began = self._since = began
 
     def best_along(self, candidates: Iterable[Candidate]) -> Plan:
         """The plan along the best of these paths; raises what they raise where there is none."""
@@ -246,6 +316,7 @@ class _Making:
         return replace(
             self._best,
             path=replace(path, statistics=statistics),
+            cavitations=cavitations_of(self._machine, self._best.motion.trajectory),
             seconds=MappingProxyType(self._seconds),
         )
 
@@ -253,38 +324,64 @@ class _Making:
         """Make the path a motion, where it may be cheaper, and keep it if it is."""
         path, options, best = candidate.path, self._task.options, self._best
         promised = path.cost - options.weights.switches * path.switches
-        if best is not None and PROMISE_KEPT * promised >= best.cost(options):
+        if best is not None and PROMISE_KEPT * promised > best.cost(options):
             return
         began = self._since
         try:
-            motion = self._motion(path)
+            motion = self._motion(path, fit_rules(options, candidate.trajectory))
         except FitError as error:
             self._refused = self._refused or error
             return
         finally:
             self._spend("comparison" if candidate.compared else "fit")
-        plan = self._priced(path, motion, NEVER if best is None else self.time.deadline)
-        self._spend("comparison" if candidate.compared else "energy")
+        kept = self._kept(candidate, motion)
         if best is None:
             self._seconds["first_motion"] = self._since - self._began
-        if best is None or _is_cheaper(plan, best, options):
-            self._best = plan
         self.time.found = True
         self.time.reserve = max(self.time.reserve, self._since - began)
+        for rules in self._others(path, motion) if kept else ():
+            with suppress(FitError):
+                motion = self._motion(path, rules)
+                self._spend("comparison")
+                self._kept(candidate, motion)
 
-    def _motion(self, path: DiscretePath) -> FittedMotion:
+    def _kept(self, candidate: Candidate, motion: FittedMotion) -> bool:
+        """Price a motion along a path, keep it if it is the cheapest so far, and say so."""
+        best = self._best
+        plan = self._priced(candidate.path, motion, NEVER if best is None else self.time.deadline)
+        self._spend("comparison" if candidate.compared else "energy")
+        if best is not None and not _is_cheaper(plan, best, self._task.options):
+            return False
+        self._best = plan
+        return True
+
+    def _others(self, path: DiscretePath, motion: FittedMotion) -> Iterator[FitRules]:
+        """Other ways along a path that may be cheaper than this motion.
+
+        A polynomial that V_max makes slow against following the path, and where inertia calls for
+        boost, as more switches than the path's tell, slower ramps.
+        """
+        following = replace(FitRules.following(), least_duration=self._task.options.least_duration)
+        if motion.method == FitMethod.POLYNOMIAL:
+            if motion.stretch > 1.0 and self._task.options.trajectory is None:
+                yield following
+        elif motion.schedule.switches > path.switches:
+            for slower in SLOWER:
+                yield replace(following, slowness=(slower,))
+
+    def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
         task = self._task
         if path.steps == 0:
-            return fit_braking(
-                self._machine, task.brake or standstill(task.start.position), task.modes
-            )
+            brake = task.brake or standstill(task.start.position)
+            brake = brake.trajectory if isinstance(brake, Coasting) else brake
+            return fit_braking(self._machine, brake, task.modes)
         return fit_trajectory(
             self._machine,
             path,
             task.start,
             task.modes,
             task.brake,
-            self._rules,
+            rules,
             self.time.deadline,
         )
 
@@ -305,15 +402,22 @@ class _Making:
 
 
 def _is_cheaper(plan: Plan, other: Plan, options: PlanOptions) -> bool:
-    """Whether a plan costs less than another, or as much with fewer switches of modes."""
-    cost, known = plan.cost(options), other.cost(options)
-    if abs(cost - known) > ROUNDING * known:
-        return cost < known
-    return plan.motion.schedule.switches < other.motion.schedule.switches
+    """Whether a plan costs less than another; ties go by energy, time, joint travel."""
+    for measure in (
+        lambda each: each.cost(options),
+        lambda each: each.energy_read(options),
+        lambda each: each.duration,
+        lambda each: each.joint_travel,
+    ):
+        new, known = measure(plan), measure(other)
+        if abs(new - known) > ROUNDING * known:
+            return bool(new < known)
+    return False
 
 
 def warm_up(planner: Planner) -> None:
-    """Compile everything that a plan runs through, with nothing in its way."""
+    """Compile everything that a plan runs through, and load it, with nothing in its way."""
+    compile_planner()
     graph = planner.graph
     planner.change(planner.machine.without_obstacles())
     goal_clearance.warm_up(planner.machine)

@@ -76,7 +76,7 @@ def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner):
         without, options = planner.plan(goal, start, options=weighing(0.0)), weighing(500.0)
         assert without.area_shortfall == 0.0
         plan = planner.plan(goal, start, options=options)
-        known = 0.5 * without.energy.paper + 500.0 * of_motion(planner, without).shortfall(full)
+        known = without.cost(weighing(0.0)) + 500.0 * of_motion(planner, without).shortfall(full)
         assert plan.cost(options) <= known * (1 + 1e-9)
         assert plan.area_shortfall == of_motion(planner, plan).shortfall(full)
         assert plan.lower_bound <= plan.energy.paper

@@ -105,3 +105,16 @@ def test_another_payload_or_pressure_is_planned_for_with_the_same_planner(machin
         energies.append(plan.energy.paper)
     assert energies[0] == energies[-1]
     assert energies[1] <= 1.05 * energies[0]
+
+
+def test_under_a_weight_on_switches_alone_no_motion_switches_more_than_the_tables(planner):
+    weights = Weights(0.0, 0.0, 1.0)
+    by_table = PlanOptions(trajectory="followed", weights=weights)
+    integrated = PlanOptions(planner="integrated", weights=weights)
+    for start, goal, _ in pairs(planner, 8, seed=5):
+        start = MotionState.at_rest(start)
+        other, plan = (planner.plan(goal, start, options=each) for each in (by_table, integrated))
+        assert plan.cost(integrated) == plan.motion.schedule.switches
+        assert plan.motion.schedule.switches <= other.motion.schedule.switches
+        if plan.motion.schedule.switches == other.motion.schedule.switches:
+            assert plan.energy.paper <= other.energy.paper * (1 + 1e-9)

@@ -48,9 +48,10 @@ def posture_at(planner, x, z):
     return planner.graph.table.posture[planner.graph.grid.node_at(x, z), 0]
 
 
-def planned(planner, kind="table", goal=GOAL, start=None):
+def planned(planner, kind="table", goal=GOAL, start=None, trajectory=None):
     start = posture_at(planner, *START) if start is None else start
-    return planner.plan(goal, MotionState.at_rest(start), options=PlanOptions(planner=kind))
+    options = PlanOptions(planner=kind, trajectory=trajectory)
+    return planner.plan(goal, MotionState.at_rest(start), options=options)
 
 
 def distances(machine, postures):
@@ -164,7 +165,7 @@ def edges_from(graph, posture):
 
 
 def test_where_the_polynomial_cuts_a_corner_into_a_zone_the_path_is_followed(planner, arm):
-    free = planned(planner, goal=(0.65, 0.45))
+    free = planned(planner, goal=(0.65, 0.45), trajectory="polynomial")
     assert free.motion.method is FitMethod.POLYNOMIAL
     trajectory = free.motion.trajectory
     tips = np.array([arm.tip_position(q) for q in trajectory.position])
@@ -176,7 +177,7 @@ def test_where_the_polynomial_cuts_a_corner_into_a_zone_the_path_is_followed(pla
     assert radius > 0.0
     place = tips[np.argmax(away)]
     planner.change(arm.changed(zones=Zones(tip_circles=((*place, radius),))))
-    plan = planned(planner, goal=(0.65, 0.45))
+    plan = planned(planner, goal=(0.65, 0.45), trajectory="polynomial")
     assert plan.path.posture.tobytes() == free.path.posture.tobytes()
     assert plan.motion.method is not FitMethod.POLYNOMIAL
     assert "polynomial: the arm gets to the keep-out circle" in plan.motion.refused[0]

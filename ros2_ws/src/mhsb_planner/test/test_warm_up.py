@@ -10,6 +10,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import load_machine
+from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.integrated import integrated_search
@@ -58,6 +59,11 @@ for options in (
     for x, z in ((0.60, 0.30), (0.61, 0.31)):
         start = MotionState.at_rest(q)
         plan = planner.plan((x, z), start, options=options, deadline=Deadline.after(3600.0))
+crowded = machine.changed(zones=Zones(boxes=((0.65, 0.1, 0.95, 0.3),)))
+planner.change(crowded)
+for kind in planning.PLANNER_KINDS:
+    with suppress(MhsbError):
+        planner.plan((0.5, -0.2), start, options=planning.PlanOptions(planner=kind))
 by_plans = {name: count for name, count in compiled().items() if count != before.get(name)}
 print(by_searches | by_plans)
 """

@@ -13,8 +13,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, modules_in_use
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_sim.servo import CONTROLLERS
-from mhsb_sim.simulation.simulator import warm_up
+from mhsb_sim.simulation.kernel_parts import compile_simulator
 
 POINT_SPACING = 0.02
 SWITCH_MARGIN = 7  # points by which a boost begins early and ends late
@@ -25,10 +24,8 @@ Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 @pytest.fixture(scope="session")
 def machine() -> Machine:
     """The machine, with everything compiled, so that no test's time includes it."""
-    machine = load_machine()
-    for controller in CONTROLLERS:
-        warm_up(machine, controller)
-    return machine
+    compile_simulator()
+    return load_machine()
 
 
 @pytest.fixture(scope="session")

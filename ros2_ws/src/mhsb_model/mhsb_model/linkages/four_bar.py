@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.schema import FourBar, Pin
 from mhsb_model.types import FloatArray
 
@@ -50,7 +49,7 @@ def _cartesian(pin: Pin) -> tuple[float, float]:
     return pin.radius * math.cos(pin.angle), pin.radius * math.sin(pin.angle)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cos_transmission_angle(row: FloatArray, q: float) -> float:
     """cos μ at the joint angle q [rad]; outside of [−1, 1] the linkage cannot be assembled."""
     a, b = row[5], row[6]
@@ -59,7 +58,7 @@ def cos_transmission_angle(row: FloatArray, q: float) -> float:
     return (a * a + b * b - dx * dx - dz * dz) / (2.0 * a * b)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def motion(row: FloatArray, q: float) -> tuple[float, float, float, float, float]:
     """Rocker P − R as x, z [m], L [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad].
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages import four_bar, slider_crank
 from mhsb_model.schema import Linkage, SliderCrank
 from mhsb_model.types import FloatArray
@@ -37,7 +37,7 @@ def linkage_row(linkage: Linkage) -> FloatArray:
     return row
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def motion(linkage: FloatArray, q: float) -> tuple[float, float, float]:
     """L(q) [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad]."""
     if linkage[0] == FOUR_BAR:
@@ -46,25 +46,25 @@ def motion(linkage: FloatArray, q: float) -> tuple[float, float, float]:
     return slider_crank.motion(linkage, q)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cylinder_length(linkage: FloatArray, q: float) -> float:
     """L(q) [m]: distance between the cylinder's pins at the joint angle q [rad]."""
     return motion(linkage, q)[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def moment_arm(linkage: FloatArray, q: float) -> float:
     """r = dL/dq [m]."""
     return motion(linkage, q)[1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def moment_arm_slope(linkage: FloatArray, q: float) -> float:
     """dr/dq [m/rad]; piston acceleration is r q̈ + dr/dq q̇²."""
     return motion(linkage, q)[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def joint_angle(
     linkage: FloatArray, length: float, lower: float, upper: float, guess: float
 ) -> float:

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.schema import SliderCrank
 from mhsb_model.types import FloatArray
 
@@ -26,7 +25,7 @@ def numbers(linkage: SliderCrank) -> list[float]:
     return [linkage.parent_pin.radius, linkage.child_pin.radius, direction * ahead, direction]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def motion(row: FloatArray, q: float) -> tuple[float, float, float]:
     """L [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad].
 

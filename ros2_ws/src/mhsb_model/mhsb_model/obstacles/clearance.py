@@ -18,9 +18,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import joint_positions
 from mhsb_model.linkages.linkage import cylinder_length, joint_angle
 from mhsb_model.obstacles.zones import BOX, CIRCLE, KIND, LINK, PART, RADIUS, SHAPE
@@ -36,7 +36,7 @@ DEEPEST = 32
 ROUNDING = 1e-9  # m
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _point_to_box(
     x: float, z: float, x_min: float, z_min: float, x_max: float, z_max: float
 ) -> float:
@@ -47,7 +47,7 @@ def _point_to_box(
     return max(dx, dz)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _point_to_segment(
     x: float, z: float, ax: float, az: float, bx: float, bz: float
 ) -> float:
@@ -60,7 +60,7 @@ def _point_to_segment(
     return math.hypot(x - ax - share * ux, z - az - share * uz)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _depth_in_box(
     ax: float, az: float, bx: float, bz: float,
     x_min: float, z_min: float, x_max: float, z_max: float,
@@ -87,7 +87,7 @@ def _depth_in_box(
     return least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def segment_to_box(
     ax: float, az: float, bx: float, bz: float,
     x_min: float, z_min: float, x_max: float, z_max: float,
@@ -110,13 +110,13 @@ def segment_to_box(
     return nearest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _side(px: float, pz: float, ax: float, az: float, bx: float, bz: float) -> float:
     """On which side of the line from a to b a point lies, by its sign."""
     return (bx - ax) * (pz - az) - (bz - az) * (px - ax)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def segment_to_segment(
     ax: float, az: float, bx: float, bz: float, cx: float, cz: float, dx: float, dz: float
 ) -> float:
@@ -131,7 +131,7 @@ def segment_to_segment(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def row_clearance(rows: FloatArray, k: int, joint: FloatArray) -> float:
     """Clearance of row k with the joints and the tip at joint[n + 1, 2] [m]."""
     part = int(rows[k, PART])
@@ -152,7 +152,7 @@ def row_clearance(rows: FloatArray, k: int, joint: FloatArray) -> float:
     ) - radius  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
     """Clearance of row k, of a box or a circle, if the arm were but a point [m]."""
     if rows[k, KIND] == CIRCLE:
@@ -162,7 +162,7 @@ def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
     return distance - rows[k, RADIUS]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[float, int]:
     """Least clearance of the end of the last link at (x, z) m, and of which row; inf, −1.
 
@@ -178,7 +178,7 @@ def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[flo
     return least, nearest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def clearance(
     m: MachineArrays, rows: FloatArray, q: FloatArray, leeway: FloatArray
 ) -> tuple[float, int]:
@@ -195,7 +195,7 @@ def clearance(
     return least, nearest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def clearances(
     m: MachineArrays, rows: FloatArray, posture: FloatArray
 ) -> tuple[FloatArray, IntArray]:
@@ -207,7 +207,7 @@ def clearances(
     return least, nearest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def leeway_from(m: MachineArrays, rows: FloatArray, q: FloatArray, kept: float) -> FloatArray:
     """What each row's clearance in the posture q[n] lacks to `kept` m, float64[rows]."""
     joint = joint_positions(m.link_length, q)
@@ -217,7 +217,7 @@ def leeway_from(m: MachineArrays, rows: FloatArray, q: FloatArray, kept: float) 
     return leeway
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool) -> float:
     """Farther than this no point of the arm moves between two postures [m]; D above."""
     turn, farthest = 0.0, 0.0
@@ -228,7 +228,7 @@ def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders
     return farthest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _half_way(
     m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool, middle: FloatArray
 ) -> None:
@@ -242,7 +242,7 @@ def _half_way(
             middle[j] = joint_angle(linkage, 0.5 * length, low, high, middle[j])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def move_is_clear(
     m: MachineArrays, rows: FloatArray, start: FloatArray, end: FloatArray, along_cylinders: bool
 ) -> bool:

@@ -19,17 +19,23 @@ ACCEPTED, REFUSED, NO_ANSWER = 0, 1, 2
 def goal(
     x: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="X")],
     z: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="Z")],
+    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
+    psi_range: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     wait: bool = False,
     timeout: Annotated[float, tyro.conf.arg(metavar="S")] = 10.0,
 ) -> int:
     """Send the tip to (X, Z) and print what the planner says.
 
     Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 2: nobody
-    answered in time.
+    answered in time. What else will do at the goal is set as parameters of the planner and stays
+    until it is changed (goal_tolerance, goal_psi_min, goal_psi_max; goal_segment, goal_box).
 
     Args:
         x: Forward, from the base [m].
         z: Up, from the base [m].
+        tolerance: Distance from the goal at which the tip may end as well [m]; 0 takes it back.
+        psi_range: Least and greatest angle of the end link that will do [rad]; a whole turn, such
+            as 0 6.3, takes it back.
         wait: Also wait until the motion has ended.
         timeout: How long to wait for a planner, and again for its answer [s].
     """
@@ -37,21 +43,42 @@ def goal(
         raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
-            return _send_and_wait(sender, executor, (x, z), wait, timeout)
+            changes = _changes(tolerance, psi_range)
+            return _send_and_wait(sender, executor, (x, z), changes, wait, timeout)
     except ExternalShutdownException:
         return command_line.INTERRUPTED
+
+
+def _changes(
+    tolerance: float | None, psi_range: tuple[float, float] | None
+) -> dict[str, float]:
+    """The planner's parameters that say what will do at the goal."""
+    changes = {} if tolerance is None else {"goal_tolerance": tolerance}
+    if psi_range is not None:
+        changes |= {"goal_psi_min": psi_range[0], "goal_psi_max": psi_range[1]}
+    return changes
 
 
 def _send_and_wait(
     sender: GoalSender,
     executor: SingleThreadedExecutor,
     target: tuple[float, float],
+    changes: dict[str, float],
     wait: bool,
     timeout: float,
 ) -> int:
     if not spin_until(executor, lambda: sender.matched, timeout):
         print(f"no planner was found within {timeout:g} s; is planner_node running?")
         return NO_ANSWER
+    if changes:
+        try:
+            refused = sender.set_at_planner(executor, changes, timeout)
+        except TimeoutError:
+            print(f"the planner did not take its parameters within {timeout:g} s")
+            return NO_ANSWER
+        if refused:
+            print(f"the planner refused its parameters: {refused}")
+            return REFUSED
     verdict = sender.ask(executor, *target, timeout)
     if verdict is None:
         print(f"the planner gave no answer within {timeout:g} s")

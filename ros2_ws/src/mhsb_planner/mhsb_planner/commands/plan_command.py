@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -25,8 +26,12 @@ from mhsb_planner.evaluation.operating_point import (
     best_operating_point,
 )
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
+from mhsb_planner.goal_region import Angle, Region, region_of
+from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.motion.cavitation import cavitating_steps
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
-from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, warm_up
+from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, PlanOptions, warm_up
+from mhsb_planner.planners.options import DEFAULT_SPEED_EXCESS
 from mhsb_planner.planners.registry import summaries
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.area_shortfall import area_along_motion, area_along_path, reference_area
@@ -62,6 +67,7 @@ def plan(
         float, tyro.conf.arg(metavar="PER_M")
     ] = DEFAULT_HEURISTIC_SCALE,
     trajectory: TrajectoryKind | None = None,
+    max_speed_excess: float = DEFAULT_SPEED_EXCESS,
     energy_reading: EnergyReading = "paper",
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
     supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
@@ -69,6 +75,14 @@ def plan(
     supply_pressure_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
+    goal_psi_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
+    goal_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
+    goal_segment: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
+    goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ")] = None,
+    via: Annotated[
+        tuple[Point, ...], tyro.conf.arg(metavar="X Z"), tyro.conf.UseAppendAction
+    ] = (),
+    via_tolerance: Annotated[float, tyro.conf.arg(metavar="M")] = PlanOptions.via_tolerance,
     zone_box: Annotated[
         tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
     ] = (),
@@ -97,8 +111,10 @@ def plan(
         search: The exact search, or the published one with one label for each node.
         heuristic_scale: Of the published search, cost per distance from the goal [1/m].
         trajectory: How the trajectory is made: polynomial as published, or the discrete path
-            followed; followed for the integrated planner, polynomial for the others when left
-            out.
+            followed; when left out followed for the integrated planner, for the others a
+            polynomial, or followed where V_max makes that the cheaper.
+        max_speed_excess: How far pistons may pass V_max on a polynomial, as a share of it; it
+            is stretched until they do not.
         energy_reading: Price of boosted oil that the search minimises.
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Of the main pump [Pa]; the machine file's when left out.
@@ -107,6 +123,12 @@ def plan(
             motion costs least [Pa]; with --json the points looked at are printed, too.
         v_max_range: Likewise the piston speed [m/s].
         goal_psi: Angle of the end link at the goal [rad]; free when left out.
+        goal_psi_range: Least and greatest angle of the end link that will do [rad].
+        goal_tolerance: Distance from the goal at which the tip may end as well [m].
+        goal_segment: Other end of a line, from the goal on, anywhere on which the tip may end [m].
+        goal_box: How far to either side of the goal, forward and up, the tip may end [m].
+        via: Point that the tip passes on its way [m]; may be given several times, in their order.
+        via_tolerance: Distance at which it may pass them [m].
         zone_box: Two opposite corners [m] of a box that the arm keeps out of, beside the machine
             file's zones; may be given several times.
         zone_circle: Centre and radius [m] of a circle that the arm keeps out of, likewise.
@@ -118,6 +140,7 @@ def plan(
         _range("v-max", v_max_range, v_max),
     )
     base = load_machine(machine)
+    compile_planner()
     suite = Planner(base, table_for(base, table))
     suite.change(
         base.changed(
@@ -130,10 +153,14 @@ def plan(
     options = replace(
         asked.options,
         energy_reading=energy_reading,
-        goal_psi=goal_psi,
+        goal_psi=_angle(goal_psi, goal_psi_range),
+        goal_region=_region(asked.goal, goal_tolerance, goal_segment, goal_box),
+        via=via,
+        via_tolerance=via_tolerance,
         search=search,
         heuristic_scale=heuristic_scale,
         trajectory=trajectory,
+        max_speed_excess=max_speed_excess,
         area_weight=area_weight,
     )
     warm_up(suite)
@@ -151,7 +178,8 @@ def plan(
     if json_:
         print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))
     else:
-        print("\n".join([*as_text(made, seconds), area_line(area), *point_lines(found)]))
+        lines = as_text(suite.machine, made, seconds)
+        print("\n".join([*lines, area_line(area), *point_lines(found)]))
 
 
 def _advance(bar: tqdm, _: Sample) -> None:
@@ -168,6 +196,24 @@ def _range(name: str, given: Point | None, fixed: float | None) -> Range | None:
         return Range(*given)
     except RequestError as error:
         raise command_line.UsageError(f"--{name}-range: {error}") from error
+
+
+def _angle(exact: float | None, between: Point | None) -> Angle:
+    """The end link's angle asked for, one or a range of them."""
+    if exact is not None and between is not None:
+        raise command_line.UsageError("give --goal-psi or --goal-psi-range, not both")
+    return exact if between is None else between
+
+
+def _region(
+    goal: Point, tolerance: float | None, end: Point | None, box: Point | None
+) -> Region | None:
+    """Where else than at the goal the tip may end."""
+    segment = None if end is None else (end[0] - goal[0], end[1] - goal[1])
+    try:
+        return region_of(tolerance, segment, box)
+    except RequestError as error:
+        raise command_line.UsageError(str(error)) from error
 
 
 def _request(
@@ -228,22 +274,28 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
             "joint_deviation_rad": motion.joint_deviation,
             "refused": list(motion.refused),
         },
-        "warnings": [str(overload) for overload in motion.overloads],
+        "warnings": list(made.warnings),
+        "cavitating": [
+            {"actuator": each.actuator, "begin_s": each.begin, "duration_s": each.duration}
+            for each in made.cavitations
+        ],
+        "cavitating_steps": cavitating_steps(machine, path).tolist(),
         "expanded": path.statistics.expanded,
         "out_of_time": path.statistics.out_of_time,
         "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
     }
 
 
-def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
+def as_text(machine: Machine, made: Plan, seconds: dict[str, float]) -> list[str]:
     """A table of the steps and the sums."""
     path, motion = made.path, made.motion
-    lines = ["step   tip x, z [m]      modes           time [s]   energy [J]"]
+    names, empty = np.array(machine.actuator_names), cavitating_steps(machine, path)
+    lines = ["step   tip x, z [m]      modes           time [s]   energy [J]   cavitating"]
     for k in range(path.steps):
         x, z = path.tip[k + 1]
         lines.append(
             f"{k + 1:4d}   {x:6.3f} {z:7.3f}   {pattern_name(path.modes[k]):14s}"
-            f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}"
+            f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}   {', '.join(names[empty[k]]) or '–'}"
         )
     lines += [
         f"discrete path: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
@@ -255,7 +307,7 @@ def as_text(made: Plan, seconds: dict[str, float]) -> list[str]:
         f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
         f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
-        *(f"warning: {overload}" for overload in motion.overloads),
+        *(f"warning: {warning}" for warning in made.warnings),
         "planned in "
         + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
     ]

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 
@@ -175,14 +175,13 @@ class _Search:
         return self._planner.plan(self._goal, self._start, options=self._options)
 
     def _sample(self, point: Point, plan: Plan) -> Sample:
-        switches = plan.motion.schedule.switches
         return Sample(
             *point,
             energy=plan.energy.paper,
             energy_series=plan.energy.series,
-            duration=plan.motion.trajectory.duration_ns / SECOND_NS,
-            switches=switches,
-            cost=plan.cost(self._options) + self._options.weights.switches * switches,
+            duration=plan.duration,
+            switches=plan.motion.schedule.switches,
+            cost=plan.cost(self._options),
         )
 
     def look_around(self, own: Point) -> None:

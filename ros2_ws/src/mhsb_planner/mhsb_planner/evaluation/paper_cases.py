@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mhsb_model.config_files import config_file
+from mhsb_model.files.config_files import config_file
+from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_model.yaml_files import read_yaml
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.posture.s1_global_search import postures_at

@@ -35,6 +35,20 @@ from mhsb_planner.evaluation.deadline_benchmark import (
 )
 from mhsb_planner.evaluation.integrated_benchmark import integrated_figures
 from mhsb_planner.evaluation.moves import Move, random_moves
+from mhsb_planner.evaluation.search_benchmark import (
+    boosted_figures,
+    scene_figures,
+    search_lines,
+)
+from mhsb_planner.evaluation.streaming_benchmark import (
+    moving_goal_figures,
+    stream_figures,
+    streaming_lines,
+)
+from mhsb_planner.evaluation.time_optimality import (
+    time_optimality_figures,
+    time_optimality_lines,
+)
 from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
 from mhsb_planner.posture.s1_global_search import build_posture_table
@@ -59,16 +73,23 @@ class Effort:
     """How much is measured.
 
     Plans, plans with a deadline in each condition, SLSQP entries, ground truths, plans for each
-    spacing, and the spacings [m].
+    spacing, and the spacings [m]; moves to a goal that comes again, and lines on which one moves;
+    moves with ground truth on each machine that boosts much, scenes with obstacles; and
+    plans whose duration is compared with a collocation's.
     """
 
     moves: int = 500
     deadlines: int = 150
     entries: int = 200
-    truths: int = 60
+    truths: int = 20
     growth_moves: int = 100
     spacings: tuple[float, ...] = SPACINGS
     runs: int = RUNS
+    repeated: int = 30
+    lines: int = 5
+    boosted: int = 3
+    scenes: int = 10
+    collocations: int = 20
 
 
 def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figures:
@@ -88,6 +109,11 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
         "scipy_dijkstra": other,
         "first_motion_ms": first_motion_figures(planner, moves, other["p50_ms"]),
         "overrun_ms": overrun_figures(planner, moves[: effort.deadlines]),
+        "stream": stream_figures(planner, moves[: effort.repeated]),
+        "moving_goal": moving_goal_figures(planner, effort.lines),
+        "boosted": boosted_figures(planner, effort.boosted),
+        "scenes": scene_figures(planner, effort.scenes),
+        "time_optimality": time_optimality_figures(planner, moves[: effort.collocations]),
         "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
     }
 
@@ -265,6 +291,9 @@ def planning(
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/planning.json"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    boosted: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.boosted,
+    scenes: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.scenes,
+    collocations: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.collocations,
 ) -> None:
     """Measure planning, print a table and write the figures as JSON.
 
@@ -272,8 +301,15 @@ def planning(
         output: JSON file to write.
         machine: Machine file (YAML); the suite's own arm when left out.
         jobs: Number of threads; one for each processor when left out.
+        boosted: Moves with ground truth on each of three machines that boost much, 10 to 40 s each.
+        scenes: Random scenes with obstacles.
+        collocations: Plans, 1 to 500, whose duration is compared with an offline collocation's.
     """
-    figures = measure(load_machine(machine), Effort(), jobs)
+    if not 1 <= collocations <= Effort.moves:
+        reason = f"--collocations {collocations} must be within 1 … {Effort.moves}"
+        raise command_line.UsageError(reason)
+    effort = Effort(boosted=boosted, scenes=scenes, collocations=collocations)
+    figures = measure(load_machine(machine), effort, jobs)
     write_json(output, figures)
     print("\n".join(as_text(figures)))
     print(f"written to {output}")
@@ -296,8 +332,11 @@ def as_text(figures: Figures) -> list[str]:
         f"{integrated['ground_truth_ratio_max']:.3f}",
         f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
         f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
+        *time_optimality_lines(figures["time_optimality"]),
         *first_motion_lines(figures["first_motion_ms"]),
         *overrun_lines(figures["overrun_ms"]),
+        *streaming_lines(figures),
+        *search_lines(figures["boosted"], figures["scenes"]),
         "spacing [mm]   states     steps   table [s]   graph [s]   search p50, p99 [ms]   expanded",
     ]
     lines += [

@@ -19,10 +19,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -42,7 +42,7 @@ ROUNDING = 1e-9
 Interval = tuple[float, float]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cosine(low: float, high: float) -> Interval:
     """Range of cos over [low, high] rad."""
     a, b = math.cos(low), math.cos(high)
@@ -55,7 +55,7 @@ def _cosine(low: float, high: float) -> Interval:
     return least, most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _wrist_direction(low: float, high: float, radius: float, link: float) -> Interval:
     """Range of α over u ∈ [low, high] rad; it turns where cos u = L₃/R."""
     if radius <= link:
@@ -73,7 +73,7 @@ def _wrist_direction(low: float, high: float, radius: float, link: float) -> Int
     return least, most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _elbow_angle(low: float, high: float, l1: float, l2: float) -> Interval:
     """Range of β over |q₂| ∈ [low, high] rad; where L₂ < L₁ it turns at cos|q₂| = −L₂/L₁."""
     a = math.atan2(l2 * math.sin(low), l1 + l2 * math.cos(low))
@@ -84,7 +84,7 @@ def _elbow_angle(low: float, high: float, l1: float, l2: float) -> Interval:
     return min(a, b), most
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _within(low: float, high: float, least: float, most: float) -> Interval:
     """The part of an interval of angles, taken by whole turns, that lies within [least, most]."""
     found_low, found_high = math.inf, -math.inf
@@ -96,7 +96,7 @@ def _within(low: float, high: float, least: float, most: float) -> Interval:
     return found_low, found_high
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def enclose(
     m: MachineArrays, tip: tuple[float, float], elbow: int, low: float, high: float, box: FloatArray
 ) -> bool:
@@ -132,7 +132,7 @@ def enclose(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _branch_and_bound(
     m: MachineArrays,
     c: Circuit,
@@ -140,8 +140,10 @@ def _branch_and_bound(
     tip: tuple[float, float],
     psi: Interval,
     weight: FloatArray,
-) -> float:
-    """Kernel of `least_cost_to`; inf where no posture reaches the goal."""
+    met: float,
+) -> Interval:
+    """Kernel of `least_cost_to` for one tip: the bound, inf where no posture reaches the goal, and
+    the least cost met so far, at other tips, `met`, or here."""
     q, nearest, box = np.empty(3), np.empty(3), np.empty((2, 3))
     cells = [(0, 0.0, 0.0)]
     cells.pop()
@@ -149,7 +151,7 @@ def _branch_and_bound(
         for i in range(FIRST_CELLS):
             width = (psi[1] - psi[0]) / FIRST_CELLS
             cells.append((elbow, psi[0] + i * width, psi[0] + (i + 1) * width))
-    met, least = math.inf, math.inf
+    least = math.inf
     while len(cells) > 0:
         elbow, low, high = cells.pop()
         if not enclose(m, tip, elbow, low, high, box):
@@ -167,7 +169,7 @@ def _branch_and_bound(
             continue
         cells.append((elbow, low, middle))
         cells.append((elbow, middle, high))
-    return least
+    return least, met
 
 
 def least_cost_to(
@@ -177,11 +179,15 @@ def least_cost_to(
     goals: GoalPostures,
     weight: FloatArray,
 ) -> float:
-    """No plan from the cylinder lengths start[n] [m] to the goal costs less.
+    """No plan from the cylinder lengths start[n] [m] to one of the goal's tips costs less.
 
     weight  float64[2 or more], of energy [1/J] and time [1/s]
     """
-    low, high = (-math.pi, math.pi) if goals.free else (goals.psi[0], goals.psi[0])
-    return float(
-        _branch_and_bound(machine.arrays, circuit, start, goals.tip, (low, high), weight)
-    )
+    between = (-math.pi, math.pi) if goals.between is None else goals.between
+    least = met = math.inf
+    for x, z in np.unique(goals.tips, axis=0).tolist():
+        here, met = _branch_and_bound(
+            machine.arrays, circuit, start, (x, z), between, weight, met
+        )
+        least = min(least, here)
+    return least

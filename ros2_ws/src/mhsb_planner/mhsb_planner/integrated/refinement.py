@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
@@ -72,7 +72,7 @@ def sweep(
     return cost, psi
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def goal_lengths(
     t: Terms, tip: tuple[float, float], elbow: int, psi: float, length: FloatArray
 ) -> bool:
@@ -86,7 +86,7 @@ def goal_lengths(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sweep_corner(
     t: Terms,
     w: Memory,
@@ -116,7 +116,7 @@ def sweep_corner(
     if i == 1:
         begin_route(t, w, via[0], start)
     else:
-        continue_route(t, w, via[i - 2 : i], math.inf, parent)
+        continue_route(t, w, via[i - 2 : i], math.inf, parent, False)
     # What is known at the corner before the one that is moved: trials begin there.
     value, posture, force = w.value[0].copy(), points.posture[0].copy(), points.force[0].copy()
     kept = np.empty(n)
@@ -147,7 +147,7 @@ def sweep_corner(
     return cost, psi
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _move(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
     """Move a corner along cylinder j [m] as far as its limits allow; False where it stays."""
     one = cylinder_length(m.linkage[j], m.joint_min[j])

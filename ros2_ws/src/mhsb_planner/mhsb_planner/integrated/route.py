@@ -2,7 +2,8 @@
 
 A route is cut into pieces, each a step with the costs of `s2_step`. Which pattern each piece is
 run in is decided by dynamic programming over the pieces: least w₁ E + w₂ T + w₃ switches, and
-w₄ M where the polytope's area counts (`area_shortfall`).
+w₄ M where the polytope's area counts (`area_shortfall`). Loads that are held are boosted as in the
+motion, and the switches to the modes that hold the arm at the end count.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import needs_boost
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.linkages.linkage import joint_angle
 from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
@@ -51,6 +54,9 @@ BOOST_RESERVE = 30e3
 """Where the polytope's area counts, boost is taken for needed this much earlier [Pa]: it takes area
 away, and a motion follows its route too loosely to avoid it by less."""
 
+REST_SPEED = 2e-4
+"""Below this a piston holds its load, for S3 and S4, too: `motion.s3_limits.DEAD_BAND` [m/s]."""
+
 HALF_WAY = 2
 
 
@@ -63,6 +69,7 @@ class Terms(NamedTuple):
     column    of the energy reading in a step's cost
     area      w₄ and the area that counts as full
     obstacles `Obstacles.path_rows`
+    piece     longest stroke of a cylinder within one piece [m]
     """
 
     machine: MachineArrays
@@ -73,6 +80,7 @@ class Terms(NamedTuple):
     column: int
     area: AreaTerm
     obstacles: FloatArray
+    piece: float
 
 
 def terms(
@@ -86,7 +94,7 @@ def terms(
     patterns = machine.patterns
     before = np.vstack([patterns, start_modes[None, :]])
     switches = np.count_nonzero(before[:, None, :] != patterns[None, :, :], axis=2)
-    circuit = circuit_of(machine.arrays, patterns)
+    circuit = circuit_of(machine.arrays, patterns)._replace(rest_speed=REST_SPEED)
     if area.weight > 0.0:
         circuit = circuit._replace(boost_margin=circuit.boost_margin + BOOST_RESERVE)
     return Terms(
@@ -98,6 +106,7 @@ def terms(
         column,
         area,
         machine.obstacles.path_rows,
+        PIECE,
     )
 
 
@@ -113,7 +122,7 @@ class Memory(NamedTuple):
     shortfall: FloatArray  # [patterns] w₄ M of the piece
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def new_memory(t: Terms) -> Memory:
     """Working memory for these terms."""
     count, n = t.patterns.shape
@@ -130,7 +139,7 @@ def new_memory(t: Terms) -> Memory:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def place(m: MachineArrays, points: Postures, i: int, length: FloatArray, near: int) -> None:
     """Put the posture with the cylinder lengths `length` [m] at points[i].
 
@@ -144,14 +153,14 @@ def place(m: MachineArrays, points: Postures, i: int, length: FloatArray, near: 
     piston_forces(m, points.posture[i], points.force[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _outside(m: MachineArrays, posture: FloatArray) -> float:
     """How far the tip lies outside the workspace [m]; negative within it."""
     x, z = tip_position(m.link_length, posture)
     return node_set_excess(m, x, z)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     """Whether the tip gets out of the workspace from points[here] to the other, or further out.
 
@@ -172,7 +181,7 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     return _outside(m, points.posture[HALF_WAY]) > allowed
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def price_piece(t: Terms, w: Memory, here: int) -> int:
     """Price the step from w.points[here] to the other one in all patterns.
 
@@ -214,22 +223,22 @@ def price_piece(t: Terms, w: Memory, here: int) -> int:
     return status
 
 
-@njit(cache=True, nogil=True)
-def pieces_between(start: FloatArray, end: FloatArray) -> int:
-    """Into how many pieces a straight move between two lengths[n] is cut."""
+@kernel
+def pieces_between(start: FloatArray, end: FloatArray, piece: float) -> int:
+    """Into how many pieces of at most so many metres a straight move between lengths[n] is cut."""
     stroke = 0.0
     for j in range(len(start)):
         stroke = max(stroke, abs(end[j] - start[j]))
-    return max(1, math.ceil(stroke / PIECE - 1e-9))
+    return max(1, math.ceil(stroke / piece - 1e-9))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_step(t: Terms, start: FloatArray, end: FloatArray) -> float:
     """Least cost of any way between two cylinder lengths[n], in any modes."""
     return least_cost_between(t.circuit, start, end, t.weight)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     """Take the piece from w.points[here], reached at w.value[here], to the other point.
 
@@ -259,7 +268,32 @@ def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     return least
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray) -> int:
+    """Actuators that change their mode to hold the loads force[n] [N], from modes[n]."""
+    count = 0
+    for j in range(len(force)):
+        hold = Mode.DB if needs_boost(m, j, force[j], 0.0) else Mode.N
+        if modes[j] != hold:
+            count += 1
+    return count
+
+
+@kernel
+def _ended(t: Terms, w: Memory, at: int) -> float:
+    """Least cost at w.points[at], the switches to the holding modes there included.
+
+    They are added to w.value[at].
+    """
+    least = math.inf
+    for p in range(len(t.patterns)):
+        count = switches_to_hold(t.machine, w.points.force[at], t.patterns[p])
+        w.value[at, p] += t.weight[2] * count
+        least = min(least, w.value[at, p])
+    return least
+
+
+@kernel
 def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) -> None:
     """Be at the start of a route, with the modes in force there."""
     w.points.posture[0] = posture
@@ -269,15 +303,16 @@ def begin_route(t: Terms, w: Memory, length: FloatArray, posture: FloatArray) ->
     w.value[0, -1] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def continue_route(
-    t: Terms, w: Memory, via: FloatArray, limit: float, parent: IntArray
+    t: Terms, w: Memory, via: FloatArray, limit: float, parent: IntArray, ends: bool = True
 ) -> float:
     """Go on from w.points[0], which is at via[0], through the lengths via[points, n] [m].
 
     limit   costs that reach it do not matter: inf is returned
     parent  int64[pieces or 1, patterns], written: before which pattern each piece's pattern was;
             with one row only the last piece's are kept
+    ends    whether the arm then rests, and is to be held
 
     Returns the least cost so far, from the start of the route on, inf where there is no way;
     otherwise w.points[0] and w.value[0] are at the end then.
@@ -289,7 +324,7 @@ def continue_route(
     length = np.empty(via.shape[1])
     least = 0.0
     for s in range(len(via) - 1):
-        count = pieces_between(via[s], via[s + 1])
+        count = pieces_between(via[s], via[s + 1], t.piece)
         piece = least_step(t, via[s], via[s + 1]) / count
         for k in range(1, count + 1):
             for j in range(len(length)):
@@ -301,6 +336,10 @@ def continue_route(
                 return math.inf
             here = 1 - here
             row = row + 1 if row + 1 < len(parent) else 0
+    if ends:
+        least = _ended(t, w, here)
+        if least >= limit:
+            return math.inf
     if here == 1:
         w.points.posture[0] = w.points.posture[1]
         w.points.length[0] = w.points.length[1]
@@ -309,7 +348,7 @@ def continue_route(
     return least
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def price_route(
     t: Terms, w: Memory, via: FloatArray, start: FloatArray, limit: float
 ) -> float:
@@ -322,12 +361,12 @@ def price_route(
     return continue_route(t, w, via, limit, np.empty((1, len(t.patterns)), dtype=np.int64))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _best_patterns(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> IntArray:
     """The pattern of every piece of a route on which there is a way, int64[pieces]."""
     pieces = 0
     for s in range(len(via) - 1):
-        pieces += pieces_between(via[s], via[s + 1])
+        pieces += pieces_between(via[s], via[s + 1], t.piece)
     parent = np.empty((pieces, len(t.patterns)), dtype=np.int64)
     begin_route(t, w, via[0], start)
     continue_route(t, w, via, math.inf, parent)
@@ -338,18 +377,19 @@ def _best_patterns(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> I
     return pattern
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _unrolled(
-    t: Terms, w: Memory, via: FloatArray, start: FloatArray, pattern: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Postures at the ends of all pieces, and the costs of the pieces in the patterns given."""
+    t: Terms, w: Memory, via: FloatArray, start: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Postures at the ends of all pieces, the pieces' best patterns, and their costs in these."""
+    pattern = _best_patterns(t, w, via, start)
     begin_route(t, w, via[0], start)
     posture = np.empty((len(pattern) + 1, via.shape[1]))
     cost = np.empty((len(pattern), 3))
     posture[0] = start
     here, row = 0, 0
     for s in range(len(via) - 1):
-        count = pieces_between(via[s], via[s + 1])
+        count = pieces_between(via[s], via[s + 1], t.piece)
         for k in range(1, count + 1):
             length = via[s] + (via[s + 1] - via[s]) * k / count
             place(t.machine, w.points, 1 - here, length, here)
@@ -357,7 +397,7 @@ def _unrolled(
             cost[row] = w.scratch.cost[pattern[row]]
             here, row = 1 - here, row + 1
             posture[row] = w.points.posture[here]
-    return posture, cost
+    return posture, pattern, cost
 
 
 def path_of(
@@ -375,8 +415,7 @@ def path_of(
     start  float64[n] rad, the posture at via[0]
     cost   of the route
     """
-    pattern = _best_patterns(t, w, via, start)
-    posture, of_step = _unrolled(t, w, via, start, pattern)
+    posture, pattern, of_step = _unrolled(t, w, via, start)
     return DiscretePath(
         tip=tip_positions(t.machine.link_length, posture),
         posture=posture,

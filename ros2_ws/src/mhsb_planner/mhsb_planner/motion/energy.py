@@ -15,10 +15,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import Oil, inlet_area, load_pressure, oil_of, pressure_to_move
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED, ON_RAIL
@@ -95,7 +95,7 @@ def energy_of_states(
     return Energy(*(span @ power).tolist())
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def boosted_supply(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
     """Pressure [Pa] to which a servo pump charges the line of a boosted cylinder."""
     need = pressure_to_move(oil, cap, rod, force, 0.0)
@@ -104,7 +104,7 @@ def boosted_supply(oil: Oil, cap: float, rod: float, force: float, speed: float)
     return max(oil.supply_pressure, min(need, oil.max_boost_pressure))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _power(
     m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> FloatArray:

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.statics import INERTIA_WORK, chain_of, gravity_torques, inertia_torques
@@ -50,7 +50,7 @@ def motion_profile(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _profile(
     m: MachineArrays, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

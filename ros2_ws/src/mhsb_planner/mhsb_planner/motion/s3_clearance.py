@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearance, leeway_from
 from mhsb_model.trajectory import SECOND_NS, Trajectory, quintic_hermite
@@ -78,7 +78,7 @@ def warm_up(machine: Machine) -> None:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fastest(
     m: MachineArrays, h: float, i: int, position: FloatArray, velocity: FloatArray,
     acceleration: FloatArray,
@@ -100,7 +100,7 @@ def _fastest(
     return max(fastest, SLOWEST)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _first_contact(
     m: MachineArrays,
     rows: FloatArray,

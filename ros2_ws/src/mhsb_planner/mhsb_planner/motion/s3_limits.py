@@ -1,7 +1,8 @@
 """Limits of a joint motion: joint range, node set, valves, pumps, boost and obstacles.
 
-Quasi-static, as the whole plan: forces are those of gravity. What an actuator can do depends on
-the mode it is in, so a motion is judged together with its mode schedule.
+Speeds are judged quasi-statically, as in the whole plan: forces are those of gravity. Pressures are
+judged with inertia as well. What an actuator can do depends on the mode it is in, so a motion is
+judged together with its mode schedule.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
@@ -27,6 +27,8 @@ from mhsb_model.hydraulics import (
     retraction_speed,
     speed_of_drop,
 )
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
@@ -47,6 +49,9 @@ CHECK_SPACING = 1e-3
 ROWS_AT_ONCE = 32
 """Intervals of a trajectory that are looked at closely before the result is looked at."""
 
+LEFT_BY_INERTIA = 0.5
+"""Share of the boost margin that inertia leaves to friction and servo."""
+
 CHECKING = "checking the trajectory"
 
 # Reserve at both ends of an interval of the trajectory that makes its inside safe: over 20 ms,
@@ -63,8 +68,9 @@ class Limit(IntEnum):
     JOINT = 0
     NODE_SET = 1
     USAGE = 2
-    MODULES = 3
-    OBSTACLE = 4
+    THRUST = 3
+    MODULES = 4
+    OBSTACLE = 5
 
 
 @dataclass(frozen=True)
@@ -74,8 +80,8 @@ class Violation:
     limit   which
     time    s from the motion's start
     amount  excess over the limit: rad (JOINT), m (NODE_SET), share of what the pumps and valves
-            can do (USAGE; infinite where no speed is possible), modules (MODULES), depth in m, or
-            negative what clearance is left (OBSTACLE)
+            can do (USAGE; infinite where no speed is possible), share of the supply pressure
+            (THRUST), modules (MODULES), depth in m, or negative what clearance is left (OBSTACLE)
     name    of the obstacle
     """
 
@@ -91,12 +97,13 @@ class Violation:
             Limit.JOINT: f"a joint limit is passed by {self.amount:.3g} rad",
             Limit.NODE_SET: f"the tip leaves the workspace by {self.amount:.3g} m",
             Limit.USAGE: f"valves and pumps would have to give {1 + self.amount:.3g} times as much",
+            Limit.THRUST: f"it takes {100 * self.amount:.3g} % more pressure than there is",
             Limit.MODULES: f"{self.amount:.0f} booster modules more than fitted are needed",
         }[self.limit]
         return f"{what} at {self.time:.3f} s"
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def speed_limit(
     oil: Oil, cap: float, rod: float, force: float, direction: float, modules: int
 ) -> float:
@@ -132,35 +139,46 @@ class Demand:
               term: the closed valve carries their load
     pressure  largest share of its pressure that the load of a cylinder takes which may be lifting
               it. Far below the dead band it does not: the valve is closed
+    thrust    largest share of its pressure that a cylinder takes against gravity and inertia,
+              p_L(F + (M q̈ + C q̇)/r) + m(v) and what inertia leaves of the margin
     """
 
     outside: FloatArray
     usage: FloatArray
     pressure: FloatArray
+    thrust: FloatArray
 
     @classmethod
     def of(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> Demand:
         """Of the states of a profile, each in its modes uint8[k, n]."""
-        return cls(*_demand(machine.arrays, profile.speed, profile.force, profile.tip, modes))
+        p = profile
+        return cls(*_demand(machine.arrays, p.speed, p.force, p.inertia, p.tip, modes))
 
     def clear(self) -> np.ndarray:
         """Whether states have so much in reserve that those close by are safe, bool[k]."""
-        share = np.maximum(self.usage, self.pressure)
+        share = np.maximum(np.maximum(self.usage, self.pressure), self.thrust)
         return (self.outside < -CLEAR_DISTANCE) & (share < CLEAR_USAGE)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _demand(
-    m: MachineArrays, speed: FloatArray, force: FloatArray, tip: FloatArray, modes: ModeArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    m: MachineArrays,
+    speed: FloatArray,
+    force: FloatArray,
+    inertia: FloatArray,
+    tip: FloatArray,
+    modes: ModeArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Kernel of `Demand.of`; its oracle in the tests uses the Machine's methods."""
     rows, n = speed.shape
     oil, cap, rod, modules_of = oil_of(m), m.cap_area, m.rod_area, m.modules_per_mode
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
     shared_flow = oil.main_pump_flow - n * oil.leakage_flow
     outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
+    thrust = np.empty(rows)
+    spared = (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
     for k in range(rows):
-        flow = fastest = heaviest = 0.0
+        flow = fastest = heaviest = hardest = 0.0
         for j in range(n):
             v, f, modules = speed[k, j], force[k, j], modules_of[modes[k, j]]
             flow += inlet_area(cap[j], rod[j], v) * abs(v)
@@ -171,21 +189,36 @@ def _demand(
             if lifts and abs(v) > 0.25 * DEAD_BAND:
                 needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
                 heaviest = max(heaviest, needed / highest_supply(oil, modules))
+            load = f + inertia[k, j]
+            if abs(v) > DEAD_BAND and opposes_motion(load, v):
+                needed = pressure_to_move(oil, cap[j], rod[j], load, v) - spared
+                hardest = max(hardest, needed / highest_supply(oil, modules))
         outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
         usage[k] = max(fastest, flow / shared_flow)
-        pressure[k] = heaviest
-    return outside, usage, pressure
+        pressure[k], thrust[k] = heaviest, hardest
+    return outside, usage, pressure, thrust
 
 
 def largest_usage(machine: Machine, profile: MotionProfile, modes: ModeArray) -> float:
     """Largest usage at a profile's instants, in the modes uint8[k - 1, n] before and after each."""
-    ends = (profile[:-1], profile[1:])
-    return float(max(Demand.of(machine, end, modes).usage.max() for end in ends))
+    ends = (Demand.of(machine, end, modes) for end in (profile[:-1], profile[1:]))
+    return float(max(each.usage.max() for each in ends))
 
 
 def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
     """How far the worst joint of q float64[…, n] lies beyond its limits [rad]; negative within."""
     return np.maximum(m.joint_min - q, q - m.joint_max).max(axis=-1)
+
+
+def stays_inside(machine: Machine, trajectory: Trajectory) -> bool:
+    """Whether, at its points, a trajectory stays in all ranges, and everywhere off obstacles."""
+    m, tips = machine.arrays, tip_positions(machine.arrays.link_length, trajectory.position)
+    radius = np.hypot(tips[:, 0], tips[:, 1])
+    ranges = (m.min_x - tips[:, 0], m.min_radius - radius, radius - m.max_radius)
+    beyond = joint_excess(m, trajectory.position).max()
+    if max(np.max(ranges), beyond) > JOINT_TOLERANCE:
+        return False
+    return first_contact(machine, trajectory) is None
 
 
 def first_violation(
@@ -207,7 +240,9 @@ def first_violation(
     beyond = m.modules_per_mode[modes].sum(axis=1) - m.module_count
     within = len(modes) if np.all(beyond <= 0) else int(np.argmax(beyond > 0))
     if profile is None:
-        profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+        profile = motion_profile(
+            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
+        )
     doubtful = np.flatnonzero(_doubtful(machine, trajectory, profile, modes)[:within])
     deadline.check(CHECKING)
     for first in range(0, len(doubtful), ROWS_AT_ONCE):
@@ -236,7 +271,7 @@ def _doubtful(
     left, right = (Demand.of(machine, ends, modes) for ends in (profile[:-1], profile[1:]))
     between = Demand.of(machine, motion_profile(machine, *middle), modes)
     bounded = np.ones(len(modes), dtype=bool)
-    bounds = (("outside", 0.0), ("usage", 1.0), ("pressure", CLEAR_PRESSURE))
+    bounds = (("outside", 0.0), ("usage", 1.0), ("pressure", CLEAR_PRESSURE), ("thrust", 1.0))
     for name, bound in bounds:
         a, b, c = (getattr(demand, name) for demand in (left, between, right))
         with np.errstate(invalid="ignore"):  # infinite where no speed is possible
@@ -248,7 +283,7 @@ def _doubtful(
     return ~clear | (_joint_bound(machine.arrays, time, *motion) > JOINT_TOLERANCE)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _joint_bound(
     m: MachineArrays,
     time: FloatArray,
@@ -283,18 +318,20 @@ def _first_within(
     time = trajectory.offset_ns / SECOND_NS
     h = np.diff(time)[rows]
     shares = np.linspace(0.0, 1.0, int(np.ceil(h.max() / CHECK_SPACING)) + 1)
-    q, qd = trajectory.inside(rows, shares)
-    demand = Demand.of(
-        machine, motion_profile(machine, q, qd), np.repeat(modes[rows], len(shares), axis=0)
-    )
+    q, qd, qdd = trajectory.inside(rows, shares)
+    profile = motion_profile(machine, q, qd, qdd)
+    demand = Demand.of(machine, profile, np.repeat(modes[rows], len(shares), axis=0))
     excess = joint_excess(machine.arrays, q)
-    broken = np.array(
-        [excess > JOINT_TOLERANCE, demand.outside > TIP_TOLERANCE, demand.usage > 1.0]
-    )
+    broken = np.array([
+        excess > JOINT_TOLERANCE,
+        demand.outside > TIP_TOLERANCE,
+        demand.usage > 1.0,
+        demand.thrust > 1.0,
+    ])
     if not broken.any():
         return None
     k = int(np.argmax(broken.any(axis=0)))
     limit = Limit(int(np.argmax(broken[:, k])))
-    amount = (excess[k], demand.outside[k], demand.usage[k] - 1.0)[limit]
+    amount = (excess[k], demand.outside[k], demand.usage[k] - 1.0, demand.thrust[k] - 1.0)[limit]
     row, part = divmod(k, len(shares))
     return Violation(limit, float(time[rows[row]] + shares[part] * h[row]), float(amount))

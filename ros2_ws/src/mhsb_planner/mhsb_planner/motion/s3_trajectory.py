@@ -2,75 +2,81 @@
 
 Tried in this order; the first that keeps every limit is taken, and the result says which:
 
-1. where asked for, the published sixth-degree polynomials, from a moving start only where they do
-   not run on further than braking would;
-2. the discrete path smoothed over a window, ever shorter ones; from a moving start, where the
-   polynomials are not asked for, first setting out while still braking;
-3. the discrete path step by step, from rest to rest.
+1. where asked for, the published sixth-degree polynomials; from a moving start only where they do
+   not run on further than coming to rest would, and keep near V_max as they are;
+2. the discrete path with ramps between its speeds, ever slower ones; a moving start that coasts
+   sets out along it at once;
+3. from a moving start: coming to rest, and then 2;
+4. the discrete path step by step, from rest to rest.
 
-From a moving start all others, and 1 where it has been refused, come after braking. Durations
-are stretched until valves, servo pumps and the main pump can follow.
+Where a mode has just been switched, 3 and 4 also after a rest in which it may be left again.
+Durations are stretched until valves, servo pumps and the main pump can follow, and ramps made
+slower until the pressures can; what switches an actuator too soon for that at its end rests there
+for a while.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Literal, Protocol
 
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
-from mhsb_model.holding import HoldingError, holding_modes, modes_to_stop
+from mhsb_model.holding import HoldingError, holding_modes
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import (
-    LONGEST_NS,
-    POINT_SPACING_NS,
-    SECOND_NS,
-    MotionState,
-    Trajectory,
-    standstill,
-)
-from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory
+from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import Overload, overloads
-from mhsb_planner.motion.s3_following import followed_path
+from mhsb_planner.motion.passing import first_missed
+from mhsb_planner.motion.ramped_motion import RampedMotion
+from mhsb_planner.motion.s3_candidates import (
+    TRAJECTORY_KINDS,
+    USAGE_RESERVE,
+    Candidate,
+    Curve,
+    FitMethod,
+    FitRules,
+    TrajectoryKind,
+    candidates,
+    furthest_of,
+)
+from mhsb_planner.motion.s3_coasting import Coasting, coasting
 from mhsb_planner.motion.s3_limits import (
     JOINT_TOLERANCE,
     Limit,
+    Violation,
     first_violation,
     joint_excess,
     largest_usage,
 )
-from mhsb_planner.motion.s3_piecewise import smoothed_path, stepped_path
-from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
-from mhsb_planner.motion.s4_mode_schedule import (
-    StartModes,
-    SwitchingRules,
-    interval_modes,
-    mode_schedule,
-    schedule_of_intervals,
-)
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.motion.scheduled_motion import ScheduledMotion
+from mhsb_planner.motion.trajectory_points import joined, sampled_trajectory
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
-FEWEST_INTERVALS = 10
-"""Intervals between a trajectory's points, at least."""
-
-SHORTEST_MOVE = 0.5
-"""Shortest duration of a polynomial [s]."""
+__all__ = [
+    "TRAJECTORY_KINDS",
+    "FitError",
+    "FitMethod",
+    "FitRules",
+    "FittedMotion",
+    "TrajectoryKind",
+    "fit_braking",
+    "fit_trajectory",
+    "warm_up",
+]
 
 SAME_POSTURE = 1e-9  # rad, rounding
 
@@ -78,8 +84,8 @@ START_NOISE = 0.01
 """A start this far outside the limits [rad, m] is taken as measurement noise on a valid one: its
 motion returns inside and stays there."""
 
-USAGE_RESERVE = 1.003
-"""Durations are stretched by this much more than the points need, for what lies between them."""
+THRUST_STRETCH = 1.25
+"""By so much a motion is stretched for which pressure lacks: inertia then falls by a third."""
 
 ROUNDS = 8
 """Times that a curve is stretched before it is given up."""
@@ -88,61 +94,6 @@ LONGEST_MOTION = LONGEST_NS / SECOND_NS - 10.0
 """What an arm takes, less the longest prefix in which a plan repeats the one before [s]."""
 
 FITTING = "making a trajectory of the path"
-
-TrajectoryKind = Literal["polynomial", "followed"]
-"""How S3 begins: with the published polynomials, or with the discrete path smoothed."""
-
-TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
-
-
-class FitMethod(StrEnum):
-    """How the trajectory was made of the discrete path."""
-
-    POLYNOMIAL = "polynomial"
-    PIECEWISE = "piecewise"
-    STEPPED = "stepped"
-    BRAKING = "braking"
-
-
-class Curve(Protocol):
-    """A joint motion with the times at which the discrete path's nodes are due."""
-
-    @property
-    def breaks(self) -> FloatArray:
-        """Times between which the curve is smooth, from 0 to its end [s]."""
-
-    @property
-    def node_time(self) -> FloatArray:
-        """When the path's nodes are due, float64[k + 1] s."""
-
-    def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at the times [s], float64[times, n] each."""
-
-
-@dataclass(frozen=True)
-class FitRules:
-    """What a fit may do.
-
-    trajectory   whether the published polynomials are tried, or the path is followed at once
-    switching    how modes are switched
-    windows      s, over which the discrete path is smoothed, in the order tried
-    max_stretch  largest factor on the discrete path's durations
-    max_excess   largest |v|/V_max − 1 of a piston, for the motion to count as quasi-static
-    overrun      m, by which a piston may run on beyond what braking and the path need
-    """
-
-    trajectory: TrajectoryKind = "polynomial"
-    switching: SwitchingRules = field(default_factory=SwitchingRules)
-    windows: tuple[float, ...] = (0.8, 0.4, 0.2)
-    max_stretch: float = 3.0
-    max_excess: float = 1.0
-    overrun: float = 2e-3
-
-    @classmethod
-    def following(cls) -> FitRules:
-        """Rules for a motion that follows its path, within V_max but for rounding."""
-        return cls("followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
-
 
 class FitError(MhsbError):
     """No trajectory along the discrete path keeps every limit; `refused` says why not."""
@@ -183,20 +134,24 @@ def fit_trajectory(
     path: DiscretePath,
     start: MotionState,
     modes: StartModes,
-    brake: Trajectory | None = None,
+    brake: Trajectory | Coasting | None = None,
     rules: FitRules | None = None,
     deadline: Deadline = NEVER,
 ) -> FittedMotion:
     """Trajectory and mode schedule from `start` along a discrete path, at rest at its end.
 
     modes  in force at the start
-    brake  for a moving start: how it comes to rest (`mhsb_model.braking`); the path begins at
-           the brake's end, and at `start` itself where there is none
+    brake  for a moving start: how it comes to rest, by coasting (`s3_coasting`) or on its old way
+           (`mhsb_model.braking`); the path begins where it does, and at `start` itself where
+           there is none
 
     Raises ValueError where start, brake and path do not meet, FitError where no curve keeps every
     limit or the modules are too few to hold the arm at its end, DeadlineError where none does in
     time.
     """
+    coast = brake if isinstance(brake, Coasting) else None
+    if isinstance(brake, Coasting):
+        brake = brake.trajectory
     if brake is not None and brake.duration_ns == 0:
         brake = None
     _check_meeting(path, start, brake)
@@ -204,11 +159,17 @@ def fit_trajectory(
     limits, machine = machine.arrays, _admitting(machine, start.position)
     rules = rules or FitRules()
     refused: list[str] = []
-    for candidate in _candidates(machine, path, start, brake, rules):
+    least = rules.least_duration / float(np.sum(path.duration))
+    lacked = False
+    for kind in candidates(machine, path, start, brake, coast, modes, rules):
+        if kind.for_thrust and not lacked:
+            continue
+        candidate = replace(kind, stretch=max(kind.stretch, least))
         outcome = _stretched(machine, limits, path, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused))
         refused.append(f"{candidate.name}: {outcome}")
+        lacked = isinstance(outcome, Violation) and outcome.limit == Limit.THRUST
     raise FitError(tuple(refused))
 
 
@@ -216,13 +177,12 @@ def fit_braking(
     machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
 ) -> FittedMotion:
     """Braking alone, as a motion with its mode schedule; for stopping."""
-    switching = (rules or FitRules()).switching
-    trajectory = brake.shifted(-brake.stamp_ns)
-    schedule = mode_schedule(machine, trajectory, modes, rules=switching)
-    profile = motion_profile(machine, trajectory.position, trajectory.velocity)
+    rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
+    scheduled = ScheduledMotion.of(machine, motion, modes, None, rules.switching)
+    trajectory, profile = scheduled.trajectory, scheduled.profile
     return FittedMotion(
         trajectory,
-        schedule,
+        scheduled.schedule,
         FitMethod.BRAKING,
         braked=True,
         stretch=1.0,
@@ -253,28 +213,18 @@ def warm_up(machine: Machine) -> None:
         statistics=SearchStatistics(0, 0, 0.0),
     )
     start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
-    still = standstill(middle)
-    following = _candidates(machine, path, start, still, FitRules.following())
-    for candidate in chain(_candidates(machine, path, start, None, rules), following):
+    coast = coasting(machine, MotionState(middle, 0.1 * middle, middle))
+    following = FitRules.following()
+    for candidate in chain(
+        candidates(machine, path, start, None, None, modes, rules),
+        candidates(machine, path, start, coast.trajectory, coast, modes, following),
+    ):
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
             motion_energy(machine, motion.trajectory, motion.schedule)
     with suppress(FitError):
         fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
     s3_clearance.warm_up(machine)
-
-
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """A kind of curve, what comes before it, and its first stretch."""
-
-    method: FitMethod
-    name: str
-    curve_at: Callable[[float], Curve]
-    start: MotionState
-    lead_in: Trajectory | None = None
-    stretch: float = 1.0
-    furthest: FloatArray | None = None
 
 
 def _check_meeting(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
@@ -318,69 +268,15 @@ def _admitting(machine: Machine, posture: FloatArray) -> Machine:
     return replace(machine, arrays=widened)
 
 
-def _candidates(
-    machine: Machine,
-    path: DiscretePath,
-    start: MotionState,
-    brake: Trajectory | None,
-    rules: FitRules,
-) -> Iterator[_Candidate]:
-    rest = MotionState.at_rest(path.posture[0])
-    if rules.trajectory == "polynomial":
-        yield from _polynomials(machine, path, start, brake)
-    elif brake is not None:
-        yield _Candidate(
-            FitMethod.PIECEWISE,
-            "smoothed from the moving start",
-            partial(followed_path, machine, path, rules.windows[0], brake),
-            start,
-        )
-    for window in rules.windows:
-        yield _Candidate(
-            FitMethod.PIECEWISE,
-            f"smoothed over {window:g} s",
-            partial(smoothed_path, machine, path, window),
-            rest,
-            brake,
-        )
-    yield _Candidate(FitMethod.STEPPED, "stepped", partial(stepped_path, path), rest, brake)
-
-
-def _polynomials(
-    machine: Machine, path: DiscretePath, start: MotionState, brake: Trajectory | None
-) -> Iterator[_Candidate]:
-    """The published curves: from a moving start, and from rest."""
-    rest = MotionState.at_rest(path.posture[0])
-    shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
-    if brake is not None:
-        delay = brake.duration_ns / SECOND_NS / 2
-        yield _Candidate(
-            FitMethod.POLYNOMIAL,
-            "polynomial from the moving start",
-            lambda stretch: fit_polynomial(path, start, delay, stretch),
-            start,
-            stretch=shortest,
-            furthest=_furthest(start, np.vstack([brake.position, path.posture])),
-        )
-    yield _Candidate(
-        FitMethod.POLYNOMIAL,
-        "polynomial",
-        lambda stretch: fit_polynomial(path, rest, 0.0, stretch),
-        rest,
-        brake,
-        shortest,
-    )
-
-
 def _stretched(
     machine: Machine,
     limits: MachineArrays,
     path: DiscretePath,
     modes: StartModes,
-    candidate: _Candidate,
+    candidate: Candidate,
     rules: FitRules,
     deadline: Deadline,
-) -> FittedMotion | str:
+) -> FittedMotion | Violation | str:
     """The candidate's motion, stretched as far as its limits ask; or why there is none.
 
     The machine admits the start, `limits` are those to which a joint beyond them has to return.
@@ -391,7 +287,11 @@ def _stretched(
         curve = candidate.curve_at(stretch)
         if not curve.breaks[-1] <= LONGEST_MOTION:
             return f"it takes {curve.breaks[-1]:.4g} s, at most {LONGEST_MOTION:g} s is allowed"
-        trajectory, first = _sampled(curve, candidate.start, path.posture[-1], lead_in)
+        if isinstance(curve, RampedMotion) and not curve.gentle:
+            return "pistons would have to speed up or slow down faster than allowed"
+        trajectory, first = sampled_trajectory(curve, candidate.start, path.posture[-1]), 0
+        if lead_in is not None:
+            trajectory, first = joined(lead_in, trajectory), len(lead_in.offset_ns) - 1
         deadline.check(FITTING)
         position = trajectory.position[first:]
         beyond = _going_out(limits, position)
@@ -401,33 +301,38 @@ def _stretched(
             overrun = _overrun(machine, candidate.start, position, candidate.furthest)
             if overrun > rules.overrun:
                 return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
-        profile = motion_profile(
-            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
-        )
         time = trajectory.offset_ns / SECOND_NS
         preferred = _preferred(path, curve.node_time, time, first)
-        hold = modes_to_stop(machine, profile.force[-1], modes.modes)
-        intervals = interval_modes(
-            machine, time, profile, modes, hold, preferred, rules.switching
-        )
+        scheduled = ScheduledMotion.of(machine, trajectory, modes, preferred, rules.switching)
+        if not scheduled.keeps_dwell:
+            return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
+        trajectory, profile = scheduled.trajectory, scheduled.profile
+        if missed := first_missed(profile.tip, rules.passing):
+            return missed
         after = profile[first:]
-        quasi_static = (1 + _speed_excess(machine, after)) / (1 + rules.max_excess)
-        used = max(largest_usage(machine, after, intervals[first:]), quasi_static)
+        fastest = 1.0 + rules.max_excess
+        if candidate.coasts:  # what is too fast already becomes slower, but not by stretching
+            fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
+        quasi_static = (1.0 + _speed_excess(machine, after)) / fastest
+        used = max(largest_usage(machine, after, scheduled.intervals[first:]), quasi_static)
         deadline.check(FITTING)
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
-            schedule = schedule_of_intervals(0, trajectory.offset_ns, intervals, hold)
+            schedule = scheduled.schedule
             violation = first_violation(machine, trajectory, schedule, profile, deadline)
             if violation is None:
                 return _fitted(
                     machine, path, candidate, curve, trajectory, schedule, profile, stretch
                 )
-            if violation.limit != Limit.USAGE or violation.time < time[first]:
-                return str(violation)
-            needed = USAGE_RESERVE * (1.0 + violation.amount)
+            if violation.limit not in candidate.stretchable or violation.time < time[first]:
+                return violation
+            if violation.limit == Limit.THRUST:
+                needed = THRUST_STRETCH
+            else:
+                needed = USAGE_RESERVE * (1.0 + violation.amount)
         stretch *= needed
-        if stretch > rules.max_stretch * candidate.stretch:
-            return "valves and pumps would need more than the longest duration allowed"
+        if stretch > (candidate.longest or rules.max_stretch) * candidate.stretch:
+            return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
 
 
@@ -436,43 +341,6 @@ def _going_out(limits: MachineArrays, position: FloatArray) -> float:
     excess = np.maximum(limits.joint_min - position, position - limits.joint_max)
     before = np.minimum.accumulate(np.maximum(excess, 0.0), axis=0)
     return float((excess - before).max())
-
-
-def _sampled(
-    curve: Curve, start: MotionState, end: FloatArray, lead_in: Trajectory | None
-) -> tuple[Trajectory, int]:
-    """Points of a lead-in and a curve, exact at both ends; and the curve's first row.
-
-    A polynomial from or to rest has an acceleration there; its first and last interval ramp it.
-    """
-    offset = _point_times(curve.breaks)
-    q, qd, qdd = curve.sample(offset / SECOND_NS)
-    q[0], qd[0], qdd[0] = start.position, start.velocity, start.acceleration
-    q[-1], qd[-1], qdd[-1] = end, 0.0, 0.0
-    if lead_in is None:
-        return Trajectory(0, offset, q, qd, qdd), 0
-    first = len(lead_in.offset_ns) - 1
-    joined = Trajectory(
-        0,
-        np.concatenate([lead_in.offset_ns[:-1], lead_in.duration_ns + offset]),
-        np.vstack([lead_in.position[:-1], q]),
-        np.vstack([lead_in.velocity[:-1], qd]),
-        np.vstack([lead_in.acceleration[:-1], qdd]),
-    )
-    return joined, first
-
-
-def _point_times(breaks: FloatArray) -> IntArray:
-    """Times of a trajectory's points, ns: the breaks [s], and evenly spread between them.
-
-    With points at the breaks, quintics between the points follow the curve within rounding.
-    """
-    at_ns = np.rint(breaks * SECOND_NS).astype(np.int64)
-    span = np.diff(at_ns)
-    parts = np.maximum(-(-span // POINT_SPACING_NS), -(-FEWEST_INTERVALS // len(span)))
-    row = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    between = np.rint(row * np.repeat(span / parts, parts)).astype(np.int64)
-    return np.append(np.repeat(at_ns[:-1], parts) + between, at_ns[-1])
 
 
 def _preferred(
@@ -485,23 +353,18 @@ def _preferred(
     return modes
 
 
-def _furthest(start: MotionState, position: FloatArray) -> FloatArray:
-    """How far each joint gets in the direction of its first velocity, float64[n] rad."""
-    return np.max(np.sign(start.velocity) * (position - start.position), axis=0)
-
-
 def _overrun(
     machine: Machine, start: MotionState, position: FloatArray, furthest: FloatArray
 ) -> float:
     """By how much a piston runs further in its first direction than it has to [m]."""
-    beyond = _furthest(start, position) - furthest
+    beyond = furthest_of(start, position) - furthest
     return float(np.max(beyond * np.abs(machine.moment_arms(start.position))))
 
 
 def _fitted(
     machine: Machine,
     path: DiscretePath,
-    candidate: _Candidate,
+    candidate: Candidate,
     curve: Curve,
     trajectory: Trajectory,
     schedule: ModeSchedule,

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import modes_to_stop
@@ -24,19 +24,17 @@ from mhsb_model.hydraulics import (
     opposes_motion,
     pressure_to_move,
 )
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
 from mhsb_model.modes import BOOSTED, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.s3_limits import DEAD_BAND, LEFT_BY_INERTIA
 
 RESERVE = 1.005
 """Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
-
-LEFT_BY_INERTIA = 0.5
-"""Share of the boost margin that inertia leaves to friction and servo."""
 
 _ROUNDING = 1e-9  # s
 
@@ -46,18 +44,12 @@ N, DB, SB = int(Mode.N), int(Mode.DB), int(Mode.SB)
 _OFF, _ON, _EDGE = 0, 1, 2
 
 
-@dataclass(frozen=True)
-class SwitchingRules:
-    """How modes are switched.
+class SwitchingRules(NamedTuple):
+    """How modes are switched."""
 
-    min_dwell  s, shortest time between two switches of an actuator
-    lead       s, by which boost precedes its need
-    max_hold   s, how long a closed valve holds a load above P_S without boost
-    """
-
-    min_dwell: float = 0.3
-    lead: float = 0.1
-    max_hold: float = 1.0
+    min_dwell: float = 0.3  # s, shortest time between two switches of an actuator
+    lead: float = 0.1  # s, by which boost precedes its need
+    max_hold: float = 1.0  # s, how long a closed valve holds a load above P_S without boost
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +74,10 @@ class StartModes:
 
     @classmethod
     def during(cls, schedule: ModeSchedule, time_ns: int) -> StartModes:
-        """The modes of a schedule at an absolute time; before its start they are taken as old."""
-        before = schedule.offset_ns + schedule.stamp_ns <= time_ns
-        rows = schedule.modes[before] if before.any() else schedule.modes[:1]
-        times = (schedule.offset_ns + schedule.stamp_ns)[: len(rows)]
-        age = np.full(rows.shape[1], math.inf)
-        for j in range(rows.shape[1]):
-            switched = np.flatnonzero(np.diff(rows[:, j]))
-            if len(switched) > 0:
-                age[j] = (time_ns - times[switched[-1] + 1]) / SECOND_NS
-        return cls(rows[-1], age)
+        """The modes of a schedule at an absolute time; old where it does not know since when."""
+        switched = schedule.switched_ns(time_ns)
+        age = np.where(switched > LONG_AGO_NS, (time_ns - switched) / SECOND_NS, math.inf)
+        return cls(schedule.modes_at(time_ns), age)
 
 
 def mode_schedule(
@@ -107,7 +93,8 @@ def mode_schedule(
                where the module budget allows, even if one servo pump's flow would do
 
     Where all flows cannot be had within the budget, SB gives way to DB: compare the result with
-    `s3_limits.first_violation`.
+    `s3_limits.first_violation`. Where the motion is too short for its switches, the dwell is not
+    kept: see `keeps_dwell`.
     """
     profile = motion_profile(
         machine, trajectory.position, trajectory.velocity, trajectory.acceleration
@@ -147,10 +134,20 @@ def interval_modes(
         start.modes,
         start.age,
         hold,
-        rules.lead,
-        rules.min_dwell,
-        rules.max_hold,
+        rules,
     )
+
+
+def keeps_dwell(
+    time: FloatArray,
+    modes: ModeArray,
+    start: StartModes,
+    hold: ModeArray,
+    rules: SwitchingRules | None = None,
+) -> bool:
+    """Whether no actuator is switched twice within the least dwell; arguments as above."""
+    least = (rules or SwitchingRules()).min_dwell - _ROUNDING
+    return bool(_shortest_run(time, modes, start.modes, start.age, hold) >= least)
 
 
 def schedule_of_intervals(
@@ -163,7 +160,7 @@ def schedule_of_intervals(
     return ModeSchedule(stamp_ns, offset_ns[keep], rows[keep])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _interval_modes(
     m: MachineArrays,
     time: FloatArray,
@@ -174,47 +171,60 @@ def _interval_modes(
     start: ModeArray,
     age: FloatArray,
     hold: ModeArray,
-    lead: float,
-    dwell: float,
-    longest_hold: float,
+    rules: SwitchingRules,
 ) -> ModeArray:
     """Kernel of `interval_modes`; the tests check its result against the rules, one by one."""
+    lead, dwell = rules.lead, rules.min_dwell
     intervals, n = len(speed) - 1, speed.shape[1]
     modes = np.zeros((intervals, n), dtype=np.uint8)
     needed = np.zeros((intervals, n), dtype=np.bool_)
     demand = np.zeros((intervals, n))
+    free = np.empty(n, dtype=np.int64)
     on = np.empty(intervals, dtype=np.bool_)
     shared = np.empty(intervals, dtype=np.bool_)
+    one_pump = highest_flow(oil_of(m), m.modules_per_mode[DB])
     for j in range(n):
         need, lifts, flow = _needs(m, j, speed, force)
         for i in range(intervals):
             on[i] = need[i] or need[i + 1]
             demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
-        _drop_short_holds(time, on, lifts, longest_hold, BOOSTED[hold[j]])
+        _drop_short_holds(time, on, lifts, rules.max_hold, BOOSTED[hold[j]])
         needed[:, j] = on
         lacks = _lacks_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
-        for i in range(intervals):
-            kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
-            on[i] = on[i] or (kept and BOOSTED[start[j]])
+
+        free[j] = _first_free(time, age[j], dwell)
+        on[: free[j]] = BOOSTED[start[j]]
         before = _ON if BOOSTED[start[j]] else _OFF
         after = _ON if BOOSTED[hold[j]] else _OFF
-        _settle(time, on, 0, intervals, lead, dwell, before, after)
-
-        one_pump = highest_flow(oil_of(m), m.modules_per_mode[DB])
-        for i in range(intervals):
-            kept = time[i] - time[0] < dwell - age[j] - _ROUNDING
-            wanted = demand[i, j] > one_pump or preferred[i, j] == SB
-            shared[i] = on[i] and (wanted or (kept and start[j] == SB))
-        _settle_shared(time, on, shared, lead, dwell, start[j], hold[j])
+        for ahead in (lead, 0.0):  # what is shared for its least time is boosted meanwhile
+            for i in range(intervals):
+                wanted = demand[i, j] > one_pump or preferred[i, j] == SB
+                shared[i] = on[i] and (start[j] == SB if i < free[j] else wanted)
+            shared_before = _ON if start[j] == SB else _OFF
+            _settle(time, shared, free[j], intervals, 0.0, dwell, shared_before, _OFF)
+            on |= shared
+            _settle(time, on, free[j], intervals, ahead, dwell, before, after)
+        for i in range(free[j], intervals):
+            shared[i] = on[i] and (demand[i, j] > one_pump or preferred[i, j] == SB)
+        _settle_shared(time, on, shared, free[j], lead, dwell, start[j], hold[j])
         for i in range(intervals):
             modes[i, j] = SB if shared[i] else (DB if on[i] else N)
-    _keep_budget(m, modes, demand, needed)
+    _keep_budget(m, time, modes, demand, needed, free, dwell)
     return modes
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def _first_free(time: FloatArray, age: float, dwell: float) -> int:
+    """The first interval in which a mode that is `age` s old at time[0] may be left."""
+    i = 0
+    while i < len(time) - 1 and time[i] - time[0] < dwell - age - _ROUNDING:
+        i += 1
+    return i
+
+
+@kernel
 def _needs(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray
 ) -> tuple[np.ndarray, np.ndarray, FloatArray]:
@@ -233,7 +243,7 @@ def _needs(
     return need, lifts, flow
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lacks_to_accelerate(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray
 ) -> np.ndarray:
@@ -243,13 +253,13 @@ def _lacks_to_accelerate(
     lacks = np.zeros(len(speed), dtype=np.bool_)
     for k in range(len(speed)):
         v, load = speed[k, j], force[k, j] + inertia[k, j]
-        if abs(v) > DEAD_BAND and opposes_motion(load, v):
-            needed = pressure_to_move(oil, cap, rod, load, v)
+        if abs(v) > 0.9 * DEAD_BAND and opposes_motion(load, v):
+            needed = pressure_to_move(oil, cap, rod, RESERVE * load, RESERVE * v)
             lacks[k] = needed - spared > oil.supply_pressure
     return lacks
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _run_end(on: np.ndarray, first: int, last: int) -> int:
     """End of the run of equal values that begins at `first`, at most `last`."""
     end = first + 1
@@ -258,7 +268,7 @@ def _run_end(on: np.ndarray, first: int, last: int) -> int:
     return end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _drop_short_holds(
     time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
 ) -> None:
@@ -272,7 +282,7 @@ def _drop_short_holds(
         first = end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _settle(
     time: FloatArray,
     on: np.ndarray,
@@ -316,38 +326,53 @@ def _settle(
         i = end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _settle_shared(
     time: FloatArray,
     on: np.ndarray,
     shared: np.ndarray,
+    free: int,
     lead: float,
     dwell: float,
     start: int,
     hold: int,
 ) -> None:
-    """Settle the SB parts of every boosted run, so that its DB parts are long enough too."""
+    """Settle the SB parts of every boosted run, so that its DB parts are long enough too.
+
+    The intervals before `free` stay as they are; SB without room for its least time is DB.
+    """
     first = 0
     while first < len(on):
         end = _run_end(on, first, len(on))
-        if on[first] and shared[first:end].any():
+        begin = max(first, free)
+        if on[first] and begin < end:
             before = after = _EDGE
             if first == 0 and BOOSTED[start]:
                 before = _ON if start == SB else _OFF
             if end == len(on) and BOOSTED[hold]:
                 after = _ON if hold == SB else _OFF
-            _settle(time, shared, first, end, lead, dwell, before, after)
+            if before != _ON and after != _ON and time[end] - time[begin] < dwell - _ROUNDING:
+                shared[begin:end] = False
+            if shared[begin:end].any() or before == _ON:
+                _settle(time, shared, begin, end, lead, dwell, before, after)
         first = end
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _keep_budget(
-    m: MachineArrays, modes: ModeArray, demand: FloatArray, needed: np.ndarray
+    m: MachineArrays,
+    time: FloatArray,
+    modes: ModeArray,
+    demand: FloatArray,
+    needed: np.ndarray,
+    free: IntArray,
+    dwell: float,
 ) -> None:
-    """Bring every interval within the module budget.
+    """Bring every interval within the module budget, without a run that is shorter than `dwell`.
 
     The SB run with the least flow demand falls back to DB first; then boost that is there only
-    for lead or dwell is given up. What still does not fit stays, for the caller to find.
+    for lead or dwell is given up. Nothing changes before free[j], an actuator's first interval in
+    which it may be switched. What still does not fit stays, for the caller to find.
     """
     intervals, n = modes.shape
     for i in range(intervals):
@@ -361,22 +386,86 @@ def _keep_budget(
             least = math.inf
             first = last = 0
             for j in range(n):
-                if modes[i, j] != SB:
+                if modes[i, j] != SB or i < free[j]:
                     continue
-                a, b = i, i
-                while a > 0 and modes[a - 1, j] == SB:
-                    a -= 1
-                while b < intervals and modes[b, j] == SB:
-                    b += 1
+                a, b = _run_around(modes, i, j)
+                a = max(a, free[j])
                 peak = demand[a:b, j].max()
-                if peak < least:
+                if peak < least and _long_enough(time, modes, a, b, j, DB, dwell):
                     loser, least, first, last = j, peak, a, b
             if loser >= 0:
                 modes[first:last, loser] = DB
                 continue
             for j in range(n):
-                if modes[i, j] == DB and not needed[i, j]:
+                if modes[i, j] != DB or i < free[j] or needed[i, j]:
+                    continue
+                a, b = _run_around(modes, i, j)
+                first, last = i, i + 1
+                while first > max(a, free[j]) and not needed[first - 1, j]:
+                    first -= 1
+                while last < b and not needed[last, j]:
+                    last += 1
+                if _long_enough(time, modes, first, last, j, N, dwell):
+                    modes[first:last, j] = N
                     loser = j
+                    break
             if loser < 0:
                 break
-            modes[i, loser] = N
+
+
+@kernel
+def _run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
+    """The run of actuator j's mode around interval i, its first and the one after its last."""
+    a, b = i, i + 1
+    while a > 0 and modes[a - 1, j] == modes[i, j]:
+        a -= 1
+    while b < len(modes) and modes[b, j] == modes[i, j]:
+        b += 1
+    return a, b
+
+
+@kernel
+def _long_enough(
+    time: FloatArray, modes: ModeArray, first: int, last: int, j: int, mode: int, dwell: float
+) -> bool:
+    """Whether `mode` in [first, last), and what it leaves of the runs beside it, last long enough.
+
+    Runs that touch either end of the schedule go on there.
+    """
+    a, b = first, last
+    while a > 0 and modes[a - 1, j] == mode:
+        a -= 1
+    while b < len(modes) and modes[b, j] == mode:
+        b += 1
+    least = dwell - _ROUNDING
+    if a > 0 and b < len(modes) and time[b] - time[a] < least:
+        return False
+    if a > 0:
+        c, _ = _run_around(modes, a - 1, j)
+        if c > 0 and time[a] - time[c] < least:
+            return False
+    if b < len(modes):
+        _, c = _run_around(modes, b, j)
+        if c < len(modes) and time[c] - time[b] < least:
+            return False
+    return True
+
+
+@kernel
+def _shortest_run(
+    time: FloatArray, modes: ModeArray, start: ModeArray, age: FloatArray, hold: ModeArray
+) -> float:
+    """Least time between two switches of an actuator [s], those before the first instant included.
+
+    start, age  in force before, and for how long [s]; hold: from the last instant on
+    """
+    intervals, n = modes.shape
+    shortest = math.inf
+    for j in range(n):
+        mode, switched = start[j], time[0] - age[j]
+        for i in range(intervals + 1):
+            now = modes[i, j] if i < intervals else hold[j]
+            if now != mode:
+                shortest = min(shortest, time[i] - switched)
+                mode, switched = now, time[i]
+    return shortest

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.command import Command
+from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, PlanSummary
@@ -39,12 +40,14 @@ class Ending(NamedTuple):
 class Execution:
     """A goal and the command for it that the arm has taken.
 
+    target   where the command leads: to the goal, or a little ahead of one that moves
     plan     what its verdict told of that command
     settings with which it was planned; a goal is the same only if these are
     """
 
     in_hand: GoalInHand
     command: Command
+    target: Goal
     plan: PlanSummary
     settings: Settings
 
@@ -77,8 +80,12 @@ class Execution:
         if view.measured is None:
             return Ending(Outcome.REACHED, "the plan has ended; nobody measures the tip")
         tip = machine.tip_position(view.measured.state.position)
+        region = self.settings.options.goal_region
         distance = float(np.hypot(tip[0] - goal.x, tip[1] - goal.z))
-        sentence = f"the tip is {1e3 * distance:.2f} mm from the goal"
+        if region is not None:
+            distance = region.distance((tip[0] - goal.x, tip[1] - goal.z))
+        where = "goal" if region is None else "goal's region"
+        sentence = f"the tip is {1e3 * distance:.2f} mm from the {where}"
         if distance <= REACHED_DISTANCE:
             return Ending(Outcome.REACHED, sentence)
         if now_ns < self.command.trajectory.end_ns + SETTLING_NS:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mhsb_model.goal import Goal
-from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
 from mhsb_planner.online.replanning import Replan
 
@@ -22,6 +21,7 @@ class GoalInHand:
     lead_ms        from its arrival to where that one leaves the command before
     stretch        factor of the lead, for plans that came too late before
     too_long       how often even the longest lead was too short
+    exact          whether it is to be planned for where it is, also if it moves
     over           whether it has ended
     """
 
@@ -34,6 +34,7 @@ class GoalInHand:
     lead_ms: float = 0.0
     stretch: float = 1.0
     too_long: int = 0
+    exact: bool = False
     over: bool = False
 
     def refused(self, code: Verdict, sentence: str) -> GoalVerdict:
@@ -66,9 +67,11 @@ def summary_of(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:
         plan_stamp_ns=replan.command.stamp_ns,
         energy_j=plan.energy.paper,
         energy_series_j=plan.energy.series,
-        duration_s=plan.motion.trajectory.duration_ns / SECOND_NS,
+        duration_s=plan.duration,
         switches=plan.motion.schedule.switches,
         plan_ms=plan_ms,
         lower_bound_j=plan.lower_bound,
         lead_ms=lead_ms,
+        speed_excess=plan.motion.speed_excess,
+        cavitation_s=sum(each.duration for each in plan.cavitations),
     )

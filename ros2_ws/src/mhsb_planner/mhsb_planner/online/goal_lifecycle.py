@@ -11,6 +11,7 @@ stamped anew.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -29,6 +30,7 @@ from mhsb_planner.online.departure import MovingError, NoStateError, departure
 from mhsb_planner.online.execution import EARLY_NS, Execution
 from mhsb_planner.online.goal_in_hand import GoalInHand, summary_of
 from mhsb_planner.online.goal_reports import GoalReports
+from mhsb_planner.online.goal_stream import GoalStream
 from mhsb_planner.online.lead import LONGER, Lead, LeadEstimate
 from mhsb_planner.online.plan_request import PlanRequest, Sent, Settings
 from mhsb_planner.online.ports import Clock, Outbox
@@ -51,10 +53,14 @@ STOP_TIMEOUT = 5.0
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
 
-SAME_GOAL = 1e-4
-"""Goals within this of each other are the same [m]."""
+LASTING = 0.8
+"""A plan for a goal that moves lasts so much of the time until it comes again, before it slows."""
+
+OLD_STOP = 1.0
+"""The arm's clock may be so much behind what is told of it, also when it told of a stop [s]."""
 
 STOP_ASKED = "the planner was asked to stop"
+ARM_STOPPED = "the arm was asked to stop"
 
 @dataclass
 class Stopping:
@@ -91,6 +97,7 @@ class GoalLifecycle:
     ) -> None:
         self.view = ArmView(settings.machine.joint_count)
         self.lead = LeadEstimate()
+        self._stream = GoalStream()
         self._settings = settings
         self._brake = brake
         self._clock = clock
@@ -104,7 +111,10 @@ class GoalLifecycle:
         self._stopping: Stopping | None = None
         self._sent: dict[int, Sent] = {}
         self._last_stamp_ns = 0
+        self._last_stop_ns = 0
+        self._void_until = -math.inf
         self._arm_asked = False
+        self._asked_at = -math.inf
 
     @property
     def pending(self) -> Command | None:
@@ -124,13 +134,16 @@ class GoalLifecycle:
 
     # --- Goals -----------------------------------------------------------------------------------
 
-    def goal(self, goal: Goal) -> None:
-        """A goal has come."""
+    def goal(self, goal: Goal, received: float | None = None) -> None:
+        """A goal has come: now, or at `received` by the steady clock [s]."""
         wall = self._clock.wall()
-        in_hand = GoalInHand(goal, wall, wall)
+        in_hand = GoalInHand(goal, wall if received is None else received, wall)
         machine = self._settings.machine
         if self.view.fault:
             self._tell.refuse(in_hand, Verdict.FAULT, self.view.fault)
+            return
+        if in_hand.received <= self._void_until:
+            self._tell.stop(in_hand, ARM_STOPPED)
             return
         try:
             machine.check_in_workspace(goal.x, goal.z)
@@ -138,7 +151,8 @@ class GoalLifecycle:
         except MhsbError as error:
             self._tell.refuse(in_hand, code_of(error), str(error))
             return
-        if self._waiting is not None:
+        self._stream.hear(goal, in_hand.received)
+        if self._waiting is not None and not self._is_under_way(self._waiting):
             self._tell.pass_over(self._waiting)
         self._waiting = in_hand
         self._arm_asked = False
@@ -149,6 +163,7 @@ class GoalLifecycle:
         sent = self._unconfirmed
         if sent is not None and self._overdue(sent):
             self._not_taken(sent, HandOverReason.LATE, "the arm did not take the plan in time")
+        self._go_to_where_the_stream_ended()
         self._judge_execution()
         self._go_on_stopping()
         self._begin()
@@ -170,7 +185,7 @@ class GoalLifecycle:
             foreign = self.view.in_force_ns != NO_PLAN
             if isinstance(error, MovingError) and foreign and not self._arm_asked:
                 self._arm_asked = True
-                self._out.stop_arm()
+                self._stop_arm()
             if wall - in_hand.waiting_since >= LONGEST_WAIT:
                 self._waiting = None
                 self._tell.refuse(in_hand, code_of(error), str(error))
@@ -185,9 +200,12 @@ class GoalLifecycle:
     ) -> PlanRequest:
         lead = self._lead_of(in_hand)
         at_rest = start.trajectory.end_ns <= now_ns
+        target, lasting = self._target_of(in_hand, wall, lead.total)
         return PlanRequest(
             self._epoch,
             in_hand,
+            target,
+            lasting,
             self._settings,
             start,
             self.view.in_force_ns,
@@ -196,6 +214,33 @@ class GoalLifecycle:
             wall,
             Deadline(wall + lead.total - lead.flight),
         )
+
+    def _target_of(self, in_hand: GoalInHand, wall: float, lead: float) -> tuple[Goal, float]:
+        """Where a plan should lead, and how long it should last: until the goal has come again."""
+        stream, goal = self._stream, in_hand.goal
+        if in_hand.exact or not stream.moves(wall):
+            return goal, 0.0
+        return stream.ahead(goal, lead + stream.period), LASTING * stream.period
+
+    def _go_to_where_the_stream_ended(self) -> None:
+        """A goal that moved comes no more: the plan in force ends a little beyond it."""
+        execution = self._execution
+        if execution is None or self._stopping or self._before_confirmation():
+            return
+        in_hand, wall = execution.in_hand, self._clock.wall()
+        if execution.target.same_place(in_hand.goal) or self._stream.moves(wall):
+            return
+        in_hand.exact, in_hand.waiting_since = True, wall
+        self._waiting = in_hand
+
+    def _stay_near(self) -> None:
+        """The plan in force is good enough for a goal that moved: there is none to its very end."""
+        if self._execution is not None:
+            self._execution = replace(self._execution, target=self._execution.in_hand.goal)
+
+    def _is_under_way(self, in_hand: GoalInHand) -> bool:
+        """Whether the arm executes a plan for this very goal."""
+        return self._execution is not None and self._execution.in_hand is in_hand
 
     def _lead_of(self, in_hand: GoalInHand) -> Lead:
         settings = self._settings
@@ -215,11 +260,9 @@ class GoalLifecycle:
         execution, goal = self._execution, in_hand.goal
         if execution is None or not self.view.executes_own(now_ns):
             return False
-        other = execution.in_hand.goal
-        far = max(abs(goal.x - other.x), abs(goal.z - other.z)) > SAME_GOAL
-        if far or execution.command is not self.view.own:
+        if not goal.same_place(execution.target) or execution.command is not self.view.own:
             return False
-        if execution.settings is not self._settings:
+        if execution.settings is not self._settings or self._stream.moves(self._clock.wall()):
             return False
         if execution.in_hand is in_hand:
             return True
@@ -244,6 +287,11 @@ class GoalLifecycle:
         elif isinstance(answer, DeadlineError):
             self.lead.add_first_motion(LONGER * (wall - request.began))
             self._took_too_long(request, Verdict.NOT_FOUND, str(answer))
+        elif isinstance(answer, MhsbError) and self._is_under_way(in_hand):
+            self._stay_near()
+        elif isinstance(answer, MhsbError) and request.target is not in_hand.goal:
+            in_hand.exact = True
+            self._again(in_hand)
         elif isinstance(answer, MhsbError):
             self._tell.refuse(in_hand, code_of(answer), str(answer))
         elif isinstance(answer, Exception):
@@ -313,7 +361,9 @@ class GoalLifecycle:
         if in_hand.too_long >= TRIES:
             if in_hand.answered:
                 code = Verdict.DEADLINE
-            self._tell.refuse(in_hand, code, f"{sentence}, in {TRIES} tries at the longest lead")
+            spent = self._clock.wall() - in_hand.received
+            tries = f"{TRIES} tries at the longest lead, {spent:.1f} s in all"
+            self._tell.refuse(in_hand, code, f"{sentence}, in {tries}")
         elif replan is not None:
             self._send_plan(request, replan, self._clock.wall())
         else:
@@ -383,6 +433,38 @@ class GoalLifecycle:
             self._execution = None
         self._stopped(True, sentence)
 
+    def heard_stop(self, stop_ns: int, heard: float | None = None) -> None:
+        """When the arm was last asked to stop [ns], 0 never: goals that had come are void.
+
+        That is all that came before the arm's report, which came now or at `heard` by the steady
+        clock [s]; a goal sent after the arm's answer comes later. An old stop voids nothing.
+        """
+        if stop_ns in (0, self._last_stop_ns):
+            return
+        self._last_stop_ns, wall = stop_ns, self._clock.wall()
+        if wall - self._asked_at < LONGEST_WAIT:  # by this planner, for a goal that waits
+            return
+        ago = (self._now_ns() - stop_ns) / SECOND_NS / self._in_arm_time(1.0)
+        self._void_until = min(wall if heard is None else heard, wall - ago + OLD_STOP)
+        for in_hand in self._before_confirmation():
+            if in_hand.received <= self._void_until:
+                self._tell.stop(in_hand, ARM_STOPPED)
+        execution = self._execution
+        if execution is not None and execution.in_hand.received <= self._void_until:
+            if self.view.executes_own(self._now_ns()):  # it took the plan after it was stopped
+                self._stopping = self._stopping or Stopping(ARM_STOPPED, wall)
+            else:
+                self._execution = None
+                self._tell.end(execution.in_hand, Outcome.STOPPED, ARM_STOPPED)
+        if self._waiting is not None and self._waiting.over:
+            self._waiting = None
+        if self._request is not None and self._request.in_hand.over:
+            self._request = None
+        sent = self._unconfirmed
+        if sent is not None and sent.request is not None and sent.request.in_hand.over:
+            sent.void = True
+        self._go_on_stopping()
+
     def clock_jumped(self, sentence: str) -> None:
         """All that is known of the arm is void; goals that have not been confirmed start anew."""
         self._out.warn(f"{sentence}: what was known of the arm is forgotten")
@@ -417,7 +499,9 @@ class GoalLifecycle:
         self._execution = None
         if not in_hand.over:
             plan = summary_of(sent.replan, 0.0, in_hand.lead_ms)
-            self._execution = Execution(in_hand, sent.command, plan, sent.request.settings)
+            self._execution = Execution(
+                in_hand, sent.command, sent.request.target, plan, sent.request.settings
+            )
         if sent.void:
             self._stopping = self._stopping or Stopping(STOP_ASKED, wall)
             self._go_on_stopping()
@@ -475,6 +559,7 @@ class GoalLifecycle:
         for in_hand in self._before_sending():
             self._tell.stop(in_hand, STOP_ASKED)
         self._waiting = self._request = None
+        self._stay_near()
         stopping = self._stopping = self._stopping or Stopping(STOP_ASKED, self._clock.wall())
         stopping.done.append(done)
         sent = self._unconfirmed
@@ -526,7 +611,11 @@ class GoalLifecycle:
                 self._send_braking(own, now_ns, LONGER ** (stopping.tries - 1))
             elif stopping.tries == TRIES:
                 stopping.tries += 1
-                self._out.stop_arm()
+                self._stop_arm()
+
+    def _stop_arm(self) -> None:
+        self._asked_at = self._clock.wall()
+        self._out.stop_arm()
 
     def _send_braking(self, own: Command, now_ns: int, stretch: float) -> None:
         lead = self._in_arm_time(max(self._settings.lead_min, stretch * self.lead.flight))
@@ -568,7 +657,13 @@ class GoalLifecycle:
         execution = self._execution
         if execution is None or self._stopping is not None:
             return
+        if execution.in_hand in self._before_confirmation():  # another plan for it is being made
+            return
         ending = execution.ending(self._settings.machine, self.view, self._now_ns())
+        ahead = not execution.target.same_place(execution.in_hand.goal)
+        arrived = ending is not None and ending.outcome is Outcome.REACHED
+        if arrived and ahead and self._stream.moves(self._clock.wall()):
+            return  # soon it is known where the goal stays
         if ending is not None:
             self._execution = None
             self._tell.end(execution.in_hand, *ending)

@@ -97,4 +97,5 @@ def _joined_schedule(
         times.stamp_ns,
         np.concatenate([at_ns, times.change_ns + new.offset_ns]) - times.stamp_ns,
         np.vstack([old.modes_at_many(at_ns), new.modes]),
+        old.switched_ns(times.stamp_ns),
     )

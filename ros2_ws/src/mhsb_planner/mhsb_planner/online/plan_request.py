@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mhsb_model.command import Command
+from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
@@ -34,6 +35,8 @@ class PlanRequest:
     """A plan that is being made.
 
     epoch      of the lifecycle when it was asked for; another one later makes it void
+    target     where it shall lead: the goal, or where a goal that moves will be
+    lasting    s, that it shall take at least
     departure  command that it continues, while the arm said that `in_force_ns` was in force
     now_ns     the arm's time when it was asked for
     lead       s of the arm's time, until it leaves the departure
@@ -43,6 +46,8 @@ class PlanRequest:
 
     epoch: int
     in_hand: GoalInHand
+    target: Goal
+    lasting: float
     settings: Settings
     departure: Command
     in_force_ns: int | None
@@ -53,14 +58,14 @@ class PlanRequest:
 
     def answered_by(self, replanner: Replanner) -> Replan | None:
         """The worker's part; raises what `Replanner.replan` raises."""
-        goal, began = self.in_hand.goal, deadline.now()
+        target, began = self.target, deadline.now()
         replanner.change(self.settings.machine)
         replan = replanner.replan(
             self.departure,
             self.now_ns,
-            (goal.x, goal.z),
+            (target.x, target.z),
             self.lead,
-            self.settings.options,
+            replace(self.settings.options, least_duration=self.lasting),
             self.deadline,
         )
         if replan is None:

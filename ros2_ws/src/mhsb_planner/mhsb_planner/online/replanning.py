@@ -20,6 +20,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.goal_region import is_met
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
@@ -94,7 +95,7 @@ class Replanner:
         times = change_over(in_force, now_ns, round(lead * SECOND_NS))
         start = in_force.trajectory.sample(times.change_ns)
         moving = bool(start.velocity.any() or start.acceleration.any())
-        if not moving and self._at_goal(start.position, goal, options.goal_psi):
+        if not moving and self._at_goal(start.position, goal, options):
             return None
         plan = self._planner.plan(
             goal,
@@ -120,12 +121,11 @@ class Replanner:
         return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
 
     def _at_goal(
-        self, posture: FloatArray, goal: tuple[float, float], psi: float | None
+        self, posture: FloatArray, goal: tuple[float, float], options: PlanOptions
     ) -> bool:
-        tip = self._planner.machine.tip_position(posture)
-        if np.hypot(*(tip - goal)) > AT_GOAL_DISTANCE:
-            return False
-        return psi is None or abs(float(np.sum(posture)) - psi) <= AT_GOAL_ANGLE
+        tip, angle = self._planner.machine.tip_position(posture), float(np.sum(posture))
+        region, psi = options.goal_region, options.goal_psi
+        return is_met(goal, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
 
     def _rehearse(self) -> Command:
         """A move between two neighbours on the grid, changed on its way: first calls are slow."""

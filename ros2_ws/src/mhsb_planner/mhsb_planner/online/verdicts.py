@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from mhsb_model.errors import MhsbError, OutOfWorkspaceError
 from mhsb_model.goal import Goal
-from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import (
     DeadlineError,
@@ -31,6 +30,9 @@ CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (MovingError, Verdict.MOVING),
 )
 
+TOLD_EXCESS = 0.005
+"""A greater excess over V_max is part of the sentence."""
+
 
 def code_of(error: MhsbError) -> Verdict:
     """The code under which an error is reported."""
@@ -40,8 +42,11 @@ def code_of(error: MhsbError) -> Verdict:
 def announcement(replan: Replan, goal: Goal) -> str:
     """What is told of an accepted goal."""
     plan = replan.plan
-    duration = plan.motion.trajectory.duration_ns / SECOND_NS
-    sentence = f"the tip goes to ({goal.x:.4g}, {goal.z:.4g}) m in {duration:.1f} s"
+    x, z = plan.path.tip[-1].tolist() if plan.path.steps > 0 else (goal.x, goal.z)
+    sentence = f"the tip goes to ({x:.4g}, {z:.4g}) m in {plan.duration:.1f} s"
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"
-    return "; ".join([sentence, *map(str, plan.motion.overloads)])
+    excess = plan.motion.speed_excess
+    if excess >= TOLD_EXCESS:
+        sentence += f", pistons up to {100 * excess:.2g} % faster than V_max"
+    return "; ".join([sentence, *plan.warnings])

@@ -8,7 +8,7 @@ import numpy as np
 
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import Candidate, Task
-from mhsb_planner.planners.table import path_over
+from mhsb_planner.planners.table import paths_over
 from mhsb_planner.search import fixed_j3
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
@@ -36,7 +36,7 @@ class FixedPlanner:
             grid=graph.grid,
             deadline=time.until,
         )
-        yield Candidate(path_over(own, task, time))
+        yield from map(Candidate, paths_over(own, task, time))
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile what paths run through."""

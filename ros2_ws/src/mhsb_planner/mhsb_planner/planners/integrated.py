@@ -1,12 +1,14 @@
 """Path, posture and modes decided together (`mhsb_planner.integrated`).
 
-The motion is compared with that along the table planner's path and, where the area has a weight,
-along the path that is found without: what a path promises is not always kept by its motion.
+The motion is compared with those of the table planner and of the one that keeps joint 3, along
+their paths in their own way and in this one's, and, where the area has a weight, with that along
+the path that is found without: what a path promises is not always kept by its motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 from mhsb_model.errors import MhsbError
@@ -14,10 +16,10 @@ from mhsb_model.machine import Machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.planners.fixed import FixedPlanner
 from mhsb_planner.planners.path_planner import Candidate, Task
-from mhsb_planner.planners.table import path_over
+from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm, area_along_path
-from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
 
@@ -31,27 +33,32 @@ class IntegratedPlanner:
     weighs_area = True
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
-        """Own paths; in between, as soon as these have no motion, or last, the others.
+        """Own paths; in between, as soon as these have no motion or take long, the others.
 
         With the area weighed lower bounds say little and the search is long: the others come
         before it.
         """
-        machine = graph.machine
-        own = _search(machine, task, time, task.area)
-        others = [lambda: path_over(graph, task, time)]
-        if task.area.weight > 0.0:
-            others.append(lambda: _search(machine, task, time, WITHOUT_AREA).last())
+        own, compared = _search(graph.machine, task, time, task.area), False
         for path in own.paths():
             if path is not None:
                 yield Candidate(path)
-            if task.area.weight > 0.0 or not time.found:
-                yield from _compared(machine, task, own.lower_bound, others)
-                others = []
-        yield from _compared(machine, task, own.lower_bound, others)
+            if not compared and (path is None or task.area.weight > 0.0 or not time.found):
+                compared = True
+                yield from _others(graph, task, time, own.lower_bound)
+        if not compared:
+            yield from _others(graph, task, time, own.lower_bound)
+        if task.options.goal_region is not None:  # no dearer than to the goal itself
+            alone = replace(task, options=replace(task.options, goal_region=None))
+            with suppress(MhsbError):
+                for candidate in self.paths(graph, alone, time):
+                    path = replace(candidate.path, lower_bound=own.lower_bound)
+                    yield candidate._replace(path=path, compared=True)
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile what paths run through."""
         integrated_search.warm_up(graph.machine)
+        for planner in (TablePlanner(), FixedPlanner()):
+            planner.warm_up(graph)
 
 
 def _search(machine: Machine, task: Task, time: SearchTime, area: AreaTerm) -> IntegratedSearch:
@@ -64,25 +71,32 @@ def _search(machine: Machine, task: Task, time: SearchTime, area: AreaTerm) -> I
         options.weights,
         options.energy_reading,
         goal_psi=options.goal_psi,
+        goal_region=options.goal_region,
         certified_from=task.start.position,
         area=area,
         time=time,
     )
 
 
-def _compared(
-    machine: Machine,
-    task: Task,
-    lower_bound: float,
-    others: list[Callable[[], DiscretePath]],
+def _others(
+    graph: StepGraph, task: Task, time: SearchTime, lower_bound: float
 ) -> Iterator[Candidate]:
     """Paths found elsewhere, as far as they are, with what they give up of the area."""
-    for other in others:
-        try:
-            path = replace(other(), lower_bound=lower_bound)
-        except MhsbError:
-            continue
+    for candidate in _elsewhere(graph, task, time):
+        path = replace(candidate.path, lower_bound=lower_bound)
         if task.area.weight > 0.0:
-            shortfall = area_along_path(machine, path).shortfall(task.area.reference)
+            shortfall = area_along_path(graph.machine, path).shortfall(task.area.reference)
             path = replace(path, cost=path.cost + task.area.weight * shortfall)
-        yield Candidate(path, compared=True)
+        yield Candidate(path, True, candidate.trajectory)
+
+
+def _elsewhere(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
+    if task.area.weight > 0.0:
+        with suppress(MhsbError):
+            yield Candidate(_search(graph.machine, task, time, WITHOUT_AREA).last())
+    for planner in (TablePlanner(), FixedPlanner()):
+        with suppress(MhsbError):
+            for candidate in planner.paths(graph, task, time):
+                yield candidate
+                if task.options.trajectory is None:
+                    yield candidate._replace(trajectory=planner.trajectory)

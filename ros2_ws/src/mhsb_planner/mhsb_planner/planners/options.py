@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mhsb_planner.errors import RequestError
+from mhsb_planner.goal_region import Angle, Point, Region, check_angle
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import SearchMethod, Weights
@@ -14,6 +15,12 @@ from mhsb_planner.search.s2_step import EnergyReading
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
+DEFAULT_SPEED_EXCESS = 0.1
+"""The paper's "slightly above V_max". On a path at V_max throughout a polynomial of its duration
+passes it by a quarter at least, and is stretched."""
+
+HIGHEST_SPEED_EXCESS = 1.0
+
 
 @dataclass(frozen=True)
 class PlanOptions:
@@ -21,34 +28,62 @@ class PlanOptions:
 
     weights          of energy, time and mode switches
     energy_reading   `paper` or `series`
-    goal_psi         rad, end-link angle at the goal; None leaves it free
+    goal_psi         rad, end-link angle at the goal, or the least and the greatest that will do;
+                     None leaves it free
+    goal_region      where else the tip may end, beside the goal itself
+    via              (x, z) m, points that the tip passes on its way, in this order
+    via_tolerance    m, at what distance at most
     planner          where postures come from, one of `registry.PLANNERS`
     trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
-                     None: as the planner does
+                     None: as the planner does, a stretched polynomial compared with following
+    max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial
     initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
     max_expansions   of the search; None takes what it needs
+    least_duration   s, that a motion takes at least: one that is to be followed by another
     area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for planners that
                      weigh it; 0 leaves the area out
 
-    Raises RequestError for an angle that is not finite and a weight that is negative or not
-    finite.
+    Raises RequestError for angles and points that are not finite, a tolerance that is not
+    positive, and a weight that is negative or not finite.
     """
 
     weights: Weights = ENERGY_OPTIMAL
     energy_reading: EnergyReading = "paper"
-    goal_psi: float | None = None
+    goal_psi: Angle = None
+    goal_region: Region | None = None
+    via: tuple[Point, ...] = ()
+    via_tolerance: float = 0.01
     planner: str = "table"
     trajectory: TrajectoryKind | None = None
+    max_speed_excess: float = DEFAULT_SPEED_EXCESS
     initial_j3: float | None = None
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
     max_expansions: int | None = None
+    least_duration: float = 0.0
     area_weight: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.goal_psi is not None and not math.isfinite(self.goal_psi):
-            raise RequestError("goal_psi", self.goal_psi, "must be a finite angle in rad")
+        check_angle(self.goal_psi)
+        for point in self.via:
+            if not all(math.isfinite(value) for value in point):
+                raise RequestError("via", point, "must be two finite numbers [m]")
+        if not (math.isfinite(self.via_tolerance) and self.via_tolerance > 0.0):
+            raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
         if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
             raise RequestError("area weight", self.area_weight, "must be finite and not negative")
+        if not 0.0 <= self.max_speed_excess <= HIGHEST_SPEED_EXCESS:
+            rule = f"must be within 0 … {HIGHEST_SPEED_EXCESS:g}"
+            raise RequestError("max_speed_excess", self.max_speed_excess, rule)
+
+    @property
+    def on_the_way(self) -> PlanOptions:
+        """For a leg to a point on the way: whatever posture will do there."""
+        return replace(self, goal_psi=None, goal_region=None, via=())
+
+    @property
+    def at_the_end(self) -> PlanOptions:
+        """For the leg to the goal."""
+        return replace(self, via=())

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray
+from mhsb_planner.integrated.certificate import least_cost_to
+from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.motion.s3_coasting import Coasting
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.search.area_shortfall import AreaTerm
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.lower_bound import ENERGY_ALONE
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
 
@@ -23,28 +27,44 @@ class Task:
 
     goal   (x, z) m
     modes  in force at the start
-    brake  how a moving start comes to rest
+    brake  how a moving start comes to rest: by coasting, or on its old way
+    departure  posture at rest from which the path begins [rad]
     area   weight of the polytope's area, and the area that counts as full
     """
 
     goal: tuple[float, float]
     start: MotionState
     modes: StartModes
-    brake: Trajectory | None
+    brake: Trajectory | Coasting | None
+    departure: FloatArray
     options: PlanOptions
     area: AreaTerm
 
-    @property
-    def departure(self) -> FloatArray:
-        """Posture at rest from which the path begins [rad]."""
-        return self.start.position if self.brake is None else self.brake.position[-1]
+    def bound(self, graph: StepGraph) -> float:
+        """No plan from the start to one of the goal's points takes less energy [J]."""
+        machine, options = graph.machine, self.options
+        goals = goal_postures(machine, *self.goal, options.goal_psi, region=options.goal_region)
+        start = machine.cylinder_lengths(self.start.position)
+        return least_cost_to(machine, graph.circuit, start, goals, ENERGY_ALONE)
+
+    def from_rest(self, path: DiscretePath) -> Task:
+        """The same asked from where a path ends, at rest and in its last modes."""
+        last = path.modes[-1] if path.steps > 0 else path.start_modes
+        start = MotionState.at_rest(path.posture[-1])
+        modes = StartModes.settled(last)
+        return replace(self, start=start, modes=modes, brake=None, departure=start.position)
 
 
 class Candidate(NamedTuple):
-    """A path that a motion may follow; `compared` if it is another planner's."""
+    """A path that a motion may follow.
+
+    compared    whether it is another planner's
+    trajectory  how S3 begins on it, unless it is told; None: as the planner does
+    """
 
     path: DiscretePath
     compared: bool = False
+    trajectory: TrajectoryKind | None = None
 
 
 class PathPlanner(Protocol):

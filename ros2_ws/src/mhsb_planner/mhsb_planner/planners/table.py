@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
+import numpy as np
+
+from mhsb_model.errors import MhsbError
+from mhsb_planner.errors import DeadlineError
+from mhsb_planner.goal_region import is_met, tips
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.search import s2_search
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_search import SAME_POINT
 from mhsb_planner.search.search_time import SearchTime
 
 
@@ -22,21 +29,62 @@ class TablePlanner:
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """The path of least cost, or the published search's."""
-        yield Candidate(path_over(graph, task, time))
+        yield from map(Candidate, paths_over(graph, task, time))
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile what paths run through."""
         s2_search.warm_up(graph)
 
 
-def path_over(graph: StepGraph, task: Task, time: SearchTime) -> DiscretePath:
-    """The path over a graph; raises what `s2_search.search` raises."""
+def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[DiscretePath]:
+    """Paths over a graph: to the goal itself, and to where in its region it costs least.
+
+    Raises what `s2_search.search` raises of the goal itself where there is no path at all.
+    """
+    if _is_there(graph, task):
+        tip = graph.machine.tip_position(task.departure)
+        yield DiscretePath.standing(tip, task.departure, task.modes.modes, 0.0)
+        return
+    region = task.options.goal_region
+    found: list[DiscretePath] = []
+    refused: MhsbError | None = None
+    for x, z in tips(task.goal, region).tolist():
+        try:
+            path = _path_to((x, z), graph, task, time)
+        except MhsbError as error:
+            refused = refused or error
+            if isinstance(error, DeadlineError):
+                break
+            continue
+        found.append(path if region is None else replace(path, lower_bound=task.bound(graph)))
+        if len(found) == 1:
+            yield found[0]
+    if refused is not None and not found:
+        raise refused
+    best = min(found, key=lambda path: path.cost)
+    if best is not found[0]:
+        yield best
+
+
+def _is_there(graph: StepGraph, task: Task) -> bool:
+    options, posture = task.options, task.departure
+    tip, angle = graph.machine.tip_position(posture), float(np.sum(posture))
+    if options.goal_region is None:
+        return False  # for the search to find
+    return is_met(
+        task.goal, options.goal_region, options.goal_psi, tip, angle, SAME_POINT, SAME_POINT
+    )
+
+
+def _path_to(
+    tip: tuple[float, float], graph: StepGraph, task: Task, time: SearchTime
+) -> DiscretePath:
     options = task.options
     return s2_search.search(
         graph,
         task.departure,
         task.modes.modes,
-        task.goal,
+        tip,
         options.weights,
         options.energy_reading,
         method=options.search,

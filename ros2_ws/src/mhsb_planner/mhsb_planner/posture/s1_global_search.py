@@ -15,9 +15,9 @@ from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
@@ -62,7 +62,7 @@ NodeSolver = Callable[[Machine, FloatArray, FloatArray, FloatArray], None]
 float64[nodes, 2], with NaN where there is no posture within limits."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _angle(lower: float, upper: float, t: float) -> float:
     """ψ = middle − half·cos t, exact at both ends."""
     if t <= 0.0:
@@ -72,7 +72,7 @@ def _angle(lower: float, upper: float, t: float) -> float:
     return 0.5 * (lower + upper) - 0.5 * (upper - lower) * math.cos(t)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _measure(
     m: MachineArrays,
     x: float,
@@ -91,7 +91,7 @@ def _measure(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _refine(
     m: MachineArrays,
     x: float,
@@ -133,7 +133,7 @@ def _refine(
     return area[best]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def largest_polytopes(
     m: MachineArrays,
     x: float,
@@ -217,7 +217,7 @@ def largest_polytopes(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _search_nodes(
     m: MachineArrays,
     position: FloatArray,

@@ -18,10 +18,10 @@ import itertools
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model import hydraulics, kinematics
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import MODE_COUNT
@@ -31,7 +31,7 @@ from mhsb_model.types import FloatArray, ModeArray, frozen
 APART = 1e-12
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     """Largest inlet flow of every joint, written to limit[n, mode, extension|retraction] [m³/s].
 
@@ -55,7 +55,7 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
             limit[j, mode, 1] = min(back, pumped)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
     """C_j = J_j / r_j, tip velocity per piston speed, float64[2, n] [-]."""
     columns = kinematics.tip_jacobian(m.link_length, q)
@@ -66,7 +66,7 @@ def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
     return columns
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cross_products(columns: FloatArray, cross: FloatArray) -> None:
     """C_i × C_j of all pairs of columns [-], written to cross[n, n], exactly antisymmetric.
 
@@ -83,7 +83,7 @@ def cross_products(columns: FloatArray, cross: FloatArray) -> None:
             cross[j, i] = -cross[i, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def projected_area(
     cross: FloatArray, scale: FloatArray, limit: FloatArray, pattern: ModeArray, flow: float
 ) -> float:
@@ -144,7 +144,7 @@ def projected_area(
     return 0.5 * twice
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _above(
     cross: FloatArray, i: int, j: int, k: int, si: float, sj: float, sk: float, upright: bool
 ) -> bool:
@@ -163,7 +163,7 @@ def _above(
     return left_turn != upright
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def flow_scale(m: MachineArrays) -> FloatArray:
     """Piston speed per inlet flow, float64[n, 2]: 1/A extending, −1/a retracting [1/m²]."""
     n = len(m.cap_area)
@@ -174,13 +174,13 @@ def flow_scale(m: MachineArrays) -> FloatArray:
     return scale
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def shared_flow(m: MachineArrays) -> float:
     """Q_MP − n q_leak: what the main pump gives all cylinders together [m³/s]."""
     return m.main_pump_flow - len(m.cap_area) * m.leakage_flow
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
     """Kernel of `polytope_area`."""
     n = len(q)
@@ -196,7 +196,7 @@ def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
     return float(posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _posture_areas(
     m: MachineArrays, posture: FloatArray, patterns: ModeArray, area: FloatArray
 ) -> None:

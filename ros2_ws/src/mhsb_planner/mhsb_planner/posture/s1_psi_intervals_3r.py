@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 MAX_CRITICAL = 16
@@ -24,13 +24,13 @@ TANGENT = 1e-12
 """A cosine beyond ±1 by no more than this is a touching triangle, computed with rounding."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def feasible(m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray) -> bool:
     """Whether the posture (ψ, elbow) at (x, z) m exists within limits; written to q[3] [rad]."""
     return joint_angles(m, x, z, psi, elbow, q) and within_limits(m, q)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> int:
     """Append center ± acos(cosine), where that exists."""
     if abs(cosine) > 1.0 + TANGENT:
@@ -41,7 +41,7 @@ def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> in
     return count + 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     """All ψ at which either branch can become infeasible, sorted in [−π, π); their number.
 
@@ -83,7 +83,7 @@ def _critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) ->
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _step_inside(
     m: MachineArrays, x: float, z: float, end: float, middle: float, elbow: int, q: FloatArray
 ) -> float:
@@ -98,7 +98,7 @@ def _step_inside(
     return psi
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     """Intervals in which all joints are within limits, tip at (x, z) m; returns their number.
 

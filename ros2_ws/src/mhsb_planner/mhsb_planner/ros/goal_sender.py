@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import ExecutionReport, GoalVerdict
-from mhsb_msgs_py import goal_pose, plan_status, topics
+from mhsb_msgs_py import goal_pose, names, plan_status, topics
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.node_process import spin_until
 
@@ -62,6 +66,24 @@ class GoalSender(Node):
             if spin_until(executor, answered, min(left, SEND_AGAIN_AFTER)):
                 return self.verdicts[stamp_ns]
         return None
+
+    def set_at_planner(
+        self, executor: SingleThreadedExecutor, values: Mapping[str, Any], timeout: float
+    ) -> str | None:
+        """Set parameters of the planner; why it refused them, or None where they are set.
+
+        Raises TimeoutError where it does not answer within `timeout` s.
+        """
+        client = AsyncParameterClient(self, names.PLANNER_NODE)
+        end = time.monotonic() + timeout
+        if not spin_until(executor, client.services_are_ready, timeout):
+            raise TimeoutError
+        changes = [Parameter(name, value=value) for name, value in values.items()]
+        answer = client.set_parameters_atomically(changes)
+        if not spin_until(executor, answer.done, max(0.0, end - time.monotonic())):
+            raise TimeoutError
+        result = answer.result().result
+        return None if result.successful else str(result.reason)
 
     def _on_status(self, message: DiagnosticArray) -> None:
         try:

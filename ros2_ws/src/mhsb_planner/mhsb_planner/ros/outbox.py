@@ -12,7 +12,6 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
@@ -71,8 +70,9 @@ class RosOutbox:
         self._answered = self._node.create_guard_condition(on_answers)
 
     def rehearse(self, example: Command, arm: Machine) -> None:
-        """Load the support of every message's type, before anybody waits for it."""
-        for message in (*self._halves(example), *self._views(example, arm)):
+        """Encode what a plan sends, before anybody waits for it; loads the types' support."""
+        self._halves(example)
+        for message in self._views(example, arm):
             serialize_message(message)
 
     def close(self) -> None:
@@ -160,10 +160,11 @@ class RosOutbox:
         """Publish a message on a topic."""
         self._publishers[topic.name].publish(message)
 
-    def _halves(self, command: Command) -> tuple[JointTrajectory, JointTrajectory]:
+    def _halves(self, command: Command) -> tuple[bytes, bytes]:
+        """Both messages as they go over the wire: an object for every point would take long."""
         return (
-            trajectory.encode(command.trajectory, self._machine.joint_names),
-            mode_schedule.encode(command.schedule, self._machine.actuator_names),
+            trajectory.to_bytes(command.trajectory, self._machine.joint_names),
+            mode_schedule.to_bytes(command.schedule, self._machine.actuator_names),
         )
 
     def _views(self, command: Command, arm: Machine) -> tuple[Any, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gc
 import sys
+import time
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -28,7 +29,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model import command_line
 from mhsb_model.goal import Goal
-from mhsb_model.trajectory import MotionState
+from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.verdict import GoalVerdict, Verdict
 from mhsb_msgs_py import (
     goal_pose,
@@ -44,7 +45,8 @@ from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
-from mhsb_planner.online.goal_lifecycle import GoalLifecycle
+from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.online.goal_lifecycle import LONGEST_WAIT, GoalLifecycle
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.ros import planner_diagnostics, planner_parameters
@@ -68,6 +70,7 @@ class PlannerNode(Node):
         self._settings = planner_parameters.read(self).settings(self._machine)
 
         self._outbox = RosOutbox(self, self._machine, self._frame_prefix)
+        compile_planner(self.get_logger().info)
         table = table_for(self._machine, table_path)
         replanner = Replanner(self._machine, table)
         replanner.change(self._settings.machine)
@@ -133,7 +136,7 @@ class PlannerNode(Node):
 
     # --- What is heard ---------------------------------------------------------------------------
 
-    def _on_goal(self, message: PoseStamped) -> None:
+    def _on_goal(self, message: PoseStamped, info: dict[str, int]) -> None:
         try:
             goal = goal_pose.decode(message, self._frame_prefix)
         except GoalError as error:
@@ -141,7 +144,7 @@ class PlannerNode(Node):
         except MessageError as error:
             self._refuse(Goal(0, 0.0, 0.0), Verdict.INTERNAL, str(error))
         else:
-            self._lifecycle.goal(goal)
+            self._lifecycle.goal(goal, self._received(info))
 
     def _on_joint_states(self, message: JointState) -> None:
         try:
@@ -176,7 +179,7 @@ class PlannerNode(Node):
             return
         self._lifecycle.heard_in_force(stamp_ns)
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+    def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
         """What the arm says of plans and of itself; others speak on this topic too."""
         try:
             reports = sim_status.decode(message, self.get_namespace())
@@ -186,8 +189,14 @@ class PlannerNode(Node):
         for report in reports:
             if not isinstance(report, HandOverReport):
                 self._lifecycle.heard_fault(report.sentence if report.faulty else "")
+                self._lifecycle.heard_stop(report.last_stop_ns, self._received(info))
             elif report.reason:
                 self._lifecycle.heard_refusal(report.plan_stamp_ns, report.reason, report.sentence)
+
+    def _received(self, info: dict[str, int]) -> float:
+        """When a message came, by the steady clock [s]; the node may have been busy since."""
+        waited = (time.time_ns() - info["received_timestamp"]) / SECOND_NS
+        return self.wall() - min(max(0.0, waited), LONGEST_WAIT)
 
     # --- What is done ----------------------------------------------------------------------------
 

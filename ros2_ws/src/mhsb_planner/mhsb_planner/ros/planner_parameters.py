@@ -17,14 +17,20 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import RequestError
+from mhsb_planner.goal_region import Angle, Region, check_angle, region_of
 from mhsb_planner.online.plan_request import Settings
-from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.options import (
+    DEFAULT_SPEED_EXCESS,
+    HIGHEST_SPEED_EXCESS,
+    PlanOptions,
+)
 from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
 READINGS = ("paper", "series")
 FREE_PSI = math.nan
+FREE_ANGLES = "goal_psi", "goal_psi_min", "goal_psi_max"
 HIGHEST_PRESSURE = 5e7  # Pa
 HEAVIEST_PAYLOAD = 1e4  # kg
 FASTEST_PISTON = 1.0  # m/s
@@ -58,8 +64,11 @@ class PlannerParameters:
     lead_min, lead_max  s, between which the time adapts from a plan's stamp to where it leaves the
                      one before
     planning_budget  s, that time where it shall not adapt; 0 where it shall
-    goal_psi         rad, angle of the end link at the goal; None leaves it free
+    goal_psi         rad, angle of the end link at the goal, or the least and the greatest that
+                     will do; None leaves it free
+    goal_region      where else than at the goal the tip may end
     area_weight      1/m, of the velocity polytope's area; 0 leaves it out
+    max_speed_excess greatest |v|/V_max − 1 of a piston on a polynomial
     zones            that the arm or its tip keeps out of
     """
 
@@ -72,8 +81,10 @@ class PlannerParameters:
     lead_min: float
     lead_max: float
     planning_budget: float
-    goal_psi: float | None
+    goal_psi: Angle
+    goal_region: Region | None
     area_weight: float
+    max_speed_excess: float
     zones: Zones
 
     @property
@@ -83,8 +94,10 @@ class PlannerParameters:
             weights=Weights(*self.weights),
             energy_reading=self.energy_reading,
             goal_psi=self.goal_psi,
+            goal_region=self.goal_region,
             planner=self.planner,
             area_weight=self.area_weight,
+            max_speed_excess=self.max_speed_excess,
         )
 
     def settings(self, base: Machine) -> Settings:
@@ -180,6 +193,24 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "goal_psi", FREE_PSI, _described("angle of the end link at the goal [rad]; .nan is free")
     )
+    for name, which in (("goal_psi_min", "least"), ("goal_psi_max", "greatest")):
+        text = f"{which} angle of the end link that will do at the goal [rad]; .nan is free"
+        node.declare_parameter(name, FREE_PSI, _described(text))
+    node.declare_parameter(
+        "goal_tolerance",
+        0.0,
+        _described("distance from the goal at which the tip may end as well [m]", (0.0, 2.0)),
+    )
+    node.declare_parameter(
+        "goal_segment",
+        [0.0, 0.0],
+        _described("x z [m] from the goal to the other end of a line on which the tip may end"),
+    )
+    node.declare_parameter(
+        "goal_box",
+        [0.0, 0.0],
+        _described("x z [m], how far to either side of the goal the tip may end"),
+    )
     node.declare_parameter(
         "area_weight",
         0.0,
@@ -187,6 +218,14 @@ def declare(node: Node, machine: Machine) -> None:
             "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for planners "
             "that can weigh it",
             (0.0, HIGHEST_AREA_WEIGHT),
+        ),
+    )
+    node.declare_parameter(
+        "max_speed_excess",
+        DEFAULT_SPEED_EXCESS,
+        _described(
+            "how far pistons may pass V_max on the published polynomials, as a share of it [-]",
+            (0.0, HIGHEST_SPEED_EXCESS),
         ),
     )
     for name, (field, kind, who) in ZONES.items():
@@ -223,10 +262,11 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
     weights = list(values["weights"])
     if len(weights) != 3 or not all(math.isfinite(w) and w >= 0 for w in weights):
         return f"weights {weights} must be three finite numbers that are not negative"
-    if math.isinf(values["goal_psi"]):
-        return "goal_psi must be an angle in rad, or .nan to leave it free"
+    for name in FREE_ANGLES:
+        if math.isinf(values[name]):
+            return f"{name} must be an angle in rad, or .nan to leave it free"
     for name, value in values.items():
-        if name != "goal_psi" and isinstance(value, float) and math.isnan(value):
+        if name not in FREE_ANGLES and isinstance(value, float) and math.isnan(value):
             return f"{name} is nan; it must be a number"
     if values["lead_min"] > values["lead_max"]:
         return (
@@ -260,8 +300,12 @@ _CHANGEABLE = (
     "lead_min",
     "lead_max",
     "planning_budget",
-    "goal_psi",
+    *FREE_ANGLES,
+    "goal_tolerance",
+    "goal_segment",
+    "goal_box",
     "area_weight",
+    "max_speed_excess",
     *ZONES,
 )
 
@@ -278,10 +322,35 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
         lead_min=values["lead_min"],
         lead_max=values["lead_max"],
         planning_budget=values["planning_budget"],
-        goal_psi=None if math.isnan(values["goal_psi"]) else values["goal_psi"],
+        goal_psi=_angle(*(values[name] for name in FREE_ANGLES)),
+        goal_region=region_of(
+            values["goal_tolerance"] or None,
+            _pair("goal_segment", values["goal_segment"]),
+            _pair("goal_box", values["goal_box"]),
+        ),
         area_weight=values["area_weight"],
+        max_speed_excess=values["max_speed_excess"],
         zones=Zones(**{field: _zones(name, values[name]) for name, (field, *_) in ZONES.items()}),
     )
+
+
+def _angle(exact: float, least: float, greatest: float) -> Angle:
+    """The end link's angle asked for; NaN is free. Raises RequestError where they clash."""
+    free = [math.isnan(value) for value in (exact, least, greatest)]
+    if free[1] != free[2] or not (free[0] or free[1]):
+        rule = "must be given both or not at all, and not with goal_psi"
+        raise RequestError("goal_psi_min and goal_psi_max", (least, greatest), rule)
+    psi = None if all(free) else (least, greatest) if free[0] else exact
+    check_angle(psi)
+    return psi
+
+
+def _pair(name: str, value: Any) -> tuple[float, float] | None:
+    """Two numbers, None where both are 0; raises RequestError where it is something else."""
+    numbers = [] if isinstance(value, str) or not isinstance(value, Sequence) else list(value)
+    if len(numbers) != 2 or not all(isinstance(each, (int, float)) for each in numbers):
+        raise RequestError(name, repr(value), "must be two numbers, x z [m]")
+    return (float(numbers[0]), float(numbers[1])) if any(numbers) else None
 
 
 def _zones(name: str, value: Any) -> tuple[tuple[float, ...], ...]:

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -66,7 +66,7 @@ def reference_area(table: PostureTable) -> float:
     return float(np.median(np.nanmax(table.area[table.feasible], axis=1)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def price_shortfall(
     m: MachineArrays,
     term: AreaTerm,
@@ -153,7 +153,7 @@ def _profile(
     return AreaProfile(np.hypot(*np.diff(tip, axis=0).T), area)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _areas(m: MachineArrays, posture: FloatArray, modes: ModeArray, area: FloatArray) -> None:
     for k in range(len(area)):
         area[k] = posture_area(m, posture[k], modes[k])

@@ -11,10 +11,10 @@ import math
 from contextlib import suppress
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics_3r import within_limits, wrap_near
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
@@ -34,7 +34,7 @@ ELBOW_UP, ELBOW_DOWN = -1, 1
 """Side of the elbow, by the sign of the angle from link 1 to the line from elbow to tip."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _solution(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: FloatArray) -> bool:
     """Posture at (x, z) m with joint 3 at j3 rad; False where it is not within limits.
 
@@ -55,7 +55,7 @@ def _solution(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: Fl
     return within_limits(m, q)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _posture(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: FloatArray) -> bool:
     """Posture at (x, z) m whose J3 is the fewest steps from j3, on side `elbow` if possible.
 
@@ -71,7 +71,7 @@ def _posture(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: Flo
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fill(
     m: MachineArrays, position: FloatArray, j3: float, elbow: int, posture: FloatArray
 ) -> None:

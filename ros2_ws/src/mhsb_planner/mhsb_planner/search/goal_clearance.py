@@ -6,6 +6,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances, tip_clearance
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import ZoneError
 
@@ -54,3 +55,4 @@ def warm_up(machine: Machine) -> None:
     rows, n = machine.obstacles.path_rows, machine.joint_count
     tip_clearance(rows, n, 0.0, 0.0)
     clearances(machine.arrays, rows, frozen(np.zeros((1, n))))
+    machine.changed(zones=Zones(circles=((0.5, 0.5, 0.01),)))  # whose place is checked

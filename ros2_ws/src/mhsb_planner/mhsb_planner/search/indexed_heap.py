@@ -7,14 +7,13 @@ functions take plain arrays: handing a tuple of arrays over costs more than they
 
 from __future__ import annotations
 
-from numba import njit
-
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray
 
 NOT_IN_HEAP = -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _before(estimate: FloatArray, depth: IntArray, a: int, b: int) -> bool:
     if estimate[a] != estimate[b]:
         return estimate[a] < estimate[b]
@@ -23,7 +22,7 @@ def _before(estimate: FloatArray, depth: IntArray, a: int, b: int) -> bool:
     return a < b
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sift_up(
     estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, i: int, state: int
 ) -> None:
@@ -39,7 +38,7 @@ def sift_up(
     place[state] = i
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pop(estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, size: int) -> int:
     """Take the first state out of a heap of `size`."""
     top = heap[0]

@@ -13,8 +13,8 @@ there; so w₁ E_lb + w₂ T_lb is also a consistent estimate of the cost that r
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, frozen
@@ -24,7 +24,7 @@ ENERGY_ALONE = frozen(np.array([1.0, 0.0]))
 """Weights of energy [1/J] and time [1/s] for a bound on the energy itself."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_cost(
     area: FloatArray,
     pace: FloatArray,
@@ -53,7 +53,7 @@ def least_cost(
     return volume_weight * (volume + leakage * duration) + time_weight * duration
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_cost_between(
     c: Circuit, start: FloatArray, goal: FloatArray, weight: FloatArray
 ) -> float:
@@ -70,7 +70,7 @@ def least_cost_between(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def least_costs_between(
     c: Circuit, start: FloatArray, goals: FloatArray, weight: FloatArray
 ) -> FloatArray:

@@ -12,104 +12,84 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.search.indexed_heap import NOT_IN_HEAP, pop, sift_up
+from mhsb_planner.search.frontier import (
+    EXHAUSTED,
+    EXPANDED,
+    FOUND,
+    FULL,
+    GENERATED,
+    NOWHERE,
+    PAUSED,
+    WAITING,
+    Frontier,
+    empty_frontier,
+    reach,
+    take_first,
+    way_to_goal,
+)
 from mhsb_planner.search.lower_bound import least_cost
-from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_joining import NOWHERE, Steps
+from mhsb_planner.search.s2_joining import Steps
 from mhsb_planner.search.s2_pricing import NOT_PRICED, Edges, Terms, largest_number, price
-from mhsb_planner.search.s2_query import EXHAUSTED, FOUND, PAUSED, Link, Query
+from mhsb_planner.search.s2_query import Link, Query
 from mhsb_planner.search.s2_step import DURATION, new_scratch
 
-FULL = -1
-"""What a portion of a search also can end with: there is no room for the steps of a posture."""
 
+class Known(NamedTuple):
+    """What this search notes beside its frontier."""
 
-class Frontier(NamedTuple):
-    """State of a search that can be taken up again; the goal is one more state, the last."""
-
-    cost: FloatArray  # [states + 1] so far
-    estimate: FloatArray  # [states + 1] cost so far plus least cost to the goal
-    depth: IntArray  # [states + 1] steps so far
-    parent: IntArray  # [states + 1] state before; NOWHERE for the start
     edge: IntArray  # [states + 1] step by which it was reached, in the list its parent implies
-    place: IntArray  # [states + 1] in the heap, NOT_IN_HEAP where not there
-    heap: IntArray  # [states + 1]
     remaining: FloatArray  # [postures] least cost to the goal, NaN where not yet computed
-    counts: IntArray  # [3] size of the heap, states expanded, steps looked at
 
 
-def empty_frontier(graph: StepGraph) -> Frontier:
-    """A search that has not begun."""
-    states = graph.layout.owner.size + 1
-    return Frontier(
-        cost=np.full(states, np.inf),
-        estimate=np.empty(states),
-        depth=np.zeros(states, dtype=np.int64),
-        parent=np.empty(states, dtype=np.int64),
-        edge=np.empty(states, dtype=np.int64),
-        place=np.full(states, NOT_IN_HEAP),
-        heap=np.empty(states, dtype=np.int64),
-        remaining=np.full(len(graph.layout.posture), np.nan),
-        counts=np.zeros(3, dtype=np.int64),
-    )
+class Asked(NamedTuple):
+    """What is asked of the graph."""
+
+    from_start: Steps  # that leave the start; the state NOWHERE is the goal
+    start_switches: IntArray  # [patterns] joints that change their mode from those in force
+    to_goal: Steps
+    goal_first: IntArray  # [postures + 1] steps to the goal from posture i: first[i] … first[i + 1]
+    goal_length: FloatArray  # [goal's postures, n] m, of the cylinders
+    switches: IntArray  # [patterns, patterns] joints that change their mode between patterns
+    weight: FloatArray  # [3] of energy, time, switches
+    column: int  # of the energy reading in costs
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def expand(
-    f: Frontier,
-    terms: Terms,
-    edges: Edges,
-    switches: IntArray,
-    owner: IntArray,
-    length: FloatArray,
-    goal_length: FloatArray,
-    start_steps: Steps,
-    start_switches: IntArray,
-    goal_steps: Steps,
-    goal_first: IntArray,
-    weight: FloatArray,
-    column: int,
-    limit: int,
+    f: Frontier, known: Known, terms: Terms, edges: Edges, asked: Asked, limit: int
 ) -> int:
     """Expand up to `limit` states; PAUSED, FOUND, EXHAUSTED or FULL.
 
-    terms, edges    steps that are not priced yet are priced
-    switches        int64[patterns, patterns], joints that change their mode between patterns
-    owner           int64[states], posture of a state
-    length          float64[postures, n]; goal_length likewise of the goal's postures [m]
-    start_steps     steps that leave the start, with their switches from the modes in force in
-                    start_switches[patterns]; the state NOWHERE is the goal
-    goal_first      int64[postures + 1], steps to the goal that leave posture i are
-                    first[i] … first[i + 1]
-    weight          float64[3] of energy, time, switches
-    column          of the energy reading in costs
-
-    Oracle: scipy.sparse.csgraph.dijkstra on the same graph.
+    Steps that are not in `edges` yet are priced by `terms`. Oracle:
+    scipy.sparse.csgraph.dijkstra on the same graph.
     """
-    so_far, estimate, depth, parent, edge = f.cost, f.estimate, f.depth, f.parent, f.edge
-    place, heap, remaining, counts = f.place, f.heap, f.remaining, f.counts
+    so_far, depth, heap, counts = f.cost, f.depth, f.heap, f.counts
+    edge, remaining = known
     edge_first, edge_last, edge_used, edge_state, edge_pattern, edge_cost = edges
-    start_state, start_pattern = start_steps.state, start_steps.pattern
-    start_cost = start_steps.cost
-    goal_pattern, goal_cost = goal_steps.pattern, goal_steps.cost
+    start_state, start_pattern = asked.from_start.state, asked.from_start.pattern
+    start_cost, start_switches = asked.from_start.cost, asked.start_switches
+    goal_pattern, goal_cost = asked.to_goal.pattern, asked.to_goal.cost
+    goal_first, goal_length = asked.goal_first, asked.goal_length
+    switches, column = asked.switches, asked.column
+    owner, length = terms.layout.owner.ravel(), terms.postures.length
     c = terms.circuit
     area, pace = c.area, c.pace
     scratch = new_scratch(terms.patterns)
     room = largest_number(terms.layout, terms.patterns)
     leakage = len(area) * c.leakage_flow
-    w_energy, w_time, w_switch = weight
+    w_energy, w_time, w_switch = asked.weight
     sink = len(so_far) - 1
-    fresh = counts[1] == 0
+    fresh = counts[EXPANDED] == 0
     for _ in range(limit):
         if fresh:
             state, posture, own, so, steps = NOWHERE, NOWHERE, 0, 0.0, 1
             begin, grid_end = 0, len(start_pattern)
             end = grid_end
         else:
-            if counts[0] == 0:
+            if counts[WAITING] == 0:
                 return EXHAUSTED
             if heap[0] != sink and edge_first[owner[heap[0]]] == NOT_PRICED:
                 posture, found = owner[heap[0]], edge_used[0]
@@ -119,16 +99,15 @@ def expand(
                     terms, posture, scratch, edge_state, edge_pattern, edge_cost, found
                 )
                 edge_first[posture], edge_last[posture] = found, edge_used[0]
-            state = pop(estimate, depth, heap, place, counts[0])
-            counts[0] -= 1
+            state = take_first(f)
             if state == sink:
                 return FOUND
             posture, own = owner[state], state % len(switches)
             so, steps = so_far[state], depth[state] + 1
             begin, grid_end = edge_first[posture], edge_last[posture]
             end = grid_end + goal_first[posture + 1] - goal_first[posture]
-        counts[1] += 1
-        counts[2] += end - begin
+        counts[EXPANDED] += 1
+        counts[GENERATED] += end - begin
         for i in range(begin, end):
             if fresh:
                 e, target = i, start_state[i]
@@ -165,16 +144,8 @@ def expand(
                         )
                         remaining[at] = min(remaining[at], bound)
                 least = remaining[at]
-            so_far[target] = cost
-            estimate[target] = cost + least
-            depth[target] = steps
-            parent[target] = state
             edge[target] = e
-            slot = place[target]
-            if slot == NOT_IN_HEAP:
-                slot = counts[0]
-                counts[0] += 1
-            sift_up(estimate, depth, heap, place, slot, target)
+            reach(f, target, state, steps, cost, least)
         fresh = False
     return PAUSED
 
@@ -186,17 +157,30 @@ class ExactSearch:
 
     def __init__(self, query: Query) -> None:
         self._query = query
-        self._frontier = empty_frontier(query.graph)
+        layout = query.graph.layout
+        self._frontier = empty_frontier(layout.owner.size)
+        edge = np.empty(layout.owner.size + 1, dtype=np.int64)
+        self._known = Known(edge, np.full(len(layout.posture), np.nan))
+        self._asked = Asked(
+            from_start=query.from_start,
+            start_switches=query.start_switches,
+            to_goal=query.to_goal,
+            goal_first=query.goal_first,
+            goal_length=query.goal.postures.length,
+            switches=query.graph.switches,
+            weight=query.weight,
+            column=query.column,
+        )
 
     @property
     def expanded(self) -> int:
         """States expanded so far."""
-        return int(self._frontier.counts[1])
+        return int(self._frontier.counts[EXPANDED])
 
     @property
     def generated(self) -> int:
         """Steps looked at so far."""
-        return int(self._frontier.counts[2])
+        return int(self._frontier.counts[GENERATED])
 
     @property
     def cost(self) -> float:
@@ -214,39 +198,14 @@ class ExactSearch:
         return status
 
     def _expand(self, limit: int) -> int:
-        query, graph = self._query, self._query.graph
+        steps = self._query.graph.steps
         return int(
-            expand(
-                self._frontier,
-                graph.steps.terms,
-                graph.steps.edges,
-                graph.switches,
-                graph.layout.owner.ravel(),
-                graph.postures.length,
-                query.goal.postures.length,
-                query.from_start,
-                query.start_switches,
-                query.to_goal,
-                query.goal_first,
-                query.weight,
-                query.column,
-                limit,
-            )
+            expand(self._frontier, self._known, steps.terms, steps.edges, self._asked, limit)
         )
 
     def links(self) -> list[Link]:
         """The path found, from the start on."""
-        frontier = self._frontier
-        state = sink = len(frontier.cost) - 1
-        links = []
-        while state != NOWHERE:
-            parent = int(frontier.parent[state])
-            links.append(
-                Link(
-                    None if parent == NOWHERE else parent,
-                    None if state == sink else state,
-                    int(frontier.edge[state]),
-                )
-            )
-            state = parent
-        return links[::-1]
+        way = way_to_goal(self._frontier)
+        steps = self._known.edge[way].tolist()
+        left, reached = [None, *way[:-1]], [*way[:-1], None]
+        return [Link(*link) for link in zip(left, reached, steps, strict=True)]

@@ -8,16 +8,19 @@ one cell.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError
+from mhsb_planner.goal_region import Angle, angle_range
+from mhsb_planner.search.frontier import NOWHERE
 from mhsb_planner.search.goal_clearance import check_tip, clear_postures
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_layout import Layout
@@ -32,10 +35,11 @@ from mhsb_planner.search.s2_step import (
     steps_to_node,
 )
 
-NOWHERE = -1
-
 ORIGINS_AT_ONCE = 50
 """Postures from which steps to the goal are priced between two looks at a deadline."""
+
+PSI_SPACING = math.radians(5.0)
+"""Of a range of end-link angles these are looked at [rad]."""
 
 JOINING = "joining start and goal to the table"
 
@@ -83,22 +87,24 @@ def start_at(graph: StepGraph, posture: FloatArray) -> Start:
 
 
 def goal_at(
-    graph: StepGraph, x: float, z: float, psi: float | None = None, deadline: Deadline = NEVER
+    graph: StepGraph, x: float, z: float, psi: Angle = None, deadline: Deadline = NEVER
 ) -> Goal:
     """A search's goal at (x, z) m.
 
     Without psi, for every pattern the posture by the graph's rule, for the posture table that of
-    largest velocity polytope; with psi [rad], all postures with that end-link angle, in any
-    pattern. Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, DeadlineError.
+    largest velocity polytope; with psi [rad], all postures with that end-link angle, of a range
+    some every `PSI_SPACING`, in any pattern. Raises OutOfWorkspaceError, InfeasibleGoalError,
+    ZoneError, DeadlineError.
     """
     machine = graph.machine
     machine.check_in_workspace(x, z)
     check_tip(machine, x, z)
-    node = None
-    if psi is not None:
-        postures = machine.postures(x, z, np.array([psi]))
+    node, between = None, angle_range(psi)
+    if between is not None:
+        count = math.ceil((between[1] - between[0]) / PSI_SPACING) + 1
+        postures = machine.postures(x, z, np.linspace(*between, count))
         if len(postures) == 0:
-            raise InfeasibleGoalError(x, z, psi)
+            raise InfeasibleGoalError(x, z, between)
         first = np.arange(len(postures) + 1)
         owner = np.repeat(first[:-1, None], len(machine.patterns), axis=1)
     else:
@@ -206,7 +212,7 @@ def _to_goal(graph: StepGraph, start: Postures, origins: IntArray, goal: Goal) -
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _steps_to_nodes(
     m: MachineArrays,
     obstacles: FloatArray,
@@ -245,7 +251,7 @@ def _steps_to_nodes(
     return Steps(nowhere, state[:found], nowhere.copy(), state[:found] % count, cost[:found])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _steps_to_goal(
     m: MachineArrays,
     obstacles: FloatArray,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.posture.grid import Grid
 from mhsb_planner.posture.s1_posture_table import PostureTable
@@ -23,7 +23,7 @@ class Layout(NamedTuple):
     move: IntArray  # [postures + 1] first move of a posture; moves run over neighbours' postures
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> int:
     """Number the distinct postures of table[nodes, patterns, n] node by node.
 

@@ -14,9 +14,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.obstacles.clearance import move_is_clear, travel
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
@@ -69,7 +69,7 @@ class Terms(NamedTuple):
     clearance: FloatArray  # [postures] m, from the nearest of them; empty where there are none
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def price(
     t: Terms, i: int, s: Scratch, state: IntArray, pattern: IntArray, cost: FloatArray, found: int
 ) -> int:
@@ -107,7 +107,7 @@ def price(
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bar_collisions(t: Terms, i: int, first: int, count: int, middle: FloatArray) -> None:
     """Make middle[k] not a number where the move from posture i to first + k is not clear.
 
@@ -128,7 +128,7 @@ def _bar_collisions(t: Terms, i: int, first: int, count: int, middle: FloatArray
             middle[k, 0] = math.nan
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _price_range(
     t: Terms, missing: IntArray, leaving: IntArray, begin: int, end: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
@@ -146,13 +146,13 @@ def _price_range(
     return state[:found].copy(), pattern[:found].copy(), cost[:found].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def largest_number(layout: Layout, patterns: ModeArray) -> int:
     """More steps than these leave no posture."""
     return layout.neighbors.shape[1] * len(patterns)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _middle_forces(
     m: MachineArrays, layout: Layout, force: FloatArray, begin: int, end: int
 ) -> None:

@@ -20,8 +20,8 @@ import numpy as np
 
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
-from mhsb_planner.search.s2_joining import NOWHERE
-from mhsb_planner.search.s2_query import EXHAUSTED, FOUND, PAUSED, Link, Query
+from mhsb_planner.search.frontier import EXHAUSTED, FOUND, NOWHERE, PAUSED
+from mhsb_planner.search.s2_query import Link, Query
 from mhsb_planner.search.s2_step import DURATION
 
 DEFAULT_HEURISTIC_SCALE = 1.0

@@ -16,9 +16,6 @@ from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_joining import Goal, Start, Steps, steps_from_start, steps_to_goal
 from mhsb_planner.search.s2_step import DURATION, ENERGY_PAPER, ENERGY_SERIES
 
-PAUSED, FOUND, EXHAUSTED = 0, 1, 2
-"""What a portion of a search can end with: the limit, the goal, or nothing left to expand."""
-
 
 class Link(NamedTuple):
     """One step of an answer: state left (None: start), state reached (None: goal), its number.

@@ -24,14 +24,16 @@ from mhsb_planner.errors import (
     PlanningCancelledError,
     RequestError,
 )
+from mhsb_planner.goal_region import Angle, is_met
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.frontier import FOUND, PAUSED
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_astar import ExactSearch
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_joining import Goal, Start, goal_at, start_at
+from mhsb_planner.search.s2_joining import goal_at, start_at
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE, PublishedSearch
-from mhsb_planner.search.s2_query import FOUND, PAUSED, Query, Search
+from mhsb_planner.search.s2_query import Query, Search
 from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading
 
 SEARCHING = "the search for a path"
@@ -72,7 +74,7 @@ def search(
     *,
     method: SearchMethod = "exact",
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE,
-    goal_psi: float | None = None,
+    goal_psi: Angle = None,
     deadline: Deadline = NEVER,
     max_expansions: int | None = None,
     cancelled: Callable[[], bool] | None = None,
@@ -81,7 +83,7 @@ def search(
 
     method           `exact`, the cheapest path, or `published`, one label per node
     heuristic_scale  of the published search, cost per distance from the goal [1/m]
-    goal_psi         end-link angle asked for at the goal [rad]
+    goal_psi         end-link angle asked for at the goal [rad]; of a range some are looked at
     deadline         after which a search that has not ended is given up
     max_expansions   states after whose expansion likewise
     cancelled        asked now and then whether anybody still wants the path
@@ -99,7 +101,8 @@ def search(
     x, z = float(goal_xz[0]), float(goal_xz[1])
     deadline.check(SEARCHING)
     start, goal = start_at(graph, posture), goal_at(graph, x, z, goal_psi, deadline)
-    if _is_at(start, posture, goal, goal_psi):
+    angle = float(posture.sum())
+    if is_met((x, z), None, goal_psi, np.array(start.tip), angle, SAME_POINT, SAME_POINT):
         seconds = time.perf_counter() - began
         return DiscretePath.standing(np.array(start.tip), posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
@@ -159,13 +162,6 @@ def _checked_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
     if posture.shape != (n,) or not np.all(np.isfinite(posture)):
         raise RequestError("start posture", posture.tolist(), f"must be {n} finite angles")
     return posture
-
-
-def _is_at(start: Start, posture: FloatArray, goal: Goal, psi: float | None) -> bool:
-    if math.dist(start.tip, goal.tip) > SAME_POINT:
-        return False
-    ends = goal.postures.posture
-    return psi is None or bool(np.any(np.max(np.abs(ends - posture), axis=1) <= SAME_POINT))
 
 
 def warm_up(graph: StepGraph) -> None:

@@ -12,6 +12,10 @@ need is allowed; beyond the highest boost pressure a step is not possible, nor w
 the workspace on the way or the arm comes too near to an obstacle. A cylinder that moves by no more
 than `HELD` is held by its closed valve and needs nothing.
 
+A motion boosts what it holds for long: where `Circuit.rest_speed` is above 0, a cylinder that moves
+slower is at rest, and needs boost where p_L + margin of its load exceeds P_S at the start, middle
+or end of the step, unless that is beyond the highest boost: then its valve alone holds it.
+
     E = Σ_j price_j (A_dir |ΔL_j| + q_leak T), load taken at the middle of the step
 
 Prices: P_S in N, whatever the load. Boosted, reading `paper`: p_L/η; reading `series`:
@@ -27,13 +31,13 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model import hydraulics
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
-from mhsb_model.modes import BOOSTED, MODE_COUNT, ON_RAIL
+from mhsb_model.modes import BOOSTED, MODE_COUNT, ON_RAIL, Mode
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
@@ -64,7 +68,7 @@ class Postures(NamedTuple):
     force: FloatArray  # [count, n] N, of the cylinders under gravity
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArray, FloatArray]:
     length = np.empty(posture.shape)
     force = np.empty(posture.shape)
@@ -104,9 +108,10 @@ class Circuit(NamedTuple):
     valve_at_top: FloatArray  # [n, 2] m(V_max) [Pa]
     pace: FloatArray  # [n, modes, 2] 1/V_max by mode [s/m]
     boosted: IntArray  # [patterns] bit j is set where joint j is boosted
+    rest_speed: float  # below it a cylinder is held in boost where P_S is too little [m/s]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
     """The numbers of a machine and its patterns uint8[patterns, n]."""
     n = len(m.cap_area)
@@ -143,7 +148,15 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         valve * m.max_piston_speed**2,
         pace,
         boosted,
+        0.0,
     )
+
+
+@kernel
+def _hold_pressure(c: Circuit, j: int, force: float) -> float:
+    """p_L of a cylinder that holds its load [Pa]."""
+    d = 0 if force > 0.0 else 1
+    return abs(force) * c.per_area[j, d] + c.outlet[j, d]
 
 
 STROKE, DIRECTION, OIL, WORST, MIDDLE, VALVE = 0, 1, 2, 3, 4, 5
@@ -165,7 +178,7 @@ class Scratch(NamedTuple):
     middle: FloatArray  # [postures of a node, n] room for their `middle_force`
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def new_scratch(patterns: ModeArray) -> Scratch:
     """Working memory for one thread."""
     count, n = patterns.shape
@@ -179,7 +192,7 @@ def new_scratch(patterns: ModeArray) -> Scratch:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def steps_to_node(
     c: Circuit,
     patterns: ModeArray,
@@ -213,6 +226,11 @@ def steps_to_node(
         if math.isnan(middle_force[k, 0]):
             must[k] = NO_PATTERN
             continue
+        shortest = 0.0
+        if c.rest_speed > 0.0:
+            for j in range(n):
+                delta = end_length[first + k, j] - start_length[i, j]
+                shortest = max(shortest, abs(delta) * pace[j, Mode.N, 0 if delta > 0.0 else 1])
         for j in range(n):
             delta = end_length[first + k, j] - start_length[i, j]
             d = 0 if delta > 0.0 else 1
@@ -232,6 +250,16 @@ def steps_to_node(
             move[k, j, WORST] = worst
             move[k, j, MIDDLE] = at_middle * per_area[j, d] + outlet[j, d]
             move[k, j, VALVE] = valve[j, d]
+            if shortest > 0.0 and abs(delta) <= c.rest_speed * shortest:
+                held = _hold_pressure(c, j, middle_force[k, j])
+                worst = max(held, _hold_pressure(c, j, start_force[i, j]))
+                worst = max(worst, _hold_pressure(c, j, end_force[first + k, j]))
+                if c.supply_pressure < worst + margin <= highest:
+                    must[k] |= 1 << j
+                    may[k] |= 1 << j
+                    move[k, j, WORST] = worst
+                    move[k, j, MIDDLE] = held
+                    move[k, j, VALVE] = 0.0
     for wanted in (CONSISTENT, WITHOUT_NEED):
         best = INADMISSIBLE
         for p in range(len(patterns)):
@@ -250,7 +278,7 @@ def steps_to_node(
             rail = 0.0
             for j in range(n):
                 needed = False
-                if move[k, j, STROKE] > HELD:
+                if move[k, j, STROKE] > HELD or move[k, j, WORST] > -math.inf:
                     speed = move[k, j, STROKE] / duration
                     reserve = move[k, j, VALVE] * speed * speed + margin
                     worst = move[k, j, WORST] + reserve
@@ -270,7 +298,8 @@ def steps_to_node(
             paper_sum = series_sum = 0.0
             for j in range(n):
                 paper = series = c.supply_pressure
-                if BOOSTED[patterns[p, j]] and move[k, j, STROKE] > HELD:
+                loaded = move[k, j, STROKE] > HELD or move[k, j, WORST] > -math.inf
+                if BOOSTED[patterns[p, j]] and loaded:
                     supply = rail
                     if not ON_RAIL[patterns[p, j]]:
                         speed = move[k, j, STROKE] / duration
@@ -290,7 +319,7 @@ def steps_to_node(
     return INADMISSIBLE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
@@ -308,7 +337,7 @@ def middle_forces(
         piston_forces(m, middle, force[k])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def bar_collisions(
     m: MachineArrays,
     obstacles: FloatArray,
@@ -344,8 +373,13 @@ class StepCosts:
     energy_series: FloatArray
 
 
-def step_costs(machine: Machine, start: FloatArray, end: FloatArray) -> StepCosts:
-    """Costs of the step from posture `start` to posture `end` [rad], wherever these lie."""
+def step_costs(
+    machine: Machine, start: FloatArray, end: FloatArray, rest_speed: float = 0.0
+) -> StepCosts:
+    """Costs of the step from posture `start` to posture `end` [rad], wherever these lie.
+
+    rest_speed  of the `Circuit` [m/s]
+    """
     arrays, patterns = machine.arrays, machine.patterns
     from_start = describe(arrays, np.array([start], dtype=np.float64))
     to_end = describe(arrays, np.array([end], dtype=np.float64))
@@ -355,7 +389,7 @@ def step_costs(machine: Machine, start: FloatArray, end: FloatArray) -> StepCost
     bar_collisions(arrays, obstacles, from_start.posture[0], to_end.posture, 0, middle)
     owner = np.zeros(len(patterns), dtype=np.int64)
     scratch = new_scratch(patterns)
-    circuit = circuit_of(arrays, patterns)
+    circuit = circuit_of(arrays, patterns)._replace(rest_speed=rest_speed)
     status = steps_to_node(circuit, patterns, from_start, 0, to_end, 0, 1, owner, middle, scratch)
     admissible = (scratch.status == status) & (status != INADMISSIBLE)
     cost = np.where(admissible[:, None], scratch.cost, np.nan)

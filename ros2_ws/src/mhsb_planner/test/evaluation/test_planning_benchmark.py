@@ -10,7 +10,21 @@ from mhsb_planner.evaluation import planning_benchmark
 from mhsb_planner.evaluation.planning_benchmark import Effort, as_text, explicit_graph, measure
 from mhsb_planner.search.s2_search import search
 
-LITTLE = Effort(moves=4, entries=3, truths=1, growth_moves=2, spacings=(0.2, 0.1), runs=1)
+pytestmark = pytest.mark.slow  # the ground truths alone take minutes
+
+LITTLE = Effort(
+    moves=4,
+    entries=3,
+    truths=1,
+    growth_moves=2,
+    spacings=(0.2, 0.1),
+    runs=1,
+    repeated=1,
+    lines=1,
+    boosted=1,
+    scenes=2,
+    collocations=3,
+)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +34,16 @@ def figures(machine):
 
 def test_the_keys_are_all_there(figures):
     assert set(figures) == {
-        *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth")
+        *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth"),
+        *("stream", "moving_goal", "boosted", "scenes", "time_optimality"),
+    }
+    assert set(figures["boosted"]) == {"low_pressure", "heavy", "negative_arms"}
+    ratios = {f"{quick}ratio_{which}" for quick in ("", "quick_") for which in ("mean", "worst")}
+    for row in figures["boosted"].values():
+        assert set(row) == {"moves", "quick_found", *ratios, "seconds_mean", "seconds_worst"}
+    assert set(figures["scenes"]) == {
+        *("scenes", "solved", "compared", "dearer", "cost_ratio_mean", "cost_ratio_worst"),
+        *("p50_ms", "p99_ms"),
     }
     assert set(figures["table"]) == {
         *("entries", "build_s", "slsqp_s_per_entry", "speedup_over_slsqp", "worst_area_ratio")
@@ -56,6 +79,11 @@ def test_the_figures_make_sense(figures):
     assert integrated["worst_energy_ratio"] <= 1.001
     assert integrated["ground_truth_ratio_mean"] < 1.1
     assert integrated["ground_truth_ratio_max"] < 1.25
+    for row in figures["boosted"].values():
+        assert 1.0 - 1e-9 <= row["ratio_mean"] <= row["ratio_worst"] < 1.1
+        assert 0 <= row["quick_found"] <= row["moves"] == 1
+    scenes = figures["scenes"]
+    assert 0 <= scenes["dearer"] <= scenes["compared"] <= scenes["scenes"] == 2
     for of_kind in figures["first_motion_ms"].values():
         assert all(0 < value["p50"] <= value["p99"] for value in of_kind.values())
     overrun = figures["overrun_ms"]
@@ -63,6 +91,8 @@ def test_the_figures_make_sense(figures):
     assert overrun["asked"] == sum(overrun[kind]["asked"] for kind in ("table", "integrated"))
     assert 0 <= overrun["p50"] <= overrun["p99"] <= overrun["max"]
     assert figures["growth"][0]["states"] < figures["growth"][1]["states"]
+    assert 0.9 < figures["time_optimality"]["ratio_p50"] < 1.05
+    assert figures["time_optimality"]["ratio_max"] < 1.1
     assert len(as_text(figures)) > 4
 
 

@@ -8,17 +8,26 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from mhsb_model.holding import holding_modes
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import Deadline
+from mhsb_planner.integrated import lattice as lattice_module
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import GoalPostures
-from mhsb_planner.integrated.lattice import LatticeSearch, lattice_around
-from mhsb_planner.integrated.route import new_memory
+from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
+from mhsb_planner.integrated.route import REST_SPEED, new_memory
 from mhsb_planner.search.s2_step import describe, step_costs
 
-SPACING = 6e-3
-MARGIN = 1
+SPACING, REACH = 22e-3, 0.4  # m
 SWITCH = 2.0
+
+
+def long_steps(machine, start):
+    return evenly_long(machine, start, SPACING)
+
+
+def wide_turns(machine, start):
+    return evenly_turned(machine, start, REACH)
 
 
 def problems(machine, posture_within, count):
@@ -26,19 +35,14 @@ def problems(machine, posture_within, count):
     random = np.random.default_rng(1)
     while count:
         start = posture_within(machine, random)
-        lengths = lattice_around(
-            machine, start, machine.cylinder_lengths(start)[None, :], SPACING, 3
-        )
-        if lengths.shape.min() < 5:
-            continue
-        middle = (lengths.start // lengths.stride) % lengths.shape
-        goal = np.array(
-            [lengths.angle[j, middle[j] + step] for j, step in enumerate((2, -2, 1))]
-        ) + random.uniform(-0.02, 0.02, 3)
-        limits = machine.arrays
-        if np.all(goal > limits.joint_min) and np.all(goal < limits.joint_max):
+        lattice = long_steps(machine, start)
+        middle = (lattice.start // lattice.stride) % lattice.shape
+        steps = np.where(middle >= 2, -2, 1)
+        goal = np.array([lattice.angle[j, middle[j] + step] for j, step in enumerate(steps)])
+        goal = goal + random.uniform(-0.02, 0.02, 3)
+        if outside(machine, goal) < 0.0:
             count -= 1
-            yield start, np.clip(goal, limits.joint_min, limits.joint_max)
+            yield start, np.clip(goal, machine.arrays.joint_min, machine.arrays.joint_max)
 
 
 def by_dijkstra(machine, lattice, goal):
@@ -51,13 +55,16 @@ def by_dijkstra(machine, lattice, goal):
     switches = np.count_nonzero(patterns[:, None] != patterns[None], axis=2)
     sink, source = len(points) * count, len(points) * count + 1
     rows, columns, costs = [], [], []
+    hold = holding_modes(machine, machine.piston_forces(goal))
 
     def add(k, target, states):
         if outside(machine, target) > max(1e-9, outside(machine, posture[k])):
             return
-        step = step_costs(machine, posture[k], target)
+        step = step_costs(machine, posture[k], target, REST_SPEED)
         for p in np.flatnonzero(step.admissible):
             cost = 0.5 * step.energy[p] + step.duration[p]
+            if states[p] == sink:
+                cost += SWITCH * np.count_nonzero(patterns[p] != hold)
             for own in range(count):
                 rows.append(k * count + own)
                 columns.append(states[p])
@@ -72,8 +79,12 @@ def by_dijkstra(machine, lattice, goal):
             neighbor = place.get(tuple(int(i) for i in p + move))
             if neighbor is not None:
                 add(k, posture[neighbor], neighbor * count + np.arange(count))
-        off = machine.cylinder_lengths(posture[k]) - machine.cylinder_lengths(goal)
-        if np.max(np.abs(off)) <= SPACING:
+        last = lattice.shape - 1
+        beside = [
+            sorted((lattice.angle[j, max(i - 1, 0)], lattice.angle[j, min(i + 1, last[j])]))
+            for j, i in enumerate(p)
+        ]
+        if all(low <= q <= high for (low, high), q in zip(beside, goal, strict=True)):
             add(k, goal, np.full(count, sink))
     best = {}
     for row, column, cost in zip(rows, columns, costs, strict=True):
@@ -87,32 +98,76 @@ def outside(machine, q):
     return node_set_excess(machine.arrays, *machine.tip_position(q))
 
 
+@pytest.mark.parametrize("lattice_of", [long_steps, wide_turns])
 def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
-    machine, terms_of, posture_within
+    machine, terms_of, posture_within, lattice_of
 ):
     t = terms_of(machine, weights=(0.5, 1.0, SWITCH))
     found = 0
     for start, goal in problems(machine, posture_within, 3):
         goals = describe(machine.arrays, goal[None, :])
-        searching = LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
+        lattice = lattice_of(machine, start)
+        searching = LatticeSearch(t, new_memory(t), lattice, goals)
         route = searching.search(math.inf, 10**6)
-        lengths = np.vstack([machine.cylinder_lengths(start), goals.length])
-        lattice = lattice_around(machine, start, lengths, SPACING, MARGIN)
         expected = by_dijkstra(machine, lattice, goal)
         if route is None:
+            assert searching.exhausted
             assert expected == math.inf
             continue
         assert searching.cost == pytest.approx(expected, rel=1e-9)
+        hasty = LatticeSearch(t, new_memory(t), lattice, goals)
+        assert hasty.search(math.inf, 10**6, haste=2.0) is not None
+        assert expected * (1 - 1e-9) <= hasty.cost <= 2.0 * expected
+        assert hasty.expanded <= searching.expanded
         via, reached = route
         assert reached == 0
         assert via[0] == pytest.approx(machine.cylinder_lengths(start))
         assert via[-1] == pytest.approx(machine.cylinder_lengths(goal))
         tip = machine.tip_position(goal)
-        exactly = GoalPostures((tip[0], tip[1]), goals, np.ones(1), np.array([goal.sum()]), True)
+        psi = np.array([goal.sum()])
+        exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, None)
         bound = least_cost_to(machine, t.circuit, via[0], exactly, np.array([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1
     assert found >= 2
+
+
+def test_lattices_cover_the_joints_ranges_with_steps_as_asked(machine, posture_within):
+    start = posture_within(machine, np.random.default_rng(2))
+    limits, links = machine.arrays, machine.arrays.link_length
+    for lattice, step in (
+        (evenly_long(machine, start, 5e-3), None),
+        (evenly_turned(machine, start, 0.05), 0.05 / np.cumsum(links[::-1])[::-1]),
+    ):
+        first = (lattice.start // lattice.stride) % lattice.shape
+        for j in range(3):
+            points = lattice.shape[j]
+            angle, length = lattice.angle[j, :points], lattice.length[j, :points]
+            assert angle[first[j]] == start[j]
+            ends = sorted((angle[0], angle[-1]))
+            assert ends == pytest.approx([limits.joint_min[j], limits.joint_max[j]], abs=5e-3)
+            postures = (np.where(np.arange(3) == j, q, start) for q in angle)
+            lengths = [machine.cylinder_lengths(posture)[j] for posture in postures]
+            assert lengths == pytest.approx(length, abs=1e-12)
+            if step is None:
+                assert np.all(np.diff(length)[1:-1] == pytest.approx(5e-3))
+            else:
+                assert np.all(np.abs(np.diff(angle)) <= step[j] * 1.06)
+
+
+def test_room_that_is_added_on_the_way_changes_nothing(
+    machine, terms_of, posture_within, monkeypatch
+):
+    t = terms_of(machine, weights=(0.5, 1.0, SWITCH))
+    start, goal = next(problems(machine, posture_within, 1))
+    goals = describe(machine.arrays, goal[None, :])
+    roomy = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
+    monkeypatch.setattr(lattice_module, "FIRST_ROWS", 1)
+    tight = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
+    (one, _), (other, _) = (each.search(math.inf, 10**6) for each in (roomy, tight))
+    assert np.array_equal(one, other)
+    assert roomy.expanded == tight.expanded
+    assert tight.met > 54  # more than twice the first room
 
 
 def test_nothing_is_found_that_costs_as_much_as_is_known_already(
@@ -123,7 +178,7 @@ def test_nothing_is_found_that_costs_as_much_as_is_known_already(
     goals = describe(machine.arrays, goal[None, :])
 
     def searching():
-        return LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
+        return LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
 
     best = searching()
     assert best.search(math.inf, 10**6) is not None
@@ -135,9 +190,9 @@ def test_a_search_stops_when_it_is_late_or_has_expanded_enough(machine, terms_of
     t = terms_of(machine)
     start, goal = next(problems(machine, posture_within, 1))
     goals = describe(machine.arrays, goal[None, :])
-    late = LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
+    late = LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
     assert late.search(math.inf, 10**6, Deadline.after(-1.0)) is None
     assert late.expanded == 0
-    short = LatticeSearch(t, new_memory(t), machine, start, goals, SPACING, MARGIN)
+    short = LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
     assert short.search(math.inf, 2) is None
     assert short.expanded == 2

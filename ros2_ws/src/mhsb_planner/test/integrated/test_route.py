@@ -6,7 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_planner.integrated.route import BOOST_RESERVE, new_memory, path_of, price_route
+from mhsb_model.holding import holding_modes
+from mhsb_model.hydraulics import required_pressure
+from mhsb_model.modes import Mode
+from mhsb_planner.integrated.route import (
+    BOOST_RESERVE,
+    REST_SPEED,
+    new_memory,
+    path_of,
+    price_route,
+)
+from mhsb_planner.motion.s3_limits import DEAD_BAND
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.search.area_shortfall import AreaTerm
 from mhsb_planner.search.discrete_path import SearchStatistics
@@ -39,6 +49,12 @@ def possible_routes(machine, terms, posture_within, count, stroke):
             yield start, via
 
 
+def switches_at_end(machine, path):
+    """To the modes that hold the arm."""
+    hold = holding_modes(machine, machine.piston_forces(path.posture[-1]))
+    return int(np.count_nonzero(path.modes[-1] != hold))
+
+
 def joint_limits(machine):
     return machine.arrays.joint_min, machine.arrays.joint_max
 
@@ -47,11 +63,12 @@ def test_the_modes_along_a_route_are_the_best_of_all_sequences(arm, terms_of, po
     t = terms_of(arm)
     for start, via in possible_routes(arm, t, posture_within, 12, stroke=3e-3):
         path = path_along(arm, t, via, start)
-        steps = [step_costs(arm, *ends) for ends in itertools.pairwise(path.posture)]
+        steps = [step_costs(arm, *ends, REST_SPEED) for ends in itertools.pairwise(path.posture)]
+        hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
         usable = [np.flatnonzero(step.admissible) for step in steps]
         best = np.inf
         for sequence in itertools.product(*usable):
-            modes = np.vstack([[0, 0, 0], arm.patterns[list(sequence)]]).astype(int)
+            modes = np.vstack([[0, 0, 0], arm.patterns[list(sequence)], hold]).astype(int)
             cost = 2.0 * np.count_nonzero(np.diff(modes, axis=0))
             for p, step in zip(sequence, steps, strict=True):
                 cost += 0.5 * step.energy[p] + step.duration[p]
@@ -65,13 +82,33 @@ def test_the_path_of_a_route_consists_of_steps_with_their_costs(arm, terms_of, p
         path = path_along(arm, t, via, start)
         for k, ends in enumerate(itertools.pairwise(path.posture)):
             p = int(np.flatnonzero((arm.patterns == path.modes[k]).all(axis=1))[0])
-            step = step_costs(arm, *ends)
+            step = step_costs(arm, *ends, REST_SPEED)
             assert step.admissible[p]
             assert path.energy[k] == pytest.approx(step.energy[p], rel=1e-9)
             assert path.energy_series[k] == pytest.approx(step.energy_series[p], rel=1e-9)
             assert path.duration[k] == pytest.approx(step.duration[p], rel=1e-9)
         total = 0.5 * path.energy.sum() + path.duration.sum() + 2.0 * path.switches
+        total += 2.0 * switches_at_end(arm, path)
         assert path.cost == pytest.approx(total, rel=1e-9)
+
+
+def test_loads_that_are_held_cost_boost_as_in_the_motion(arm, terms_of, posture_within):
+    """Two cylinders rest: on loads above P_S they are boosted, and pay p_L/η for what leaks."""
+    assert REST_SPEED == DEAD_BAND
+    t, m, boosted = terms_of(arm), arm.arrays, 0
+    for start, via in possible_routes(arm, t, posture_within, 60, stroke=4e-3):
+        via[1:, 1:] = via[0, 1:]
+        if not np.isfinite(price_route(t, new_memory(t), via[:2], start, np.inf)):
+            continue
+        path = path_along(arm, t, via[:2], start)
+        for k, ends in enumerate(itertools.pairwise(path.posture)):
+            forces = [arm.piston_forces(q) for q in (ends[0], np.mean(ends, axis=0), ends[1])]
+            for j in (1, 2):
+                needed = max(required_pressure(m, j, force[j], 0.0) for force in forces)
+                wanted = m.supply_pressure < needed <= m.max_boost_pressure
+                assert wanted <= (path.modes[k, j] != Mode.N)
+                boosted += wanted
+    assert boosted > 10
 
 
 def test_a_route_that_never_turns_back_in_n_costs_the_lower_bound(arm, terms_of, posture_within):
@@ -120,10 +157,12 @@ def test_with_a_weight_the_area_lost_in_the_middle_of_each_piece_counts_in_its_m
     for start, via in possible_routes(arm, t, posture_within, 8, stroke=3e-3):
         path = path_along(arm, t, via, start)
         best = np.inf
-        steps = [step_costs(careful, *ends) for ends in itertools.pairwise(path.posture)]
-        lost = [lost_areas(arm, term, *ends) for ends in itertools.pairwise(path.posture)]
+        pairs = list(itertools.pairwise(path.posture))
+        steps = [step_costs(careful, *ends, REST_SPEED) for ends in pairs]
+        hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
+        lost = [lost_areas(arm, term, *ends) for ends in pairs]
         for sequence in itertools.product(*(np.flatnonzero(step.admissible) for step in steps)):
-            modes = np.vstack([[0, 0, 0], arm.patterns[list(sequence)]]).astype(int)
+            modes = np.vstack([[0, 0, 0], arm.patterns[list(sequence)], hold]).astype(int)
             cost = 2.0 * np.count_nonzero(np.diff(modes, axis=0))
             for p, step, area in zip(sequence, steps, lost, strict=True):
                 cost += 0.5 * step.energy[p] + step.duration[p] + area[p]

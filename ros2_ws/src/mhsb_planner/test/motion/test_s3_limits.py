@@ -131,7 +131,7 @@ def test_no_quintic_leaves_the_bound_on_its_joints(machine, seed):
     bound = s3_limits._joint_bound(
         m, motion.offset_ns / SECOND_NS, motion.position, motion.velocity, motion.acceleration
     )
-    inside, _ = motion.inside(np.array([0]), np.linspace(0, 1, 200))
+    inside, _, _ = motion.inside(np.array([0]), np.linspace(0, 1, 200))
     assert s3_limits.joint_excess(m, inside).max() <= bound[0] + 1e-12
 
 

@@ -13,7 +13,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, standstill
 from mhsb_model.types import frozen
 from mhsb_planner.errors import InfeasibleGoalError
-from mhsb_planner.motion import s3_limits, s3_piecewise, s4_mode_schedule
+from mhsb_planner.motion import piston_motion, ramped_motion, s3_limits, s4_mode_schedule
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
@@ -125,11 +125,11 @@ def test_polynomials_are_preferred_and_say_so(machine, walk):
     assert all(motion.refused == () for motion in polynomials)
 
 
-def test_where_a_polynomial_breaks_a_limit_the_fit_is_piecewise_and_says_why(machine, walk):
+def test_where_a_polynomial_breaks_a_limit_the_path_is_followed_and_it_says_why(machine, walk):
     for seed in range(200):
         path = walk(np.random.default_rng(seed), 10, leap=0.4)
         motion = from_rest(machine, path)
-        if motion.method == FitMethod.PIECEWISE:
+        if motion.method == FitMethod.RAMPED:
             break
     assert motion.refused[0].startswith("polynomial: ")
     assert motion.speed_excess < 0.01
@@ -142,7 +142,7 @@ def test_the_last_resort_goes_from_node_to_node_at_rest(machine, walk, worst):
         narrow = changed(
             machine, joint_min=path.posture.min(axis=0), joint_max=path.posture.max(axis=0)
         )
-        motion = from_rest(narrow, path, FitRules(windows=()))
+        motion = from_rest(narrow, path, FitRules(slowness=()))
         if motion.method == FitMethod.STEPPED:
             break
     assert motion.joint_deviation < 1e-12
@@ -237,7 +237,7 @@ def test_a_path_out_of_the_workspace_is_refused_with_every_reason(machine, walk)
     beyond[2] = machine.arrays.joint_max + 0.1
     with pytest.raises(FitError) as refusal:
         from_rest(machine, replace(path, posture=beyond))
-    assert len(refusal.value.refused) == 5
+    assert len(refusal.value.refused) == 3
     assert "joint limit" in str(refusal.value)
 
 
@@ -291,12 +291,13 @@ def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
     kernels = [
         s3_limits._demand,
         s3_limits._joint_bound,
-        s3_piecewise.joint_motion,
+        piston_motion.joint_motion,
+        ramped_motion._pistons,
         s4_mode_schedule._interval_modes,
     ]
     before = [len(kernel.signatures) for kernel in kernels]
     path = walk(np.random.default_rng(12), 6)
-    from_rest(machine, path, FitRules(windows=(0.8,)))
+    from_rest(machine, path, FitRules(slowness=(1.0,)))
     assert [len(kernel.signatures) for kernel in kernels] == before
 
 

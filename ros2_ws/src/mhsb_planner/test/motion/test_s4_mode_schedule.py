@@ -1,6 +1,6 @@
 """Switching times: need, lead, dwell, budget, and no flicker."""
 
-import itertools
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from mhsb_planner.motion.s4_mode_schedule import (
     StartModes,
     SwitchingRules,
     interval_modes,
+    keeps_dwell,
     mode_schedule,
 )
 
@@ -57,7 +58,7 @@ def runs(modes, time, j=0):
     """(mode, begin, end) of the runs of actuator j."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(modes[:, j])) + 1, [len(modes)]])
     return [
-        (int(modes[a, j]), float(time[a]), float(time[b])) for a, b in itertools.pairwise(edges)
+        (int(modes[a, j]), float(time[a]), float(time[b])) for a, b in pairwise(edges)
     ]
 
 
@@ -246,7 +247,11 @@ def random_motion(seed):
     fade = np.minimum(1, 4 * np.minimum(time, time[-1] - time))[:, None]
     speed = random.uniform(0.003, 0.014) * waves[0] * fade
     force = random.uniform(-500, 1500, 3) + random.uniform(0, 2500, 3) * waves[1]
-    start = StartModes(random.integers(0, 2, 3), random.choice([0.0, 0.1, 0.25, 5.0], 3))
+    while True:
+        modes = random.integers(0, 3, 3)
+        if modes.sum() <= 4:  # modules
+            break
+    start = StartModes(modes, random.choice([0.0, 0.1, 0.25, 5.0], 3))
     return time, MotionProfile(speed, force, np.zeros((len(time), 2)), 0.0 * force), start
 
 
@@ -255,17 +260,56 @@ def random_motion(seed):
 def test_every_schedule_covers_every_need_within_the_budget_and_without_flicker(machine, seed):
     time, motion, start = random_motion(seed)
     modes = scheduled(machine, time, motion, start)
+    hold = holding_modes(machine, motion.force[-1])
     m = machine.arrays
     assert m.modules_per_mode[modes].sum(axis=1).max() <= m.module_count
     for j in range(3):
+        kept = 0.3 - start.age[j]  # until then a mode that has just been switched stays
         for i in range(len(modes)):
+            if time[i] < kept - 1e-9:
+                assert modes[i, j] == start.modes[j], (j, time[i])
+                continue
             for k in (i, i + 1):
                 v, f = motion.speed[k, j], motion.force[k, j]
                 if abs(v) > 2e-4 and needs_boost(m, j, f, v):
                     assert modes[i, j] != N, (j, time[k])
-        found = runs(modes, time, j)
-        # The first run began before or gives way to a need, the last goes on as holding mode.
-        for mode, begin, end in found[1:-1]:
-            assert end - begin >= 0.3 - 1e-9, (j, mode, begin, end)
-        if start.modes[j] != N and start.age[j] < 0.3:
-            assert found[0][0] != N
+        switched = switches(modes, time, start, hold, j)
+        assert all(later - earlier >= 0.3 - 1e-9 for earlier, later in pairwise(switched))
+    assert keeps_dwell(time, modes, start, hold)
+
+
+def switches(modes, time, start, hold, j):
+    """When actuator j is switched, the last time before the first instant included."""
+    sequence = [start.modes[j], *modes[:, j], hold[j]]
+    at = [time[i] for i, (old, new) in enumerate(pairwise(sequence)) if old != new]
+    return [time[0] - start.age[j], *at]
+
+
+def test_a_motion_that_is_too_short_for_its_switches_is_told_from_others(machine):
+    time, motion = profile(0.2, [0.006, 0.0, 0.0], [HEAVY, LIGHT, LIGHT])
+    hold = np.array([N, N, N])
+    modes = interval_modes(machine, time, motion, NORMAL, hold)
+    assert modes[:, 0].all()
+    assert not keeps_dwell(time, modes, NORMAL, hold)
+    assert keeps_dwell(time, modes, StartModes.settled([DB, N, N]), hold)
+    assert not keeps_dwell(time, modes, StartModes([DB, N, N], [0.05, 9.0, 9.0]), hold)
+
+
+def test_normal_mode_that_has_just_been_switched_to_stays_although_boost_is_needed(machine):
+    time, motion = profile(3, [0.006, 0.0, 0.0], [HEAVY, LIGHT, LIGHT])
+    young = StartModes([N, N, N], [0.1, 9.0, 9.0])
+    found = runs(scheduled(machine, time, motion, young), time)
+    assert [kind for kind, _, _ in found] == [N, DB]
+    assert found[0][2] == pytest.approx(0.2, abs=SPACING)
+
+
+def test_shared_boost_after_boost_that_has_just_begun_lasts_long_enough(machine):
+    def fast_at_first(time):
+        speed = np.where((time > 0.1) & (time < 0.3), 0.012, 0.006)
+        return np.column_stack([speed, 0 * time, 0 * time])
+
+    time, motion = profile(3, fast_at_first, lifts(0.0, 0.3))
+    young = StartModes([DB, N, N], [0.1, 9.0, 9.0])
+    found = runs(scheduled(machine, time, motion, young), time)
+    assert [kind for kind, _, _ in found] == [DB, SB, N]
+    assert found[1][2] - found[1][1] >= 0.3 - 1e-9

@@ -1,224 +1,22 @@
-"""An arm, a worker and a clock around a `GoalLifecycle`: time passes only when a test says so.
-
-The arm obeys the contract of the hand-over: it takes a command only where it continues its
-reference, and tells what is in force. Messages and plans take the time that a test gives them.
-"""
+"""Worlds in which a test lets time pass."""
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
-import numpy as np
 import pytest
 
-from mhsb_model.arm_reports import HandOverReason
-from mhsb_model.command import Command
-from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_model.verdict import ExecutionReport, GoalVerdict, Verdict
-from mhsb_planner.online.arm_view import NO_PLAN
-from mhsb_planner.online.goal_lifecycle import GoalLifecycle
-from mhsb_planner.online.plan_request import PlanRequest, Settings
-from mhsb_planner.online.ports import Report
+from mhsb_model.verdict import Verdict
+from mhsb_planner.evaluation.lock_step import World
+from mhsb_planner.online.plan_request import Settings
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
-BEGINNING = 1e9
-"""By the world's clock [s]; far beyond the processor's, so that no deadline passes by itself."""
 
-STEP = 0.005
-LARGEST_JUMP = 1e-6
-FIRST_STAMP_NS = 1000 * SECOND_NS
-
-
-@dataclass
-class Arm:
-    """What follows commands; its clock runs at `speed`, and stands still while it is frozen."""
-
-    machine: Machine
-    command: Command
-    time_ns: int = FIRST_STAMP_NS
-    in_force_ns: int = NO_PLAN
-    speed: float = 1.0
-    frozen: bool = False
-    fault: str = ""
-    jumps: list[float] = field(default_factory=list)
-
-    @property
-    def reference(self) -> MotionState:
-        """What it follows now."""
-        return self.command.trajectory.sample(self.time_ns)
-
-    @property
-    def moves(self) -> bool:
-        """Whether its reference moves."""
-        return bool(self.reference.velocity.any())
-
-    def take(self, command: Command) -> HandOverReason:
-        """Follow a command if it continues the reference; the reason why not."""
-        if self.fault:
-            return HandOverReason.FAULT
-        old, new = self.reference, command.trajectory.sample(self.time_ns)
-        jump = max(
-            float(np.abs(new.position - old.position).max()),
-            float(np.abs(new.velocity - old.velocity).max()),
-        )
-        if jump > LARGEST_JUMP:
-            return HandOverReason.LATE
-        self.jumps.append(jump)
-        self.command, self.in_force_ns = command, command.stamp_ns
-        return HandOverReason.NONE
-
-    def stop_at_once(self) -> None:
-        """Hold where it is: how it gets there is not the lifecycle's business."""
-        position, modes = self.reference.position, self.command.schedule.modes_at(self.time_ns)
-        self.command = Command.hold(self.time_ns, position, modes)
-        self.in_force_ns = NO_PLAN
-
-    def start_anew(self, time_ns: int) -> None:
-        """Hold where it is, with its clock at another time."""
-        position = self.reference.position
-        self.time_ns = time_ns
-        normal = np.zeros(len(position), dtype=np.uint8)
-        self.command = Command.hold(time_ns, position, normal)
-        self.in_force_ns = NO_PLAN
-
-
-class World:
-    """Events in the order of their times."""
-
-    def __init__(self, machine: Machine, replanner: Replanner, settings: Settings) -> None:
-        self.now = BEGINNING
-        self.machine = machine
-        posture = np.array(machine.config.simulation.start_posture)
-        normal = np.zeros(machine.joint_count, dtype=np.uint8)
-        self.arm = Arm(machine, Command.hold(FIRST_STAMP_NS, posture, normal))
-        self.replanner = replanner
-        self.planning_time = 0.02
-        self.transport = 0.002
-        self.lost = 0
-        """So many of the next commands get lost."""
-        self.reachable = True
-        self.reports: list[Report] = []
-        self.sent: list[Command] = []
-        self.warnings: list[str] = []
-        self.asked_arm_to_stop = 0
-        self.planned: list[PlanRequest] = []
-        self._events: list[tuple[float, int, Callable[[], None]]] = []
-        self._count = 0
-        self.life = GoalLifecycle(settings, replanner.stop, self, self)
-        self.goals = 0
-        self.pass_time(0.5)
-
-    # --- Clock and outbox of the lifecycle -------------------------------------------------------
-
-    def wall(self) -> float:
-        return self.now
-
-    def ros_ns(self) -> int:
-        return self.arm.time_ns
-
-    def plan(self, request: PlanRequest) -> None:
-        self.planned.append(request)
-
-        def answer() -> None:
-            try:
-                made = request.answered_by(self.replanner)
-            except Exception as error:
-                self.life.planned(request, error)
-            else:
-                self.life.planned(request, made)
-
-        self.later(self.planning_time, answer)
-
-    def send(self, command: Command) -> None:
-        self.sent.append(command)
-        if self.lost > 0:
-            self.lost -= 1
-            return
-        self.later(self.transport, lambda: self._arrive(command))
-
-    def report(self, report: Report) -> None:
-        self.reports.append(report)
-
-    def warn(self, sentence: str) -> None:
-        self.warnings.append(sentence)
-
-    def stop_arm(self) -> None:
-        self.asked_arm_to_stop += 1
-        self.later(self.transport, self.arm.stop_at_once)
-
-    def connected(self) -> bool:
-        return self.reachable
-
-    # --- What tests do ---------------------------------------------------------------------------
-
-    def goal(self, x: float, z: float) -> int:
-        """Send a goal; its stamp."""
-        self.goals += 1
-        self.life.goal(Goal(self.goals, x, z))
-        return self.goals
-
-    def pass_time(self, seconds: float) -> None:
-        """Let everything happen that happens in so many seconds."""
-        end = self.now + seconds
-        while self.now < end - 1e-9:
-            self.now += STEP
-            if not self.arm.frozen:
-                self.arm.time_ns += round(STEP * self.arm.speed * SECOND_NS)
-                if self.arm.time_ns > self.arm.command.trajectory.end_ns:
-                    self.arm.in_force_ns = NO_PLAN
-            while self._events and self._events[0][0] <= self.now:
-                heapq.heappop(self._events)[2]()
-            self._tell()
-            self.life.tick()
-
-    def until(self, condition: Callable[[], bool], longest: float = 40.0) -> None:
-        """Let time pass until something is so."""
-        end = self.now + longest
-        while not condition():
-            assert self.now < end, (self.reports[-3:], self.warnings[-2:])
-            self.pass_time(STEP)
-
-    def later(self, delay: float, event: Callable[[], None]) -> None:
-        """Let something happen later."""
-        self._count += 1
-        heapq.heappush(self._events, (self.now + delay, self._count, event))
-
-    def verdict(self, stamp: int) -> GoalVerdict:
-        """The one verdict on a goal, when it has come."""
-        self.until(lambda: bool(self.verdicts(stamp)))
-        [verdict] = self.verdicts(stamp)
-        return verdict
-
-    def ending(self, stamp: int) -> ExecutionReport:
-        """The one execution report on a goal, when it has come."""
-        self.until(lambda: bool(self.endings(stamp)))
-        [ending] = self.endings(stamp)
-        return ending
-
-    def verdicts(self, stamp: int) -> list[GoalVerdict]:
-        return [
-            each
-            for each in self.reports
-            if isinstance(each, GoalVerdict) and each.goal_stamp_ns == stamp
-        ]
-
-    def endings(self, stamp: int) -> list[ExecutionReport]:
-        return [
-            each
-            for each in self.reports
-            if isinstance(each, ExecutionReport) and each.goal_stamp_ns == stamp
-        ]
-
-    def tip_is_at(self, x: float, z: float) -> bool:
-        """Whether the reference rests at a point."""
-        tip = self.machine.tip_position(self.arm.reference.position)
-        return not self.arm.moves and bool(np.hypot(tip[0] - x, tip[1] - z) < 1e-3)
+class CheckedWorld(World):
+    """A world that can be asked whether all goals were answered."""
 
     def check_that_each_goal_was_answered_once(self) -> None:
         """One verdict each, and one ending of each that is in motion no more."""
@@ -227,43 +25,20 @@ class World:
             wanted = 1 if verdict.code is Verdict.OK else 0
             assert len(self.endings(stamp)) == wanted, (verdict, self.endings(stamp))
 
-    # --- The arm's side --------------------------------------------------------------------------
-
-    def _arrive(self, command: Command) -> None:
-        if self.arm.frozen:  # it waits in the arm's socket
-            self.later(STEP, lambda: self._arrive(command))
-            return
-        reason = self.arm.take(command)
-        if reason:
-            self.later(
-                self.transport,
-                lambda: self.life.heard_refusal(command.stamp_ns, reason, f"refused: {reason}"),
-            )
-
-    def _tell(self) -> None:
-        if self.arm.frozen:
-            return
-        self.life.heard_fault(self.arm.fault)
-        if self.life.view.in_force_ns != self.arm.in_force_ns:
-            self.life.heard_in_force(self.arm.in_force_ns)
-        self.life.heard_modes(self.arm.command.schedule.modes_at(self.arm.time_ns))
-        self.life.heard_joints(self.arm.reference, self.arm.time_ns)
-        self.life.heard_reference(self.arm.reference, self.arm.time_ns)
-
 
 @pytest.fixture(scope="session")
-def new_world(machine: Machine, table: PostureTable) -> Callable[..., World]:
+def new_world(machine: Machine, table: PostureTable) -> Callable[..., CheckedWorld]:
     """Function (lead_min=…, …) that makes a world with a planner at rest in it."""
     replanner = Replanner(machine, table)
 
-    def make(**settings: float) -> World:
+    def make(planner: str = "table", **settings: float) -> CheckedWorld:
         replanner.change(machine)
-        options = PlanOptions(planner="table")
-        return World(machine, replanner, Settings(machine, options, **settings))
+        options = PlanOptions(planner=planner)
+        return CheckedWorld(machine, replanner, Settings(machine, options, **settings))
 
     return make
 
 
 @pytest.fixture
-def world(new_world: Callable[..., World]) -> World:
+def world(new_world: Callable[..., CheckedWorld]) -> CheckedWorld:
     return new_world()

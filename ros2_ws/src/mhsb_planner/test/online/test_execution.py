@@ -28,7 +28,8 @@ def ending(machine):
     x, z = machine.tip_position(END)
     plan = PlanSummary(STAMP, 100.0, 90.0, 5.0, 0, 20.0, 80.0)
     settings = Settings(machine, PlanOptions())
-    execution = Execution(GoalInHand(Goal(1, x, z), 0.0, 0.0), command, plan, settings)
+    goal = Goal(1, x, z)
+    execution = Execution(GoalInHand(goal, 0.0, 0.0), command, goal, plan, settings)
     return lambda view, now_ns: execution.ending(machine, view, now_ns)
 
 

@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.command_line import UsageError
 from mhsb_model.obstacles.zones import Zones
+from mhsb_planner.goal_region import Box, Disc, Segment
 from mhsb_planner.planner import PLANNER_KINDS
 from mhsb_planner.ros import planner_parameters
 
@@ -136,3 +137,41 @@ def test_the_lead_adapts_unless_a_budget_is_set(node, machine):
     assert planner_parameters.read(node).settings(machine).planning_budget == 0.0
     node.set_parameters([Parameter("planning_budget", value=0.2)])
     assert planner_parameters.read(node).settings(machine).planning_budget == 0.2
+
+
+def test_what_will_do_at_the_goal_can_be_set(node, machine):
+    found = planner_parameters.read(node).options
+    assert (found.goal_psi, found.goal_region) == (None, None)
+    node.set_parameters([Parameter("goal_tolerance", value=0.02)])
+    assert planner_parameters.read(node).options.goal_region == Disc(0.02)
+    node.set_parameters([Parameter("goal_tolerance", value=0.0)])
+    node.set_parameters([Parameter("goal_segment", value=[0.1, -0.05])])
+    assert planner_parameters.read(node).options.goal_region == Segment(0.1, -0.05)
+    node.set_parameters([Parameter("goal_segment", value=[0.0, 0.0])])
+    node.set_parameters([Parameter("goal_box", value=[0.1, 0.05])])
+    assert planner_parameters.read(node).options.goal_region == Box(0.1, 0.05)
+    node.set_parameters_atomically(
+        [Parameter("goal_psi_min", value=-0.5), Parameter("goal_psi_max", value=0.25)]
+    )
+    assert planner_parameters.read(node).options.goal_psi == (-0.5, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"goal_tolerance": 0.02, "goal_box": [0.1, 0.1]}, "must be one of tolerance, segment"),
+        ({"goal_box": [0.1, -0.1]}, "half_z must be above 0 m"),
+        ({"goal_box": [0.1, 0.0]}, "half_z must be above 0 m"),
+        ({"goal_segment": [0.1]}, "must be two numbers, x z"),
+        ({"goal_segment": [0.1, math.nan]}, "z must be finite"),
+        ({"goal_psi_min": 0.1}, "must be given both or not at all, and not with goal_psi"),
+        ({"goal_psi": 0.1, "goal_psi_min": 0.1, "goal_psi_max": 0.2}, "not with goal_psi"),
+        ({"goal_psi_min": 0.3, "goal_psi_max": 0.2}, "the least first"),
+        ({"goal_psi_max": math.inf}, "goal_psi_max must be an angle in rad"),
+    ],
+)
+def test_what_makes_no_sense_at_the_goal_is_refused(node, machine, changes, reason):
+    parameters = [Parameter(name, value=value) for name, value in changes.items()]
+    said = planner_parameters.refusal(node, machine, parameters)
+    assert reason in said
+    assert "\n" not in said

@@ -62,8 +62,12 @@ def test_a_path_loses_as_much_however_it_is_cut(machine, walk, seed, parts):
         duration=np.repeat(path.duration / parts, parts),
     )
     one, other = (area_along_path(machine, each) for each in (path, finer))
-    assert other.shortfall(FULL) == pytest.approx(one.shortfall(FULL), rel=2e-3, abs=1e-5)
-    assert other.mean == pytest.approx(one.mean, rel=2e-3)
+    # The area may jump on the way, and cuts move the place of the jump by half a part at most.
+    jump = 0.5 * one.span.max() * np.abs(np.diff(one.area)).max(initial=0.0)
+    lost_with_it = 1e-5 + jump / FULL
+    assert other.shortfall(FULL) == pytest.approx(one.shortfall(FULL), rel=2e-3, abs=lost_with_it)
+    of_mean = jump / one.span.sum()
+    assert other.mean == pytest.approx(one.mean, rel=2e-3, abs=of_mean)
 
 
 def test_short_steps_are_priced_at_what_they_lose(machine):

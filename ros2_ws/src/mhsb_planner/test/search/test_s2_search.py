@@ -19,14 +19,9 @@ from mhsb_planner.errors import (
     RequestError,
 )
 from mhsb_planner.posture.s1_global_search import postures_at
+from mhsb_planner.search.frontier import NOWHERE
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_joining import (
-    NOWHERE,
-    goal_at,
-    start_at,
-    steps_from_start,
-    steps_to_goal,
-)
+from mhsb_planner.search.s2_joining import goal_at, start_at, steps_from_start, steps_to_goal
 from mhsb_planner.search.s2_search import Weights, search
 from mhsb_planner.search.s2_step import step_costs
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from mhsb_model.kernels.kernel import kernel
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def orifice(k: float, drop: float, laminar: float) -> tuple[float, float]:
     """Q = k Δp / (Δp² + Δp_c²)^¼: k √Δp for Δp ≫ Δp_c, laminar below, smooth through zero.
 
@@ -27,7 +27,7 @@ def orifice(k: float, drop: float, laminar: float) -> tuple[float, float]:
     return flow, slope
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def check_valve(k: float, drop: float, laminar: float) -> tuple[float, float]:
     """Q = orifice(k, Δp) for Δp > 0, else 0: opens forwards, tight backwards.
 
@@ -40,7 +40,7 @@ def check_valve(k: float, drop: float, laminar: float) -> tuple[float, float]:
     return flow, flow / drop
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def relief_valve(gain: float, drop: float, setting: float) -> tuple[float, float]:
     """Q = gain · max(0, Δp − setting): relief and, set at 0, anti-cavitation valves.
 
@@ -51,7 +51,7 @@ def relief_valve(gain: float, drop: float, setting: float) -> tuple[float, float
     return gain * (drop - setting), gain
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def constant_pressure_pump(
     max_flow: float, setting: float, droop: float, pressure: float
 ) -> tuple[float, float]:
@@ -67,7 +67,7 @@ def constant_pressure_pump(
     return max_flow * share, max_flow / droop
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def servo_pump_flow(
     flow: float, command: float, largest: float, decay: float, largest_change: float
 ) -> float:
@@ -80,19 +80,19 @@ def servo_pump_flow(
     return flow + min(max(change, -largest_change), largest_change)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def first_order_lag(value: float, command: float, decay: float) -> float:
     """τ dx/dt = u − x: switching valves; decay = e^(−dt/τ)."""
     return command + (value - command) * decay
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def chamber_capacity(dead_volume: float, area: float, stroke: float, bulk_modulus: float) -> float:
     """C = (V₀ + A s)/β [m³/Pa]: dp/dt = (ΣQ − A ds/dt)/C of the chamber with stroke s [m]."""
     return (dead_volume + area * stroke) / bulk_modulus
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def friction_force(coulomb: float, viscous: float, speed_scale: float, speed: float) -> float:
     """F = F_c tanh(v/v_s) + b v [N], against the motion: seals of a cylinder."""
     return coulomb * math.tanh(speed / speed_scale) + viscous * speed

@@ -21,14 +21,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from mhsb_model.hydraulics import required_pressure
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, ON_RAIL
@@ -170,54 +168,29 @@ ELEMENT = np.dtype(
 )
 
 
-@dataclass
-class Circuit:
-    """State of the circuit; arrays are written in place by `advance`.
+class Circuit(NamedTuple):
+    """State of the circuit; `advance` writes into its arrays."""
 
-    pressure   float64[3 n + 3] Pa, in the order of the nodes
-    actuators  ACTUATOR[n], modules MODULE[m], energy ENERGY[1], volume VOLUME[1]
-    cylinders  CYLINDER[n], constants CONSTANTS[1], module_home int64[m]: actuator whose line the
-               module feeds, or −1 where it has none (both fixed)
-    """
-
-    cylinders: Records
-    constants: Records
-    module_home: IntArray
-    pressure: FloatArray
-    actuators: Records
-    modules: Records
-    energy: Records
-    volume: Records
-    net: Records
-    conductance: FloatArray
-    inflow: FloatArray
-    capacity: FloatArray
+    cylinders: Records  # CYLINDER[n]
+    constants: Records  # CONSTANTS[1]
+    module_home: IntArray  # [m] actuator whose line the module feeds, −1 where it has none
+    pressure: FloatArray  # [3 n + 3] Pa, in the order of the nodes
+    actuators: Records  # ACTUATOR[n]
+    modules: Records  # MODULE[m]
+    energy: Records  # ENERGY[1]
+    volume: Records  # VOLUME[1]
+    net: Records  # ELEMENT[…], this and the following are working memory
+    conductance: FloatArray  # [nodes, nodes]
+    inflow: FloatArray  # [nodes]
+    capacity: FloatArray  # [nodes]
 
     def advance(self, length: FloatArray, speed: FloatArray, substeps: int) -> None:
         """Advance by `substeps` substeps with pistons at `length` [m] moving at `speed` [m/s]."""
-        advance(*self._arguments(length, speed), substeps)
+        advance(self, length, speed, substeps)
 
     def bound_advance(self, length: FloatArray, speed: FloatArray) -> Callable[[int], None]:
         """`advance` for pistons whose lengths and speeds are written into these arrays."""
-        return bind(advance, *self._arguments(length, speed), integers=1)
-
-    def _arguments(self, length: FloatArray, speed: FloatArray) -> tuple[NDArray[Any], ...]:
-        return (
-            self.cylinders,
-            self.constants,
-            self.module_home,
-            length,
-            speed,
-            self.pressure,
-            self.actuators,
-            self.modules,
-            self.energy,
-            self.volume,
-            self.net,
-            self.conductance,
-            self.inflow,
-            self.capacity,
-        )
+        return bind(advance, self, length, speed, integers=1)
 
     @property
     def rail_pressure(self) -> float:
@@ -286,7 +259,7 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
     circuit.actuators["join"] = ON_RAIL[modes]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def enter(
     net: Records, count: int, kind: int, start: int, end: int, flow: float, slope: float
 ) -> int:
@@ -299,7 +272,7 @@ def enter(
     return count + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def move_spool(actuator: Record, c: Record) -> None:
     """ẍ + 2 ζ ω ẋ + ω² (x − u) = 0 over one substep, x within −1 … 1 (c: CONSTANTS)."""
     away = actuator.spool - actuator.valve_command
@@ -311,7 +284,7 @@ def move_spool(actuator: Record, c: Record) -> None:
         actuator.spool_speed = 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def audit(
     net: Records,
     count: int,
@@ -359,32 +332,19 @@ def audit(
             volume.returned += returned
 
 
-@njit(cache=True, nogil=True)
-def advance(
-    cylinders: Records,
-    constants: Records,
-    module_home: IntArray,
-    length: FloatArray,
-    speed: FloatArray,
-    pressure: FloatArray,
-    actuators: Records,
-    modules: Records,
-    energy: Records,
-    volume: Records,
-    net: Records,
-    conductance: FloatArray,
-    inflow: FloatArray,
-    capacity: FloatArray,
-    substeps: int,
-) -> None:
-    """Advance the circuit in place; see the module's text for the network, Circuit for shapes.
+@kernel
+def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: int) -> None:
+    """Advance the circuit in place, pistons at length[n] [m] moving at speed[n] [m/s].
 
     Each substep moves the valves and pumps, enters every element at the present pressures and
     solves for the pressures after it. Oracle: SciPy's Radau on the same equations
     (test/circuit/test_network.py).
     """
-    c = constants[0]
-    e, v = energy[0], volume[0]
+    cylinders, actuators, pressure = circuit.cylinders, circuit.actuators, circuit.pressure
+    modules, module_home = circuit.modules, circuit.module_home
+    net, conductance = circuit.net, circuit.conductance
+    inflow, capacity = circuit.inflow, circuit.capacity
+    c, e, v = circuit.constants[0], circuit.energy[0], circuit.volume[0]
     n = len(actuators)
     rail, manifold, tank = 3 * n, 3 * n + 1, 3 * n + 2
     dt = c.substep

@@ -7,12 +7,11 @@ Source: C.-W. Ho, A. Ruehli, P. Brennan, The modified nodal approach to network 
 
 from __future__ import annotations
 
-from numba import njit
-
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def stamp(
     inflow: FloatArray, conductance: FloatArray, i: int, j: int, flow: float, slope: float
 ) -> None:
@@ -25,7 +24,7 @@ def stamp(
     conductance[j, i] -= slope
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve_in_place(matrix: FloatArray, right: FloatArray, size: int) -> None:
     """Solve the symmetric positive definite system of the leading `size` rows into `right`.
 

@@ -15,14 +15,20 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.config_files import config_file
+from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.machine import load_machine
-from mhsb_model.yaml_files import read_yaml
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.live.child_process import ChildEndedError, ChildProcess
-from mhsb_sim.live.nodes import ANSWER_TIMEOUT, both_nodes, refuse_company, shake_hands
+from mhsb_sim.live.nodes import (
+    ANSWER_TIMEOUT,
+    both_nodes,
+    compile_nodes,
+    refuse_company,
+    shake_hands,
+)
 from mhsb_sim.report.report_command import summary_lines, write_report
 
 GOALS_FILE = "demo_goals.yaml"
@@ -68,6 +74,7 @@ def demo(
     began = time.monotonic()
     clear(output)
     settings = (f"machine:={machine.resolve()}",) if machine else ()
+    compile_nodes()
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
             refuse_company(sender, executor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 import time
@@ -17,12 +18,14 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.commands.plan_command import Box, Circle
+from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, energy_of_states
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.servo import controller_class
+from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.simulator import Simulator, energy_gap, volume_gap
 from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.energy_comparison import as_text as energy_text
@@ -33,7 +36,9 @@ LONGEST_TIME = 3600.0  # s
 
 def simulate(
     goal: Annotated[
-        tuple[tuple[float, float, float], ...], tyro.conf.arg(metavar="X Z T [X Z T ...]")
+        tuple[tuple[tuple[float, float, float], ...], ...],
+        tyro.conf.arg(metavar="X Z T [X Z T ...]"),
+        tyro.conf.UseAppendAction,
     ],
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     controller: str = "coordinated",
@@ -57,7 +62,7 @@ def simulate(
     The arm starts at rest in the machine file's start posture. Same arguments, same bits.
 
     Args:
-        goal: Goals: tip position [m] and time until the next goal [s].
+        goal: Goals: tip position [m] and time until the next goal [s]; may be given several times.
         machine: Machine file (YAML); the suite's own arm when left out.
         controller: Servo controller, coordinated or independent.
         seed: Of the sensor noise.
@@ -73,14 +78,18 @@ def simulate(
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went, and what the plans had expected.
     """
-    goals = [_timed_goal(*values) for values in goal]
+    goals = [_timed_goal(*values) for values in itertools.chain(*goal)]
+    if not goals:
+        raise command_line.UsageError("give --goal X Z T, once or several times")
     arm = load_machine(machine).changed(payload=payload)
     controller_class(controller)  # refuses an unknown one before anything takes time
+    compile_planner()
+    compile_simulator()
     replanner = Replanner(arm, table_for(arm))
     replanner.change(arm.changed(zones=arm.zones.with_more(zone_box, zone_circle)))
     replanner.warm_up()
     simulator = Simulator(arm, controller, seed)
-    simulator.step()  # compiles, which is not to be timed
+    simulator.step()  # loads kernels, which is not to be timed
     simulator.reset()
     run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
     began = time.perf_counter()
@@ -163,7 +172,7 @@ def as_text(summary: dict[str, Any]) -> list[str]:
     """The summary for a person."""
     lines = ["goal x, z [m]     time [s]  planned [s]  left to the goal [mm]"]
     for goal in summary["goals"]:
-        planned = f"{goal['duration_s']:11.2f}" if "duration_s" in goal else "   at goal "
+        planned = f"{goal['duration_s']:11.2f}" if "duration_s" in goal else "no new plan"
         lines.append(
             f"{goal['x']:6.3f} {goal['z']:7.3f}  {goal['time_s']:9.2f}  {planned}"
             f"  {goal['goal_distance_mm']:12.2f}"

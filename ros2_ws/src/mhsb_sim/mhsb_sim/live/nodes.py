@@ -9,10 +9,13 @@ from contextlib import ExitStack, contextmanager
 from rclpy.executors import SingleThreadedExecutor
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.kernels.pool import compile_ahead
 from mhsb_msgs_py.names import PLANNER_NODE, SIM_NODE
 from mhsb_msgs_py.node_process import spin_until
+from mhsb_planner import kernel_parts as planner_kernels
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.live.child_process import ChildEndedError, ChildProcess
+from mhsb_sim.simulation import kernel_parts as simulator_kernels
 
 SIM_EXECUTABLE = ("mhsb_sim", "sim_node")
 PLANNER_EXECUTABLE = ("mhsb_planner", "planner_node")
@@ -34,6 +37,12 @@ def refuse_company(sender: GoalSender, executor: SingleThreadedExecutor) -> None
             f"{' and '.join(sorted(running))} runs in this ROS domain already; end it or set "
             "ROS_DOMAIN_ID to another number"
         )
+
+
+def compile_nodes() -> None:
+    """Have all kernels of both nodes compiled on all processors, before either starts."""
+    parts = (*planner_kernels.PARTS, *simulator_kernels.PARTS)
+    compile_ahead(parts, lambda line: print(line, flush=True))
 
 
 @contextmanager

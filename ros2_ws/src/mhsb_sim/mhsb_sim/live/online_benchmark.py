@@ -10,6 +10,7 @@ goals are wall-clock times in all conditions, also where simulated time runs slo
     one_core  nodes, benchmark and one busy loop on one processor; the simulator is the clock
 
 What became of each goal is `goal_fates`; all goals count as feasible, whatever their verdicts say.
+Then a goal streams at 50 Hz, idle, to and fro on a line (`stream_figures`).
 """
 
 from __future__ import annotations
@@ -33,18 +34,22 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.evaluation.moves import random_moves
 from mhsb_planner.evaluation.planning_benchmark import dijkstra_figures
+from mhsb_planner.evaluation.streaming_benchmark import lines as followable_lines
 from mhsb_planner.planner import Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_sim.live.child_process import ChildProcess
 from mhsb_sim.live.load import busy_loops, one_processor
-from mhsb_sim.live.nodes import both_nodes, refuse_company, shake_hands
+from mhsb_sim.live.nodes import both_nodes, compile_nodes, refuse_company, shake_hands
 from mhsb_sim.live.seeded_goals import SeededGoal, seeded_goals
 from mhsb_sim.live.watcher import Watcher
 from mhsb_sim.report.online_figures import online_figures
+from mhsb_sim.report.stream_figures import stream_figures
 
 LAST_TIMEOUT = 60.0
 """Time for the last goal to be reached [s]."""
+
+STREAM_PERIOD, STREAM_SPEED = 0.02, 0.05  # s, m/s
 
 REFERENCE_MOVES, REFERENCE_RUNS = 100, 3
 
@@ -99,6 +104,26 @@ def measure(condition: Condition, goals: Sequence[SeededGoal], name: str = "") -
     }
 
 
+def measure_stream(machine: Machine, seconds: float) -> Figures:
+    """The figures of a goal that moves to and fro for so long."""
+    line = next(followable_lines(machine, STREAM_SPEED))
+    with ros_running([]), serving(Watcher) as (executor, watcher):
+        refuse_company(watcher, executor)
+        with both_nodes():
+            shake_hands(watcher, executor)
+            first = watcher.send(*line.begin.tolist())
+            spin_until(executor, lambda: first in watcher.executions, LAST_TIMEOUT)
+            watcher.forget()
+            began = due = time.monotonic()
+            while (now := time.monotonic()) - began < seconds:
+                last = watcher.send(*line.at(STREAM_SPEED * (now - began)).tolist())
+                due += STREAM_PERIOD
+                spin_until(executor, lambda: False, due - time.monotonic())
+            spin_until(executor, lambda: last in watcher.executions, LAST_TIMEOUT)
+        recording = watcher.recording()
+    return stream_figures(recording, machine)
+
+
 def _send(
     watcher: Watcher,
     executor: SingleThreadedExecutor,
@@ -131,6 +156,7 @@ def online(
         CONDITIONS
     ),
     seed: int = 0,
+    stream: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 60.0,
 ) -> int:
     """Measure replanning online, print a table and write the figures as JSON.
 
@@ -141,6 +167,7 @@ def online(
         goals: Number of goals in each condition.
         condition: What goes on beside the nodes, of idle, loaded and one_core.
         seed: Of goals and the times between them.
+        stream: How long a goal streams at 50 Hz [s]; 0 leaves it out.
     """
     if unknown := [name for name in condition if name not in CONDITIONS]:
         raise UsageError(f"--condition: {unknown[0]} is not one of {', '.join(CONDITIONS)}")
@@ -152,6 +179,9 @@ def online(
         for name in condition:
             figures[name] = measure(CONDITIONS[name], wanted, name)
             write_json(output, figures)
+        if stream > 0.0:
+            figures["stream"] = measure_stream(machine, stream)
+            write_json(output, figures)
     except ExternalShutdownException:
         return command_line.INTERRUPTED
     print("\n".join(as_text(figures)))
@@ -161,6 +191,7 @@ def online(
 
 def _offline(machine: Machine, goals: int, seed: int) -> tuple[Figures, list[SeededGoal]]:
     """What is the same for all conditions, worked out before."""
+    compile_nodes()
     planner = Planner(machine, table_for(machine))
     warm_up(planner)
     wanted = seeded_goals(planner, goals, seed)
@@ -187,6 +218,12 @@ def as_text(figures: Figures) -> list[str]:
             f"{_text(each['real_time_factor'], '7.3f')} {_two(each['lead_ms'])}   "
             f"{_two(each['plan_ms'])}    {_text(each['reference_jump_max_rad'], '8.1e')} "
             f"{_text(each['reference_jump_max_rad_s'], '8.1e')} {each['rss_growth_mb']:13.1f}"
+        )
+    if "stream" in figures:
+        each = figures["stream"]
+        lines.append(
+            f"stream    {each['goals']} goals in {each['duration_s']:.0f} s: {each['verdicts']}, "
+            f"{each['plans_per_s']:.1f} plans/s, {_two(each['behind_mm'])} mm behind (p50, p99)"
         )
     return lines
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mhsb_model.cavitation import cavitations
 from mhsb_model.modes import Mode
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py.sim_status import APPLIED
@@ -26,6 +27,9 @@ from mhsb_sim.report.recorded_run import RecordedRun
 Summary = dict[str, Any]
 
 PER_MM, PER_MPA, PER_S = 1e3, 1e-6, 1e-9
+
+LEAST_SPEED = 2e-4
+"""Measured piston speed up to which a cylinder counts as held by its valve [m/s]."""
 
 
 def summary(run: RecordedRun) -> Summary:
@@ -42,6 +46,9 @@ def summary(run: RecordedRun) -> Summary:
     mode_switches               changes of the mode in force, summed over the actuators
     energy_…                    as `recorded_energy` counts them
     max_…_pressure_mpa          over all actuators; relief tells where the valves open
+    min_chamber_pressure_mpa    likewise; 0 and less where a chamber has run empty
+    cavitation                  of actuators whose measured force drives a piston faster than
+                                its inlet chamber fills at P_S (`mhsb_model.cavitation`)
     plans_…                     stamps that the simulator applied; refused or dropped
     replan_ms                   goal received to plan published
     lead_ms                     goal received to where the plan that was applied left the old one
@@ -67,6 +74,7 @@ def summary(run: RecordedRun) -> Summary:
         "modes_used": [Mode(code).name for code in np.unique(run.modes.modes)],
         **_energies(run.energy),
         **_pressures(run),
+        "cavitation": _cavitation(run),
         "replan_ms": spread(_replan_times(run.goals)),
         "lead_ms": spread(each.lead_ms for each in run.fates),
         "unreadable_messages": len(recording.unreadable),
@@ -119,14 +127,34 @@ def _pressures(run: RecordedRun) -> Summary:
     quantity, circuit = run.recording.actuators.quantity, run.machine.config.circuit
     supply = _largest(quantity["supply_pressure"])
     chamber = _largest([quantity["cap_pressure"], quantity["rod_pressure"]])
+    lowest = _largest([-quantity["cap_pressure"], -quantity["rod_pressure"]])
     limits = (circuit.line_relief_pressure, circuit.chamber_relief_pressure)
     known = [(p, limit) for p, limit in zip((supply, chamber), limits, strict=True) if p]
     return {
         "max_supply_pressure_mpa": _number(supply, PER_MPA),
         "max_chamber_pressure_mpa": _number(chamber, PER_MPA),
+        "min_chamber_pressure_mpa": _number(lowest, -PER_MPA),
         "relief_mpa": {"line": PER_MPA * limits[0], "chamber": PER_MPA * limits[1]},
         "relief_exceeded": any(p > limit for p, limit in known) if known else None,
     }
+
+
+def _cavitation(run: RecordedRun) -> list[Summary]:
+    """Of each actuator that has any; times count from the recording's first hydraulic state."""
+    actuators = run.recording.actuators
+    if len(actuators.time_ns) == 0:
+        return []
+    time = PER_S * (actuators.time_ns - actuators.time_ns[0])
+    force, speed = actuators.quantity["force"], actuators.quantity["piston_speed"]
+    return [
+        {
+            "actuator": each.actuator,
+            "begin_s": each.begin,
+            "duration_s": each.duration,
+            "force_n": each.force,
+        }
+        for each in cavitations(run.machine, time, force, speed, LEAST_SPEED)
+    ]
 
 
 def _replan_times(goals: Iterable[GoalRecord]) -> list[float]:

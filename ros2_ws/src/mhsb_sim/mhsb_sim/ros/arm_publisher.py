@@ -119,6 +119,7 @@ class ArmPublisher:
             energies["main_pump"],
             energies["servo_pumps"],
             level is Level.WARN,
+            self._arm.last_stop_ns,
         )
         self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
 

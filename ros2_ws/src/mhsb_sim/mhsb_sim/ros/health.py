@@ -44,7 +44,7 @@ class Health:
         return self._arm.fault or "; ".join(filter(None, self._warnings())) or well
 
     def changed(self) -> bool:
-        """Whether it is in another way than at the last call; numbers aside."""
+        """Whether it is in another way than at the last call, or was stopped; numbers aside."""
         before, self._told = self._told, self._kind()
         return before not in (None, self._told)
 
@@ -60,7 +60,8 @@ class Health:
     def _kind(self) -> tuple[object, ...]:
         arm = self._arm
         phase = arm.supervision.phase
-        return arm.halted, phase, arm.simulator.valves_closed, *map(bool, self._warnings())
+        closed = arm.simulator.valves_closed
+        return arm.halted, phase, arm.last_stop_ns, closed, *map(bool, self._warnings())
 
     def _warnings(self) -> tuple[str, str, str, str]:
         return self._arm.warning, self._lag(), self._offset(), self.duplicates

@@ -28,6 +28,7 @@ from mhsb_sim.ros.arm_publisher import ArmPublisher
 from mhsb_sim.ros.health import Health
 from mhsb_sim.ros.pacing import Pacer
 from mhsb_sim.simulation.faults import Fault
+from mhsb_sim.simulation.kernel_parts import compile_simulator, rehearse
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
@@ -49,6 +50,7 @@ class SimNode(Node):
         super().__init__(names.SIM_NODE)
         self._machine = sim_parameters.declare_machine(self)
         self._settings = sim_parameters.declare(self, self._machine)
+        compile_simulator(self.get_logger().info)
         simulator = Simulator(
             self._machine,
             self._settings.controller,
@@ -56,7 +58,7 @@ class SimNode(Node):
             payload=self._settings.payload,
         )
         self._arm = SupervisedArm(simulator, self._settings.limits)
-        self._arm.step(0.0)  # compiles everything before anybody waits for it
+        rehearse()  # loads everything before anybody waits for it
         self._publisher = ArmPublisher(self, self._arm, self._settings.publish_clock)
         self._pacer = Pacer(self._settings.real_time_factor, 0, 0)
         self._left_ns = 0

@@ -23,19 +23,21 @@ Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.hydraulics import pressure_against
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
 from mhsb_model.schema import CascadeGains
-from mhsb_model.statics import MOTION_WORK, Chain, moving_torques
+from mhsb_model.statics import MOTION_WORK, Chain, chain_of, moving_torques
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
 from mhsb_sim.records import Record, Records
+from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.natural_frequency import lowest_joint_frequencies
 from mhsb_sim.servo.reference import AHEAD
 
@@ -86,6 +88,29 @@ AXIS = np.dtype(
 )
 
 
+class Servo(NamedTuple):
+    """What every controller works on, as its kernels take it.
+
+    Those are inlined: handing it over costs as much as some of them do.
+    """
+
+    reference: FloatArray  # as in ServoSignals, likewise the four below
+    sensors: Records
+    rail_pressure: FloatArray
+    modes: ModeArray
+    serves: IntArray
+    cylinders: Records  # of the circuit, likewise the four below
+    constants: Records
+    module_home: IntArray
+    actuators: Records
+    modules: Records
+    linkage: FloatArray  # [n, LINKAGE_WIDTH]
+    chain: Chain  # links and payload as the servo knows them
+    gains: Records  # GAINS[1]
+    axes: Records  # AXIS[n]
+    scratch: FloatArray  # [SCRATCH, n]
+
+
 def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     """What all axes have in common, in SI units, GAINS[1].
 
@@ -122,24 +147,40 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     return axes
 
 
-@njit(cache=True, nogil=True)
-def piston_demands(
-    reference: FloatArray,
-    sensors: Records,
-    linkage: FloatArray,
-    chain: Chain,
-    cylinders: Records,
-    constants: Records,
-    gains: Records,
-    scratch: FloatArray,
-    axes: Records,
-) -> None:
+def servo_of(
+    machine: Machine, signals: ServoSignals, own: CascadeGains, supply_margin: float = 0.0
+) -> Servo:
+    """The servo of a machine at its start; gains as in `axis_records` and `gain_record`."""
+    circuit = signals.circuit
+    return Servo(
+        reference=signals.reference,
+        sensors=signals.sensors,
+        rail_pressure=signals.rail_pressure,
+        modes=signals.modes,
+        serves=signals.serves,
+        cylinders=circuit.cylinders,
+        constants=circuit.constants,
+        module_home=circuit.module_home,
+        actuators=circuit.actuators,
+        modules=circuit.modules,
+        linkage=machine.arrays.linkage,
+        chain=chain_of(machine.arrays),
+        gains=gain_record(machine, supply_margin),
+        axes=axis_records(machine, own),
+        scratch=np.zeros((SCRATCH, machine.joint_count)),
+    )
+
+
+@kernel(inline="always")
+def piston_demands(s: Servo) -> None:
     """Write the cascade's quantities of all axes, up to the speed demand u.
 
     A closed valve would have to hold what the posture weighs, or the whole force where that is
-    less. scratch: float64[SCRATCH, n]; for the other shapes see ServoSignals and Circuit.
+    less.
     """
-    c, g = constants[0], gains[0]
+    reference, sensors, cylinders, axes = s.reference, s.sensors, s.cylinders, s.axes
+    linkage, chain, scratch = s.linkage, s.chain, s.scratch
+    c, g = s.constants[0], s.gains[0]
     torque, weight = scratch[MOTION_WORK], scratch[MOTION_WORK + 1]
     for k in (AHEAD, 0):
         q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
@@ -182,7 +223,7 @@ def piston_demands(
         axis.demand = axis.speed + pull * (force_reference - force)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def supply_need(
     hold: float, force: float, speed: float, cylinder: Record, constants: Records, gains: Records
 ) -> float:
@@ -202,7 +243,7 @@ def supply_need(
     return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
     """Write the supply pressures that an actuator needs from now on, and later at point `AHEAD`."""
     d = axis.bias
@@ -213,7 +254,7 @@ def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Recor
     axis.supply_target = max(now, axis.target_ahead)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
     """Whether actuator j draws on the rail: by its mode, or served by a module of another line."""
     draws = ON_RAIL[modes[j]]

@@ -11,25 +11,19 @@ measured, no pressure is kept in reserve beyond the plan's.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
 
 from mhsb_model.hydraulics import inlet_area, load_pressure
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED
-from mhsb_model.statics import Chain, chain_of
-from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
-from mhsb_sim.servo.cascade import (
-    SCRATCH,
-    axis_records,
-    gain_record,
-    joins_rail,
-    piston_demands,
-    set_targets,
-)
+from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, set_targets
 from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_sim.servo.reference import AHEAD
 
@@ -60,6 +54,15 @@ SWITCHED_OVER = 0.9
 """Share of a lent pump's flow that has to reach the rail before it counts as feeding it."""
 
 
+class Pumps(NamedTuple):
+    """What the servo pumps are driven by, beside the cascade."""
+
+    gains: Records  # GAINS[1]
+    rail_target: FloatArray  # [2] pressure targets of the rail [Pa], as those of an axis
+    volume: FloatArray  # [n + 1, REFERENCE_POINTS] as in `look_ahead`; the last row is the rail's
+    coasting: FloatArray  # [REFERENCE_POINTS] as in `coasting_limit`
+
+
 class CoordinatedController:
     """Valve and servo pumps on one demand; see the module's text."""
 
@@ -77,100 +80,35 @@ class CoordinatedController:
         )
         own_gains["pressure_gain"] = servo.pressure_gain / lag
         own_gains["allowed_rise"] = servo.allowed_rise
-        self._axes = axis_records(machine, servo)
-        self._axes["joined"] = circuit.actuators["join"]
-        self._axes["supply_target"] = circuit.pressure[2:-3:3]
-        self._rail_target = np.full(2, circuit.rail_pressure)
-        self._control = bind(
-            control,
-            signals.reference,
-            signals.sensors,
-            machine.arrays.linkage,
-            chain_of(machine.arrays),
-            circuit.cylinders,
-            circuit.constants,
-            gain_record(machine),
-            np.zeros((SCRATCH, machine.joint_count)),
-            self._axes,
-            signals.rail_pressure,
-            signals.modes,
-            signals.serves,
-            circuit.module_home,
-            circuit.actuators,
-            circuit.modules,
-            self._rail_target,
-            own_gains,
-            np.zeros((machine.joint_count + 1, REFERENCE_POINTS)),
-            -lag * np.expm1(-np.arange(REFERENCE_POINTS) * self.preview / (AHEAD * lag)),
+        cascade = servo_of(machine, signals, servo)
+        cascade.axes["joined"] = circuit.actuators["join"]
+        cascade.axes["supply_target"] = circuit.pressure[2:-3:3]
+        pumps = Pumps(
+            gains=own_gains,
+            rail_target=np.full(2, circuit.rail_pressure),
+            volume=np.zeros((machine.joint_count + 1, REFERENCE_POINTS)),
+            coasting=-lag * np.expm1(-np.arange(REFERENCE_POINTS) * self.preview / (AHEAD * lag)),
         )
+        self._control = bind(control, cascade, pumps)
 
     def update(self) -> None:
         """Write all commands for the next step."""
         self._control()
 
 
-@njit(cache=True, nogil=True)
-def control(
-    reference: FloatArray,
-    sensors: Records,
-    linkage: FloatArray,
-    chain: Chain,
-    cylinders: Records,
-    constants: Records,
-    gains: Records,
-    scratch: FloatArray,
-    axes: Records,
-    rail_pressure: FloatArray,
-    modes: ModeArray,
-    serves: IntArray,
-    module_home: IntArray,
-    actuators: Records,
-    modules: Records,
-    rail_target: FloatArray,
-    own_gains: Records,
-    volume: FloatArray,
-    coasting: FloatArray,
-) -> None:
-    """One step of the controller; shapes as in `piston_demands` and ServoSignals.
-
-    rail_target: float64[2], pressure targets of the rail [Pa], as those of an axis; own_gains:
-    GAINS[1]; volume: as in `look_ahead`, with a last row for the rail; coasting: as in
-    `coasting_limit`.
-    """
-    piston_demands(reference, sensors, linkage, chain, cylinders, constants, gains, scratch, axes)
-    for j in range(len(axes)):
-        open_valve(axes[j], sensors[j], cylinders[j], constants, actuators[j])
-        set_target(axes[j], sensors[j], cylinders[j], constants, gains, modes[j])
-    look_ahead(reference, sensors, cylinders, constants, serves, own_gains, axes, volume)
-    join_lines(
-        sensors,
-        constants,
-        axes,
-        rail_pressure[0],
-        modes,
-        serves,
-        module_home,
-        actuators,
-        modules,
-        rail_target,
-    )
-    drive_pumps(
-        sensors,
-        constants,
-        axes,
-        rail_pressure[0],
-        serves,
-        module_home,
-        actuators,
-        modules,
-        rail_target,
-        own_gains,
-        volume,
-        coasting,
-    )
+@kernel
+def control(s: Servo, p: Pumps) -> None:
+    """One step of the controller."""
+    piston_demands(s)
+    for j in range(len(s.axes)):
+        open_valve(s.axes[j], s.sensors[j], s.cylinders[j], s.constants, s.actuators[j])
+        set_target(s.axes[j], s.sensors[j], s.cylinders[j], s.constants, s.gains, s.modes[j])
+    look_ahead(s, p)
+    join_lines(s, p.rail_target)
+    drive_pumps(s, p)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def open_valve(
     axis: Record, sensor: Record, cylinder: Record, constants: Records, actuator: Record
 ) -> None:
@@ -203,7 +141,7 @@ def open_valve(
     actuator.valve_command = gate * min(max(opening, -1.0), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def set_target(
     axis: Record,
     sensor: Record,
@@ -220,25 +158,16 @@ def set_target(
         axis.target_ahead = axis.supply_target
 
 
-@njit(cache=True, nogil=True)
-def join_lines(
-    sensors: Records,
-    constants: Records,
-    axes: Records,
-    rail_pressure: float,
-    modes: ModeArray,
-    serves: IntArray,
-    module_home: IntArray,
-    actuators: Records,
-    modules: Records,
-    rail_target: FloatArray,
-) -> None:
+@kernel(inline="always")
+def join_lines(s: Servo, rail_target: FloatArray) -> None:
     """Open, throttle or shut the join valves, and set the rail's target.
 
     The rail's target is the greatest of the lines that draw on it. The last line to leave shared
     boost stays joined while the rail's pumps coast, which would else burst into a shut rail.
     """
-    c = constants[0]
+    axes, sensors, actuators, modules = s.axes, s.sensors, s.actuators, s.modules
+    modes, serves, module_home = s.modes, s.serves, s.module_home
+    c = s.constants[0]
     rail_flow = 0.0
     for k in range(len(modules)):
         rail_flow += modules[k].flow * modules[k].to_rail
@@ -258,7 +187,7 @@ def join_lines(
         if leaves:
             actuators[j].join_command = axis.joined
             continue
-        drop = rail_pressure - sensors[j].line_pressure
+        drop = s.rail_pressure[0] - sensors[j].line_pressure
         if abs(drop) < JOINED_DROP:
             axis.joined = 1.0
         lacking = c.line_capacity * (axis.supply_target - sensors[j].line_pressure)
@@ -268,7 +197,7 @@ def join_lines(
         actuators[j].join_command = max(axis.joined, throttle)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_served(j: int, serves: IntArray) -> bool:
     """Whether any module is in use for actuator j."""
     found = False
@@ -277,28 +206,20 @@ def is_served(j: int, serves: IntArray) -> bool:
     return found
 
 
-@njit(cache=True, nogil=True)
-def look_ahead(
-    reference: FloatArray,
-    sensors: Records,
-    cylinders: Records,
-    constants: Records,
-    serves: IntArray,
-    own_gains: Records,
-    axes: Records,
-    volume: FloatArray,
-) -> None:
+@kernel(inline="always")
+def look_ahead(s: Servo, p: Pumps) -> None:
     """Flow that boosted lines are about to give, and the oil they give up to each point ahead.
 
     Flow: A_dir |u| of the demanded speed, leakage, and what the next point of the reference adds
-    while the pump follows. volume float64[n, REFERENCE_POINTS] m³: ∫ (A_dir |v| + leakage) dt of
-    the reference, by the trapezoidal rule, with moment arms linear about point `AHEAD`.
+    while the pump follows. Oil, p.volume [m³]: ∫ (A_dir |v| + leakage) dt of the reference, by the
+    trapezoidal rule, with moment arms linear about point `AHEAD`.
     """
-    c, g = constants[0], own_gains[0]
+    reference, sensors, cylinders, axes = s.reference, s.sensors, s.cylinders, s.axes
+    volume, c, g = p.volume, s.constants[0], p.gains[0]
     spacing = g.preview / AHEAD
     for j in range(len(axes)):
         axis, cylinder = axes[j], cylinders[j]
-        if axis.joined == 0.0 and not is_served(j, serves):
+        if axis.joined == 0.0 and not is_served(j, s.serves):
             axis.line_flow = 0.0
             volume[j] = 0.0
             continue
@@ -325,7 +246,7 @@ def look_ahead(
             before = flow
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def coasting_limit(
     volume: FloatArray, coasting: FloatArray, capacity: float, rise: float, rise_ahead: float
 ) -> float:
@@ -343,7 +264,7 @@ def coasting_limit(
     return limit
 
 
-@njit(cache=True, nogil=True)
+@kernel(inline="always")
 def pump_demand(
     drawn: float,
     pressure: float,
@@ -351,20 +272,20 @@ def pump_demand(
     target_ahead: float,
     capacity: float,
     volume: FloatArray,
-    coasting: FloatArray,
-    g: Record,
+    p: Pumps,
 ) -> float:
     """Flow [m³/s] into a line or the rail: what is drawn + k C (p_ref − p), within the limit.
 
-    g: the record of GAINS; the others as in `coasting_limit` and Pa, m³/s, m³/Pa.
+    Arguments as in `coasting_limit`, and Pa, m³/s, m³/Pa.
     """
+    g = p.gains[0]
     rise = g.allowed_rise + target - pressure
     rise_ahead = g.allowed_rise + target_ahead - pressure
-    limit = coasting_limit(volume, coasting, capacity, rise, rise_ahead)
+    limit = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead)
     return min(drawn + capacity * g.pressure_gain * (target - pressure), limit)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
     """Whether a module in use feeds the rail: lent and switched over, or its line joined."""
     if home == user:
@@ -372,23 +293,14 @@ def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
     return module.to_rail > SWITCHED_OVER
 
 
-@njit(cache=True, nogil=True)
-def rail_demand(
-    sensors: Records,
-    constants: Records,
-    axes: Records,
-    rail_pressure: float,
-    actuators: Records,
-    rail_target: FloatArray,
-    volume: FloatArray,
-    coasting: FloatArray,
-    g: Record,
-) -> float:
+@kernel(inline="always")
+def rail_demand(s: Servo, p: Pumps) -> float:
     """Flow [m³/s] into the rail, of all pumps together: as `pump_demand` for what is joined to it.
 
     It also feeds what still passes join valves that are closing or throttled.
     """
-    c = constants[0]
+    axes, volume, rail_pressure = s.axes, p.volume, s.rail_pressure[0]
+    c = s.constants[0]
     drawn, capacity = 0.0, c.rail_capacity
     rail_volume = volume[len(axes)]
     rail_volume[:] = 0.0
@@ -400,31 +312,17 @@ def rail_demand(
             capacity += c.line_capacity
         else:
             through, _ = orifice(
-                c.switching_coefficient * actuators[j].join,
-                rail_pressure - sensors[j].line_pressure,
+                c.switching_coefficient * s.actuators[j].join,
+                rail_pressure - s.sensors[j].line_pressure,
                 c.laminar_pressure,
             )
             drawn += through
-    return pump_demand(
-        drawn, rail_pressure, rail_target[0], rail_target[1], capacity, rail_volume, coasting, g
-    )
+    target, ahead = p.rail_target[0], p.rail_target[1]
+    return pump_demand(drawn, rail_pressure, target, ahead, capacity, rail_volume, p)
 
 
-@njit(cache=True, nogil=True)
-def drive_pumps(
-    sensors: Records,
-    constants: Records,
-    axes: Records,
-    rail_pressure: float,
-    serves: IntArray,
-    module_home: IntArray,
-    actuators: Records,
-    modules: Records,
-    rail_target: FloatArray,
-    own_gains: Records,
-    volume: FloatArray,
-    coasting: FloatArray,
-) -> None:
+@kernel(inline="always")
+def drive_pumps(s: Servo, p: Pumps) -> None:
     """Flow command of every servo pump, driven ahead of the pump's lag.
 
     Alone on its line: Q_cmd = Q + λ (Q_ref − Q). The n modules that feed the rail together:
@@ -432,7 +330,8 @@ def drive_pumps(
     from pumps that are no longer needed and coast. So they come to share the flow equally at the
     pace of their lag, and the sum does not suffer from it.
     """
-    c, g = constants[0], own_gains[0]
+    axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
+    c, g = s.constants[0], p.gains[0]
     sharing, shared, reaching = 0, 0.0, 0.0
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
@@ -443,9 +342,7 @@ def drive_pumps(
             shared += module.flow
     rail_command = 0.0
     if sharing > 0:
-        demand = rail_demand(
-            sensors, constants, axes, rail_pressure, actuators, rail_target, volume, coasting, g
-        )
+        demand = rail_demand(s, p)
         rail_command = (shared + g.pump_lead * (demand - shared - reaching)) / sharing
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
@@ -457,13 +354,12 @@ def drive_pumps(
             axis = axes[user]
             demand = pump_demand(
                 axis.line_flow,
-                sensors[user].line_pressure,
+                s.sensors[user].line_pressure,
                 axis.supply_target,
                 axis.target_ahead,
                 c.line_capacity,
-                volume[user],
-                coasting,
-                g,
+                p.volume[user],
+                p,
             )
             command = module.flow + g.pump_lead * (demand - module.flow)
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)

@@ -11,22 +11,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.hydraulics import inlet_area
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.statics import Chain, chain_of
-from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.types import FloatArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.records import Records
-from mhsb_sim.servo.cascade import (
-    SCRATCH,
-    axis_records,
-    gain_record,
-    joins_rail,
-    piston_demands,
-    set_targets,
-)
+from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, set_targets
 from mhsb_sim.servo.controller import ServoSignals
 
 GAINS = np.dtype(
@@ -42,66 +34,33 @@ class IndependentController:
     """Valve and servo pumps apart; see the module's text."""
 
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
-        circuit = signals.circuit
         self.preview = 0.0
         servo = machine.config.servo.independent
         own_gains = np.zeros(1, GAINS)
         own_gains["nominal_valve_drop"] = servo.nominal_valve_drop * machine.arrays.supply_pressure
         own_gains["pressure_gain"] = servo.pressure_gain
         own_gains["pressure_integral_gain"] = servo.pressure_integral_gain
-        self._control = bind(
-            control,
-            signals.reference,
-            signals.sensors,
-            machine.arrays.linkage,
-            chain_of(machine.arrays),
-            circuit.cylinders,
-            circuit.constants,
-            gain_record(machine, servo.supply_margin),
-            np.zeros((SCRATCH, machine.joint_count)),
-            axis_records(machine, servo),
-            signals.rail_pressure,
-            signals.modes,
-            signals.serves,
-            circuit.module_home,
-            circuit.actuators,
-            circuit.modules,
-            own_gains,
-            np.zeros(len(circuit.modules)),
-        )
+        integrals = np.zeros(len(signals.circuit.modules))
+        cascade = servo_of(machine, signals, servo, servo.supply_margin)
+        self._control = bind(control, cascade, own_gains, integrals)
 
     def update(self) -> None:
         """Write all commands for the next step."""
         self._control()
 
 
-@njit(cache=True, nogil=True)
-def control(
-    reference: FloatArray,
-    sensors: Records,
-    linkage: FloatArray,
-    chain: Chain,
-    cylinders: Records,
-    constants: Records,
-    gains: Records,
-    scratch: FloatArray,
-    axes: Records,
-    rail_pressure: FloatArray,
-    modes: ModeArray,
-    serves: IntArray,
-    module_home: IntArray,
-    actuators: Records,
-    modules: Records,
-    own_gains: Records,
-    integrals: FloatArray,
-) -> None:
-    """One step of the controller; shapes as in `piston_demands` and ServoSignals.
+@kernel
+def control(s: Servo, own_gains: Records, integrals: FloatArray) -> None:
+    """One step of the controller.
 
     own_gains: GAINS[1]; integrals: float64[m], of the pumps' pressure loops [m³/s], held while a
     pump saturates.
     """
+    sensors, cylinders, axes, actuators = s.sensors, s.cylinders, s.axes, s.actuators
+    modes, serves, modules, module_home = s.modes, s.serves, s.modules, s.module_home
+    constants, gains, rail_pressure = s.constants, s.gains, s.rail_pressure[0]
     c, own = constants[0], own_gains[0]
-    piston_demands(reference, sensors, linkage, chain, cylinders, constants, gains, scratch, axes)
+    piston_demands(s)
     nominal = c.valve_coefficient * math.sqrt(own.nominal_valve_drop)
     rail_need = 0.0
     for j in range(len(axes)):
@@ -123,7 +82,7 @@ def control(
         error = axes[user].supply_target - sensors[user].line_pressure
         capacity = c.line_capacity
         if on_rail:
-            error = rail_need - rail_pressure[0]
+            error = rail_need - rail_pressure
             capacity = c.rail_capacity
         command = capacity * own.pressure_gain * error + integrals[k]
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import (
     SECOND_NS,
@@ -90,7 +90,7 @@ class Reference:
         return MotionState(position, velocity, acceleration)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def evaluate(
     offset_ns: IntArray,
     position: FloatArray,

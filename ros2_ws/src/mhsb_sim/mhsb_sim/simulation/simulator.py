@@ -13,10 +13,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numba import njit
 
 from mhsb_model.braking import brake_along
 from mhsb_model.holding import holding_modes, modes_to_stop
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -453,11 +453,6 @@ def _leave_commands() -> None:
     """What stands in for the servo while valves are closed."""
 
 
-def warm_up(machine: Machine, controller: str = "coordinated") -> None:
-    """Compile everything that a simulation runs through."""
-    Simulator(machine, controller).step()
-
-
 def energy_gap(energies: dict[str, float]) -> float:
     """Energy delivered by the pumps less all that is accounted for [J]."""
     delivered = energies["main_pump"] + energies["servo_pumps"]
@@ -469,7 +464,7 @@ def volume_gap(volumes: dict[str, float]) -> float:
     return 2.0 * volumes["main_pump"] - sum(volumes.values())
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def move_pistons(
     linkage: FloatArray,
     position: FloatArray,
@@ -484,7 +479,7 @@ def move_pistons(
         speed[j] = arm[j] * velocity[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def measure(
     noises: FloatArray,
     linkage: FloatArray,
@@ -518,7 +513,7 @@ def measure(
     return abs(total + rail_pressure[0]) < np.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def apply_forces(
     actuators: Records,
     pressure: FloatArray,

@@ -22,7 +22,8 @@ a load has compressed would throw the arm up if the load vanished at once."""
 class SupervisedArm:
     """A simulator with a receiver of plans and supervision.
 
-    halted  whether the simulation has diverged and cannot go on
+    halted        whether the simulation has diverged and cannot go on
+    last_stop_ns  when `stop` was last called since the start or a reset [ns]; 0 never
     """
 
     def __init__(self, simulator: Simulator, limits: SupervisionLimits) -> None:
@@ -35,6 +36,7 @@ class SupervisedArm:
 
     def _begin(self) -> None:
         self.halted = False
+        self.last_stop_ns = 0
         self._fault = ""
         self._clearing = False
         self._next_watch_ns = self.simulator.time_ns
@@ -118,6 +120,7 @@ class SupervisedArm:
         if not self.halted:
             self._reports += self._receiver.void("the arm was stopped")
             self.simulator.stop()
+            self.last_stop_ns = self.simulator.time_ns
         return moving
 
     def reset(self, time_ns: int) -> None:

@@ -21,7 +21,7 @@ from mhsb_planner.planner import PLANNER_KINDS, Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
-from mhsb_sim.simulation import simulator
+from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.study.compare_figure import draw_proportions
 from mhsb_sim.study.planner_comparison import (
     BASELINE,
@@ -85,7 +85,7 @@ def requests(machine: Machine, moves: int, truths: int) -> list[Request]:
     """The moves of the cases by name, then random ones by number."""
     planner = Planner(machine, table_for(machine))
     warm_up(planner)  # so that the processes find compiled kernels
-    simulator.warm_up(machine)
+    compile_simulator()
     cases = [Request(name, move, True) for name, move in case_moves(machine).items()]
     others = [
         Request(str(number), move, number <= truths)

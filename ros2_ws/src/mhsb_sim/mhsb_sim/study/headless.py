@@ -13,6 +13,7 @@ import numpy as np
 
 from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.command import Command
+from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray
@@ -33,6 +34,11 @@ class TimedGoal:
     x: float
     z: float
     time: float
+
+    @property
+    def goal(self) -> Goal:
+        """Where to."""
+        return Goal(0, self.x, self.z)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +93,9 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class GoalRun:
-    """One goal: its plan (None where the arm was there) and where the arm was when its time was up.
+    """One goal: its plan, and where the arm was when its time was up.
 
+    replan          None where the arm was there already, or on its way there
     goal_distance   m, measured tip to goal at the end of the goal's time
     reference_jump  rad, of the reference at the hand-over
     """
@@ -112,6 +119,7 @@ class HeadlessRun:
         self._rows: list[tuple[object, ...]] = []
         start = simulator.reference.position
         self._command = Command.hold(simulator.time_ns, start, simulator.modes)
+        self._bound_for: Goal | None = None
 
     @property
     def machine(self) -> Machine:
@@ -130,9 +138,7 @@ class HeadlessRun:
     def _one(self, goal: TimedGoal) -> GoalRun:
         simulator = self.simulator
         end_ns = simulator.time_ns + round(goal.time * SECOND_NS)
-        replan = self._replanner.replan(
-            self._command, simulator.time_ns, (goal.x, goal.z), OFFLINE_LEAD, self._options
-        )
+        replan = self._plan(goal.goal)
         jump = self._hand_over(replan.command) if replan is not None else 0.0
         while simulator.time_ns < end_ns:
             if simulator.time_ns % SAMPLE_NS == 0:
@@ -140,6 +146,17 @@ class HeadlessRun:
             simulator.step()
         tip = self.machine.tip_position(simulator.joint_state.position)
         return GoalRun(goal, replan, float(np.hypot(*(tip - (goal.x, goal.z)))), jump)
+
+    def _plan(self, goal: Goal) -> Replan | None:
+        """A plan from what is in force; None where that leads to the goal already."""
+        if self._bound_for is not None and goal.same_place(self._bound_for):
+            return None
+        now_ns, tip = self.simulator.time_ns, (goal.x, goal.z)
+        replan = self._replanner.replan(
+            self._command, now_ns, tip, OFFLINE_LEAD, self._options
+        )
+        self._bound_for = goal
+        return replan
 
     def _hand_over(self, command: Command) -> float:
         """Give a command to the simulator when its time has come; the jump of the reference."""

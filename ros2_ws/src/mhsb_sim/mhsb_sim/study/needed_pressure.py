@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import required_pressure
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
@@ -38,7 +38,7 @@ def needed_pressure(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _needed_pressure(
     m: MachineArrays,
     friction: FloatArray,

@@ -8,10 +8,10 @@ from typing import Annotated
 
 from pydantic import Field, ValidationError
 
-from mhsb_model.config_files import config_file
+from mhsb_model.files.config_files import config_file
+from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
-from mhsb_model.yaml_files import YamlFileError, read_yaml
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.errors import ScenarioError
 

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
-from mhsb_sim.simulation.simulator import warm_up
+from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.study.energy_comparison import Element, total
 from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.scenarios import load_scenarios
@@ -49,7 +49,7 @@ def study(
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     arm = load_machine(machine)
     wanted = load_scenarios(scenarios)
-    warm_up(arm)  # so that the processes find compiled kernels
+    compile_simulator()  # so that the processes find compiled kernels
     bar = tqdm(run_study(arm, wanted, jobs), total=len(wanted), unit="scenario", disable=None)
     order = {scenario.name: number for number, scenario in enumerate(wanted)}
     results = sorted(bar, key=lambda result: order[result.scenario.name])

@@ -10,7 +10,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.config_files import config_file
+from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, load_machine
 from mhsb_sim.study.scenarios import load_scenarios
 from mhsb_sim.study.servo_study import script_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.config_files import config_file
 from mhsb_sim.commands.demo_command import GOALS_FILE, TimedGoal, read_goals, shortfall
 
 GOOD = {"goals_sent": 11, "goals_refused": 0, "lost": []}

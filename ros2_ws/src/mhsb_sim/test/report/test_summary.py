@@ -131,3 +131,18 @@ def test_without_plans_and_reports_the_numbers_are_null(idle_bag, machine):
         assert numbers[key] is None
     assert numbers["energy_measured_j"] == {"mp": None, "sp": None}
     assert numbers["replan_ms"] == {"p50": None, "p99": None, "max": None}
+
+
+def test_cavitation_is_told_of_forces_that_pull_moving_pistons(run, numbers):
+    assert numbers["cavitation"] == []
+    assert numbers["min_chamber_pressure_mpa"] == pytest.approx(0.5)
+    actuators = run.recording.actuators
+    force, speed = np.zeros((2, len(actuators.time_ns), 3))
+    force[100:151, 1], speed[100:140, 1] = -2000.0, 0.01  # pulled out, then held
+    quantity = {**actuators.quantity, "force": force, "piston_speed": speed}
+    recording = replace(run.recording, actuators=replace(actuators, quantity=quantity))
+    (found,) = summary(replace(run, recording=recording))["cavitation"]
+    assert found["actuator"] == "actuator_2"
+    assert found["begin_s"] == pytest.approx(1.0)
+    assert found["duration_s"] == pytest.approx(0.4)
+    assert found["force_n"] == -2000.0

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from mhsb_model.command import Command
-from mhsb_model.config_files import config_file
+from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MotionState, Trajectory

@@ -28,6 +28,7 @@ from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.fixed_j3 import elbow_side, fixed_j3_graph
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_joining import postures_by_rule
+from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import SearchMethod, Weights, search
 from mhsb_planner.threads import over_ranges
 
@@ -42,6 +43,9 @@ SUPPLY_PRESSURES = (2.5e6, 10e6)  # Pa
 AREA_WEIGHTS = (100.0, 300.0, 1000.0, 2000.0, 3000.0, 5000.0, 10000.0, 50000.0)
 """w₄ with which Case 4 is planned by the integrated planner, beside 0 [1/m]."""
 
+HEURISTIC_SCALES = (0.0, 1.0, 30.0, 100.0, 300.0, 1000.0)
+"""With which the published search is judged [1/m]: the paper tells nothing of its H's scale."""
+
 Progress = Callable[[int], None]
 
 
@@ -49,6 +53,7 @@ Progress = Callable[[int], None]
 class Setting:
     """What a run changes of its case's conditions.
 
+    heuristic_scale         of the published search [1/m]
     supply_pressure, v_max  Pa, m/s; None: the machine's own
     keep_table              keep the machine's posture table with the changed supply pressure
     area_weight             w₄ of the integrated planner [1/m]
@@ -56,6 +61,7 @@ class Setting:
 
     case: PaperCase
     search: SearchMethod = "exact"
+    heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
     supply_pressure: float | None = None
     v_max: float | None = None
     keep_table: bool = False
@@ -96,6 +102,16 @@ class Runs:
     def __getitem__(self, name: str) -> Run:
         return self.runs[name]
 
+    def by_published_search(self, scale: float = DEFAULT_HEURISTIC_SCALE) -> Runs:
+        """The runs of `published_settings` with this scale [1/m], under the names of `settings`."""
+        suffix = published_run("", scale)
+        found = {
+            name.removesuffix(suffix): run
+            for name, run in self.runs.items()
+            if name.endswith(suffix)
+        }
+        return Runs(self.machine, self.table, found)
+
 
 def weight_run(w1: float, w2: float) -> str:
     """Name of the run of Figure 10 with these weights of energy and time."""
@@ -120,6 +136,11 @@ def pressure_run(supply_pressure: float, *, keep_table: bool = False) -> str:
 def integrated_run(case: str) -> str:
     """Name of the run of a case with the integrated planner."""
     return f"{case} integrated"
+
+
+def published_run(name: str, scale: float = DEFAULT_HEURISTIC_SCALE) -> str:
+    """Name of a run with the published search instead, its heuristic scaled so [1/m]."""
+    return f"{name} published {scale:g}"
 
 
 def area_run(w4: float) -> str:
@@ -147,6 +168,16 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
             name = pressure_run(supply, keep_table=keep)
             found[name] = Setting(lifting, supply_pressure=supply, keep_table=keep)
     return found
+
+
+def published_settings(
+    cases: Mapping[str, PaperCase] | None = None, scale: float = DEFAULT_HEURISTIC_SCALE
+) -> dict[str, Setting]:
+    """All of `settings` with the published search, its heuristic scaled so [1/m], by name."""
+    return {
+        published_run(name, scale): replace(each, search="published", heuristic_scale=scale)
+        for name, each in settings(cases).items()
+    }
 
 
 def integrated_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
@@ -259,6 +290,7 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
             case.goal,
             case.weights,
             method=setting.search,
+            heuristic_scale=setting.heuristic_scale,
         )
     except MhsbError as error:
         return Run(setting, machine, None, str(error))

@@ -11,11 +11,14 @@ import pytest
 from mhsb_planner.commands import reproduce_command
 from mhsb_planner.evaluation.reproduction.expectations import records
 from mhsb_planner.evaluation.reproduction.runs import (
+    HEURISTIC_SCALES,
     Runs,
     area_settings,
     evaluate,
     integrated_run,
     integrated_settings,
+    published_run,
+    published_settings,
 )
 
 FIGURES = (
@@ -32,9 +35,18 @@ def weighed(machine, runs):
 
 
 @pytest.fixture(scope="module")
-def folder(runs, weighed, tmp_path_factory):
+def published(machine, runs):
+    """The runs with the published search."""
+    asked = {}
+    for scale in HEURISTIC_SCALES:
+        asked |= published_settings(scale=scale)
+    return evaluate(machine, asked, known=runs)
+
+
+@pytest.fixture(scope="module")
+def folder(runs, weighed, published, tmp_path_factory):
     """What the command writes, with the runs that are there already."""
-    every = Runs(runs.machine, runs.table, {**runs.runs, **weighed.runs})
+    every = Runs(runs.machine, runs.table, {**runs.runs, **weighed.runs, **published.runs})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reproduce_command, "evaluate", lambda *_: every)
         folder = tmp_path_factory.mktemp("reproduce") / "new"
@@ -47,20 +59,38 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
-def test_the_summary_has_a_record_for_every_expectation(folder, runs):
+def test_the_summary_has_a_record_for_every_expectation(folder, runs, published):
     summary = json.loads((folder / "summary.json").read_text())
     found = summary["expectations"]
     assert [(each["id"], each["met"]) for each in found] == [
+        (each.id, each.met) for each in records(published.by_published_search())
+    ]
+    assert [(each["id"], each["exact"]["met"]) for each in found] == [
         (each.id, each.met) for each in records(runs)
     ]
     assert summary["met"] == sum(each["met"] for each in found)
+    assert summary["met_exact"] == sum(each["exact"]["met"] for each in found)
+    assert summary["met_by_heuristic_scale"]["1"] == summary["met"]
+    assert len(summary["met_by_heuristic_scale"]) == len(HEURISTIC_SCALES)
+
+
+def test_published_numbers_are_those_of_the_published_search(folder, runs, published):
+    found = json.loads((folder / "summary.json").read_text())["expectations"]
     case_4 = next(each for each in found if each["id"] == "e.4-1")
-    assert {"energy_discrete_j", "energy_fitted_j"} <= set(case_4["own"]["4-1"])
+    own = published[published_run("4-1")].path
+    assert case_4["own"]["4-1"]["energy_discrete_j"] == pytest.approx(own.energy.sum())
+    exact = case_4["exact"]["own"]["4-1"]
+    assert exact["energy_discrete_j"] == pytest.approx(runs["4-1"].path.energy.sum())
+    assert "energy_fitted_j" in exact
+    for name, run in runs.runs.items():
+        other = published[published_run(name)]
+        if run.path is not None and run.setting.search == "exact":
+            assert other.path.cost >= (1.0 - 1e-9) * run.path.cost
 
 
 def test_the_table_has_a_row_for_every_run(folder, runs, weighed):
     found = {row["run"]: row for row in rows(folder / "table.csv")}
-    assert list(found) == [*runs.runs, *weighed.runs]
+    assert set(found) > {*runs.runs, *weighed.runs}
     for name, run in runs.runs.items():
         if run.path is not None:
             assert float(found[name]["energy_discrete_j"]) == pytest.approx(run.path.energy.sum())

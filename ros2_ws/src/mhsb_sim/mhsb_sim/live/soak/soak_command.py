@@ -28,7 +28,7 @@ from mhsb_msgs_py.node_process import ros_running, serving
 from mhsb_planner.planner import Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
-from mhsb_sim.live.nodes import refuse_company
+from mhsb_sim.live.nodes import compile_nodes, refuse_company
 from mhsb_sim.live.seeded_goals import SeededGoal, seeded_goals
 from mhsb_sim.live.soak.actor import Actor, spoilt_goal
 from mhsb_sim.live.soak.events import PLANNER, SIM, DeedKind, Events
@@ -225,6 +225,7 @@ def soak(
     if not minutes > 0.0:
         raise UsageError(f"--minutes is {minutes:g}; it must be above 0")
     machine = load_machine()
+    compile_nodes()
     planner = Planner(machine, table_for(machine))
     warm_up(planner)
     goals = seeded_goals(planner, GOALS, seed)

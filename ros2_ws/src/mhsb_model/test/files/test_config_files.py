@@ -2,8 +2,8 @@
 
 import pytest
 
-from mhsb_model.config_files import config_file
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.config_files import config_file
 
 
 def test_the_machine_file_is_found_wherever_the_suite_runs():

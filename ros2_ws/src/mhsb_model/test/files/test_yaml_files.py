@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from mhsb_model.yaml_files import LARGEST_FILE, YamlFileError, read_yaml
+from mhsb_model.files.yaml_files import LARGEST_FILE, YamlFileError, read_yaml
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{name}: &{name} [{', '.join(['*' + before] * 10)}]\n"

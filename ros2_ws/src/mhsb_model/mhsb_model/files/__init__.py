@@ -1,0 +1,1 @@
+"""Files of configuration: where they are found, and how they are read."""

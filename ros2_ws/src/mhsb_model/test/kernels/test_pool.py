@@ -1,0 +1,113 @@
+"""Compiling ahead: in parts, by several processes, told as it goes on, once for all programs."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+PARTS = """
+import os
+import time
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+def slow():
+    time.sleep(0.3)
+    with (HERE / "done").open("a") as file:
+        print(os.getpid(), file=file)
+
+def quick():
+    pass
+
+def wrong():
+    raise ValueError("no such type")
+
+def deadly():
+    os._exit(3)
+
+def endless():
+    (HERE / "begun").write_text(str(os.getpid()))
+    time.sleep(60)
+"""
+PROGRAM = """
+import logging, sys
+from mhsb_model.kernels.cache_folder import use_kernel_cache
+from mhsb_model.kernels.pool import compile_ahead
+logging.basicConfig(format="%(message)s", stream=sys.stdout)
+use_kernel_cache()
+compile_ahead(sys.argv[1:], lambda line: print(line, flush=True))
+print("ready", flush=True)
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Function (parts...) that starts a program which has these parts compiled ahead."""
+    (tmp_path / "parts.py").write_text(PARTS)
+
+    def run(*parts):
+        environment = {
+            **os.environ,
+            "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+            "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}",
+        }
+        return subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, *(f"parts:{part}" for part in parts)],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    return run
+
+
+def lines(child):
+    """What a program has printed until its end."""
+    return child.communicate(timeout=120)[0].splitlines()
+
+
+def test_all_parts_are_done_and_told(start, tmp_path):
+    assert lines(start("slow", "slow", "slow")) == [
+        *(f"compiling kernels, which happens once: {done} of 3 parts" for done in range(4)),
+        "ready",
+    ]
+    workers = (tmp_path / "done").read_text().split()
+    assert len(workers) == 3
+    assert len(set(workers)) == min(3, len(os.sched_getaffinity(0)))
+
+
+def test_what_is_complete_is_not_done_again_and_other_parts_are(start):
+    assert len(lines(start("slow"))) == 3
+    assert lines(start("slow")) == ["ready"]
+    assert lines(start("slow", "quick")) == [
+        "compiling kernels, which happens once: 0 of 1 parts",
+        "compiling kernels, which happens once: 1 of 1 parts",
+        "ready",
+    ]
+
+
+def test_what_cannot_be_compiled_is_told_and_stops_nothing(start, tmp_path):
+    printed = lines(start("wrong", "deadly", "slow", "slow"))
+    assert "kernels of parts:wrong were not compiled ahead: ValueError: no such type" in printed
+    assert "kernels of parts:deadly were not compiled ahead: its process has ended" in printed
+    assert printed[-1] == "ready"
+    assert len((tmp_path / "done").read_text().split()) == 2
+    again = lines(start("wrong", "slow"))
+    assert again[0] == "compiling kernels, which happens once: 0 of 1 parts"
+    assert "no such type" in again[1]
+
+
+def test_workers_end_with_a_program_that_is_killed(start, tmp_path):
+    child = start("endless")
+    while not (tmp_path / "begun").exists() or not (tmp_path / "begun").read_text():
+        assert child.poll() is None
+        time.sleep(0.02)
+    worker = int((tmp_path / "begun").read_text())
+    child.kill()
+    child.communicate()
+    while os.path.exists(f"/proc/{worker}"):
+        time.sleep(0.02)

@@ -1,0 +1,121 @@
+"""Kernels kept on disk: shared by processes that need them at once, and not trusted blindly."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MODULE = """
+import time
+
+from numba.core import event
+
+from mhsb_model.kernels.kernel import kernel
+
+compiled = []
+
+class Listener(event.Listener):
+    def on_start(self, happening):
+        compiled.append(happening.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, happening):
+        pass
+
+event.register("numba:compile", Listener())
+
+@kernel
+def square(x):
+    return x * x
+
+@kernel
+def twice(x, times):
+    return square(x) * times
+
+@kernel
+def sum_of_both(x):
+    return twice(x, 2) + twice(x, 3)
+"""
+CALL = "import kernels; print(kernels.sum_of_both(2.0), sorted(kernels.compiled))"
+ALL = "20.0 ['square', 'sum_of_both', 'twice']\n"
+NOTHING = "20.0 []\n"
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Function () that starts a process which calls a kernel and tells what it compiled."""
+    (tmp_path / "kernels.py").write_text(MODULE)
+
+    def run():
+        environment = {
+            **os.environ,
+            "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+            "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}",
+        }
+        return subprocess.Popen(
+            [sys.executable, "-c", CALL],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    return run
+
+
+def files(folder: Path, ending: str) -> list[Path]:
+    """Files of the cache."""
+    found = sorted((folder / "cache").rglob(f"*{ending}"))
+    assert found
+    return found
+
+
+def test_a_kernel_is_compiled_once_for_all_constants_and_found_by_the_next_process(start):
+    assert start().communicate() == (ALL, "")
+    assert start().communicate() == (NOTHING, "")
+
+
+def test_processes_that_need_a_kernel_at_once_compile_it_once(start):
+    printed = [child.communicate() for child in [start() for _ in range(4)]]
+    assert all(errors == "" for _, errors in printed)
+    compiled = [name for output, _ in printed for name in output.split(" ", 1)[1].split("'")[1::2]]
+    assert sorted(compiled) == ["square", "sum_of_both", "twice"]
+
+
+@pytest.mark.parametrize(
+    ("ending", "damage"),
+    [(".nbc", "cut"), (".nbc", "changed"), (".nbi", "changed"), (".nbi", "empty")],
+)
+def test_what_is_damaged_is_told_and_compiled_anew(start, tmp_path, ending, damage):
+    start().communicate()
+    for file in files(tmp_path, ending):
+        content = bytearray(file.read_bytes())
+        if damage == "changed":
+            for at in range(0, len(content), 97):
+                content[at] ^= 0x55
+        file.write_bytes({"cut": content[: len(content) // 2], "empty": b""}.get(damage, content))
+    output, errors = start().communicate()
+    assert output.startswith("20.0 ['")
+    assert "is damaged" in errors
+    assert "Traceback" not in errors
+    assert start().communicate() == (NOTHING, "")
+
+
+def test_files_that_are_gone_are_made_again(start, tmp_path):
+    start().communicate()
+    for file in files(tmp_path, ".nbc"):
+        file.unlink()
+    output, errors = start().communicate()
+    assert (output, errors) == (ALL, "")
+
+
+def test_a_process_that_dies_while_it_compiles_keeps_nobody_waiting(start, tmp_path):
+    first = start()
+    while not list((tmp_path / "cache").rglob("*.lock")):
+        assert first.poll() is None
+    first.kill()
+    first.communicate()
+    output, errors = start().communicate()
+    assert output.startswith("20.0")
+    assert errors == ""

@@ -1,0 +1,363 @@
+"""The least cost of a move by another way than the planner's: NumPy and SciPy alone.
+
+A lattice in the space of cylinder lengths, finer than any of the planner's; all steps between its
+points priced at once in all mode patterns, from the formulas of `s2_step` and with the loads that
+are held, as a motion pays for them; SciPy's Dijkstra over points and patterns. Points through which
+no route can be cheaper than one that is known are left out. Nothing of the search's code is used
+but the postures at the goal.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED, ON_RAIL, Mode
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.search.s2_search import Weights
+
+SPACING = 2.5e-3
+"""Between the lattice's points along each cylinder, about [m]."""
+
+CELLS = 25
+"""Steps of the longest stroke to the goal, at least."""
+
+MOST_POINTS, MOST_LOOKED_AT = 30_000, 400_000
+"""Where more points could be on a cheaper route, or are to be asked whether, the lattice is made
+coarser."""
+
+PSI_SPACING = math.radians(0.5)
+SAMPLES = 2000
+"""Of each joint's range, to choose the lattice's angles by."""
+
+HELD, REST_SPEED = 1e-6, 2e-4  # m, m/s
+
+TINY = float(np.finfo(float).tiny)
+"""Instead of a cost of 0, which SciPy takes for no step."""
+
+
+def least_cost(
+    machine: Machine,
+    start: FloatArray,
+    goal: tuple[float, float],
+    weights: Weights,
+    known: float,
+    holding: bool = True,
+) -> tuple[float, FloatArray | None]:
+    """Least cost from a posture [rad], in N, to a tip position [m], reading `paper`.
+
+    known    cost of a route; dearer ones are not looked for
+    holding  whether cylinders at rest are boosted where P_S does not carry their load; on a lattice
+             those that move slowly rest in between, so that either may be the better guess
+
+    Returns also the route's cylinder lengths, float64[points, n] m; inf and None where nothing
+    cheaper is found. Obstacles are not looked at.
+    """
+    pricing = _Pricing(machine, weights, REST_SPEED if holding else 0.0)
+    goals = goal_postures(machine, *goal, spacing=PSI_SPACING).postures.posture
+    return _Lattice(pricing, start, goals, known).cheapest()
+
+
+class _Pricing:
+    """Costs of steps, many at a time; the symbols are those of `s2_step`."""
+
+    def __init__(self, machine: Machine, weights: Weights, rest_speed: float) -> None:
+        m, self.rest_speed = machine.arrays, rest_speed
+        self.m = m
+        self.machine, self.weights, self.patterns = machine, weights, machine.patterns
+        self.cap, self.rod = m.cap_area, m.rod_area
+        self.shared = m.main_pump_flow - len(m.cap_area) * m.leakage_flow
+        self.boosted = np.array([[bool(BOOSTED[mode]) for mode in p] for p in self.patterns])
+        self.on_rail = np.array([[bool(ON_RAIL[mode]) for mode in p] for p in self.patterns])
+
+    def lengths(self, postures: FloatArray) -> FloatArray:
+        """float64[k, n] m."""
+        return np.array([self.machine.cylinder_lengths(q) for q in postures])
+
+    def arms(self, postures: FloatArray) -> FloatArray:
+        """float64[k, n] m."""
+        return np.array([self.machine.moment_arms(q) for q in postures])
+
+    def forces(self, postures: FloatArray, arms: FloatArray) -> FloatArray:
+        """Of the cylinders, float64[k, n] N: ∂U/∂q of the masses beyond a joint, over its arm."""
+        m = self.m
+        cosine = np.cos(np.cumsum(postures, axis=1))
+        n = cosine.shape[1]
+        torque = np.zeros_like(cosine)
+        for i in range(n):  # mass of link i, and of what hangs on its end
+            beyond = m.payload + m.link_mass[i + 1 :].sum()
+            moment = cosine[:, i] * (m.link_mass[i] * m.link_center[i] + beyond * m.link_length[i])
+            torque[:, : i + 1] += m.gravity * moment[:, None]
+        return torque / arms
+
+    def excess(self, postures: FloatArray) -> FloatArray:
+        """How far the tip is out of the workspace, float64[k] m."""
+        m, angle = self.m, np.cumsum(postures, axis=1)
+        x, z = np.cos(angle) @ m.link_length, np.sin(angle) @ m.link_length
+        radius = np.hypot(x, z)
+        return np.max([m.min_x - x, m.min_radius - radius, radius - m.max_radius], axis=0)
+
+    def bound(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """What a way between lengths float64[…, n] costs at least."""
+        m, delta = self.m, end - start
+        oil = (np.where(delta > 0.0, self.cap, self.rod) * np.abs(delta)).sum(axis=-1)
+        time = np.maximum(np.abs(delta).max(axis=-1) / m.max_piston_speed, oil / self.shared)
+        energy = m.supply_pressure * (oil + delta.shape[-1] * m.leakage_flow * time)
+        return np.asarray(self.weights.energy * energy + self.weights.time * time)
+
+    def load_pressure(self, force: FloatArray, out: np.ndarray) -> FloatArray:
+        """p_L, extending where `out`, of forces [N]."""
+        tank = self.m.tank_pressure
+        extending = (force + self.rod * tank) / self.cap
+        return np.where(out, extending, (-force + self.cap * tank) / self.rod)
+
+    def steps(
+        self, delta: FloatArray, forces: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> FloatArray:
+        """w₁ E + w₂ T of k steps by delta float64[k, n] m, float64[k, patterns], inf: no step.
+
+        forces  at their start, middle and end, float64[k, n] N each
+        """
+        m, stroke, out = self.m, np.abs(delta), delta > 0.0
+        area = np.where(out, self.cap, self.rod)
+        oil = stroke * area
+        valve = (self.cap**3 + self.rod**3) / (m.valve_coefficient**2 * area)
+        moves = stroke > HELD
+        sign = np.where(out, 1.0, -1.0)
+        against = np.max([sign * force for force in forces], axis=0) > 0.0
+        pressure = [self.load_pressure(force, out) for force in forces]
+        worst = np.where(moves & against, np.max(pressure, axis=0), -np.inf)
+        middle = pressure[1]
+        shortest = stroke.max(axis=1, keepdims=True) / m.max_piston_speed
+        held = [self.load_pressure(force, force > 0.0) for force in forces]
+        heaviest = np.max(held, axis=0) + m.boost_margin
+        rests = (stroke <= self.rest_speed * shortest) & (self.rest_speed > 0.0)
+        rests &= (heaviest > m.supply_pressure) & (heaviest <= m.max_boost_pressure)
+        worst = np.where(rests, heaviest - m.boost_margin, worst)
+        middle, valve = np.where(rests, held[1], middle), np.where(rests, 0.0, valve)
+        cost = np.full((len(delta), len(self.patterns)), np.inf)
+        exact = np.zeros(cost.shape, dtype=bool)
+        for p in range(len(self.patterns)):
+            modules = m.modules_per_mode[self.patterns[p]]
+            pumped = np.where(modules > 0, modules * m.servo_pump_flow, np.inf) / area
+            time = (stroke / np.minimum(m.max_piston_speed, pumped)).max(axis=1)
+            time = np.maximum(time, oil.sum(axis=1) / self.shared)
+            speed = stroke / np.maximum(time[:, None], TINY)
+            needs = worst + valve * speed**2 + m.boost_margin
+            needed, boosted = needs > m.supply_pressure, self.boosted[p]
+            possible = np.all(needs <= m.max_boost_pressure, axis=1)
+            possible &= np.all(boosted | ~needed, axis=1)
+            exact[:, p] = possible & np.all(np.equal(needed, boosted), axis=1)
+            loaded = boosted & (moves | rests)
+            price = np.full(delta.shape, m.supply_pressure)
+            price = np.where(
+                loaded, np.maximum(price, middle / m.servo_pump_efficiency), price
+            )
+            energy = (price * (oil + m.leakage_flow * time[:, None])).sum(axis=1)
+            value = self.weights.energy * energy + self.weights.time * time
+            cost[:, p] = np.where(possible, value, np.inf)
+        cost[np.logical_and(np.any(exact, axis=1, keepdims=True), ~exact)] = np.inf
+        return cost
+
+    def to_hold(self, force: FloatArray) -> FloatArray:
+        """Cost of the switches to what holds forces[k, n] at rest, float64[k, patterns]."""
+        needs = self.load_pressure(force, force > 0.0) + self.m.boost_margin
+        hold = np.where(needs > self.m.supply_pressure, Mode.DB, Mode.N)
+        changed = (hold[:, None, :] != self.patterns[None, :, :]).sum(axis=2)
+        return np.asarray(self.weights.switches * changed, dtype=np.float64)
+
+
+@dataclass
+class _Steps:
+    """Steps between numbered states."""
+
+    origin: list[IntArray]
+    target: list[IntArray]
+    cost: list[FloatArray]
+
+    def add(self, origin: IntArray, target: IntArray, cost: FloatArray) -> None:
+        """Those that are possible, of arrays of one shape."""
+        possible = np.isfinite(cost)
+        self.origin.append(origin[possible])
+        self.target.append(target[possible])
+        self.cost.append(cost[possible])
+
+    def matrix(self, states: int) -> csr_array:
+        """For SciPy; there are no parallel steps."""
+        between = np.concatenate(self.origin), np.concatenate(self.target)
+        cost = np.maximum(np.concatenate(self.cost), TINY)
+        return csr_array((cost, between), shape=(states, states))
+
+
+class _Lattice:
+    """Points of a lattice through which a route may be cheaper than a known one."""
+
+    def __init__(
+        self, pricing: _Pricing, start: FloatArray, goals: FloatArray, known: float
+    ) -> None:
+        self._pricing, self._known, self._goals = pricing, known, goals
+        self._goal_lengths = pricing.lengths(goals)
+        here = pricing.lengths(start[None, :])[0]
+        cheap = self._goal_lengths[pricing.bound(here, self._goal_lengths) < known]
+        stroke = np.max(np.abs(cheap - here), initial=1e-3)
+        spacing = min(SPACING, stroke / CELLS)
+        while not self._lay_out(start, here, spacing):
+            spacing *= 1.1
+
+    def _lay_out(self, start: FloatArray, here: FloatArray, spacing: float) -> bool:
+        """Choose the points; whether they are not too many."""
+        pricing, axes = self._pricing, self._axes(start, spacing)
+        shape = tuple(len(axis) for axis in axes)
+        if math.prod(shape) > MOST_LOOKED_AT:
+            return False
+        grids = np.indices(shape).reshape(len(shape), -1).T
+        angle = np.stack([axis[grids[:, j]] for j, axis in enumerate(axes)], axis=1)
+        lengths = [self._along(start, j, axis, pricing.lengths) for j, axis in enumerate(axes)]
+        length = np.stack([axis[grids[:, j]] for j, axis in enumerate(lengths)], axis=1)
+        left = np.full(len(length), np.inf)
+        for goal in self._goal_lengths:
+            left = np.minimum(left, pricing.bound(length, goal))
+        kept = np.flatnonzero(pricing.bound(here, length) + left < self._known)
+        if len(kept) > MOST_POINTS:
+            return False
+        self.place = grids[kept]
+        if len(kept) == 0:
+            return True
+        self.shape, self.spacing = np.array(shape), 1.001 * spacing
+        self.angle, self.length = angle[kept], length[kept]
+        self.number = np.full(shape, -1)
+        self.number[tuple(self.place.T)] = np.arange(len(kept))
+        self.here = int(np.argmin(np.abs(self.angle - start).max(axis=1)))
+        arms = [self._along(start, j, axis, pricing.arms) for j, axis in enumerate(axes)]
+        of_points = np.stack([axis[self.place[:, j]] for j, axis in enumerate(arms)], axis=1)
+        self.force = pricing.forces(self.angle, of_points)
+        self.excess = pricing.excess(self.angle)
+        halves = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
+        self.halves = [
+            self._along(start, j, half, pricing.arms) for j, half in enumerate(halves)
+        ]
+        self.arms = arms
+        return True
+
+    def _axes(self, start: FloatArray, spacing: float) -> list[FloatArray]:
+        """Angles of each joint, the start's among them, about evenly long in its cylinder [rad]."""
+        m, axes = self._pricing.m, []
+        for j, q in enumerate(start):
+            dense = np.linspace(m.joint_min[j], m.joint_max[j], SAMPLES)
+            length = self._along(start, j, dense, self._pricing.lengths)
+            at = np.interp(q, dense, length)
+            low, high = min(length[0], length[-1]), max(length[0], length[-1])
+            below, above = math.floor((at - low) / spacing), math.floor((high - at) / spacing)
+            steps = np.arange(-below, above + 1)
+            steps = steps[self._worth(j, at, at + spacing * steps)]
+            order = np.argsort(length)
+            angles = np.interp(at + spacing * steps, length[order], dense[order])
+            angles[steps == 0] = q
+            axes.append(angles)
+        return axes
+
+    def _worth(self, j: int, here: float, length: FloatArray) -> np.ndarray:
+        """Lengths of cylinder j [m] to which routes may lead, by what this cylinder alone takes."""
+        alone, n = np.eye(len(self._goal_lengths[0]))[j], len(length)
+        there = np.full(n, np.inf)
+        for goal in self._goal_lengths[:, j]:
+            there = np.minimum(there, self._pricing.bound(length[:, None] * alone, goal * alone))
+        return self._pricing.bound(here * alone, length[:, None] * alone) + there < self._known
+
+    @staticmethod
+    def _along(
+        start: FloatArray, j: int, angles: FloatArray, of: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """What `of` gives for joint j at these angles [rad]; the others do not matter."""
+        postures = np.repeat(start[None, :], len(angles), axis=0)
+        postures[:, j] = angles
+        return of(postures)[:, j]
+
+    def cheapest(self) -> tuple[float, FloatArray | None]:
+        """Cost and cylinder lengths of the cheapest route."""
+        patterns, w_switch = len(self._pricing.patterns), self._pricing.weights.switches
+        count = len(self.place)
+        if count == 0:
+            return math.inf, None
+        sink = count * patterns
+        steps = _Steps([], [], [])
+        for move in itertools.product((-1, 0, 1), repeat=len(self.shape)):
+            if any(move):
+                self._add_moves(steps, np.array(move))
+        ends = self._add_endings(steps, sink)
+        modes = self._pricing.patterns
+        apart = np.count_nonzero(modes[:, None, :] != modes[None, :, :], axis=2)
+        one, other = np.nonzero(apart == 1)
+        base = patterns * np.arange(count)[:, None]
+        switching = np.full((count, len(one)), w_switch)
+        steps.add(base + one, base + other, switching)
+        begin = self.here * patterns + int(np.flatnonzero(~modes.any(axis=1))[0])
+        cost, before = dijkstra(
+            steps.matrix(sink + 1), indices=begin, return_predecessors=True, limit=self._known
+        )
+        if not np.isfinite(cost[sink]):
+            return math.inf, None
+        way, state = [], int(before[sink])
+        last = state
+        while state != begin and state >= 0:
+            way.append(state // patterns)
+            state = int(before[state])
+        points = [self.here, *[k for k, _ in itertools.groupby(way[::-1])]]
+        goal = self._goal_lengths[ends.flat[last]]
+        return float(cost[sink]), np.vstack([self.length[points], goal])
+
+    def _add_moves(self, steps: _Steps, move: IntArray) -> None:
+        """The steps from all points by one and the same move of their places."""
+        place = self.place + move
+        inside = np.flatnonzero(np.all((place >= 0) & (place < self.shape), axis=1))
+        target = self.number[tuple(place[inside].T)]
+        origin, target = inside[target >= 0], target[target >= 0]
+        middle = 0.5 * (self.angle[origin] + self.angle[target])
+        arms = np.empty_like(middle)
+        for j, way in enumerate(move):
+            at = self.place[origin, j]
+            arms[:, j] = self.arms[j][at] if way == 0 else self.halves[j][at + min(way, 0)]
+        forces = self.force[origin], self._pricing.forces(middle, arms), self.force[target]
+        cost = self._pricing.steps(self.length[target] - self.length[origin], forces)
+        allowed = np.maximum(1e-9, self.excess[origin])
+        out = (self.excess[target] > allowed) | (self._pricing.excess(middle) > allowed + 1e-5)
+        cost[out] = np.inf
+        self._add(steps, origin, target[:, None] * len(self._pricing.patterns), cost)
+
+    def _add(
+        self, steps: _Steps, origin: IntArray, target: IntArray, cost: FloatArray
+    ) -> None:
+        """Steps in a pattern from the state of that pattern, switches being steps of their own."""
+        own = np.arange(cost.shape[1])
+        start = origin[:, None] * cost.shape[1] + own
+        steps.add(start, target + own, cost)
+
+    def _add_endings(self, steps: _Steps, sink: int) -> IntArray:
+        """Steps to the goal from points around its postures; which of these each state ends in."""
+        pricing = self._pricing
+        count, patterns = len(self.place), len(pricing.patterns)
+        forces = pricing.forces(self._goals, pricing.arms(self._goals))
+        hold = pricing.to_hold(forces)
+        least, end = np.full((count, patterns), np.inf), np.zeros((count, patterns), dtype=int)
+        for k, goal in enumerate(self._goal_lengths):
+            near = np.flatnonzero(np.all(np.abs(self.length - goal) <= self.spacing, axis=1))
+            if len(near) == 0:
+                continue
+            middle = 0.5 * (self.angle[near] + self._goals[k])
+            between = pricing.forces(middle, pricing.arms(middle))
+            there = np.repeat(forces[k][None, :], len(near), axis=0)
+            cost = pricing.steps(goal - self.length[near], (self.force[near], between, there))
+            cost += hold[k]
+            better = cost < least[near]
+            least[near] = np.where(better, cost, least[near])
+            end[near] = np.where(better, k, end[near])
+        steps.add(np.arange(sink).reshape(least.shape), np.full(least.shape, sink), least)
+        return end

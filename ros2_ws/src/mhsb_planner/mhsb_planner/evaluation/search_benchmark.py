@@ -1,0 +1,161 @@
+"""How good the integrated planner's search is where much is boosted, and among obstacles."""
+
+from __future__ import annotations
+
+import math
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.deadline import Deadline
+from mhsb_planner.errors import DeadlineError
+from mhsb_planner.evaluation.ground_truth import ground_truth
+from mhsb_planner.evaluation.moves import Move, random_moves
+from mhsb_planner.evaluation.scenes import random_scenes
+from mhsb_planner.integrated.integrated_search import search
+from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions
+from mhsb_planner.posture.s1_global_search import build_posture_table
+
+HEAVY_PAYLOAD, LOW_PRESSURE = 16.0, 2.5e6  # kg, Pa
+SHORT = 0.04
+"""Deadline of a quick search [s]."""
+
+SCENE_TIME = 1.0
+"""Deadline of a plan among obstacles [s]."""
+
+DEARER = 1.01
+MILLI = 1e3
+
+Figures = dict[str, Any]
+
+
+def with_negative_arms(machine: Machine) -> Machine:
+    """The machine seen in a mirror: every linkage on the other side, each moment arm negative."""
+    content = machine.config.model_dump()
+    content["name"] = f"{machine.name}_mirrored"
+    other = {"left": "right", "right": "left"}
+    for joint in content["joints"]:
+        linkage, limits = joint["linkage"], joint["limits"]
+        ends = limits["lower"] + limits["upper"]
+        for pin in {"rocker_pivot", "parent_pin"} & set(linkage):
+            linkage[pin]["angle"] *= -1.0
+        if "rocker_side" in linkage:
+            linkage["rocker_side"] = other[linkage["rocker_side"]]
+        child = linkage["child_pin"]
+        child["angle"] = math.remainder(-child["angle"] - ends, math.tau)
+    return Machine.from_config(type(machine.config).model_validate(content))
+
+
+# --- Where much is boosted -----------------------------------------------------------------------
+
+
+def boosted_figures(base: Planner, moves: int) -> Figures:
+    """Cost of paths over ground truths', on three machines: mean and worst, without deadline and
+    within SHORT; the time that the search took [s]."""
+    machine = base.machine
+    mirrored = with_negative_arms(machine)
+    planners = {
+        "low_pressure": _changed(base, machine.changed(supply_pressure=LOW_PRESSURE)),
+        "heavy": _changed(base, machine.changed(payload=HEAVY_PAYLOAD)),
+        "negative_arms": Planner(mirrored, build_posture_table(mirrored)),
+    }
+    return {name: _boosted(planner, moves, name) for name, planner in planners.items()}
+
+
+def _changed(planner: Planner, machine: Machine) -> Planner:
+    other = Planner(planner.machine, planner.graph.table)
+    other.change(machine)
+    return other
+
+
+def _boosted(planner: Planner, moves: int, name: str) -> Figures:
+    ratios, quick, seconds = [], [], []
+    for move in tqdm(random_moves(planner, moves), f"ground truth, {name}", moves):
+        machine, task = planner.machine, _task(planner.machine, move)
+        truth = ground_truth(machine, *task, ENERGY_OPTIMAL).cost
+        began = time.perf_counter()
+        ratios.append(search(machine, *task, ENERGY_OPTIMAL).cost / truth)
+        seconds.append(time.perf_counter() - began)
+        with suppress(DeadlineError):
+            soon = search(machine, *task, ENERGY_OPTIMAL, deadline=Deadline.after(SHORT))
+            quick.append(soon.cost / truth)
+    return {
+        "moves": moves,
+        "ratio_mean": float(np.mean(ratios)),
+        "ratio_worst": max(ratios),
+        "quick_found": len(quick),
+        "quick_ratio_mean": float(np.mean(quick)) if quick else math.nan,
+        "quick_ratio_worst": max(quick, default=math.nan),
+        "seconds_mean": float(np.mean(seconds)),
+        "seconds_worst": max(seconds),
+    }
+
+
+def _task(machine: Machine, move: Move) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
+    return move.start, np.full(machine.joint_count, Mode.N, dtype=np.uint8), move.goal
+
+
+# --- Among obstacles -----------------------------------------------------------------------------
+
+
+def scene_figures(planner: Planner, count: int) -> Figures:
+    """Scenes solved by every planner as shipped, within SCENE_TIME, and what the integrated one's
+    motions cost over the cheaper of the others'."""
+    base, kinds = planner.machine, ("table", "fixed", "integrated")
+    costs, seconds = np.full((count, len(kinds)), np.nan), []
+    for row, scene in zip(costs, tqdm(random_scenes(planner, count), "scenes", count), strict=True):
+        planner.change(scene.machine)
+        for i, kind in enumerate(kinds):
+            began = time.perf_counter()
+            row[i] = _cost(planner, scene.move, PlanOptions(planner=kind))
+        seconds.append(time.perf_counter() - began)
+        planner.change(base)
+    solved = np.isfinite(costs)
+    both = solved[:, 2] & solved[:, :2].any(axis=1)
+    ratio = costs[both, 2] / np.nanmin(costs[both, :2], axis=1)
+    return {
+        "scenes": count,
+        "solved": dict(zip(kinds, solved.sum(axis=0).tolist(), strict=True)),
+        "compared": len(ratio),
+        "dearer": int(np.count_nonzero(ratio > DEARER)),
+        "cost_ratio_mean": float(np.mean(ratio)) if len(ratio) else math.nan,
+        "cost_ratio_worst": float(np.max(ratio, initial=0.0)),
+        "p50_ms": MILLI * float(np.percentile(seconds, 50)),
+        "p99_ms": MILLI * float(np.percentile(seconds, 99)),
+    }
+
+
+def _cost(planner: Planner, move: Move, options: PlanOptions) -> float:
+    """Of the motion; not a number where there is none in time."""
+    start, until = MotionState.at_rest(move.start), Deadline.after(SCENE_TIME)
+    try:
+        return planner.plan(move.goal, start, options=options, deadline=until).cost(options)
+    except MhsbError:
+        return math.nan
+
+
+def search_lines(boosted: Figures, scenes: Figures) -> list[str]:
+    """The figures as lines of a table."""
+    lines = [
+        f"boosted          {name}, {row['moves']} moves: cost over the ground truth's "
+        f"{row['ratio_mean']:.3f}, at worst {row['ratio_worst']:.3f}, in "
+        f"{row['seconds_mean']:.2f} s ({row['seconds_worst']:.2f} s); within "
+        f"{MILLI * SHORT:.0f} ms {row['quick_found']} found, {row['quick_ratio_mean']:.3f}, "
+        f"at worst {row['quick_ratio_worst']:.3f}"
+        for name, row in boosted.items()
+    ]
+    solved = ", ".join(f"{kind} {number}" for kind, number in scenes["solved"].items())
+    return [
+        *lines,
+        f"scenes           of {scenes['scenes']} solved: {solved}; cost over the cheaper of the "
+        f"others' {scenes['cost_ratio_mean']:.3f}, at worst {scenes['cost_ratio_worst']:.3f}, "
+        f"dearer by over 1 % in {scenes['dearer']} of {scenes['compared']}; "
+        f"p50 {scenes['p50_ms']:.0f} ms, p99 {scenes['p99_ms']:.0f} ms",
+    ]

@@ -1,0 +1,282 @@
+"""Goals that stream: the same one again and again, and one that moves; in lock-step.
+
+The lifecycle of goals, planning and hand-over are the node's own; time stands still while a plan
+is made and then passes as long as that took, or as long as the next event says.
+
+    stream       a goal sent every 0.1 s until the arm is there, over the same goal sent once
+    moving_goal  a goal to and fro on lines on which the arm can follow it: tip to goal at the same
+                 instant, turning points and 0.5 s after them excepted; then the stream stops
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES, joint_angles, within_limits
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import Trajectory
+from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.evaluation.lock_step import World
+from mhsb_planner.evaluation.moves import Move
+from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_planner.motion.s3_limits import Demand
+from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
+
+SEED = 0
+MILLI = 1e3
+
+PERIOD = 0.1
+"""Between goals at the same place [s]."""
+
+LONGEST = 120.0
+"""Time after which an arm has not arrived [s]."""
+
+TRANSPORT = 0.008
+"""Time that a command takes to the arm [s]; over DDS on one idle machine it was 5 to 10 ms."""
+
+FINE_STEP = 0.001  # s
+
+SPEEDS = (0.03, 0.1)  # m/s
+RATES = (20.0, 5.0)  # Hz
+SHORTEST_LINE, LONGEST_LINE = 0.3, 0.5  # m
+LINE_POINTS = 41
+AT_MOST = 0.8
+"""Share of what pistons, valves and pumps can do that following a goal on a line may take."""
+
+AFTER_TURNING = 0.5  # s
+PASSES = 2.5
+"""How often the goal goes along its line before it stops, on its way."""
+
+Figures = dict[str, Any]
+
+
+class Line(NamedTuple):
+    """On which a goal moves to and fro, both ends float64[2] m."""
+
+    begin: FloatArray
+    end: FloatArray
+
+    @property
+    def length(self) -> float:
+        """From end to end [m]."""
+        return float(np.hypot(*(self.end - self.begin)))
+
+    def at(self, way: float) -> FloatArray:
+        """Where a goal is that has moved so far [m]."""
+        gone = way % (2.0 * self.length)
+        gone = min(gone, 2.0 * self.length - gone)
+        return self.begin + (self.end - self.begin) * (gone / self.length)
+
+
+@dataclass
+class Ride:
+    """What an arm does: its reference and modes, 20 ms apart."""
+
+    world: World
+    time_ns: list[int] = field(default_factory=list)
+    state: list[FloatArray] = field(default_factory=list)
+    modes: list[ModeArray] = field(default_factory=list)
+
+    def look(self) -> None:
+        """Take down where it is."""
+        arm = self.world.arm
+        reference = arm.reference
+        self.time_ns.append(arm.time_ns)
+        self.state.append(
+            np.array([reference.position, reference.velocity, reference.acceleration])
+        )
+        self.modes.append(arm.command.schedule.modes_at(arm.time_ns))
+
+    def energy(self) -> float:
+        """Of the whole ride [J]."""
+        offset = np.array(self.time_ns) - self.time_ns[0]
+        q, qd, qdd = np.array(self.state).transpose(1, 0, 2)
+        schedule = ModeSchedule(0, offset, np.array(self.modes))
+        return motion_energy(self.world.machine, Trajectory(0, offset, q, qd, qdd), schedule).paper
+
+
+# --- The same goal -------------------------------------------------------------------------------
+
+
+def stream_figures(planner: Planner, moves: Sequence[Move]) -> Figures:
+    """For each planner: time and energy over those of the goal sent once, and who arrived."""
+    replanner = Replanner(planner.machine, planner.graph.table)
+    figures = {}
+    for kind in PLANNER_KINDS:
+        ratios, arrived = [], 0
+        for move in tqdm(moves, f"the same goal, {kind}"):
+            once, again = (
+                _to_rest(planner.machine, replanner, kind, move, period)
+                for period in (LONGEST, PERIOD)
+            )
+            arrived += again is not None
+            if once is not None and again is not None:
+                ratios.append(np.divide(again, once))
+        time, energy = np.array(ratios).T
+        figures[kind] = {
+            "moves": len(moves),
+            "arrived": arrived,
+            "time_ratio": {"p50": float(np.median(time)), "max": float(time.max())},
+            "energy_ratio": {"p50": float(np.median(energy)), "max": float(energy.max())},
+        }
+    return figures
+
+
+def _to_rest(
+    machine: Machine, replanner: Replanner, kind: str, move: Move, period: float
+) -> tuple[float, float] | None:
+    """Time and energy until the arm rests at the goal; None where it does not get there."""
+    settings = Settings(machine, PlanOptions(planner=kind))
+    world = World(machine, replanner, settings, start=move.start)
+    ride, began, due = Ride(world), world.now, 0.0
+    while world.now - began < LONGEST:
+        if world.now - began >= due:
+            world.goal(*move.goal)
+            due += period
+        world.pass_time(0.02)
+        ride.look()
+        if world.tip_is_at(*move.goal):
+            return world.now - began, ride.energy()
+    return None
+
+
+# --- A goal that moves ---------------------------------------------------------------------------
+
+
+def moving_goal_figures(planner: Planner, count: int) -> Figures:
+    """Distances from tip to goal [mm] for each speed and rate, on so many lines."""
+    machine = planner.machine
+    replanner = Replanner(machine, planner.graph.table)
+    figures = {}
+    for speed, rate in itertools.product(SPEEDS, RATES):
+        name = f"{MILLI * speed:g} mm/s, {rate:g} Hz"
+        rows = [
+            _followed(machine, replanner, line, speed, rate)
+            for line in tqdm(list(itertools.islice(lines(machine, speed), count)), name)
+        ]
+        behind = np.concatenate([row.behind for row in rows])
+        figures[name] = {
+            "lines": len(rows),
+            "p50_mm": MILLI * float(np.median(behind)),
+            "p99_mm": MILLI * float(np.percentile(behind, 99)),
+            "worst_median_mm": MILLI * max(float(np.median(row.behind)) for row in rows),
+            "overshoot_mm": MILLI * max(row.overshoot for row in rows),
+            "rests_off_mm": MILLI * max(row.off for row in rows),
+            "plans_per_s": float(np.mean([row.plans for row in rows])),
+        }
+    return figures
+
+
+def lines(machine: Machine, speed: float) -> Iterator[Line]:
+    """Random lines on which some posture with a constant ψ can follow a goal at a speed [m/s]."""
+    random = np.random.default_rng(SEED)
+    reach = machine.config.workspace.max_radius
+    while True:
+        begin = random.uniform((0.0, -reach), (reach, reach))
+        angle, length = random.uniform(0.0, math.tau), random.uniform(SHORTEST_LINE, LONGEST_LINE)
+        line = Line(begin, begin + length * np.array([math.cos(angle), math.sin(angle)]))
+        if _can_follow(machine, line, speed):
+            yield line
+
+
+def _can_follow(machine: Machine, line: Line, speed: float) -> bool:
+    tips = np.linspace(line.begin, line.end, LINE_POINTS)
+    modes = np.full((LINE_POINTS, machine.joint_count), Mode.N, dtype=np.uint8)
+    time = np.linspace(0.0, line.length / speed, LINE_POINTS)
+    arrays = machine.arrays
+    for elbow, psi in itertools.product(ELBOW_BRANCHES, np.linspace(-math.pi, math.pi, 37)):
+        q = np.empty((LINE_POINTS, machine.joint_count))
+        if not all(
+            joint_angles(arrays, x, z, psi, elbow, row) and within_limits(arrays, row)
+            for (x, z), row in zip(tips.tolist(), q, strict=True)
+        ):
+            continue
+        velocity = np.asarray(np.gradient(q, time, axis=0))
+        profile = motion_profile(machine, q, velocity)
+        demand = Demand.of(machine, profile, modes)
+        fastest = np.abs(profile.speed).max() / arrays.max_piston_speed
+        usage = max(fastest, demand.usage.max(), demand.pressure.max())
+        if usage <= AT_MOST and demand.outside.max() < 0.0:
+            return True
+    return False
+
+
+class _Followed(NamedTuple):
+    """Distances behind the goal, overshoot, distance where it rests [m], and plans in a second."""
+
+    behind: FloatArray
+    overshoot: float
+    off: float
+    plans: float
+
+
+def _followed(
+    machine: Machine, replanner: Replanner, line: Line, speed: float, rate: float
+) -> _Followed:
+    """Let a world's arm follow a goal on a line, and the goal then come no more."""
+    settings = Settings(machine, PlanOptions(planner="integrated"))
+    world = World(machine, replanner, settings, step=FINE_STEP)
+    world.planning_time, world.transport = None, TRANSPORT
+    x, z = line.begin.tolist()
+    world.goal(x, z)
+    world.until(lambda: world.tip_is_at(x, z), LONGEST)
+    began, sent, due, behind = world.now, len(world.sent), 0.0, []
+    goal = line.begin
+    while (passed := world.now - began) * speed < PASSES * line.length:
+        if passed >= due:
+            goal = line.at(speed * passed)
+            world.goal(*goal.tolist())
+            due += 1.0 / rate
+        world.pass_time(world.step)
+        passed = world.now - began
+        if passed % (line.length / speed) > AFTER_TURNING:
+            behind.append(float(np.hypot(*(_tip(world) - line.at(speed * passed)))))
+    plans = (len(world.sent) - sent) / passed
+    ahead = line.at(speed * passed) - line.at(speed * passed - 1e-3)
+    ahead /= np.hypot(*ahead)
+    overshoot = -math.inf
+    for _ in range(round(3.0 / world.step)):
+        world.pass_time(world.step)
+        overshoot = max(overshoot, float((_tip(world) - goal) @ ahead))
+    off = float(np.hypot(*(_tip(world) - goal)))
+    return _Followed(np.array(behind), overshoot, off, plans)
+
+
+def _tip(world: World) -> FloatArray:
+    return np.array(world.machine.tip_position(world.arm.reference.position))
+
+
+def streaming_lines(figures: Figures) -> list[str]:
+    """The figures as a table."""
+    lines = [
+        "the same goal every 0.1 s   moves arrived   time ratio p50, max   energy ratio p50, max"
+    ]
+    lines += [
+        f"{kind:27s} {row['moves']:5d} {row['arrived']:7d} {row['time_ratio']['p50']:13.3f} "
+        f"{row['time_ratio']['max']:7.3f} {row['energy_ratio']['p50']:16.3f} "
+        f"{row['energy_ratio']['max']:6.3f}"
+        for kind, row in figures["stream"].items()
+    ]
+    lines.append(
+        "moving goal      lines   behind p50, p99, worst line's p50 [mm]   overshoot, rests off "
+        "[mm]   plans/s"
+    )
+    lines += [
+        f"{name:16s} {row['lines']:5d} {row['p50_mm']:12.2f} {row['p99_mm']:7.2f} "
+        f"{row['worst_median_mm']:9.2f} {row['overshoot_mm']:20.2f} {row['rests_off_mm']:9.3f} "
+        f"{row['plans_per_s']:13.1f}"
+        for name, row in figures["moving_goal"].items()
+    ]
+    return lines

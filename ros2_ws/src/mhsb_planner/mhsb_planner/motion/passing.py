@@ -1,0 +1,39 @@
+"""Points that a tip passes on its way, each at no more than a given distance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.types import FloatArray
+
+Passing = tuple[float, float, float]
+"""(x, z) m of a point, and at what distance the tip may pass it [m]."""
+
+
+def first_missed(tip: FloatArray, passing: tuple[Passing, ...]) -> str:
+    """Which of the points a motion misses, in one sentence; empty where it passes all of them.
+
+    tip  float64[k, 2] m, one after the other; straight lines between them will do
+    The points are passed in their order: each is looked for from where the one before was passed.
+    """
+    first = 0
+    for x, z, tolerance in passing:
+        away = _distances(tip[first:], np.array([x, z]))
+        within = np.flatnonzero(away <= tolerance)
+        if len(within) == 0:
+            return (
+                f"the tip passes ({x:.4g}, {z:.4g}) m at {1000 * away.min():.3g} mm, "
+                f"at most {1000 * tolerance:.3g} mm is allowed"
+            )
+        first += int(within[0])
+    return ""
+
+
+def _distances(tip: FloatArray, point: FloatArray) -> FloatArray:
+    """Of a point from the lines between tips one after the other, float64[k - 1] m."""
+    if len(tip) < 2:
+        return np.hypot(*(tip - point).T)
+    begin, along = tip[:-1], np.diff(tip, axis=0)
+    square = np.maximum(np.sum(along**2, axis=1), np.finfo(float).tiny)
+    share = np.clip(np.sum((point - begin) * along, axis=1) / square, 0.0, 1.0)
+    return np.hypot(*(begin + share[:, None] * along - point).T)

@@ -1,0 +1,145 @@
+"""Pistons whose speeds change by ramps.
+
+    L(t) = L₀ + v₀ t + Σᵢ Δvᵢ (R(t − tᵢ) − R(−tᵢ)),   v(t) = v₀ + Σᵢ Δvᵢ ρ(t − tᵢ),
+    v̇(t) = Σᵢ Δvᵢ k(t − tᵢ),   R = ∫ρ dt, ρ and k of a ramp (`s3_ramps`)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.piston_motion import joint_motion
+from mhsb_planner.motion.s3_ramps import TICK, ramp_at
+
+NEGLIGIBLE = 1e-9
+"""A smaller change of speed is rounding [m/s]."""
+
+GENTLE = 1.0 + 1e-6
+"""Accelerations and jerks beyond their limits by less are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class RampedMotion:
+    """Pistons whose speeds change by ramps.
+
+    start      float64[n] rad, posture at time 0
+    length     float64[n] m, L at time 0
+    speed      float64[n] m/s, before the first ramp
+    at         float64[c] s, when each ramp begins; some before time 0
+    change     float64[c, n] m/s, the speeds' change
+    rise, blend  float64[c] s, of each ramp (`s3_ramps.Ramp`)
+    node_time  float64[k + 1] s, when the discrete path's nodes are due
+    """
+
+    machine: Machine
+    start: FloatArray
+    length: FloatArray
+    speed: FloatArray
+    at: FloatArray
+    change: FloatArray
+    rise: FloatArray
+    blend: FloatArray
+    node_time: FloatArray
+
+    @property
+    def end(self) -> float:
+        """When all ramps are over [s]."""
+        over = (self.at + self.rise + self.blend)[self._felt]
+        return max(float(over.max(initial=0.0)), TICK)
+
+    @property
+    def _felt(self) -> FloatArray:
+        """Which ramps change speeds by more than rounding, bool[c]."""
+        return np.abs(self.change).max(axis=1) > NEGLIGIBLE
+
+    @property
+    def breaks(self) -> FloatArray:
+        """Times from 0 to the end between which the jerk is constant, at least a TICK apart [s]."""
+        at, rise, blend = (values[self._felt] for values in (self.at, self.rise, self.blend))
+        inner = np.unique(np.concatenate([at, at + blend, at + rise, at + rise + blend]))
+        end = self.end
+        kept, last = [0.0], end - (1.0 - 1e-6) * TICK
+        for time in inner.tolist():
+            if kept[-1] + (1.0 - 1e-6) * TICK <= time <= last:
+                kept.append(time)
+        return np.array([*kept, end])
+
+    def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """q, q̇, q̈ at the times [s], float64[times, n] each."""
+        return joint_motion(self.machine.arrays, *self.pistons(time), self.start)
+
+    def pistons(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Lengths, piston speeds and accelerations at the times [s], float64[times, n] each."""
+        return _pistons(
+            time, self.length, self.speed, self.at, self.change, self.rise, self.blend
+        )
+
+    @property
+    def peaks(self) -> tuple[float, float]:
+        """The largest acceleration and jerk of a piston, as shares of what is allowed.
+
+        Between breaks the acceleration is linear in time.
+        """
+        m, time = self.machine.arrays, self.breaks
+        acceleration = self.pistons(time)[2]
+        jerk = np.diff(acceleration, axis=0) / np.diff(time)[:, None]
+        return (
+            float(np.abs(acceleration).max()) / m.max_piston_acceleration,
+            float(np.abs(jerk).max()) / m.max_piston_jerk,
+        )
+
+    @property
+    def gentle(self) -> bool:
+        """Whether acceleration and jerk are within their limits."""
+        return max(self.peaks) <= GENTLE
+
+    def plus(self, other: RampedMotion) -> RampedMotion:
+        """This motion with another one's ramps, and its nodes."""
+        return RampedMotion(
+            self.machine,
+            self.start,
+            self.length,
+            self.speed + other.speed,
+            np.concatenate([self.at, other.at]),
+            np.vstack([self.change, other.change]),
+            np.concatenate([self.rise, other.rise]),
+            np.concatenate([self.blend, other.blend]),
+            other.node_time,
+        )
+
+
+@kernel
+def _pistons(
+    time: FloatArray,
+    start: FloatArray,
+    speed: FloatArray,
+    at: FloatArray,
+    change: FloatArray,
+    rise: FloatArray,
+    blend: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Kernel of `RampedMotion.pistons`; oracle: the discrete path convolved numerically."""
+    n = len(start)
+    length, velocity = np.empty((len(time), n)), np.empty((len(time), n))
+    acceleration = np.empty((len(time), n))
+    before = np.empty(len(at))
+    for i in range(len(at)):
+        before[i] = ramp_at(rise[i], blend[i], -at[i])[0]
+    for k in range(len(time)):
+        for j in range(n):
+            length[k, j] = start[j] + speed[j] * time[k]
+            velocity[k, j], acceleration[k, j] = speed[j], 0.0
+        for i in range(len(at)):
+            if time[k] <= at[i]:
+                continue
+            way, share, rate = ramp_at(rise[i], blend[i], time[k] - at[i])
+            for j in range(n):
+                length[k, j] += change[i, j] * (way - before[i])
+                velocity[k, j] += change[i, j] * share
+                acceleration[k, j] += change[i, j] * rate
+    return length, velocity, acceleration

@@ -1,0 +1,79 @@
+"""Paths through points on the way: leg by leg, joined to one path that does not stop there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.search_time import SearchTime
+
+
+def paths_by_way(
+    planner: PathPlanner, graph: StepGraph, task: Task, time: SearchTime
+) -> Iterator[Candidate]:
+    """Paths from the task's departure to its goal, through the points on the way in their order.
+
+    First with what each leg begins with, then with the cheapest path of each. A leg ends in the
+    posture that is best for itself. Raises what the planner's paths raise.
+    """
+    if not task.options.via:
+        yield from planner.paths(graph, task, time)
+        return
+    bound = task.bound(graph)
+    for thorough in (False, True):
+        legs: list[DiscretePath] = []
+        onward = replace(task, options=task.options.on_the_way)
+        for point in task.options.via:
+            legs.append(_leg(planner, graph, replace(onward, goal=point), time, thorough))
+            onward = onward.from_rest(legs[-1])
+        last = replace(onward, goal=task.goal, options=task.options.at_the_end)
+        for candidate in planner.paths(graph, last, time):
+            whole = replace(joined([*legs, candidate.path]), lower_bound=bound)
+            yield candidate._replace(path=whole)
+
+
+def _leg(
+    planner: PathPlanner, graph: StepGraph, task: Task, time: SearchTime, thorough: bool
+) -> DiscretePath:
+    """The first path to a point on the way, or the cheapest."""
+    found = (candidate.path for candidate in planner.paths(graph, task, time))
+    first = next(found)
+    return min([first, *found], key=lambda path: path.cost) if thorough else first
+
+
+def joined(legs: Sequence[DiscretePath]) -> DiscretePath:
+    """One path of several, each of which begins where and in the modes in which the last ended.
+
+    Its lower bound is the first one's.
+    """
+    first = legs[0]
+
+    def through(name: str) -> np.ndarray:
+        """Places of all legs; each begins in the last one's last."""
+        rest = (getattr(leg, name)[1:] for leg in legs[1:])
+        return np.concatenate([getattr(first, name), *rest])
+
+    def steps(name: str) -> np.ndarray:
+        return np.concatenate([getattr(leg, name) for leg in legs])
+
+    return DiscretePath(
+        tip=through("tip"),
+        posture=through("posture"),
+        modes=steps("modes"),
+        duration=steps("duration"),
+        energy=steps("energy"),
+        energy_series=steps("energy_series"),
+        cost=sum(leg.cost for leg in legs),
+        start_modes=first.start_modes,
+        lower_bound=first.lower_bound,
+        statistics=SearchStatistics(
+            sum(leg.statistics.expanded for leg in legs),
+            sum(leg.statistics.generated for leg in legs),
+            sum(leg.statistics.seconds for leg in legs),
+        ),
+    )

@@ -1,0 +1,27 @@
+"""Points that a motion passes, in their order."""
+
+import numpy as np
+
+from mhsb_planner.motion.passing import first_missed
+
+TIP = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+
+
+def test_points_near_the_lines_between_tips_are_passed():
+    assert first_missed(TIP, ()) == ""
+    assert first_missed(TIP, ((0.5, 0.01, 0.011), (1.01, 0.5, 0.011))) == ""
+    assert first_missed(TIP, ((0.5, 0.01, 0.011), (0.8, 0.0, 0.001))) == ""
+
+
+def test_the_first_point_that_is_missed_is_named_with_its_distance():
+    sentence = first_missed(TIP, ((0.5, 0.0, 0.01), (0.5, 0.1, 0.01)))
+    assert sentence == "the tip passes (0.5, 0.1) m at 100 mm, at most 10 mm is allowed"
+
+
+def test_points_are_passed_in_their_order():
+    assert "(0.5, 0) m" in first_missed(TIP, ((1.0, 0.5, 0.01), (0.5, 0.0, 0.01)))
+
+
+def test_a_motion_that_rests_passes_where_it_is():
+    assert first_missed(TIP[:1], ((0.0, 0.001, 0.01),)) == ""
+    assert "100 mm" in first_missed(TIP[:1], ((0.0, 0.1, 0.01),))

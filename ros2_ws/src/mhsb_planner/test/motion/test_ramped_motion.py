@@ -1,0 +1,103 @@
+"""Motions made of ramps, and paths followed by them, against numerical convolution."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mhsb_planner.motion.s3_following import followed_path, following_motion
+from mhsb_planner.motion.s3_ramps import Ramp
+
+FINE = 1e-4  # s
+
+
+def lengths(machine, q):
+    return np.array([machine.cylinder_lengths(row) for row in q])
+
+
+def convolved(machine, path, motion, ramp):
+    """Lengths of the discrete path smoothed with box(T₁) * box(T₂), every FINE seconds."""
+    due = motion.node_time - 0.5 * ramp.duration
+    time = np.arange(-ramp.duration, motion.end + FINE, FINE)
+    nodes = lengths(machine, path.posture)
+    polygon = np.column_stack([np.interp(time, due, nodes[:, j]) for j in range(3)])
+    boxes = [np.full(round(part / FINE), FINE / part) for part in (ramp.rise, ramp.blend)]
+    kernel = np.convolve(*boxes)
+    smooth = [np.convolve(polygon[:, j], kernel, "valid") for j in range(3)]
+    return time[len(kernel) - 1 :] + FINE, np.column_stack(smooth)
+
+
+def test_a_followed_path_is_the_discrete_path_smoothed_by_the_ramps(machine, walk):
+    path, ramp = walk(np.random.default_rng(0), 6), Ramp(0.08, 0.038)
+    motion = following_motion(machine, path, ramp, 1.0)
+    time, expected = convolved(machine, path, motion, ramp)
+    assert motion.pistons(time)[0] == pytest.approx(expected, abs=2e-7)
+    q, qd, qdd = motion.sample(time)
+    assert lengths(machine, q) == pytest.approx(expected, abs=2e-7)
+    assert np.diff(q, axis=0) / FINE == pytest.approx(0.5 * (qd[1:] + qd[:-1]), abs=1e-5)
+    assert np.diff(qd, axis=0) / FINE == pytest.approx(0.5 * (qdd[1:] + qdd[:-1]), abs=1e-3)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32), st.sampled_from([1.0, 2.0, 4.0]))
+def test_following_keeps_joint_limits_speeds_and_flow_of_the_discrete_path(
+    machine, walk, seed, slower
+):
+    path = walk(np.random.default_rng(seed), 8)
+    motion = followed_path(machine, path, slower, None, 1.0)
+    t = np.linspace(0, motion.end, 2000)
+    q, qd, _ = motion.sample(t)
+    assert np.all(q >= path.posture.min(axis=0) - 1e-12)
+    assert np.all(q <= path.posture.max(axis=0) + 1e-12)
+    discrete = np.diff(lengths(machine, path.posture), axis=0) / path.duration[:, None]
+    speed = np.array([machine.moment_arms(row) for row in q]) * qd
+    assert np.abs(speed).max() <= np.abs(discrete).max() + 1e-12
+
+    def flow(v):
+        inlet = np.where(v > 0, machine.arrays.cap_area, machine.arrays.rod_area)
+        return (inlet * np.abs(v)).sum(axis=1).max()
+
+    assert flow(speed) <= flow(discrete) + 1e-15
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32))
+def test_acceleration_and_jerk_stay_within_their_limits(machine, walk, seed):
+    path = walk(np.random.default_rng(seed), 8, leap=0.5)
+    motion, m = followed_path(machine, path, 1.0, None, 1.0), machine.arrays
+    t = np.arange(0, motion.end, 1e-4)
+    acceleration = motion.pistons(t)[2]
+    assert np.abs(acceleration).max() <= m.max_piston_acceleration * (1 + 1e-6)
+    assert np.abs(np.diff(acceleration, axis=0)).max() <= m.max_piston_jerk * 1e-4 * (1 + 1e-6)
+
+
+def test_a_followed_path_lasts_one_ramp_longer_than_the_discrete_one(machine, walk):
+    path, ramp = walk(np.random.default_rng(2), 7), Ramp(0.08, 0.038)
+    motion = following_motion(machine, path, ramp, 1.0)
+    longer = motion.end - path.duration.sum()
+    assert 0.118 - 1e-9 <= longer <= 0.118 + 1e-3 * path.steps
+
+
+def test_a_followed_path_starts_and_ends_at_rest_in_the_end_postures(machine, walk):
+    path = walk(np.random.default_rng(2), 7)
+    motion = followed_path(machine, path, 1.0, None, 1.0)
+    q, qd, qdd = motion.sample(motion.breaks[[0, -1]])
+    assert q == pytest.approx(path.posture[[0, -1]], abs=1e-12)
+    assert qd == pytest.approx(np.zeros((2, 3)), abs=1e-10)
+    assert qdd == pytest.approx(np.zeros((2, 3)), abs=1e-8)
+
+
+def test_corners_lie_between_breaks_that_are_a_millisecond_apart(machine, walk):
+    motion = followed_path(machine, walk(np.random.default_rng(3), 9), 1.0, None, 1.0)
+    assert np.diff(motion.breaks).min() > 0.999e-3
+    assert motion.breaks[[0, -1]] == pytest.approx([0.0, motion.end])
+
+
+def test_shorter_ramps_come_closer_to_the_nodes(machine, walk):
+    path = walk(np.random.default_rng(4), 10)
+    worst = []
+    for slower in (8.0, 2.0, 1.0):
+        motion = followed_path(machine, path, slower, None, 1.0)
+        worst.append(np.abs(motion.sample(motion.node_time)[0] - path.posture).max())
+    assert worst[0] > worst[1] > worst[2]
+    assert worst[2] < 0.02

@@ -1,0 +1,127 @@
+"""Goals that stream: the velocity that is told from them, and what becomes of each."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.goal import Goal
+from mhsb_model.verdict import Outcome, Verdict
+from mhsb_planner.online.goal_stream import FURTHEST, GoalStream
+
+
+def heard(samples: list[tuple[float, float, float]]) -> GoalStream:
+    stream = GoalStream()
+    for x, z, time in samples:
+        stream.hear(Goal(0, x, z), time)
+    return stream
+
+
+def moving(velocity: tuple[float, float], times: list[float]) -> GoalStream:
+    return heard([(0.5 + velocity[0] * t, 0.1 + velocity[1] * t, t) for t in times])
+
+
+@pytest.mark.parametrize("times", [[1.0, 1.1, 1.2], [3.0, 3.02, 3.05, 3.09, 3.1, 3.15]])
+def test_the_velocity_of_an_evenly_moving_goal_is_told_whatever_the_times_between(times):
+    stream = moving((0.03, -0.04), times)
+    np.testing.assert_allclose(stream.velocity, (0.03, -0.04), atol=1e-12)
+    assert stream.moves(times[-1])
+
+
+def test_with_jitter_of_arrival_the_velocity_is_that_of_the_straight_line_of_least_squares():
+    random = np.random.default_rng(0)
+    times = 0.05 * np.arange(5)
+    late = times + random.uniform(0.0, 0.01, 5)
+    stream = heard([(0.1 * t, 0.0, when) for t, when in zip(times, late, strict=True)])
+    slope = np.polyfit(late, 0.1 * times, 1)[0]
+    assert stream.velocity[0] == pytest.approx(slope)
+
+
+def test_two_goals_and_goals_far_apart_or_at_one_place_do_not_move():
+    assert not moving((0.1, 0.0), [1.0, 1.1]).moves(1.1)
+    assert not moving((0.1, 0.0), [1.0, 2.0, 3.0, 4.0]).moves(4.0)
+    assert not moving((0.0, 0.0), [1.0, 1.1, 1.2]).moves(1.2)
+
+
+def test_a_goal_elsewhere_is_another_one():
+    stream = moving((0.1, 0.0), [1.0, 1.1, 1.2])
+    stream.hear(Goal(0, 0.9, 0.4), 1.3)
+    assert stream.velocity == (0.0, 0.0)
+
+
+def test_a_goal_that_comes_no_more_moves_no_more():
+    stream = moving((0.1, 0.0), [1.0, 1.1, 1.2])
+    assert stream.moves(1.3)
+    assert not stream.moves(1.4)
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.1, 0.4])
+def test_a_plan_ends_at_most_a_little_beyond_where_the_goal_was_last(speed):
+    stream = moving((speed, 0.0), [1.0, 1.1, 1.2])
+    last = Goal(7, 0.5 + 1.2 * speed, 0.1)
+    ahead = stream.ahead(last, 0.1)
+    assert ahead.stamp_ns == 7
+    assert ahead.x - last.x == pytest.approx(min(0.1 * speed, FURTHEST))
+
+
+def follow(world, speed, rate, seconds):
+    """Send a goal that moves upwards; where it is at last, and the stamps."""
+    stamps = []
+    for k in range(1, 1 + round(seconds * rate)):
+        z = 0.1 + speed * k / rate
+        stamps.append(world.goal(0.55, z))
+        world.pass_time(1.0 / rate)
+    return z, stamps
+
+
+@pytest.mark.parametrize("planner", ["table", "fixed", "integrated"])
+def test_when_a_moving_goal_stops_the_arm_rests_exactly_there_and_each_goal_is_answered_once(
+    new_world, planner
+):
+    world = new_world(planner)
+    world.ending(world.goal(0.55, 0.1))
+    z, stamps = follow(world, 0.05, 20.0, 2.0)
+    ending = world.ending(stamps[-1])
+    assert ending.outcome is Outcome.REACHED
+    x_rest, z_rest = world.machine.tip_position(world.arm.reference.position)
+    assert np.hypot(x_rest - 0.55, z_rest - z) < 2e-4
+    world.check_that_each_goal_was_answered_once()
+    assert max(world.arm.jumps) <= 1e-6
+
+
+def test_where_goals_come_seldom_the_arm_rests_exactly_at_the_last_one_too(new_world):
+    world = new_world("integrated")
+    world.ending(world.goal(0.55, 0.1))
+    z, stamps = follow(world, 0.03, 5.0, 2.0)
+    assert world.ending(stamps[-1]).outcome is Outcome.REACHED
+    x_rest, z_rest = world.machine.tip_position(world.arm.reference.position)
+    assert np.hypot(x_rest - 0.55, z_rest - z) < 2e-4
+    world.check_that_each_goal_was_answered_once()
+
+
+@pytest.mark.parametrize("by_the_planner", [False, True])
+def test_an_arm_stopped_while_a_goal_moves_stays_stopped(new_world, by_the_planner):
+    world = new_world("integrated")
+    world.ending(world.goal(0.55, 0.1))
+    follow(world, 0.05, 20.0, 1.0)
+    if by_the_planner:
+        world.life.stop(lambda *answer: None)
+    else:
+        world.arm.stop_at_once()
+    world.pass_time(1.0)
+    resting = world.arm.reference.position
+    world.pass_time(3.0)
+    np.testing.assert_array_equal(world.arm.reference.position, resting)
+    assert world.life.idle
+    world.check_that_each_goal_was_answered_once()
+
+
+def test_at_fifty_goals_a_second_plans_are_finished_and_the_newest_goal_follows(new_world):
+    world = new_world("integrated", lead_min=0.03)
+    world.ending(world.goal(0.55, 0.1))
+    planned = len(world.planned)
+    _, stamps = follow(world, 0.05, 50.0, 2.0)
+    world.ending(stamps[-1])
+    codes = [world.verdict(stamp).code for stamp in stamps]
+    assert set(codes) <= {Verdict.OK, Verdict.SUPERSEDED}
+    assert codes.count(Verdict.OK) > 20
+    assert len(world.planned) - planned > 20
+    world.check_that_each_goal_was_answered_once()

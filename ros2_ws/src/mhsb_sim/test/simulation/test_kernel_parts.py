@@ -1,0 +1,66 @@
+"""After the arm's kernels have been compiled ahead, nothing that happens to it compiles more."""
+
+import subprocess
+import sys
+
+SCRIPT = """
+import sys
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from mhsb_model.machine import load_machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import Trajectory
+from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.simulation.faults import Fault
+from mhsb_sim.simulation.kernel_parts import rehearse
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_sim.simulation.supervised_arm import SupervisedArm
+from mhsb_sim.simulation.symptoms import SupervisionLimits
+
+def compiled():
+    return {
+        f"{name}.{key}": len(value.signatures)
+        for name, module in sys.modules.items()
+        if name.startswith("mhsb_")
+        for key, value in vars(module).items()
+        if isinstance(value, Dispatcher)
+    }
+
+def steps(arm, seconds):
+    for _ in range(round(seconds * 1e9 / arm.simulator.step_ns)):
+        arm.step(0.0)
+
+rehearse()
+before = compiled()
+assert before
+for controller in CONTROLLERS:
+    machine = load_machine().changed(payload=12.0)
+    arm = SupervisedArm(Simulator(machine, controller, payload=2.0), SupervisionLimits())
+    steps(arm, 0.1)
+    start = arm.simulator.reference.position
+    offset = np.array([0, 1_000_000_000, 2_000_000_000])
+    position = start + np.array([0.0, 0.05, 0.1])[:, None]
+    rest = np.zeros((3, 3))
+    now = arm.simulator.time_ns
+    arm.add_trajectory(Trajectory(now, offset, position, rest, rest), 0.0)
+    modes = np.array([[0, 0, 0], [2, 0, 0]], dtype=np.uint8)
+    arm.add_schedule(ModeSchedule(now, np.array([0, 500_000_000]), modes), 0.0)
+    steps(arm, 1.0)
+    arm.set_payload(12.0)
+    arm.stop()
+    steps(arm, 1.0)
+    arm.simulator.inject(Fault.MAIN_PUMP)
+    steps(arm, 2.0)
+    arm.clear_fault(arm.simulator.time_ns)
+    steps(arm, 1.0)
+    arm.reset(0)
+    steps(arm, 0.1)
+print({name: count for name, count in compiled().items() if count != before.get(name)})
+"""
+
+
+def test_no_kernel_is_compiled_by_plans_stops_faults_and_resets():
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "{}", done.stderr
