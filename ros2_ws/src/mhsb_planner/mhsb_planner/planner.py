@@ -364,7 +364,10 @@ class _Making:
         A polynomial that V_max makes slow against following the path, and where inertia calls for
         boost, as more switches than the path's tell, slower ramps.
         """
-        following = replace(FitRules.following(), least_duration=self._task.options.least_duration)
+        asked = fit_rules(self._task.options)
+        following = replace(
+            FitRules.following(), least_duration=asked.least_duration, passing=asked.passing
+        )
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and self._task.options.trajectory is None:
                 yield following
