@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.value_paths import ValuePathError
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Positive, Section
@@ -114,7 +115,11 @@ def scaled(machine: Machine, factors: Mapping[str, float], variations: Variation
     for name, factor in factors.items():
         keys = variations[name].keys if name in variations else (name,)
         for key in keys:
-            number = _number(machine, key)
+            try:
+                number = _number(machine, key)
+            except ValuePathError as error:
+                names = ", ".join(variations)
+                raise VariationError(f"{error}; or, of variations, {names}") from None
             if number == 0.0:
                 raise VariationError(
                     f"{key} is 0, whatever the factor {factor:g}; set it in a machine file of the "

@@ -1,9 +1,17 @@
 import numpy as np
+import pytest
 
 from mhsb_model.machine import Machine
+from mhsb_planner.kernel_parts import compile_planner
 from mhsb_sim.study import draws
 from mhsb_sim.study.draws import DrawStudy, as_dicts, as_text
 from mhsb_sim.study.variations import Variation, load_variations
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """So that no test's time includes it."""
+    compile_planner()
 
 
 def test_a_draw_is_the_same_whenever_it_is_made_and_judges_every_controller(
