@@ -46,9 +46,10 @@ def give_back_memory() -> None:
     Otherwise glibc takes ever larger ones from its heaps, one for each thread, and a long search
     leaves holes there. Where the C library is another one nothing happens.
     """
-    adjust = getattr(ctypes.CDLL(None), "mallopt", None)
-    for option, value in MALLOC if adjust is not None else ():
-        adjust(option, value)
+    library = ctypes.CDLL(None)
+    if hasattr(library, "mallopt"):
+        for option, value in MALLOC:
+            library.mallopt(option, value)
 
 
 def command(module: str) -> Callable[[], int]:
