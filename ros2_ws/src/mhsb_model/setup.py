@@ -17,7 +17,7 @@ setup(
     description="Machine model of a hydraulic manipulator with booster modules",
     license="Apache-2.0",
     maintainer="MHSB maintainers",
-    maintainer_email="maintainers@mhsb.invalid",
+    maintainer_email="mhsb@example.org",
     packages=find_packages(exclude=["test"]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=[

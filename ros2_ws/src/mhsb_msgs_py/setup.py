@@ -8,7 +8,7 @@ setup(
     description="Names, QoS profiles, status codes and message codecs of the MHSB suite.",
     license="Apache-2.0",
     maintainer="MHSB maintainers",
-    maintainer_email="maintainers@mhsb.invalid",
+    maintainer_email="mhsb@example.org",
     packages=find_packages(exclude=["test"]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=[

@@ -8,7 +8,7 @@ setup(
     description="Online motion planner for hydraulic manipulators",
     license="Apache-2.0",
     maintainer="MHSB maintainers",
-    maintainer_email="maintainers@mhsb.invalid",
+    maintainer_email="mhsb@example.org",
     packages=find_packages(exclude=["test"]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=[

@@ -17,7 +17,7 @@ setup(
     description="Simulator of the hydraulic manipulator",
     license="Apache-2.0",
     maintainer="MHSB maintainers",
-    maintainer_email="maintainers@mhsb.invalid",
+    maintainer_email="mhsb@example.org",
     packages=find_packages(exclude=["test"]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=[

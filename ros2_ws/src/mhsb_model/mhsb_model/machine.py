@@ -27,6 +27,9 @@ from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
+JOINTS = 3
+"""Joints of an arm that the planners know: one more than the tip needs in its plane."""
+
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
 
 LONGEST_VALUE = 40
@@ -165,6 +168,24 @@ class Machine:
         rows = self.arrays.linkage
         return np.array([linkage.moment_arm(rows[j], q[j]) for j in range(self.joint_count)])
 
+    @property
+    def fastest_joints(self) -> FloatArray:
+        """Joint speeds that the main pump's whole flow can never exceed: Q / (min A · min |r|)."""
+        a = self.arrays
+        return a.main_pump_flow / (np.minimum(a.cap_area, a.rod_area) * self._moment_arm_ends[0])
+
+    @property
+    def longest_moment_arms(self) -> FloatArray:
+        """Largest |r| of each joint within its limits."""
+        return self._moment_arm_ends[1]
+
+    @cached_property
+    def _moment_arm_ends(self) -> tuple[FloatArray, FloatArray]:
+        a = self.arrays
+        ranges = map(linkage.moment_arm_range, a.linkage, a.joint_min, a.joint_max)
+        ends = np.abs(np.array(list(ranges)))
+        return ends.min(axis=1), ends.max(axis=1)
+
     def cylinder_lengths(self, q: FloatArray) -> FloatArray:
         """Distances between each cylinder's pins."""
         rows = self.arrays.linkage
@@ -228,7 +249,11 @@ def load_machine(path: str | Path | None = None) -> Machine:
     if len(missing) > len(SECTIONS) / 2:  # nothing of another file's content is repeated
         reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
         raise MachineFileError(str(file), [reason])
-    return _validated(content, str(file))
+    machine = _validated(content, str(file))
+    if machine.joint_count != JOINTS:
+        problem = f"joints: the machine has {machine.joint_count}, plans are made for {JOINTS} only"
+        raise MachineFileError(str(file), [problem])
+    return machine
 
 
 def _validated(content: Any, source: str) -> Machine:

@@ -141,6 +141,18 @@ def test_a_spoiled_value_is_refused_by_its_path_with_value_and_limit(load, keys,
         load(change)
 
 
+@pytest.mark.parametrize("joints", [2, 4])
+def test_an_arm_that_nothing_plans_for_is_refused(load, joints):
+    def change(content):
+        content["joints"] = (2 * content["joints"])[:joints]
+        simulation = content["simulation"]
+        simulation["start_posture"] = (2 * simulation["start_posture"])[:joints]
+        content["workspace"]["max_radius"] = 0.8
+
+    with pytest.raises(MachineFileError, match=f"has {joints}, plans are made for 3 only"):
+        load(change)
+
+
 def test_all_problems_are_reported_at_once(load):
     def spoil(content):
         content["joints"][0]["cylinder"]["bore"] = -1
@@ -214,3 +226,12 @@ def test_tip_positions_outside_the_workspace_are_refused(machine, x, z, sentence
 def test_the_rim_of_the_workspace_belongs_to_it(machine):
     machine.check_in_workspace(1.029, 0.0)
     machine.check_in_workspace(0.0, 0.25)
+
+
+def test_no_flow_that_the_main_pump_gives_moves_a_joint_faster_than_its_fastest(load):
+    machine = load(lambda content: None)
+    a, rng = machine.arrays, np.random.default_rng(0)
+    for q in rng.uniform(a.joint_min, a.joint_max, (200, 3)):
+        arm = np.abs(machine.moment_arms(q))
+        for area in (a.cap_area, a.rod_area):
+            assert np.all(a.main_pump_flow / (area * arm) <= machine.fastest_joints * (1 + 1e-9))

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
 from mhsb_planner.motion.piston_motion import lengths_of
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_coasting import Coasting
@@ -34,6 +35,7 @@ AT_ONCE = (1.0, 1.5, 2.5)
 
 ROUNDS = 6
 """Times that ramps are made slower before the last is taken."""
+
 
 def following_motion(
     machine: Machine,
@@ -51,9 +53,7 @@ def following_motion(
              that stay do not sink in between. Ramps then have the middles that they would have if
              all were like it; those without room for that are like it
     """
-    due = stretch * np.maximum(path.duration, SHORTEST_STEP)
-    length = lengths_of(machine.arrays, path.posture)
-    speed = np.diff(length, axis=0) / due[:, None]
+    length, due, speed = _steps(machine, path, stretch)
     turns = np.abs(np.diff(speed, axis=0)).max(axis=1) > SAME_SPEED
     corners = np.flatnonzero(np.concatenate([[True], turns, [True]]))
     time = np.concatenate([[0.0], np.cumsum(due)])
@@ -78,6 +78,15 @@ def following_motion(
     return own if coast is None else coast.motion.plus(own)
 
 
+def _steps(
+    machine: Machine, path: DiscretePath, stretch: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Cylinder lengths [m] at the points of a path, the steps' durations [s] and speeds [m/s]."""
+    length = lengths_of(machine.arrays, path.posture)
+    due = stretch * np.maximum(path.duration, SHORTEST_STEP)
+    return length, due, np.diff(length, axis=0) / due[:, None]
+
+
 def followed_path(
     machine: Machine,
     path: DiscretePath,
@@ -89,11 +98,13 @@ def followed_path(
 
     slower: factor on the duration of the shortest ramps, where the path has them at all.
     """
-    motion = None
-    for motion in _ever_slower(machine, path, slower, coast, stretch):
-        if motion.gentle:
+    tried = _ever_slower(machine, path, slower, coast, stretch)
+    motion = next(tried)
+    while not motion.gentle:
+        slowed = next(tried, None)
+        if slowed is None:
             break
-    assert motion is not None
+        motion = slowed
     return motion
 
 
@@ -101,10 +112,8 @@ def _ever_slower(
     machine: Machine, path: DiscretePath, slower: float, coast: Coasting | None, stretch: float
 ) -> Iterator[RampedMotion]:
     """From a moving start the path sets out at once, then ever later; then ramps become slower."""
-    length = lengths_of(machine.arrays, path.posture)
-    due = stretch * np.maximum(path.duration, SHORTEST_STEP)
-    fastest = float(np.abs(np.diff(length, axis=0) / due[:, None]).max())
-    ramp, delay = shortest_ramp(machine, fastest).slower(slower, slower), 0.0
+    _, _, speed = _steps(machine, path, stretch)
+    ramp, delay = shortest_ramp(machine, float(np.abs(speed).max())).slower(slower, slower), 0.0
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.told + coast.ramp.duration

@@ -44,6 +44,12 @@ LONGEST_WAIT = 2.0
 UNCONFIRMED = 0.1
 """A plan that the arm has not confirmed so long after its change counts as not taken [s]."""
 
+AHEAD_NS = SECOND_NS // 10
+"""A stamp may be so far ahead of what the arm's time turns out to be [ns]."""
+
+SILENT = 0.1
+"""An arm that tells its reference and has not for so long may not be where it should be [s]."""
+
 TRIES = 3
 """Plans at the longest lead, or commands that brake, before it is given up."""
 
@@ -179,6 +185,8 @@ class GoalLifecycle:
         if not reachable and wall - in_hand.waiting_since < LONGEST_WAIT:
             return
         now_ns = self._now_ns()
+        if self._last_stamp_ns > now_ns + AHEAD_NS:  # stamps increase: the arm's time has to come
+            return
         try:
             start = departure(self.view, wall, now_ns)
         except (NoStateError, MovingError) as error:
@@ -233,10 +241,10 @@ class GoalLifecycle:
         in_hand.exact, in_hand.waiting_since = True, wall
         self._waiting = in_hand
 
-    def _stay_near(self, in_hand: GoalInHand) -> None:
+    def _stay_near(self) -> None:
         """The plan in force is good enough for a goal that moved: there is none to its very end."""
         if self._execution is not None:
-            self._execution = replace(self._execution, target=in_hand.goal)
+            self._execution = replace(self._execution, target=self._execution.in_hand.goal)
 
     def _is_under_way(self, in_hand: GoalInHand) -> bool:
         """Whether the arm executes a plan for this very goal."""
@@ -288,7 +296,7 @@ class GoalLifecycle:
             self.lead.add_first_motion(LONGER * (wall - request.began))
             self._took_too_long(request, Verdict.NOT_FOUND, str(answer))
         elif isinstance(answer, MhsbError) and self._is_under_way(in_hand):
-            self._stay_near(in_hand)
+            self._stay_near()
         elif isinstance(answer, MhsbError) and request.target is not in_hand.goal:
             in_hand.exact = True
             self._again(in_hand)
@@ -318,8 +326,12 @@ class GoalLifecycle:
     def _send_plan(self, request: PlanRequest, replan: Replan, wall: float) -> None:
         now_ns, in_hand = self._now_ns(), request.in_hand
         if replan.from_rest:
+            stamp_ns = max(now_ns, self._last_stamp_ns + 1)
+            if not replan.may_begin(stamp_ns):  # it is not as late as it seemed: the arm moves
+                self._again(in_hand)
+                return
             lead = self._in_arm_time(self._from_rest(self._lead_of(in_hand)))
-            replan = replan.stamped(max(now_ns, self._last_stamp_ns + 1), lead)
+            replan = replan.stamped(stamp_ns, lead)
         if now_ns >= replan.change_ns:
             late = (now_ns - replan.change_ns) / SECOND_NS
             self._took_too_long(
@@ -530,6 +542,8 @@ class GoalLifecycle:
         request, replan = sent.request, sent.replan
         if reason == HandOverReason.LATE:
             self.lead.add_flight(max(wall - sent.planned, LONGER * self.lead.flight))
+        elif reason == HandOverReason.STAMP:
+            self.view.time.go_by_the_latest()
         if request is None or replan is None or sent.void:
             self._go_on_stopping()
             return
@@ -559,8 +573,7 @@ class GoalLifecycle:
         for in_hand in self._before_sending():
             self._tell.stop(in_hand, STOP_ASKED)
         self._waiting = self._request = None
-        if self._execution is not None:
-            self._stay_near(self._execution.in_hand)
+        self._stay_near()
         stopping = self._stopping = self._stopping or Stopping(STOP_ASKED, self._clock.wall())
         stopping.done.append(done)
         sent = self._unconfirmed
@@ -619,7 +632,8 @@ class GoalLifecycle:
         self._out.stop_arm()
 
     def _send_braking(self, own: Command, now_ns: int, stretch: float) -> None:
-        lead = self._in_arm_time(max(self._settings.lead_min, stretch * self.lead.flight))
+        shortest, longest = self._settings.lead_min, self._settings.lead_max
+        lead = self._in_arm_time(min(max(shortest, stretch * self.lead.flight), longest))
         command, change_ns = self._brake(own, max(now_ns, self._last_stamp_ns + 1), lead)
         wall = self._clock.wall()
         self._send(Sent(command, change_ns, wall, wall))
@@ -658,6 +672,8 @@ class GoalLifecycle:
         execution = self._execution
         if execution is None or self._stopping is not None:
             return
+        if SILENT < self.view.time.silence(self._clock.wall()) < LONGEST_WAIT:
+            return  # it is frozen, or what it tells is late
         if execution.in_hand in self._before_confirmation():  # another plan for it is being made
             return
         ending = execution.ending(self._settings.machine, self.view, self._now_ns())

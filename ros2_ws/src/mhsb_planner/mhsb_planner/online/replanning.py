@@ -52,9 +52,13 @@ class Replan:
     from_rest: bool = False
     improving: float = 0.0
 
+    def may_begin(self, now_ns: int) -> bool:
+        """Whether the plan may as well begin now: the old command stands still by then."""
+        return self.from_rest and self.departure.trajectory.end_ns <= now_ns
+
     def stamped(self, now_ns: int, lead: float) -> Replan:
-        """The same plan, begun `lead` s after now; only from rest."""
-        if not self.from_rest:
+        """The same plan, begun `lead` s after now; only where it may begin then."""
+        if not self.may_begin(now_ns):
             raise ValueError("a plan that leaves a moving command cannot begin at another time")
         times = change_over(self.departure, now_ns, round(lead * SECOND_NS))
         command = hand_over(self.departure, times, _new_part(self.plan))

@@ -98,4 +98,5 @@ def _elsewhere(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candi
         with suppress(MhsbError):
             for candidate in planner.paths(graph, task, time):
                 yield candidate
-                yield candidate._replace(trajectory=planner.trajectory)
+                if task.options.trajectory is None:
+                    yield candidate._replace(trajectory=planner.trajectory)

@@ -36,11 +36,6 @@ class TablePlanner:
         s2_search.warm_up(graph)
 
 
-def path_over(graph: StepGraph, task: Task, time: SearchTime) -> DiscretePath:
-    """The cheapest of `paths_over`; raises as these."""
-    return [*paths_over(graph, task, time)][-1]
-
-
 def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[DiscretePath]:
     """Paths over a graph: to the goal itself, and to where in its region it costs least.
 

@@ -14,7 +14,7 @@ from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.planner import Planner, PlanOptions, warm_up
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import PLANNER_KINDS, PLANNERS, planner_named, summaries
-from mhsb_planner.planners.table import path_over
+from mhsb_planner.planners.table import paths_over
 from mhsb_planner.ros import planner_parameters
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
@@ -34,7 +34,7 @@ class DetourPlanner:
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """A path that costs too much, something impossible, then the table's."""
         self.asked += 1
-        path = path_over(graph, task, time)
+        [path] = paths_over(graph, task, time)
         again = np.concatenate([np.arange(path.steps), [path.steps - 1]])
         yield Candidate(longer(path, again))
         assert time.found
