@@ -48,6 +48,9 @@ TURNED = 6.0
 HASTE = 2.0
 """Of a first route: it may cost so many times as much as the cheapest over the same lattice."""
 
+FIRST_STATES = 2000
+"""Expanded for such a route; then it is only asked whether there is any, at any cost."""
+
 QUICK = 3
 """Lattices that are searched before it is time for other ways."""
 
@@ -61,6 +64,11 @@ class Work:
 
     expanded: int = 0
     priced: int = 0
+
+    def add(self, search: LatticeSearch) -> None:
+        """What a search over a lattice has done."""
+        self.expanded += search.expanded
+        self.priced += search.priced
 
 
 def routes(task: Task, work: Work) -> Iterator[Route | None]:
@@ -209,11 +217,17 @@ def over_lattice(
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.least < limit)
     search = lattice(task, priced_by, worth, spacing)
-    left = sys.maxsize if best is None else task.effort.expansions - work.expanded
-    haste = HASTE if best is None else 1.0
-    found = search.search(WORTH_FINDING * limit, left, task.time.until, haste)
-    work.expanded += search.expanded
-    work.priced += search.priced
+    if best is not None:
+        left = task.effort.expansions - work.expanded
+        found = search.search(WORTH_FINDING * limit, left, task.time.until)
+        work.add(search)
+    else:
+        found = search.search(math.inf, FIRST_STATES, task.time.until, HASTE)
+        work.add(search)
+        if found is None and not search.exhausted:
+            search = lattice(task, priced_by, worth, spacing)
+            found = search.search(math.inf, sys.maxsize, task.time.until, HASTE, once=True)
+            work.add(search)
     if found is None:
         return None
     via, k = found
