@@ -61,6 +61,30 @@ def main():
 """
 
 
+LARGE_ARRAYS = """
+import threading
+import numpy as np
+from pathlib import Path
+
+def held():
+    return 4096e-6 * int(Path("/proc/self/statm").read_text().split()[1])
+
+def search(kept):
+    for _ in range(20):
+        large = [np.ones(150_000 + 20_000 * k) for k in range(12)]
+        kept.append(bytes(5_000))
+
+def main():
+    before, kept = held(), []
+    for _ in range(3):
+        worker = threading.Thread(target=search, args=(kept,))
+        worker.start()
+        worker.join()
+    print(held() - before)
+    return 0
+"""
+
+
 def start(folder: Path, kind: str, body: str) -> subprocess.Popen[str]:
     """A process whose entry point is of a kind, `node` or `command`, and its module's body."""
     (folder / "work.py").write_text(body)
@@ -121,3 +145,8 @@ def test_a_signal_that_comes_before_the_first_instruction_is_kept(tmp_path, numb
         child.send_signal(number)
     assert child.communicate(timeout=20)[0] in ("", "importing\n")
     assert child.returncode == 0
+
+
+def test_a_node_holds_no_more_memory_after_large_arrays_than_before(tmp_path):
+    output, _ = start(tmp_path, "node", LARGE_ARRAYS).communicate(timeout=20)
+    assert float(output) < 3.0  # MB

@@ -221,7 +221,15 @@ class GoalLifecycle:
             self._in_arm_time(self._from_rest(lead) if at_rest else lead.total),
             wall,
             Deadline(wall + lead.total - lead.flight),
+            self._plan_of(start),
         )
+
+    def _plan_of(self, command: Command) -> Replan | None:
+        """Where a command comes from, if it was planned under the settings of now."""
+        sent = self._sent.get(command.stamp_ns)
+        if sent is None or sent.command is not command or sent.request is None:
+            return None
+        return sent.replan if sent.request.settings is self._settings else None
 
     def _target_of(self, in_hand: GoalInHand, wall: float, lead: float) -> tuple[Goal, float]:
         """Where a plan should lead, and how long it should last: until the goal has come again."""

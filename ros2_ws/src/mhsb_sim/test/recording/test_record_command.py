@@ -23,7 +23,7 @@ def node(ros_context):
 
 
 def publish_numbers(node, recorder, count: int) -> None:
-    """Publish joint states numbered by their position, at up to 1 kHz, once the recorder hears them."""
+    """Publish joint states numbered by their position, at most 1 kHz, once the recorder hears."""
     topic = topics.JOINT_STATES
     publisher = node.create_publisher(topic.message, topic.name, topic.qos)
     status = topics.PLAN_STATUS
