@@ -89,6 +89,10 @@ LONGEST_REST, CLOSE, NEAR = 1.0, 5e-3, 0.05
 """A motion steers straight to its goal where the rest of the plan in force lasts no longer [s] and
 ends no farther from it [m]: NEAR where the motion is soon to be followed by another."""
 
+TURNING = 0.2
+"""By so much the end link's angle may change where one motion soon follows the other [rad/s]: the
+posture follows the goal, too, and does not flip to and fro."""
+
 LASTING = 1.5
 """A motion that is soon to be followed by another takes so many times the time until then."""
 
@@ -316,6 +320,9 @@ class Planner:
         departure = start.position
         if brake is not None:
             departure = brake.position[-1] if isinstance(brake, Trajectory) else brake.posture
+        if isinstance(brake, Steering) and options.period > 0.0 and options.goal_psi is None:
+            psi, turn = float(departure.sum()), TURNING * options.period
+            options = replace(options, goal_psi=(psi - turn, psi + turn))
         return Task(goal, start, modes, brake, departure, options, area)
 
 

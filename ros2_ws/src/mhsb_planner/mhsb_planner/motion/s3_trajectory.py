@@ -9,6 +9,9 @@ Tried in this order; the first that keeps every limit is taken, and the result s
 3. from a moving start: coming to rest, and then 2;
 4. the discrete path step by step, from rest to rest.
 
+A motion that is to end near where the plan in force ends, as that to a goal that moves, steers
+straight there from its state of motion (`s3_steered`), or in none of these ways.
+
 Where a mode has just been switched, 3 and 4 also after a rest in which it may be left again.
 Durations are stretched until valves, servo pumps and the main pump can follow, and ramps made
 slower until the pressures can; what switches an actuator too soon for that at its end rests there
