@@ -168,6 +168,24 @@ class Machine:
         rows = self.arrays.linkage
         return np.array([linkage.moment_arm(rows[j], q[j]) for j in range(self.joint_count)])
 
+    @property
+    def fastest_joints(self) -> FloatArray:
+        """Joint speeds that the main pump's whole flow can never exceed: Q / (min A · min |r|)."""
+        a = self.arrays
+        return a.main_pump_flow / (np.minimum(a.cap_area, a.rod_area) * self._moment_arm_ends[0])
+
+    @property
+    def longest_moment_arms(self) -> FloatArray:
+        """Largest |r| of each joint within its limits."""
+        return self._moment_arm_ends[1]
+
+    @cached_property
+    def _moment_arm_ends(self) -> tuple[FloatArray, FloatArray]:
+        a = self.arrays
+        ranges = map(linkage.moment_arm_range, a.linkage, a.joint_min, a.joint_max)
+        ends = np.abs(np.array(list(ranges)))
+        return ends.min(axis=1), ends.max(axis=1)
+
     def cylinder_lengths(self, q: FloatArray) -> FloatArray:
         """Distances between each cylinder's pins."""
         rows = self.arrays.linkage

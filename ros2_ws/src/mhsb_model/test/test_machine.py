@@ -226,3 +226,12 @@ def test_tip_positions_outside_the_workspace_are_refused(machine, x, z, sentence
 def test_the_rim_of_the_workspace_belongs_to_it(machine):
     machine.check_in_workspace(1.029, 0.0)
     machine.check_in_workspace(0.0, 0.25)
+
+
+def test_no_flow_that_the_main_pump_gives_moves_a_joint_faster_than_its_fastest(load):
+    machine = load(lambda content: None)
+    a, rng = machine.arrays, np.random.default_rng(0)
+    for q in rng.uniform(a.joint_min, a.joint_max, (200, 3)):
+        arm = np.abs(machine.moment_arms(q))
+        for area in (a.cap_area, a.rod_area):
+            assert np.all(a.main_pump_flow / (area * arm) <= machine.fastest_joints * (1 + 1e-9))

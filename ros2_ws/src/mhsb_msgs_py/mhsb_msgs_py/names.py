@@ -21,6 +21,7 @@ ACTUATOR_STATES = "actuator_states"
 PLANNED_PATH = "planned_path"
 PLANNED_PATH_FLAT = "work_plane/planned_path"
 MARKERS = "markers"
+ROBOT_DESCRIPTION = "robot_description"
 DIAGNOSTICS = "/diagnostics"
 CLOCK = "/clock"
 

@@ -12,7 +12,7 @@ from nav_msgs.msg import Path
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import String, UInt8MultiArray
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -46,6 +46,7 @@ ACTUATOR_STATES = Topic(names.ACTUATOR_STATES, JointState, qos.DEFAULT)
 PLANNED_PATH = Topic(names.PLANNED_PATH, Path, qos.LATCHED)
 PLANNED_PATH_FLAT = Topic(names.PLANNED_PATH_FLAT, Path, qos.LATCHED)
 MARKERS = Topic(names.MARKERS, MarkerArray, qos.LATCHED)
+ROBOT_DESCRIPTION = Topic(names.ROBOT_DESCRIPTION, String, qos.LATCHED)
 DIAGNOSTICS = Topic(names.DIAGNOSTICS, DiagnosticArray, qos.DEFAULT)
 CLOCK = Topic(names.CLOCK, Clock, qos.CLOCK)
 
@@ -62,6 +63,7 @@ SUITE_TOPICS = (
     PLANNED_PATH,
     PLANNED_PATH_FLAT,
     MARKERS,
+    ROBOT_DESCRIPTION,
     DIAGNOSTICS,
     CLOCK,
 )

@@ -21,6 +21,7 @@ CONTRACT = {
     "planned_path": ("Path", True, 1),
     "work_plane/planned_path": ("Path", True, 1),
     "markers": ("MarkerArray", True, 1),
+    "robot_description": ("String", True, 1),
     "/diagnostics": ("DiagnosticArray", False, 10),
 }
 

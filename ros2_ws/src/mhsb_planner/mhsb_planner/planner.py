@@ -104,12 +104,15 @@ ROUNDING = 1e-9
 
 
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
-    """What S3 may do; `of_path` is how it begins on a path, unless it is told."""
-    kind = options.trajectory or of_path or planner_named(options.planner).trajectory
-    if kind == "followed":
-        rules = FitRules.following()
-    else:
-        rules = FitRules(max_excess=options.max_speed_excess)
+    """What S3 may do; `of_path` is how it begins on a path, unless it is told.
+
+    Only where polynomials are what is asked for may they pass V_max.
+    """
+    own = options.trajectory or planner_named(options.planner).trajectory
+    rules = FitRules.following()
+    if (options.trajectory or of_path or own) == "polynomial":
+        asked = own == "polynomial"
+        rules = FitRules(max_excess=options.max_speed_excess if asked else rules.max_excess)
     passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
     return replace(rules, least_duration=LASTING * options.period, passing=passing)
 
@@ -347,7 +350,7 @@ class _Making:
         bound: no plan takes less energy [J]
         """
         task = self._task
-        rules = FitRules(max_excess=task.options.max_speed_excess)
+        rules = fit_rules(task.options)
         with suppress(FitError, DeadlineError):
             motion = fit_rest(self._machine, rest, task.modes, rules, self.time.deadline)
             tip, end = self._machine.tip_position(rest.position[-1]), rest.position[-1]
@@ -437,10 +440,11 @@ class _Making:
         A polynomial that V_max makes slow against following the path, and where inertia calls for
         boost, as more switches than the path's tell, slower ramps.
         """
+        asked = fit_rules(self._task.options)
         if self._task.options.period > 0.0 and motion.method != FitMethod.POLYNOMIAL:
             return  # slower ones would fall behind
         following = replace(
-            FitRules.following(), least_duration=LASTING * self._task.options.period
+            FitRules.following(), least_duration=asked.least_duration, passing=asked.passing
         )
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and self._task.options.trajectory is None:

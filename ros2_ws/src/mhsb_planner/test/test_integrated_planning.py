@@ -7,9 +7,9 @@ from mhsb_model.command import Command
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.errors import NoPathError
-from mhsb_planner.motion.s3_trajectory import FitError
+from mhsb_planner.motion.s3_trajectory import FitError, FitRules
 from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.planner import Planner, PlanOptions, fit_rules
 from mhsb_planner.search.s2_search import Weights
 
 INTEGRATED = PlanOptions(planner="integrated")
@@ -42,6 +42,19 @@ def check_limits(measured):
     assert measured["tip"] < 1.1e-4
     rest = {k: v for k, v in measured.items() if k not in ("joint", "tip")}
     assert max(rest.values()) < 1e-3, rest
+
+
+@pytest.mark.parametrize(
+    ("options", "excess"),
+    [
+        (PlanOptions(planner="table"), 0.1),
+        (PlanOptions(planner="table", max_speed_excess=0.02), 0.02),
+        (PlanOptions(planner="integrated", trajectory="polynomial"), 0.1),
+        (INTEGRATED, FitRules.following().max_excess),
+    ],
+)
+def test_polynomials_pass_v_max_only_where_they_are_asked_for(options, excess):
+    assert fit_rules(options, "polynomial").max_excess == excess
 
 
 def test_motions_keep_every_limit_and_are_never_worse_than_the_tables(planner, worst):

@@ -1,14 +1,17 @@
-"""Starts planner and simulator, for instance:
+"""Starts planner and simulator, and robot_state_publisher where it is installed; for instance:
 
 ros2 launch mhsb_sim mhsb.launch.py machine:=/path/to/machine.yaml real_time_factor:=2.0
 """
 
-from launch.actions import DeclareLaunchArgument
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
+from mhsb_model.machine import load_machine
+from mhsb_model.robot_description import robot_description
 
 ARGUMENTS = {  # name: (default, type, meaning)
     "namespace": ("", str, "namespace of both nodes"),
@@ -25,8 +28,30 @@ def value(name: str) -> ParameterValue:
     return ParameterValue(LaunchConfiguration(name), value_type=ARGUMENTS[name][1])
 
 
+def state_publisher(context) -> list[Node]:
+    """Makes TF of the arm's URDF and `joint_states`, where it is installed."""
+    try:
+        get_package_share_directory("robot_state_publisher")
+    except PackageNotFoundError:
+        return []
+    machine = load_machine(LaunchConfiguration("machine").perform(context) or None)
+    return [
+        Node(
+            package="robot_state_publisher",
+            executable="robot_state_publisher",
+            namespace=LaunchConfiguration("namespace"),
+            parameters=[
+                {
+                    "robot_description": robot_description(machine),
+                    "use_sim_time": value("use_sim_time"),
+                }
+            ],
+        )
+    ]
+
+
 def generate_launch_description() -> LaunchDescription:
-    """Both nodes, and the arguments to set them up."""
+    """All nodes, and the arguments to set them up."""
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
         for name, (default, _, meaning) in ARGUMENTS.items()
@@ -49,4 +74,5 @@ def generate_launch_description() -> LaunchDescription:
             {"publish_clock": value("use_sim_time")},
         ],
     )
-    return LaunchDescription([*arguments, planner, simulator])
+    frames = OpaqueFunction(function=state_publisher)
+    return LaunchDescription([*arguments, planner, simulator, frames])

@@ -37,6 +37,8 @@ LONGEST_PLANNING = 1.0
 
 LARGEST_JUMP = 1e-6
 FIRST_STAMP_NS = 1000 * SECOND_NS
+FARTHEST_AHEAD_NS = SECOND_NS // 2
+"""How far ahead of its time the arm lets a command wait [ns]."""
 
 
 @dataclass
@@ -103,6 +105,7 @@ class World:
     transport      s, that a command takes to the arm
     lost           so many of the next commands get lost
     reachable      whether the arm hears commands
+    ros_ahead      s, by which ROS's clock is ahead of the arm's
     """
 
     def __init__(
@@ -126,6 +129,7 @@ class World:
         self.transport = 0.002
         self.lost = 0
         self.reachable = True
+        self.ros_ahead = 0.0
         self.reports: list[Report] = []
         self.sent: list[Command] = []
         self.warnings: list[str] = []
@@ -144,8 +148,8 @@ class World:
         return self.now
 
     def ros_ns(self) -> int:
-        """The arm's clock [ns]."""
-        return self.arm.time_ns
+        """The arm's clock, if the two are not apart [ns]."""
+        return self.arm.time_ns + round(self.ros_ahead * SECOND_NS)
 
     def plan(self, request: PlanRequest) -> None:
         """Answered after the planning time."""
@@ -258,10 +262,11 @@ class World:
     # --- The arm's side --------------------------------------------------------------------------
 
     def _arrive(self, command: Command) -> None:
-        if self.arm.frozen:  # it waits in the arm's socket
+        ahead_ns = command.stamp_ns - self.arm.time_ns
+        if self.arm.frozen or 0 < ahead_ns <= FARTHEST_AHEAD_NS:  # it waits at the arm
             self.later(self.step, lambda: self._arrive(command))
             return
-        reason = self.arm.take(command)
+        reason = HandOverReason.STAMP if ahead_ns > 0 else self.arm.take(command)
         if reason:
             self.later(
                 self.transport,

@@ -6,6 +6,9 @@ import numpy as np
 
 from mhsb_model.types import FloatArray
 
+EDGE = 1.02
+"""Factor on the tolerance at which a point counts as passed already."""
+
 Passing = tuple[float, float, float]
 """(x, z) m of a point, and at what distance the tip may pass it [m]."""
 
@@ -16,17 +19,36 @@ def first_missed(tip: FloatArray, passing: tuple[Passing, ...]) -> str:
     tip  float64[k, 2] m, one after the other; straight lines between them will do
     The points are passed in their order: each is looked for from where the one before was passed.
     """
+    count, away = _passed(tip, passing)
+    if count == len(passing):
+        return ""
+    x, z, tolerance = passing[count]
+    return (
+        f"the tip passes ({x:.4g}, {z:.4g}) m at {1000 * away:.3g} mm, "
+        f"at most {1000 * tolerance:.3g} mm is allowed"
+    )
+
+
+def still_ahead(tip: FloatArray, passing: tuple[Passing, ...]) -> tuple[Passing, ...]:
+    """Those of the points, the last ones, that a motion so far has not passed; see `first_missed`.
+
+    A point at the very edge of its tolerance counts as passed: what a plan was found to pass is
+    not passed once more because the same curve is looked at elsewhere.
+    """
+    edged = tuple((x, z, EDGE * tolerance) for x, z, tolerance in passing)
+    return passing[_passed(tip, edged)[0] :]
+
+
+def _passed(tip: FloatArray, passing: tuple[Passing, ...]) -> tuple[int, float]:
+    """How many of the points are passed, and the distance at which the next one is missed [m]."""
     first = 0
-    for x, z, tolerance in passing:
+    for count, (x, z, tolerance) in enumerate(passing):
         away = _distances(tip[first:], np.array([x, z]))
         within = np.flatnonzero(away <= tolerance)
         if len(within) == 0:
-            return (
-                f"the tip passes ({x:.4g}, {z:.4g}) m at {1000 * away.min():.3g} mm, "
-                f"at most {1000 * tolerance:.3g} mm is allowed"
-            )
+            return count, float(away.min())
         first += int(within[0])
-    return ""
+    return len(passing), 0.0
 
 
 def _distances(tip: FloatArray, point: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,8 +52,13 @@ class ArmView:
         self.time.forget()
 
     def now_ns(self, wall: float, ros_ns: int) -> int:
-        """The arm's time; that of ROS where the arm has been silent for long."""
-        return ros_ns if self.time.silence(wall) > OLDEST_STATE else self.time.now_ns(wall)
+        """The arm's time; that of ROS where nothing has been heard, and where the arm has been
+        silent for long and that of ROS has come less far: it stands still with the arm's."""
+        silence = self.time.silence(wall)
+        if silence == math.inf:
+            return ros_ns
+        now_ns = self.time.now_ns(wall)
+        return min(now_ns, ros_ns) if silence > OLDEST_STATE else now_ns
 
     def knows_state(self, wall: float) -> bool:
         """Whether something fresh is known of where the arm is."""

@@ -44,6 +44,12 @@ LONGEST_WAIT = 2.0
 UNCONFIRMED = 0.1
 """A plan that the arm has not confirmed so long after its change counts as not taken [s]."""
 
+AHEAD_NS = SECOND_NS // 10
+"""A stamp may be so far ahead of what the arm's time turns out to be [ns]."""
+
+SILENT = 0.1
+"""An arm that tells its reference and has not for so long may not be where it should be [s]."""
+
 TRIES = 3
 """Plans at the longest lead, or commands that brake, before it is given up."""
 
@@ -176,6 +182,8 @@ class GoalLifecycle:
         if not reachable and wall - in_hand.waiting_since < LONGEST_WAIT:
             return
         now_ns = self._now_ns()
+        if self._last_stamp_ns > now_ns + AHEAD_NS:  # stamps increase: the arm's time has to come
+            return
         try:
             start = departure(self.view, wall, now_ns)
         except (NoStateError, MovingError) as error:
@@ -210,7 +218,15 @@ class GoalLifecycle:
             self._in_arm_time(self._from_rest(lead) if at_rest else lead.total),
             wall,
             Deadline(wall + lead.total - lead.flight),
+            self._plan_of(start),
         )
+
+    def _plan_of(self, command: Command) -> Replan | None:
+        """Where a command comes from, if it was planned under the settings of now."""
+        sent = self._sent.get(command.stamp_ns)
+        if sent is None or sent.command is not command or sent.request is None:
+            return None
+        return sent.replan if sent.request.settings is self._settings else None
 
     def _target_of(self, in_hand: GoalInHand, wall: float, lead: float) -> tuple[Goal, float]:
         """Where a plan should lead, and when the goal comes again [s]; 0: never."""
@@ -315,8 +331,12 @@ class GoalLifecycle:
     def _send_plan(self, request: PlanRequest, replan: Replan, wall: float) -> None:
         now_ns, in_hand = self._now_ns(), request.in_hand
         if replan.from_rest:
+            stamp_ns = max(now_ns, self._last_stamp_ns + 1)
+            if not replan.may_begin(stamp_ns):  # it is not as late as it seemed: the arm moves
+                self._again(in_hand)
+                return
             lead = self._in_arm_time(self._from_rest(self._lead_of(in_hand)))
-            replan = replan.stamped(max(now_ns, self._last_stamp_ns + 1), lead)
+            replan = replan.stamped(stamp_ns, lead)
         if now_ns >= replan.change_ns:
             late = (now_ns - replan.change_ns) / SECOND_NS
             self._took_too_long(
@@ -527,6 +547,8 @@ class GoalLifecycle:
         request, replan = sent.request, sent.replan
         if reason == HandOverReason.LATE:
             self.lead.add_flight(max(wall - sent.planned, LONGER * self.lead.flight))
+        elif reason == HandOverReason.STAMP:
+            self.view.time.go_by_the_latest()
         if request is None or replan is None or sent.void:
             self._go_on_stopping()
             return
@@ -615,7 +637,8 @@ class GoalLifecycle:
         self._out.stop_arm()
 
     def _send_braking(self, own: Command, now_ns: int, stretch: float) -> None:
-        lead = self._in_arm_time(max(self._settings.lead_min, stretch * self.lead.flight))
+        shortest, longest = self._settings.lead_min, self._settings.lead_max
+        lead = self._in_arm_time(min(max(shortest, stretch * self.lead.flight), longest))
         command, change_ns = self._brake(own, max(now_ns, self._last_stamp_ns + 1), lead)
         wall = self._clock.wall()
         self._send(Sent(command, change_ns, wall, wall))
@@ -654,6 +677,8 @@ class GoalLifecycle:
         execution = self._execution
         if execution is None or self._stopping is not None:
             return
+        if SILENT < self.view.time.silence(self._clock.wall()) < LONGEST_WAIT:
+            return  # it is frozen, or what it tells is late
         if execution.in_hand in self._before_confirmation():  # another plan for it is being made
             return
         ending = execution.ending(self._settings.machine, self.view, self._now_ns())

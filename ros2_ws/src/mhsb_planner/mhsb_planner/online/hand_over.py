@@ -13,8 +13,11 @@ import numpy as np
 from mhsb_model.braking import CLOSEST_POINTS_NS
 from mhsb_model.command import Command
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import POINT_SPACING_NS, Trajectory
+from mhsb_model.trajectory import POINT_SPACING_NS, MotionState, Trajectory
 from mhsb_model.types import IntArray
+
+LARGEST_JUMP = 1e-6
+"""Between the old command and the new one, of rounding [rad] and [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,10 @@ def hand_over(in_force: Command, times: ChangeOver, new: Command) -> Command:
 
     new: starts with the old trajectory's state at the change; its own stamp does not matter.
     The old modes stay in force up to the change. After the old trajectory's end it holds.
+    Raises ValueError where the new one starts elsewhere.
     """
     old = in_force.trajectory
+    _check_continuity(old.sample(times.change_ns), new.trajectory)
     prefix_ns = _prefix_times(old, times)
     q, qd, qdd = old.sample_many(prefix_ns)
     late_ns = times.change_ns - times.stamp_ns
@@ -61,6 +66,15 @@ def hand_over(in_force: Command, times: ChangeOver, new: Command) -> Command:
         np.vstack([qdd, new.trajectory.acceleration]),
     )
     return Command(trajectory, _joined_schedule(in_force.schedule, times, new.schedule))
+
+
+def _check_continuity(left: MotionState, new: Trajectory) -> None:
+    jump = max(
+        float(np.abs(new.position[0] - left.position).max()),
+        float(np.abs(new.velocity[0] - left.velocity).max()),
+    )
+    if not jump <= LARGEST_JUMP:
+        raise ValueError(f"the new command starts {jump:.3g} rad or rad/s from where it leaves")
 
 
 def _wait(points: IntArray, stamp_ns: int, lead_ns: int) -> int:

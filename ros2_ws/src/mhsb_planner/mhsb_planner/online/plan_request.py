@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal
+from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
+from mhsb_planner.goal_region import Point
+from mhsb_planner.motion.passing import still_ahead
 from mhsb_planner.online.goal_in_hand import GoalInHand
+from mhsb_planner.online.hand_over import change_over
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.planner import PlanOptions
+
+TRACED_NS = 5_000_000
+"""How closely the tip's way is looked at for the points that it has passed."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,7 @@ class PlanRequest:
     lead       s of the arm's time, until it leaves the departure
     began      when it was asked for, by the steady clock [s]
     deadline   for its answer
+    under_way  the plan that the departure comes from, where it is one of the same settings
     """
 
     epoch: int
@@ -55,6 +66,7 @@ class PlanRequest:
     lead: float
     began: float
     deadline: Deadline
+    under_way: Replan | None = None
 
     def answered_by(self, replanner: Replanner) -> Replan | None:
         """The worker's part; raises what `Replanner.replan` raises."""
@@ -65,13 +77,31 @@ class PlanRequest:
             self.now_ns,
             (target.x, target.z),
             self.lead,
-            replace(self.settings.options, period=self.period),
+            replace(self.settings.options, via=self._points_ahead(), period=self.period),
             self.deadline,
         )
         if replan is None:
             return None
         spent = deadline.now() - began
         return replace(replan, improving=spent - replan.plan.seconds["first_motion"])
+
+    def _points_ahead(self) -> tuple[Point, ...]:
+        """Points on the way that are left: all of them from rest, else those not passed so far.
+
+        They are passed once between two rests, also where goals follow each other on the way.
+        """
+        options, before = self.settings.options, self.under_way
+        if before is None or not options.via:
+            return options.via
+        times = change_over(self.departure, self.now_ns, round(self.lead * SECOND_NS))
+        motion = self.departure.trajectory
+        if times.change_ns >= motion.end_ns:
+            return options.via
+        at_ns = np.append(np.arange(before.change_ns, times.change_ns, TRACED_NS), times.change_ns)
+        length = self.settings.machine.arrays.link_length
+        tip = tip_positions(length, motion.sample_many(at_ns)[0])
+        passing = tuple((x, z, options.via_tolerance) for x, z in before.via)
+        return tuple((x, z) for x, z, _ in still_ahead(tip, passing))
 
 
 @dataclass(eq=False)

@@ -20,7 +20,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.goal_region import AT_GOAL_ANGLE, AT_GOAL_DISTANCE, is_met
+from mhsb_planner.goal_region import AT_GOAL_ANGLE, AT_GOAL_DISTANCE, Point, is_met
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
@@ -39,6 +39,7 @@ class Replan:
     change_ns  absolute time at which it leaves the old command
     from_rest  whether the old command stands still: the new one may as well begin later
     improving  time spent on more than its first feasible motion [s]
+    via        points on the way that it still has to pass, from the change on
     """
 
     command: Command
@@ -47,10 +48,15 @@ class Replan:
     change_ns: int
     from_rest: bool = False
     improving: float = 0.0
+    via: tuple[Point, ...] = ()
+
+    def may_begin(self, now_ns: int) -> bool:
+        """Whether the plan may as well begin now: the old command stands still by then."""
+        return self.from_rest and self.departure.trajectory.end_ns <= now_ns
 
     def stamped(self, now_ns: int, lead: float) -> Replan:
-        """The same plan, begun `lead` s after now; only from rest."""
-        if not self.from_rest:
+        """The same plan, begun `lead` s after now; only where it may begin then."""
+        if not self.may_begin(now_ns):
             raise ValueError("a plan that leaves a moving command cannot begin at another time")
         times = change_over(self.departure, now_ns, round(lead * SECOND_NS))
         command = hand_over(self.departure, times, _new_part(self.plan))
@@ -104,7 +110,9 @@ class Replanner:
         )
         command = hand_over(in_force, times, _new_part(plan))
         from_rest = in_force.trajectory.end_ns <= times.stamp_ns
-        return Replan(command, in_force, plan, times.change_ns, from_rest)
+        return Replan(
+            command, in_force, plan, times.change_ns, from_rest, via=options.via
+        )
 
     def stop(self, in_force: Command, now_ns: int, lead: float) -> tuple[Command, int]:
         """Command that brakes along the path of the one in force and holds, and its change [ns]."""

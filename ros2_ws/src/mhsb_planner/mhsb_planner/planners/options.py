@@ -36,7 +36,7 @@ class PlanOptions:
     planner          where postures come from, one of `registry.PLANNERS`
     trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
                      None: as the planner does, a stretched polynomial compared with following
-    max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial
+    max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial, where that is asked for
     initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]

@@ -17,7 +17,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import RequestError
-from mhsb_planner.goal_region import Angle, Region, check_angle, region_of
+from mhsb_planner.goal_region import Angle, Point, Region, check_angle, region_of
 from mhsb_planner.online.plan_request import Settings
 from mhsb_planner.planners.options import (
     DEFAULT_SPEED_EXCESS,
@@ -67,6 +67,8 @@ class PlannerParameters:
     goal_psi         rad, angle of the end link at the goal, or the least and the greatest that
                      will do; None leaves it free
     goal_region      where else than at the goal the tip may end
+    goal_via         (x, z) m, points that the tip passes on its way to a goal, in this order
+    goal_via_tolerance  m, at what distance at most
     area_weight      1/m, of the velocity polytope's area; 0 leaves it out
     max_speed_excess greatest |v|/V_max − 1 of a piston on a polynomial
     zones            that the arm or its tip keeps out of
@@ -83,6 +85,8 @@ class PlannerParameters:
     planning_budget: float
     goal_psi: Angle
     goal_region: Region | None
+    goal_via: tuple[Point, ...]
+    goal_via_tolerance: float
     area_weight: float
     max_speed_excess: float
     zones: Zones
@@ -95,6 +99,8 @@ class PlannerParameters:
             energy_reading=self.energy_reading,
             goal_psi=self.goal_psi,
             goal_region=self.goal_region,
+            via=self.goal_via,
+            via_tolerance=self.goal_via_tolerance,
             planner=self.planner,
             area_weight=self.area_weight,
             max_speed_excess=self.max_speed_excess,
@@ -211,6 +217,14 @@ def declare(node: Node, machine: Machine) -> None:
         [0.0, 0.0],
         _described("x z [m], how far to either side of the goal the tip may end"),
     )
+    _declare_array(
+        node, "goal_via", (), "points that the tip passes on its way, in this order: x z [m] each"
+    )
+    node.declare_parameter(
+        "goal_via_tolerance",
+        PlanOptions.via_tolerance,
+        _described("distance at which the tip may pass the points of goal_via [m]", (1e-3, 2.0)),
+    )
     node.declare_parameter(
         "area_weight",
         0.0,
@@ -237,12 +251,16 @@ def declare(node: Node, machine: Machine) -> None:
 def _declare_zones(
     node: Node, name: str, kind: str, who: str, zones: tuple[tuple[float, ...], ...]
 ) -> None:
-    """Declare an array that may be empty: an empty one says nothing of its type on the wire."""
     _, numbers = ZONE_KINDS[kind]
     text = f"keep-out {kind} for {who}, one after the other: {numbers}"
+    _declare_array(node, name, [value for zone in zones for value in zone], text)
+
+
+def _declare_array(node: Node, name: str, values: Sequence[float], text: str) -> None:
+    """Declare an array that may be empty: an empty one says nothing of its type on the wire."""
     descriptor = _described(text)
     descriptor.dynamic_typing = True
-    node.declare_parameter(name, [value for zone in zones for value in zone], descriptor)
+    node.declare_parameter(name, list(values), descriptor)
     if not node.get_parameter(name).value:
         node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
 
@@ -284,7 +302,10 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
             f"'{values['planner']}'); set it to 0 or choose that planner"
         )
     try:
-        _from_values(values).machine(machine)
+        asked = _from_values(values)
+        for point in asked.goal_via:
+            _check_via(machine, point)
+        asked.machine(machine)
     except MhsbError as error:
         return str(error)
     return None
@@ -304,6 +325,8 @@ _CHANGEABLE = (
     "goal_tolerance",
     "goal_segment",
     "goal_box",
+    "goal_via",
+    "goal_via_tolerance",
     "area_weight",
     "max_speed_excess",
     *ZONES,
@@ -328,6 +351,8 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
             _pair("goal_segment", values["goal_segment"]),
             _pair("goal_box", values["goal_box"]),
         ),
+        goal_via=_points("goal_via", values["goal_via"]),
+        goal_via_tolerance=values["goal_via_tolerance"],
         area_weight=values["area_weight"],
         max_speed_excess=values["max_speed_excess"],
         zones=Zones(**{field: _zones(name, values[name]) for name, (field, *_) in ZONES.items()}),
@@ -353,9 +378,31 @@ def _pair(name: str, value: Any) -> tuple[float, float] | None:
     return (float(numbers[0]), float(numbers[1])) if any(numbers) else None
 
 
+def _check_via(machine: Machine, point: Point) -> None:
+    """Raise RequestError where the tip can never be at a point on its way."""
+    if not all(map(math.isfinite, point)):
+        raise RequestError("goal_via", point, "must be two finite numbers for each point, x z [m]")
+    try:
+        machine.check_in_workspace(*point)
+    except MhsbError as error:
+        raise RequestError("goal_via", point, f"cannot be passed: {error}") from error
+
+
+def _points(name: str, value: Any) -> tuple[Point, ...]:
+    """Points (x, z) m of a flat array; raises RequestError where it is not one."""
+    return tuple((x, z) for x, z in _rows(name, value, 2, "x z [m] of a point"))
+
+
 def _zones(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
     """Zones of a flat array; raises RequestError where it is not one."""
-    size, numbers = ZONE_KINDS[ZONES[name][1]]
+    return _rows(name, value, *ZONE_KINDS[ZONES[name][1]])
+
+
+def _rows(name: str, value: Any, size: int, numbers: str) -> tuple[tuple[float, ...], ...]:
+    """A flat array in rows of so many numbers; raises RequestError where it is not one.
+
+    numbers  what they are, for the sentence
+    """
     given = [] if value is None else value
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise RequestError(name, repr(given), f"must be an array of numbers, {numbers}")

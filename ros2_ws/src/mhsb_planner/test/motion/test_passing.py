@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mhsb_planner.motion.passing import first_missed
+from mhsb_planner.motion.passing import first_missed, still_ahead
 
 TIP = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
 
@@ -25,3 +25,16 @@ def test_points_are_passed_in_their_order():
 def test_a_motion_that_rests_passes_where_it_is():
     assert first_missed(TIP[:1], ((0.0, 0.001, 0.01),)) == ""
     assert "100 mm" in first_missed(TIP[:1], ((0.0, 0.1, 0.01),))
+
+
+def test_points_that_have_been_passed_in_their_order_lie_ahead_no_more():
+    passing = ((0.5, 0.01, 0.011), (1.0, 0.5, 0.01), (0.2, 0.0, 0.01))
+    assert still_ahead(TIP, passing) == passing[2:]
+    assert still_ahead(TIP[:2], passing) == passing[1:]
+    assert still_ahead(TIP[:1], passing) == passing
+    assert still_ahead(TIP, ()) == ()
+
+
+def test_a_point_at_the_edge_of_its_tolerance_counts_as_passed():
+    assert still_ahead(TIP, ((0.5, 0.0101, 0.01),)) == ()
+    assert first_missed(TIP, ((0.5, 0.0101, 0.01),)) != ""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Verdict
 from mhsb_planner.evaluation.lock_step import World
 from mhsb_planner.online.plan_request import Settings
@@ -14,9 +16,20 @@ from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
+FASTEST = 3.0
+"""No joint of the suite's arm is ever planned to turn as fast [rad/s]."""
+
 
 class CheckedWorld(World):
-    """A world that can be asked whether all goals were answered."""
+    """A world that can be asked whether all went well."""
+
+    def check_that_nothing_sent_jumps(self) -> None:
+        """Neither where the arm takes a command over, nor within one."""
+        assert max(self.arm.jumps, default=0.0) <= 1e-6
+        for command in self.sent:
+            way = command.trajectory
+            speed = np.diff(way.position, axis=0) / (np.diff(way.offset_ns)[:, None] / SECOND_NS)
+            assert np.abs(speed).max() < FASTEST, command
 
     def check_that_each_goal_was_answered_once(self) -> None:
         """One verdict each, and one ending of each that is in motion no more."""

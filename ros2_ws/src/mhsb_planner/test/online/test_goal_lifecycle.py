@@ -208,6 +208,28 @@ def test_an_arm_that_runs_faster_is_given_its_own_time(world):
     assert world.planned[-1].lead > 5 * world.life.lead.lead
 
 
+@pytest.mark.parametrize(
+    ("left_over", "frozen", "ahead"),
+    [(0.4, 0.45, 0.0), (0.4, 0.7, 0.0), (0.4, 1.5, 0.0), (0.4, 0.7, 5.0), (2.0, 0.7, 5.0)],
+)
+def test_an_arm_that_froze_before_its_motion_ended_is_not_taken_to_rest(
+    world, left_over, frozen, ahead
+):
+    world.ros_ahead = ahead
+    first = under_way(world)
+    left = (world.arm.command.trajectory.end_ns - world.arm.time_ns) / SECOND_NS
+    world.pass_time(left - left_over)
+    world.arm.frozen = True
+    world.pass_time(frozen)
+    second = world.goal(*DOWN)
+    world.pass_time(0.01)
+    world.arm.frozen = False
+    assert world.verdict(second).code is Verdict.OK
+    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.ending(first).outcome in (Outcome.REPLACED, Outcome.REACHED)
+    world.check_that_nothing_sent_jumps()
+
+
 # --- Stopping -------------------------------------------------------------------------------------
 
 

@@ -156,6 +156,45 @@ def test_what_will_do_at_the_goal_can_be_set(node, machine):
     assert planner_parameters.read(node).options.goal_psi == (-0.5, 0.25)
 
 
+def test_points_on_the_way_are_a_flat_array_of_numbers(node, machine):
+    found = planner_parameters.read(node).options
+    assert (found.via, found.via_tolerance) == ((), 0.01)
+    points = Parameter("goal_via", value=[0.6, -0.05, 0.7, 0.2])
+    near = Parameter("goal_via_tolerance", value=0.02)
+    assert planner_parameters.refusal(node, machine, [points, near]) is None
+    node.set_parameters_atomically([points, near])
+    found = planner_parameters.read(node).options
+    assert (found.via, found.via_tolerance) == (((0.6, -0.05), (0.7, 0.2)), 0.02)
+    node.set_parameters([Parameter("goal_via", Parameter.Type.DOUBLE_ARRAY, [])])
+    assert planner_parameters.read(node).options.via == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"goal_via": [0.6, -0.05, 0.7]}, "goal_via takes 2 for each, x z [m] of a point"),
+        ({"goal_via": ["a", "b"]}, "must hold nothing but numbers"),
+        ({"goal_via": "0.6 0.1"}, "must be an array of numbers"),
+        ({"goal_via": 0.6}, "must be an array of numbers"),
+        ({"goal_via": [0.6, math.nan]}, "must be two finite numbers for each point"),
+        ({"goal_via": [0.6, 0.1, -0.3, 0.4]}, "goal_via cannot be passed: the tip position (-0.3"),
+        ({"goal_via": [0.1, 0.1]}, "outside the workspace"),
+        ({"goal_via_tolerance": math.nan}, "goal_via_tolerance is nan"),
+    ],
+)
+def test_what_makes_no_sense_on_the_way_is_refused(node, machine, changes, reason):
+    parameters = [Parameter(name, value=value) for name, value in changes.items()]
+    said = planner_parameters.refusal(node, machine, parameters)
+    assert reason in said
+    assert "\n" not in said
+
+
+def test_a_point_cannot_be_passed_at_less_than_no_distance(node):
+    [result] = node.set_parameters([Parameter("goal_via_tolerance", value=-0.1)])
+    assert not result.successful
+    assert "goal_via_tolerance" in result.reason
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [

@@ -29,10 +29,11 @@ def seeded_goals(
 ) -> list[SeededGoal]:
     """Goals anywhere in the workspace, each with a plan from rest in the start posture.
 
-    Planned as the node does, with all the time it takes. `times` [s] between two goals are drawn
-    evenly between both.
+    Planned as the node does, with all the time it takes. Times between two goals are spread evenly
+    between both `times` [s] and shuffled, so that as many goals take as long with any seed.
     """
     random = np.random.default_rng(seed)
+    waits = np.random.default_rng([seed, 1]).permutation(np.linspace(*times, count))
     machine, options = planner.machine, PlanOptions(planner=ONLINE_PLANNER)
     start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
     goals: list[SeededGoal] = []
@@ -42,7 +43,7 @@ def seeded_goals(
             planner.plan((x, z), start, options=options)
         except MhsbError:
             continue
-        goals.append(SeededGoal(x, z, random.uniform(*times)))
+        goals.append(SeededGoal(x, z, float(waits[len(goals)])))
     return goals
 
 

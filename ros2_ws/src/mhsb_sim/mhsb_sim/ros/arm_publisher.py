@@ -10,8 +10,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 
 from mhsb_model.arm_reports import HandOverReport, SimulatorReport
+from mhsb_model.machine import Machine
+from mhsb_model.robot_description import robot_description
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_model.verdict import Level
@@ -38,7 +41,9 @@ REPORT_PERIOD = 1.0
 class ArmPublisher:
     """Publishes at fixed rates of simulated time, and what changes at once."""
 
-    def __init__(self, node: Node, arm: SupervisedArm, with_clock: bool) -> None:
+    def __init__(
+        self, node: Node, machine: Machine, arm: SupervisedArm, with_clock: bool
+    ) -> None:
         self._arm = arm
         self._simulator = arm.simulator
         self._with_clock = with_clock
@@ -52,9 +57,12 @@ class ArmPublisher:
                 topics.MODES,
                 topics.ACTUATOR_STATES,
                 topics.DIAGNOSTICS,
+                topics.ROBOT_DESCRIPTION,
                 *([topics.CLOCK] if with_clock else []),
             )
         }
+        described = String(data=robot_description(machine))
+        self._publishers[topics.ROBOT_DESCRIPTION.name].publish(described)
         self.restart()
 
     @property

@@ -279,7 +279,24 @@ def trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
             f"its trajectory takes {machine.joint_names[j]} {excess[:, j].max():.3g} rad beyond "
             f"its limits [{lower[j]:.4g}, {upper[j]:.4g}] rad"
         )
-    return None
+    return _speed_problem(machine, trajectory)
+
+
+def _speed_problem(machine: Machine, trajectory: Trajectory) -> str | None:
+    """Where a joint is to move faster than the main pump's flow could ever move it, or None."""
+    seconds = np.diff(trajectory.offset_ns)[:, None] / SECOND_NS
+    speed = np.abs(trajectory.velocity).max(axis=0)
+    if len(seconds) > 0:
+        mean = np.abs(np.diff(trajectory.position, axis=0)) / seconds
+        speed = np.maximum(speed, mean.max(axis=0))
+    fastest = machine.fastest_joints
+    if np.all(speed <= fastest):
+        return None
+    j = int(np.argmax(speed / fastest))
+    return (
+        f"its trajectory moves {machine.joint_names[j]} at {speed[j]:.3g} rad/s; the main pump "
+        f"cannot move it faster than {fastest[j]:.3g} rad/s"
+    )
 
 
 def schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:

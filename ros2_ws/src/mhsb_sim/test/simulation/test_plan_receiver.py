@@ -338,6 +338,20 @@ def test_a_trajectory_beyond_the_joint_limits_is_refused(
     )
 
 
+def test_a_trajectory_with_a_jump_between_two_points_is_refused(
+    receiver: PlanReceiver, machine: Machine
+) -> None:
+    rows = np.array([POSTURE, POSTURE + [0.0, 0.4, 0.0]])
+    jump = Trajectory(NOW, [0, 10 * MS], rows, 0 * rows, 0 * rows)
+    (report,) = receiver.add_trajectory(jump, 0.0)
+    assert report.reason is HandOverReason.INVALID
+    fastest = machine.fastest_joints[1]
+    assert report.sentence == (
+        "plan 10.000 s was refused: its trajectory moves joint_2 at 40 rad/s; the main pump "
+        f"cannot move it faster than {fastest:.3g} rad/s"
+    )
+
+
 @pytest.mark.parametrize(
     ("modes", "reason"),
     [

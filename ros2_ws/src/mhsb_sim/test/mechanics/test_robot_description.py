@@ -1,0 +1,50 @@
+"""The URDF is the arm: MuJoCo reads it, and finds the machine's kinematics and masses."""
+
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from mhsb_model.robot_description import robot_description
+
+
+@pytest.fixture(scope="module")
+def arm(machine):
+    """MuJoCo's arm, with bodies where the URDF has fixed joints."""
+    text = robot_description(machine)
+    keep = '<mujoco><compiler fusestatic="false" balanceinertia="true"/></mujoco></robot>'
+    return mujoco.MjModel.from_xml_string(text.replace("</robot>", keep))
+
+
+def test_tip_and_mass_matrix_are_the_machines(arm, machine):
+    rng, data = np.random.default_rng(0), mujoco.MjData(arm)
+    limits = machine.arrays
+    for q in rng.uniform(limits.joint_min, limits.joint_max, (50, 3)):
+        data.qpos[:] = q
+        mujoco.mj_forward(arm, data)
+        x, y, z = data.body("tip").xpos
+        np.testing.assert_allclose((x, z), machine.tip_position(q), atol=1e-7)
+        assert abs(y) < 1e-9
+        inertia = np.zeros((3, 3))
+        mujoco.mj_fullM(arm, data, inertia)
+        np.testing.assert_allclose(inertia, machine.mass_matrix(q), rtol=1e-6, atol=1e-7)
+
+
+def test_in_the_work_plane_y_is_up_and_x_forward(arm):
+    data = mujoco.MjData(arm)
+    mujoco.mj_forward(arm, data)
+    axes = data.body("work_plane").xmat.reshape(3, 3)
+    np.testing.assert_allclose(axes[:, 0], [1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(axes[:, 1], [0, 0, 1], atol=1e-9)
+
+
+def test_limits_and_names_are_the_machines(machine):
+    joints = ElementTree.fromstring(robot_description(machine)).findall("joint[@type='revolute']")
+    assert [joint.get("name") for joint in joints] == list(machine.joint_names)
+    for j, joint in enumerate(joints):
+        limit = {key: float(value) for key, value in joint.find("limit").attrib.items()}
+        assert limit["lower"] == pytest.approx(machine.arrays.joint_min[j])
+        assert limit["upper"] == pytest.approx(machine.arrays.joint_max[j])
+        assert limit["velocity"] == pytest.approx(machine.fastest_joints[j])
+        assert limit["effort"] > 0.0
