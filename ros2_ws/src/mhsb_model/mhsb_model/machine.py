@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,7 @@ from mhsb_model import inverse_kinematics_3r, kinematics, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.value_paths import set_value, value_at
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
@@ -39,6 +41,7 @@ WITHOUT_TABLE: dict[str, bool | set[str]] = {
     "circuit": True,
     "servo": True,
     "simulation": True,
+    "imperfections": True,
     "keep_out": True,
     "motion": {"max_piston_acceleration", "max_piston_jerk"},
 }
@@ -122,6 +125,20 @@ class Machine:
         if zones is not None:
             content["keep_out"] |= zones.content()
         return _validated(content, f"{self.name} with changes")
+
+    def with_values(self, values: Mapping[str, Any]) -> Machine:
+        """The same machine with other values, by their paths in the machine file.
+
+        Raises ValuePathError and MachineFileError.
+        """
+        content = self.config.model_dump(mode="json")
+        for path, value in values.items():
+            set_value(content, path, value)
+        return _validated(content, f"{self.name} with changes")
+
+    def value(self, path: str) -> Any:
+        """The value of a path in the machine file; raises ValuePathError."""
+        return value_at(self.config.model_dump(mode="json"), path)
 
     def without_obstacles(self) -> Machine:
         """The same machine with nothing to keep clear of."""

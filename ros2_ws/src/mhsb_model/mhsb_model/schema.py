@@ -197,9 +197,27 @@ class CircuitDynamics(Section):
     rail_bleed_flow: NonNegative = Field(description="rail to tank at 10 MPa [m³/s]")
     line_relief_pressure: Positive = Field(description="[Pa]")
     chamber_relief_pressure: Positive = Field(description="[Pa]")
+    manifold_relief_margin: Positive = Field(
+        default=1e6, description="above P_S, at which the main pump's relief valve opens [Pa]"
+    )
     relief_flow_gain: Positive = Field(description="flow per excess pressure [m³/(s Pa)]")
     anti_cavitation_flow: Positive = Field(description="tank to chamber at its rated drop [m³/s]")
     anti_cavitation_pressure_drop: Positive = Field(description="rated drop [Pa]")
+    vapour_pressure: NonNegative = Field(
+        default=1e3, le=9e4, description="below which no oil gets [Pa]"
+    )
+    pump_filling_pressure: Positive = Field(
+        default=8e4, description="above vapour pressure, fills a servo pump wholly [Pa]"
+    )
+    main_pump_efficiency: float = Field(
+        default=0.9, gt=0, le=1, description="torque of the main pump that makes pressure [-]"
+    )
+    main_pump_drag_power: NonNegative = Field(
+        default=10.0, description="that turning the main pump takes beside it [W]"
+    )
+    servo_pump_drag_power: NonNegative = Field(
+        default=0.0, description="that turning a servo pump at full speed takes beside it [W]"
+    )
     coulomb_friction: NonNegative = Field(description="of a cylinder [N]")
     viscous_friction: NonNegative = Field(description="of a cylinder [N s/m]")
     friction_speed: Positive = Field(
@@ -269,10 +287,73 @@ class Simulation(Section):
     """How the simulator runs."""
 
     step: Annotated[float, Field(ge=1e-5, le=5e-3)] = Field(
-        description="of the mechanics and the control [s]"
+        description="of the control [s]"
     )
-    circuit_substeps: int = Field(ge=1, le=100, description="of the circuit in one step [-]")
+    mechanics_substeps: int = Field(
+        default=1, ge=1, le=100, description="of the mechanics in one step of the control [-]"
+    )
+    circuit_substeps: int = Field(
+        ge=1, le=100, description="of the circuit in one of the mechanics [-]"
+    )
     start_posture: tuple[Angle, ...] = Field(description="joint angles at the start [rad]")
+
+
+class Stiction(Section):
+    """Friction with memory (LuGre): bristles that bend, stick and slip."""
+
+    breakaway: float = Field(ge=1, le=10, description="static over Coulomb friction [-]")
+    speed: Positive = Field(description="piston speed by which most of it is overcome [m/s]")
+    stiffness: Positive = Field(description="of the bristles [N/m]")
+    damping: NonNegative = Field(description="of the bristles [N s/m]")
+
+
+class Accumulator(Section):
+    """Gas-loaded accumulator behind the main pump."""
+
+    volume: Positive = Field(le=0.1, description="of the gas at its precharge [m³]")
+    precharge: Positive = Field(description="pressure at which the gas fills it [Pa]")
+    exponent: float = Field(default=1.4, ge=1, le=2, description="polytropic [-]")
+
+
+class SupplySag(Section):
+    """The main pump's pressure falls for a while, and comes back."""
+
+    start: NonNegative = Field(description="after the start of the simulation [s]")
+    fall: Positive = Field(default=0.05, description="time in which it falls, and rises [s]")
+    duration: NonNegative = Field(description="at the lower pressure [s]")
+    pressure: Positive = Field(description="that it falls to [Pa]")
+
+
+class Sensors(Section):
+    """Classes of the sensors fitted; `file` has the noise of `servo` and nothing else."""
+
+    length: Literal["file", "encoder_16_bit", "encoder_13_bit"] = "file"
+    pressure: Literal["file", "laboratory", "industrial"] = "file"
+    pump_speed: Literal["exact", "resolver"] = "exact"
+
+
+class Imperfections(Section):
+    """What real machines have beside; all of it is off where it is left out."""
+
+    valve_overlap: float = Field(
+        default=0.0, ge=0, le=0.5, description="of a spool, share of its stroke [-]"
+    )
+    valve_hysteresis: float = Field(
+        default=0.0, ge=0, le=0.5, description="of a spool, width as a share of its stroke [-]"
+    )
+    spool_rate: Positive | None = Field(
+        default=None, description="fastest motion of a spool, strokes a second [1/s]"
+    )
+    computing_delay: float = Field(
+        default=0.0, ge=0, le=0.1, description="from sensors to commands, whole steps [s]"
+    )
+    oil_temperature: float = Field(
+        default=40.0, ge=-30, le=120, description="the file's oil is at 40 [°C]"
+    )
+    stiction: Stiction | None = None
+    accumulator: Accumulator | None = None
+    supply_sag: SupplySag | None = None
+    sensors: Sensors = Sensors()
 
 
 HoldsFor = Literal["arm", "tip"]
@@ -337,7 +418,7 @@ class MachineConfig(Section):
     circuit: CircuitDynamics
     servo: Servo
     simulation: Simulation
-
+    imperfections: Imperfections = Imperfections()
 
 
 def problems_across(config: MachineConfig) -> list[str]:

@@ -22,6 +22,14 @@ class ModeError(MhsbError):
     """A mode pattern cannot be set."""
 
 
+class PlantError(MhsbError):
+    """An arm is not of the build that its servo knows."""
+
+
+class VariationError(MhsbError):
+    """The variations of a machine cannot be used."""
+
+
 class ScenarioError(MhsbError):
     """The scenarios of a study cannot be used."""
 

@@ -81,6 +81,111 @@ def servo_pump_flow(
 
 
 @kernel(inline="always")
+def pump_filling(pressure: float, vapour: float, filling: float) -> tuple[float, float]:
+    """Share of its displacement that a pump is filled by, (p − p_v)/Δp_f within 0 … 1, and slope.
+
+    pressure: p at its inlet; vapour: p_v; filling: Δp_f [Pa], that fills it wholly. Source:
+    J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (cavitation at the inlet).
+    """
+    above = pressure - vapour
+    if above >= filling:
+        return 1.0, 0.0
+    if above <= 0.0:
+        return 0.0, 0.0
+    return above / filling, 1.0 / filling
+
+
+@kernel(inline="always")
+def shaft_power(
+    hydraulic: float, speed: float, efficiency: float, drag_power: float
+) -> float:
+    """P = Δp Q/η + P_d n: power [W] at the shaft of a pump, its efficiency map in closed form.
+
+    The overall efficiency Δp Q/P falls with the load, as P_d [W] is spent at full speed whatever
+    the pressure. hydraulic: Δp Q [W]; speed: n, share of full speed. Source: W. E. Wilson, Rotary
+    Pumps and Fluid Motors (torque proportional to pressure, plus drag).
+    """
+    return max(0.0, hydraulic) / efficiency + drag_power * speed
+
+
+@kernel(inline="always")
+def pressure_and_cavity(
+    pressure: float, cavity: float, capacity: float, vapour: float, inflow: float
+) -> tuple[float, float]:
+    """p [Pa] and vapour volume V_v [m³] of a node after `inflow` [m³] has come into it.
+
+    The node holds C (p − p_v) − V_v of oil beyond what fills it at p_v: where that is negative
+    the oil parts, p stays at p_v and vapour fills the rest. Source: E. B. Wylie, V. L. Streeter,
+    Fluid Transients in Systems (discrete vapour cavities).
+    """
+    content = capacity * (pressure - vapour) - cavity + inflow
+    if content < 0.0:
+        return vapour, -content
+    return vapour + content / capacity, 0.0
+
+
+@kernel(inline="always")
+def play(follower: float, leader: float, width: float) -> float:
+    """What follows a leader with backlash: it is moved at either end of the play, width/2 off.
+
+    Source: A. Visintin, Differential Models of Hysteresis (the play operator).
+    """
+    lag = leader - follower
+    if lag > 0.5 * width:
+        return leader - 0.5 * width
+    if lag < -0.5 * width:
+        return leader + 0.5 * width
+    return leader if math.isnan(lag) else follower
+
+
+@kernel(inline="always")
+def metered_opening(spool: float, overlap: float) -> float:
+    """Opening of the edges, sign(x) max(0, |x| − o)/(1 − o): none within the overlap, 1 at full
+    stroke, where the valve is rated. Source: H. E. Merritt, Hydraulic Control Systems (lap).
+    """
+    if abs(spool) < overlap:
+        return 0.0
+    return (spool - math.copysign(overlap, spool)) / (1.0 - overlap)
+
+
+@kernel(inline="always")
+def accumulator_capacity(
+    pressure: float, volume: float, precharge: float, exponent: float
+) -> float:
+    """C = V₀/(n p) (p₀/p)^(1/n) [m³/Pa] of a gas accumulator, none below its precharge p₀.
+
+    From p V^n = p₀ V₀^n. Source: Merritt (accumulators).
+    """
+    if pressure <= precharge:
+        return 0.0
+    return volume / (exponent * pressure) * (precharge / pressure) ** (1.0 / exponent)
+
+
+@kernel(inline="always")
+def sliding_friction(
+    coulomb: float, breakaway: float, stribeck_speed: float, speed: float
+) -> float:
+    """g(v) = F_c (1 + (b − 1) e^(−(v/v_s)²)) [N]: steady friction without its viscous part."""
+    ratio = speed / stribeck_speed
+    return coulomb * (1.0 + (breakaway - 1.0) * math.exp(-ratio * ratio))
+
+
+@kernel(inline="always")
+def bristle_bend(bend: float, speed: float, sliding: float, stiffness: float, dt: float) -> float:
+    """z after dt of ż = v − σ₀ |v|/g z [m], exactly for a constant v: LuGre's bristles.
+
+    sliding: g [N]; stiffness: σ₀ [N/m]. Source: C. Canudas de Wit, H. Olsson, K. J. Åström,
+    P. Lischinsky, A new model for control of systems with friction (1995).
+    """
+    rate = stiffness * abs(speed) / sliding * dt
+    if rate < 1e-9:
+        return bend + speed * dt * (1.0 - 0.5 * rate)
+    decay = math.exp(-rate)
+    steady = sliding / stiffness if speed > 0.0 else -sliding / stiffness
+    return steady + (bend - steady) * decay
+
+
+@kernel(inline="always")
 def first_order_lag(value: float, command: float, decay: float) -> float:
     """τ dx/dt = u − x: switching valves; decay = e^(−dt/τ)."""
     return command + (value - command) * decay

@@ -6,6 +6,7 @@ import itertools
 import json
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,12 +25,14 @@ from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
 from mhsb_sim.servo import controller_class
 from mhsb_sim.simulation.kernel_parts import compile_simulator
-from mhsb_sim.simulation.simulator import Simulator, energy_gap, volume_gap
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
+from mhsb_sim.study.variations import load_variations, scaled
 
 LONGEST_TIME = 3600.0  # s
 
@@ -44,6 +47,8 @@ def simulate(
     controller: str = "coordinated",
     seed: int = 0,
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    vary: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=FACTOR")] = (),
     planner: PlannerKind = ONLINE_PLANNER,
     trajectory: TrajectoryKind | None = None,
     zone_box: Annotated[
@@ -67,6 +72,11 @@ def simulate(
         controller: Servo controller, coordinated or independent.
         seed: Of the sensor noise.
         payload: Mass at the tip [kg]; the machine file's when left out.
+        plant: Machine file (YAML) of the arm that is simulated, where it is not the one that
+            planner and servo know.
+        vary: What the simulated arm has more or less of than its file says: KEY=FACTOR ..., a name
+            of config/variations.yaml (payload=1.3 friction=2) or a path in the machine file
+            (circuit.bulk_modulus=0.7).
         planner: Where postures come from, as in `mhsb_planner plan`: table, fixed or integrated;
             integrated, as in the node, when left out.
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
@@ -82,13 +92,14 @@ def simulate(
     if not goals:
         raise command_line.UsageError("give --goal X Z T, once or several times")
     arm = load_machine(machine).changed(payload=payload)
+    real = plant_of(arm, plant, vary)
     controller_class(controller)  # refuses an unknown one before anything takes time
     compile_planner()
     compile_simulator()
     replanner = Replanner(arm, table_for(arm))
     replanner.change(arm.changed(zones=arm.zones.with_more(zone_box, zone_circle)))
     replanner.warm_up()
-    simulator = Simulator(arm, controller, seed)
+    simulator = Simulator(arm, controller, seed, plant=real)
     simulator.step()  # loads kernels, which is not to be timed
     simulator.reset()
     run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
@@ -107,6 +118,21 @@ def simulate(
         if audit:
             print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
             print("\n".join(energy_text(elements)))
+
+
+def plant_of(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machine:
+    """The arm to simulate: of a file, or the one that is known; times factors, KEY=FACTOR each."""
+    plant = machine if file is None else load_machine(file)
+    factors = {}
+    for text in vary:
+        key, _, factor = text.partition("=")
+        try:
+            factors[key] = float(factor)
+        except ValueError:
+            raise command_line.UsageError(
+                f"--vary: {text!r} is not KEY=FACTOR with a number, such as payload=1.3"
+            ) from None
+    return scaled(plant, factors, load_variations(plant)) if factors else plant
 
 
 def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:
@@ -145,6 +171,7 @@ def summarize(
         "max_chamber_pressure_mpa": float(chambers.max() / 1e6),
         "mode_switches": int(np.count_nonzero(np.diff(samples.modes.astype(int), axis=0))),
         "energy_measured_j": {"mp": energies["main_pump"], "sp": energies["servo_pumps"]},
+        "energy_by_source_j": energy_by_source(energies),
         "energies_j": energies,
         "energy_elements_j": [asdict(element) for element in elements],
     }
@@ -177,14 +204,15 @@ def as_text(summary: dict[str, Any]) -> list[str]:
             f"{goal['x']:6.3f} {goal['z']:7.3f}  {goal['time_s']:9.2f}  {planned}"
             f"  {goal['goal_distance_mm']:12.2f}"
         )
-    energy = summary["energy_measured_j"]
+    main, servo = (summary["energy_by_source_j"][name] for name in ("main_pump", "servo_pumps"))
     return [
         *lines,
         f"tip error {summary['tip_error_rms_mm']:.2f} mm RMS, "
         f"{summary['tip_error_max_mm']:.2f} mm at most",
         f"pressures at most {summary['max_supply_pressure_mpa']:.2f} MPa in the supply lines, "
         f"{summary['max_chamber_pressure_mpa']:.2f} MPa in the chambers",
-        f"energy {energy['mp']:.0f} J of the main pump, {energy['sp']:.0f} J of the servo pumps; "
+        f"to the oil {main['hydraulic']:.0f} J of the main pump, {servo['hydraulic']:.0f} J of the "
+        f"servo pumps; at their shafts {main['shaft']:.0f} J and {servo['shaft']:.0f} J",
         f"{summary['mode_switches']} mode switches",
         f"{summary['simulated_s']:.1f} s simulated at {summary['real_time_factor']:.1f} times "
         "real time",

@@ -49,13 +49,15 @@ class SimNode(Node):
     def __init__(self) -> None:
         super().__init__(names.SIM_NODE)
         self._machine = sim_parameters.declare_machine(self)
-        self._settings = sim_parameters.declare(self, self._machine)
+        plant = sim_parameters.declare_plant(self, self._machine)
+        self._settings = sim_parameters.declare(self, plant)
         compile_simulator(self.get_logger().info)
         simulator = Simulator(
             self._machine,
             self._settings.controller,
             self._settings.seed,
             payload=self._settings.payload,
+            plant=plant,
         )
         self._arm = SupervisedArm(simulator, self._settings.limits)
         rehearse()  # loads everything before anybody waits for it

@@ -73,7 +73,19 @@ def declare_machine(node: Node) -> Machine:
     return load_machine(node.get_parameter("machine").value or None)
 
 
-def declare(node: Node, machine: Machine) -> SimParameters:
+def declare_plant(node: Node, machine: Machine) -> Machine:
+    """Declare `plant` and read the file that it names; raises MachineFileError."""
+    descriptor = ParameterDescriptor(
+        description="machine file (YAML) of the arm that is simulated, where it is not the one "
+        "that its servo knows; empty for `machine`",
+        read_only=True,
+    )
+    node.declare_parameter("plant", "", descriptor)
+    file = node.get_parameter("plant").value
+    return load_machine(file) if file else machine
+
+
+def declare(node: Node, plant: Machine) -> SimParameters:
     """Declare all other parameters and read them; MhsbError where they do not go together."""
     node.declare_parameter(
         "seed",
@@ -103,7 +115,7 @@ def declare(node: Node, machine: Machine) -> SimParameters:
     )
     node.declare_parameter(
         "payload",
-        machine.arrays.payload,
+        plant.arrays.payload,
         _ranged("at the tip [kg]; the servo is not told", 0.0, HEAVIEST_PAYLOAD),
     )
     node.declare_parameter(

@@ -245,9 +245,15 @@ def supply_need(
 
 @kernel
 def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
-    """Write the supply pressures that an actuator needs from now on, and later at point `AHEAD`."""
+    """Write the supply pressures that an actuator needs from now on, and later at point `AHEAD`.
+
+    A load that is braked on its way down and lifted again at once takes its whole force from the
+    pump as soon as it turns: its line is charged for that before.
+    """
     d = axis.bias
     now = supply_need(axis.hold + d, axis.force + d, axis.speed, cylinder, constants, gains)
+    if axis.speed * axis.speed_ahead < 0.0:
+        now = max(now, supply_need(axis.force + d, axis.force + d, 0.0, cylinder, constants, gains))
     axis.target_ahead = supply_need(
         axis.hold_ahead + d, axis.force_ahead + d, axis.speed_ahead, cylinder, constants, gains
     )

@@ -35,9 +35,10 @@ class ServoSignals:
     rail_pressure  float64[1], Pa, measured
     modes          uint8[n], prepared modes: in force, or about to be where modules are free
     serves         int64[m], actuator that each module serves, −1 where idle
-    circuit        its actuators' `valve_command`, `join_command` and its modules' `flow_command`,
-                   `lend` are what the controller writes; spools, pump flows and diverters may
-                   be read (they are measured in the components)
+    circuit        as the controller knows it, not the one that is simulated: its actuators'
+                   `valve_command`, `join_command` and its modules' `flow_command`, `lend` are
+                   what the controller writes; pump flows are measured by the pumps' speeds, join
+                   valves and diverters follow their commands as the machine file has it
     """
 
     reference: FloatArray

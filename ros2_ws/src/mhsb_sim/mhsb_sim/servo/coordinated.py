@@ -27,6 +27,9 @@ from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, 
 from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_sim.servo.reference import AHEAD
 
+FINE = 4
+"""Looks that a coasting pump is given up to the first point of the reference ahead."""
+
 SMALLEST_DROP = 2e4
 """Pressure drop [Pa] that an edge is taken to have at least, so that openings stay moderate."""
 
@@ -60,7 +63,7 @@ class Pumps(NamedTuple):
     gains: Records  # GAINS[1]
     rail_target: FloatArray  # [2] pressure targets of the rail [Pa], as those of an axis
     volume: FloatArray  # [n + 1, REFERENCE_POINTS] as in `look_ahead`; the last row is the rail's
-    coasting: FloatArray  # [REFERENCE_POINTS] as in `coasting_limit`
+    coasting: FloatArray  # [FINE + REFERENCE_POINTS − 1] as in `coasting_limit`
 
 
 class CoordinatedController:
@@ -82,12 +85,13 @@ class CoordinatedController:
         own_gains["allowed_rise"] = servo.allowed_rise
         cascade = servo_of(machine, signals, servo)
         cascade.axes["joined"] = circuit.actuators["join"]
-        cascade.axes["supply_target"] = circuit.pressure[2:-3:3]
+        cascade.axes["supply_target"] = signals.sensors["line_pressure"]
+        points = np.concatenate([np.arange(FINE) / FINE, np.arange(1, REFERENCE_POINTS)])
         pumps = Pumps(
             gains=own_gains,
-            rail_target=np.full(2, circuit.rail_pressure),
+            rail_target=np.full(2, signals.rail_pressure[0]),
             volume=np.zeros((machine.joint_count + 1, REFERENCE_POINTS)),
-            coasting=-lag * np.expm1(-np.arange(REFERENCE_POINTS) * self.preview / (AHEAD * lag)),
+            coasting=-lag * np.expm1(-points * self.preview / (AHEAD * lag)),
         )
         self._control = bind(control, cascade, pumps)
 
@@ -253,14 +257,21 @@ def coasting_limit(
     """Largest flow [m³/s] from which a pump can be stopped without filling its line too far.
 
     From Q it delivers at least Q τ (1 − e^(−t/τ)) up to t. That is not to exceed what is drawn by
-    then and what the pressure may rise by: V(t) + C Δp, at each point ahead. volume
-    float64[REFERENCE_POINTS] m³, V; coasting, of the same shape, τ (1 − e^(−t/τ)) s; rise: Δp
-    [Pa] before point `AHEAD`, rise_ahead from there on.
+    then and what the pressure may rise by, V(t) + C Δp(t), at each point ahead, and `FINE` times up
+    to the first: pressure is highest when the pump has slowed down to what is drawn, soon after.
+    volume float64[REFERENCE_POINTS] m³, V at the points; coasting
+    float64[FINE + REFERENCE_POINTS − 1] s, τ (1 − e^(−t/τ)) at all these times from 0 on;
+    rise: Δp [Pa] now, rise_ahead from point `AHEAD` on, linear in between.
     """
     limit = np.inf
+    for k in range(1, FINE):
+        share = k / FINE
+        room = capacity * (rise + share / AHEAD * (rise_ahead - rise))
+        limit = min(limit, (share * volume[1] + room) / coasting[k])
     for k in range(1, len(volume)):
-        room = capacity * (rise if k < AHEAD else rise_ahead)
-        limit = min(limit, (volume[k] + room) / coasting[k])
+        way = min(k / AHEAD, 1.0)
+        room = capacity * (rise + way * (rise_ahead - rise))
+        limit = min(limit, (volume[k] + room) / coasting[FINE - 1 + k])
     return limit
 
 

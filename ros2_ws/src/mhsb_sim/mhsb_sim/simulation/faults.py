@@ -25,8 +25,8 @@ def set_fault(
 ) -> None:
     """Make a circuit as the fault has it, and all else in it healthy.
 
-    healthy: CONSTANTS[1] without fault; noise_scale: float64[4 n + 1], standard deviations of the
-    sensors (lengths; cap, rod and line pressure of each actuator; rail), which may become NaN.
+    healthy: CONSTANTS[1] without fault; noise_scale: float64[4 n + 1 + m], standard deviations of
+    the sensors in the order of `sensors.channels_of`, which may become NaN.
     """
     circuit.constants[:] = healthy
     if fault is Fault.SENSOR:

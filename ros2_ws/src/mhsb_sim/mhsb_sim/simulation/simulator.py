@@ -1,7 +1,10 @@
 """The simulator: MuJoCo mechanics, hydraulic circuit and servo, in lock-step.
 
-In each step of h: mechanics of the present state, servo, circuit, then the mechanics move with
-the forces of the pressures that the circuit has reached.
+In each step of h: servo, half a step of the circuit, a step of the mechanics with the forces of
+the pressures there, and the other half of the circuit with the pistons where they have come to:
+both are taken at the middle of what the other does, which makes the step's error one of second
+order (G. Strang, On the construction and comparison of difference schemes, 1968). Mechanics and
+circuit may take several steps in one of the servo.
 """
 
 from __future__ import annotations
@@ -16,30 +19,45 @@ import numpy as np
 
 from mhsb_model.braking import brake_along
 from mhsb_model.holding import holding_modes, modes_to_stop
-from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import ON_RAIL, Mode, assign_modules, modules_in_use, pattern_name, stronger
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.bound_kernel import bind
-from mhsb_sim.circuit.network import ENERGY, VOLUME, build_circuit, settle
-from mhsb_sim.errors import ModeError, SimulationDivergedError
+from mhsb_sim.circuit.audit import energy_gap
+from mhsb_sim.circuit.network import build_circuit, settle
+from mhsb_sim.circuit.quantities import ENERGY, VOLUME
+from mhsb_sim.errors import ModeError, PlantError, SimulationDivergedError
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
-from mhsb_sim.records import Records
 from mhsb_sim.servo import controller_class
 from mhsb_sim.servo.controller import REFERENCE_POINTS, SENSOR, ServoSignals
 from mhsb_sim.servo.reference import Reference
+from mhsb_sim.simulation.exchange import (
+    ANGLE,
+    ARM,
+    SPEED,
+    Believed,
+    apply_forces,
+    follow,
+    measure,
+    move_pistons,
+    push,
+)
 from mhsb_sim.simulation.faults import Fault, set_fault
+from mhsb_sim.simulation.sensors import channels_of
+from mhsb_sim.simulation.supply_sag import sagging_pressure
 
 NOISE_ROWS = 1000
 LARGEST_VALUE = 1e12
-LARGEST_STATE = 1e6
-"""Angles [rad] and rates [rad/s] beyond this count as no longer finite."""
-
 YIELD = 1e-3
 """By which an end stop yields to what the arm weighs [rad]."""
+
+COUNTED: tuple[tuple[str, Callable[[Machine], object]], ...] = (
+    ("joints", lambda machine: machine.joint_count),
+    ("booster modules", lambda machine: machine.arrays.module_count),
+)
+"""What a plant must have in common with what its servo knows."""
 
 REMEMBERED = 4
 """Trajectories, the present one included, of which it is known when they were followed."""
@@ -67,9 +85,13 @@ class ActuatorStates:
 class Simulator:
     """A machine with its servo, at rest in its start posture until it is given a plan.
 
-    seed decides the sensor noise; the same seed and the same calls give the same bits. posture
-    [rad] and payload [kg] replace the machine file's; the servo goes by the machine file's
-    payload. Raises UnknownControllerError, and HoldingError where the start cannot be held.
+    machine  what servo, supervision and receiver of plans believe the arm to be
+    plant    what is simulated; the same where left out
+
+    They know of the plant what sensors tell. seed decides the sensor noise; the same seed and the
+    same calls give the same bits. posture [rad] replaces the machine's start, payload [kg] the
+    plant's. Raises UnknownControllerError, PlantError where both machines do not go together, and
+    HoldingError where the start cannot be held.
     """
 
     _control: Callable[[], None]
@@ -82,17 +104,25 @@ class Simulator:
         posture: FloatArray | None = None,
         payload: float | None = None,
         start_ns: int = 0,
+        plant: Machine | None = None,
     ) -> None:
         settings = machine.config.simulation
         start = settings.start_posture if posture is None else posture
         self.machine = machine
+        self.plant = plant or machine
+        check_plant(machine, self.plant)
         self._make_controller = controller_class(controller)
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
         self._substeps = settings.circuit_substeps
-        self._model = build_model(machine)
-        self._payload = machine.config.payload.mass
+        self._last_substeps = self._substeps // 2
+        self._first_substeps = self._substeps - self._last_substeps
+        self._sag = self.plant.config.imperfections.supply_sag
+        self._inner_steps = settings.mechanics_substeps
+        self._model = build_model(self.plant)
+        self._model.opt.timestep = settings.step / self._inner_steps
+        self._payload = self.plant.config.payload.mass
         if payload is not None:
             self.set_payload(payload)
         self.reset(start_ns)
@@ -102,72 +132,74 @@ class Simulator:
 
         Raises HoldingError where that cannot be held.
         """
-        loaded = self.machine.changed(payload=self._payload)
+        loaded = self.plant.changed(payload=self._payload)
         q = self._start if posture is None else self._within_limits(posture)
         modes = holding_modes(loaded, loaded.piston_forces(q))
         self._time_ns = time_ns
         self._steps = 0
-        self._circuit = build_circuit(
-            self.machine, self.machine.config.simulation.step / self._substeps
-        )
+        substep = self._model.opt.timestep / self._substeps
+        self._circuit = build_circuit(self.plant, substep)
         settle(self._circuit, loaded, q, modes)
+        self._believed = build_circuit(self.machine, self.machine.config.simulation.step)
+        self._believed.actuators["join"] = self._circuit.actuators["join"]
         self._healthy = self._circuit.constants.copy()
         self._reset_mechanics(q)
         self._reset_noise()
         self._reset_servo(q, modes)
-        signals = self._signals
-        self._measure = bind(
-            measure,
-            self._noise,
-            *self._pistons,
-            self._circuit.pressure,
-            signals.sensors,
-            signals.rail_pressure,
-            integers=1,
-        )
-        self._advance_circuit = self._circuit.bound_advance(self._lengths, self._speeds)
 
     def _reset_mechanics(self, q: FloatArray) -> None:
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = q
-        linkage, data = self.machine.arrays.linkage, self._data
+        linkage, data = self.plant.arrays.linkage, self._data
         n = self.machine.joint_count
-        self._lengths, self._speeds, arms = np.empty(n), np.empty(n), np.empty(n)
         # MuJoCo makes a new view at each access: these are kept.
         position, velocity, control = data.qpos, data.qvel, data.ctrl
-        self._pistons = (linkage, position, velocity, self._lengths, self._speeds, arms)
-        self._apply_forces = bind(
-            apply_forces,
-            self._circuit.actuators,
-            self._circuit.pressure,
-            arms,
-            position,
-            velocity,
-            control,
-        )
-        move_pistons(*self._pistons)
-        self._apply_forces()
+        self._pistons = np.empty((4, n))
+        joints = linkage, position, velocity, np.full(1, 0.5 * self._model.opt.timestep)
+        servo, circuit = self._believed, self._circuit
+        believed = Believed(servo.actuators, servo.modules, servo.constants, servo.module_home)
+        late = round(self.plant.config.imperfections.computing_delay * SECOND_NS / self._step_ns)
+        queue = np.zeros((1 + late, 2 * (n + len(circuit.modules))))
+        queue[:, n : 2 * n] = servo.actuators["join"]
+        way = believed, queue, np.zeros(1, dtype=np.int64)
+        torque = position, velocity, control
+        self._push = bind(push, *way, circuit, self._pistons, *torque, integers=2)
+        self._follow_pistons = bind(follow, circuit, *joints, self._pistons, integers=1)
+        move_pistons(*joints, self._pistons)
+        apply_forces(circuit.actuators, circuit.pressure, self._pistons[ARM], *torque)
         mujoco.mj_forward(self._model, data)
 
     def _reset_noise(self) -> None:
-        n = self.machine.joint_count
-        servo = self.machine.config.servo
         self._random = np.random.default_rng(self._seed)
-        self._noise = np.zeros((NOISE_ROWS, 4 * n + 1))
-        self._noise_scale = np.full(4 * n + 1, servo.pressure_noise)
-        self._noise_scale[:n] = servo.length_noise
+        own = np.random.default_rng((self._seed, 1))
+        self._channels, self._noise_scale = channels_of(self.plant, own)
+        self._noise = np.zeros((NOISE_ROWS, len(self._channels)))
         self._healthy_noise = self._noise_scale.copy()
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
         n = self.machine.joint_count
+        circuit, believed = self._circuit, self._believed
         self._signals = ServoSignals(
             reference=np.zeros((REFERENCE_POINTS, 3, n)),
             sensors=np.zeros(n, SENSOR),
             rail_pressure=np.zeros(1),
             modes=modes.copy(),
-            serves=np.full(len(self._circuit.modules), -1, dtype=np.int64),
-            circuit=self._circuit,
+            serves=np.full(len(circuit.modules), -1, dtype=np.int64),
+            circuit=believed,
         )
+        self._measure = bind(
+            measure,
+            self._noise,
+            self._pistons,
+            circuit.pressure,
+            circuit.modules,
+            self._signals.sensors,
+            self._signals.rail_pressure,
+            believed.modules,
+            self._channels,
+            integers=1,
+        )
+        self._measure(0)
         self._open_valves()
         self._reference = Reference(self._signals.reference, self._controller.preview)
         self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=REMEMBERED)
@@ -204,7 +236,8 @@ class Simulator:
     def joint_state(self) -> MotionState:
         """Measured position, velocity and (of the last step) acceleration of the joints."""
         data = self._data
-        return MotionState(data.qpos.copy(), data.qvel.copy(), data.qacc.copy())
+        position = data.qpos - 0.5 * self._model.opt.timestep * data.qvel  # see `move_pistons`
+        return MotionState(position, data.qvel.copy(), data.qacc.copy())
 
     @property
     def modes(self) -> ModeArray:
@@ -222,20 +255,20 @@ class Simulator:
         """Pressures, flows and openings now."""
         circuit = self._circuit
         actuators = circuit.actuators
-        flow = circuit.modules["flow"].copy()
+        speed = circuit.modules["flow"] / circuit.constants["servo_pump_flow"]
         return ActuatorStates(
             cap_pressure=circuit.pressure[0:-3:3].copy(),
             rod_pressure=circuit.pressure[1:-3:3].copy(),
             supply_pressure=circuit.pressure[2:-3:3].copy(),
             force=actuators["force"].copy(),
-            piston_speed=self._speeds.copy(),
+            piston_speed=self._pistons[SPEED].copy(),
             valve_opening=actuators["spool"].copy(),
-            valve_command=actuators["valve_command"].copy(),
+            valve_command=self._believed.actuators["valve_command"].copy(),
             supply_flow=actuators["supply_flow"].copy(),
-            servo_pump_flow=flow,
-            servo_pump_speed=flow / circuit.constants["servo_pump_flow"],
-            servo_pump_command=circuit.modules["flow_command"]
-            / circuit.constants["servo_pump_flow"],
+            servo_pump_flow=circuit.modules["delivered"].copy(),
+            servo_pump_speed=speed,
+            servo_pump_command=self._believed.modules["flow_command"]
+            / self._believed.constants["servo_pump_flow"],
             rail_pressure=circuit.rail_pressure,
             manifold_pressure=circuit.manifold_pressure,
         )
@@ -253,7 +286,7 @@ class Simulator:
         in the order of the circuit's nodes, modes uint8[n] in force.
         """
         reference[:] = self._signals.reference[0]
-        position[:] = self._data.qpos
+        position[:] = self._pistons[ANGLE]
         pressure[:] = self._circuit.pressure
         modes[:] = self._reference.modes
 
@@ -261,8 +294,8 @@ class Simulator:
     def energies(self) -> dict[str, float]:
         """Energies [J] since the start, by name.
 
-        `main_pump` and `servo_pumps` are delivered; all others are where it went, but for
-        `friction`, which is a part of `piston_work`.
+        `main_pump`, hydraulic, and `servo_pumps`, at their shafts, are delivered; all others are
+        where it went, but for those in `circuit.audit.BESIDE`.
         """
         record = self._circuit.energy[0]
         return {name: float(record[name]) for name in ENERGY.names or ()}
@@ -301,7 +334,7 @@ class Simulator:
 
     def close_valves(self) -> None:
         """Shut all valves and stop the servo pumps until the next plan, or a reset."""
-        actuators, modules = self._circuit.actuators, self._circuit.modules
+        actuators, modules = self._believed.actuators, self._believed.modules
         actuators["valve_command"] = actuators["join_command"] = 0.0
         modules["flow_command"] = modules["lend"] = 0.0
         self._control = _leave_commands
@@ -329,7 +362,7 @@ class Simulator:
 
     def hold_here(self) -> None:
         """Hold the measured posture, within the joint limits, from now on: the reference steps."""
-        q = self._within_limits(self._data.qpos)
+        q = self._within_limits(self._pistons[ANGLE])
         self._hold(q, self._modes_to_hold(q))
 
     def set_payload(self, mass: float) -> None:
@@ -352,17 +385,29 @@ class Simulator:
 
     def step(self) -> None:
         """Advance by one step; raises SimulationDivergedError where the state is not finite."""
-        mujoco.mj_step1(self._model, self._data)
-        self.step_hydraulics()
-        if not self._apply_forces():
-            raise self._diverged()
-        mujoco.mj_step2(self._model, self._data)
+        if self._sag is not None:
+            time = self._steps * self._step_ns / SECOND_NS
+            pressure = sagging_pressure(self.plant.arrays.supply_pressure, self._sag, time)
+            self._circuit.constants["supply_pressure"] = pressure
+        self._control_valves()
+        for inner in range(self._inner_steps):
+            mujoco.mj_step1(self._model, self._data)
+            if not self._push(inner == 0, self._first_substeps):
+                raise self._diverged()
+            mujoco.mj_step2(self._model, self._data)
+            self._follow_pistons(self._last_substeps)
         self._steps += 1
         self._time_ns += self._step_ns
         self._update_reference()
 
     def step_hydraulics(self) -> None:
         """The part of a step that is sensors, servo and circuit; the arm stays where it is."""
+        self._control_valves()
+        self._push(True, self._first_substeps)
+        self._follow_pistons(self._last_substeps)
+
+    def _control_valves(self) -> None:
+        """Sensors, and the servo's commands on their way."""
         row = self._steps % NOISE_ROWS
         if row == 0:
             self._random.standard_normal(out=self._noise)
@@ -370,11 +415,10 @@ class Simulator:
         if not self._measure(row):
             raise self._diverged()
         self._control()
-        self._advance_circuit(self._substeps)
 
     def _open_valves(self) -> None:
         """Let the servo act, a new one that remembers nothing."""
-        relief = self.machine.config.circuit.chamber_relief_pressure
+        relief = self.plant.config.circuit.chamber_relief_pressure
         self._circuit.actuators["relief"] = relief
         self._controller = self._make_controller(self.machine, self._signals)
         self._control = self._controller.update
@@ -435,8 +479,8 @@ class Simulator:
             ("the joint position", self._data.qpos),
             ("the joint velocity", self._data.qvel),
             ("the reference", self._signals.reference),
-            ("the servo's valve command", self._circuit.actuators["valve_command"]),
-            ("the servo's pump command", self._circuit.modules["flow_command"]),
+            ("the servo's valve command", self._believed.actuators["valve_command"]),
+            ("the servo's pump command", self._believed.modules["flow_command"]),
             ("a pressure", self._circuit.pressure),
             *((f"the sensor of a {name}", sensors[name]) for name in sensors.dtype.names or ()),
         ]
@@ -453,84 +497,12 @@ def _leave_commands() -> None:
     """What stands in for the servo while valves are closed."""
 
 
-def energy_gap(energies: dict[str, float]) -> float:
-    """Energy delivered by the pumps less all that is accounted for [J]."""
-    delivered = energies["main_pump"] + energies["servo_pumps"]
-    return 2.0 * delivered + energies["friction"] - sum(energies.values())
-
-
-def volume_gap(volumes: dict[str, float]) -> float:
-    """Oil delivered by the main pump less all that is accounted for [m³]."""
-    return 2.0 * volumes["main_pump"] - sum(volumes.values())
-
-
-@kernel
-def move_pistons(
-    linkage: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    length: FloatArray,
-    speed: FloatArray,
-    arm: FloatArray,
-) -> None:
-    """L(q) [m], r(q) q̇ [m/s] and r(q) [m] of all cylinders, to length[n], speed[n] and arm[n]."""
-    for j in range(len(length)):
-        length[j], arm[j], _ = motion(linkage[j], position[j])
-        speed[j] = arm[j] * velocity[j]
-
-
-@kernel
-def measure(
-    noises: FloatArray,
-    linkage: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    length: FloatArray,
-    speed: FloatArray,
-    arm: FloatArray,
-    pressure: FloatArray,
-    sensors: Records,
-    rail_pressure: FloatArray,
-    row: int,
-) -> bool:
-    """Pistons moved as by `move_pistons`; sensors: the true values plus this row of the noise.
-
-    noises: float64[NOISE_ROWS, 4 n + 1], lengths first. False where a sensor gives what is not
-    finite.
-    """
-    noise = noises[row]
-    move_pistons(linkage, position, velocity, length, speed, arm)
-    n = len(sensors)
-    total = 0.0
-    for j in range(n):
-        sensor = sensors[j]
-        sensor.length = length[j] + noise[j]
-        sensor.cap_pressure = pressure[3 * j] + noise[n + 3 * j]
-        sensor.rod_pressure = pressure[3 * j + 1] + noise[n + 3 * j + 1]
-        sensor.line_pressure = pressure[3 * j + 2] + noise[n + 3 * j + 2]
-        total += sensor.length + sensor.cap_pressure + sensor.rod_pressure + sensor.line_pressure
-    rail_pressure[0] = pressure[3 * n] + noise[4 * n]
-    return abs(total + rail_pressure[0]) < np.inf
-
-
-@kernel
-def apply_forces(
-    actuators: Records,
-    pressure: FloatArray,
-    arm: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    control: FloatArray,
-) -> bool:
-    """Hand the torques r F of the cylinders' forces, less friction, to the mechanics.
-
-    False where not finite.
-    """
-    good = True
-    for j in range(len(actuators)):
-        force = actuators[j].force - actuators[j].friction
-        control[j] = arm[j] * force
-        good = good and abs(position[j]) < LARGEST_STATE and abs(velocity[j]) < LARGEST_STATE
-    for p in pressure:
-        good = good and abs(p) < np.inf
-    return good
+def check_plant(machine: Machine, plant: Machine) -> None:
+    """Raise PlantError where one who knows `machine` cannot control `plant` at all."""
+    for text, of in COUNTED:
+        believed, real = of(machine), of(plant)
+        if believed != real:
+            raise PlantError(
+                f"the plant has {real} {text}, the machine that its servo knows has {believed}; "
+                "both files must describe arms of the same build"
+            )

@@ -4,6 +4,9 @@ Planned is the planner's model (`mhsb_planner.motion.energy`, pumps in series) o
 the servo followed and the modes that were in force. It is quasi-static and knows ideal lines and
 pumps: friction, compression, the servo's own margin and bias, check and switching valves are in
 the simulation alone.
+
+Two boundaries are added up, as the plan's series reading does: the main pump's energy is that of
+its oil, the servo pumps' that of their shafts.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from dataclasses import dataclass
 
 from mhsb_planner.motion.energy import Energy
 
-OTHER_VALVES = ("check_valves", "join_valves", "relief_valves", "anti_cavitation", "bleed")
+OTHERS = ("check_valves", "join_valves", "relief_valves", "anti_cavitation", "bleed", "cavities")
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ def energy_elements(planned: Energy, simulated: dict[str, float]) -> list[Elemen
     """What the pumps delivered, then where it went; `simulated` as `Simulator.energies`."""
     delivered = simulated["main_pump"] + simulated["servo_pumps"]
     against_loads = simulated["piston_work"] - simulated["friction"]
-    others = sum(simulated[name] for name in OTHER_VALVES)
+    others = sum(simulated[name] for name in OTHERS)
     return [
         Element("delivered", planned.series, delivered),
         Element("by the main pump", planned.main_pump, simulated["main_pump"]),
@@ -60,7 +63,10 @@ def total(runs: Iterable[list[Element]]) -> list[Element]:
 def as_text(elements: list[Element]) -> list[str]:
     """A table for a person; shares are of all that was planned to be delivered."""
     delivered = elements[0].planned
-    lines = ["energy [J]               planned  simulated   difference"]
+    lines = [
+        "delivered: by the main pump to its oil, by the servo pumps' motors to their shafts",
+        "energy [J]               planned  simulated   difference",
+    ]
     for element in elements:
         excess = element.simulated - element.planned
         share = f"{100 * excess / delivered:+6.1f} %" if delivered > 0.0 else ""

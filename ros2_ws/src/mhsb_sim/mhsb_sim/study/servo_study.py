@@ -26,6 +26,7 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.energy_comparison import Element, energy_elements
@@ -52,10 +53,13 @@ class StudyRecord:
     supply_overshoot_mpa   largest excess of a supply line, see `supply_overshoot`
     chamber_peak_mpa       highest pressure in any cylinder
     relief_opened          whether any relief valve let oil through
-    energy_mp_j            delivered by the main pump, energy_sp_j by the servo pumps (shaft work)
+    energy_mp_j            delivered by the main pump to its oil
+    energy_sp_j            delivered to the servo pumps' shafts: another boundary
     energy_planned_series_j  the planner's model, pumps in series, of the motion that was followed
     mode_switches          changes of the mode in force, summed over the actuators
     held_out               whether gains were tuned without this scenario
+    energy_mp_shaft_j      at the main pump's shaft
+    energy_sp_hydraulic_j  delivered by the servo pumps to their oil
     """
 
     scenario: str
@@ -71,6 +75,8 @@ class StudyRecord:
     energy_planned_series_j: float
     mode_switches: int
     held_out: bool
+    energy_mp_shaft_j: float
+    energy_sp_hydraulic_j: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +172,7 @@ def judge(script: Script, controller: str, run: Replay) -> StudyRecord:
     """The numbers of a run."""
     machine = script.machine
     error = 1e3 * run.tip_error(machine)
+    source = energy_by_source(run.energies)
     return StudyRecord(
         scenario=script.scenario.name,
         controller=controller,
@@ -175,8 +182,10 @@ def judge(script: Script, controller: str, run: Replay) -> StudyRecord:
         supply_overshoot_mpa=float(supply_overshoot(machine, run).max() / 1e6),
         chamber_peak_mpa=float(run.chamber_pressure.max() / 1e6),
         relief_opened=run.energies["relief_valves"] > 0.0,
-        energy_mp_j=run.energies["main_pump"],
-        energy_sp_j=run.energies["servo_pumps"],
+        energy_mp_j=source["main_pump"]["hydraulic"],
+        energy_sp_j=source["servo_pumps"]["shaft"],
+        energy_mp_shaft_j=source["main_pump"]["shaft"],
+        energy_sp_hydraulic_j=source["servo_pumps"]["hydraulic"],
         energy_planned_series_j=planned_energy(script, run).series,
         mode_switches=int(np.count_nonzero(np.diff(run.modes.astype(int), axis=0))),
         held_out=script.scenario.held_out,

@@ -1,4 +1,5 @@
-"""`study`: both servo controllers over all scenarios of config/study_scenarios.yaml."""
+"""`study`: both servo controllers over all scenarios of config/study_scenarios.yaml, or over draws
+of plants that are not as the machine file says, config/variations.yaml."""
 
 from __future__ import annotations
 
@@ -14,15 +15,23 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.machine import load_machine
+from mhsb_model.machine import Machine, load_machine
+from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.simulation.kernel_parts import compile_simulator
+from mhsb_sim.study.draws import as_dicts as draws_as_dicts
+from mhsb_sim.study.draws import as_text as draws_as_text
+from mhsb_sim.study.draws import run_draws
 from mhsb_sim.study.energy_comparison import Element, total
 from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.scenarios import load_scenarios
 from mhsb_sim.study.servo_study import ScenarioResult, StudyRecord, as_dicts, run_study
 from mhsb_sim.study.study_figures import draw_study
+from mhsb_sim.study.variations import load_variations
 
 SIDES = ("coordinated", "independent")
+
+DRAWS = 100
 
 TRACKED_ERROR = 5.0
 """Energies are compared where both controllers stay within this tip error RMS [mm]."""
@@ -32,22 +41,38 @@ def study(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/study"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    draws: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    seed: int = 0,
     jobs: int | None = None,
 ) -> None:
     """Run every servo controller through every scenario and compare them.
 
     Writes DIR/summary.json (a list, one record for each scenario and controller: errors in mm,
     pressures in MPa, energies in J), DIR/comparison.json and figures. Same files, same numbers.
+    With --variations or --draws the runs are draws instead: in each the arm is not as the machine
+    file says, and goes after six random goals, 0.4 to 5 s apart; DIR/summary.json alone is
+    written, one record for each draw and controller.
 
     Args:
         output: Folder for summary, comparison and figures.
         machine: Machine file (YAML); the suite's own arm when left out.
         scenarios: Scenario file (YAML); the suite's own when left out.
+        variations: File (YAML) of what plants may be like; the suite's own when left out.
+        draws: Number of draws; 100 with --variations when left out.
+        seed: Of the draws.
         jobs: Processes; as many as there are processors when left out.
     """
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     arm = load_machine(machine)
+    if variations is not None or draws is not None:
+        if scenarios is not None:
+            raise command_line.UsageError(
+                "--scenarios: draws make their own goals; leave it out for these"
+            )
+        study_draws(arm, variations, DRAWS if draws is None else draws, seed, jobs, output)
+        return
     wanted = load_scenarios(scenarios)
     compile_simulator()  # so that the processes find compiled kernels
     bar = tqdm(run_study(arm, wanted, jobs), total=len(wanted), unit="scenario", disable=None)
@@ -59,6 +84,32 @@ def study(
         (output / f"{name}.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     draw_study(results, output)
     print("\n".join(as_text(results, comparison)))
+
+
+def study_draws(
+    machine: Machine,
+    variations: Path | None,
+    count: int,
+    seed: int,
+    jobs: int | None,
+    output: Path,
+) -> None:
+    """Run all draws; writes summary.json in the folder `output` and prints quantiles."""
+    for name, value, lowest in (("draws", count, 1), ("seed", seed, 0)):
+        if value < lowest:
+            raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
+    wanted = load_variations(machine, variations)
+    compile_planner()
+    compile_simulator()  # so that the processes find compiled kernels
+    table_for(machine)  # likewise
+    bar = tqdm(
+        run_draws(machine, wanted, count, seed, jobs), total=count, unit="draw", disable=None
+    )
+    records = [record for pair in bar for record in pair]
+    output.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(draws_as_dicts(records), indent=2)
+    (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
+    print("\n".join(draws_as_text(records)))
 
 
 def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:

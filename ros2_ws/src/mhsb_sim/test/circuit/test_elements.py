@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mhsb_sim.circuit import elements
@@ -102,6 +103,107 @@ def test_a_critically_damped_spool_has_the_limit_of_the_formula() -> None:
     system = np.array([[0.0, 1.0], [-(omega**2), -2 * omega]])
     found = np.array(elements.spool_transition(100.0, 1.0, dt)).reshape(2, 2)
     np.testing.assert_allclose(found, expm(system * dt), rtol=1e-7)
+
+
+def test_a_pump_is_filled_by_its_inlet_pressure_above_the_vapours() -> None:
+    vapour, filling = 1e3, 8e4
+    pressures = np.linspace(0.0, 1.2e5, 200)
+    found = np.array([elements.pump_filling(p, vapour, filling) for p in pressures])
+    np.testing.assert_allclose(found[:, 0], np.clip((pressures - vapour) / filling, 0.0, 1.0))
+    inside = (found[:, 0] > 0.0) & (found[:, 0] < 1.0)
+    np.testing.assert_allclose(found[inside, 1], 1.0 / filling)
+    assert not found[~inside, 1].any()
+
+
+def test_a_pumps_efficiency_falls_with_its_load() -> None:
+    full = elements.shaft_power(90.0, 1.0, 0.9, 10.0)
+    assert full == pytest.approx(90.0 / 0.9 + 10.0)
+    quarter = elements.shaft_power(22.5, 1.0, 0.9, 10.0)
+    assert 22.5 / quarter < 90.0 / full
+    assert elements.shaft_power(-5.0, 0.0, 0.9, 10.0) == 0.0
+
+
+@given(st.lists(st.floats(-5e-7, 5e-7), min_size=1, max_size=20))
+def test_a_parted_node_keeps_its_oil_and_never_falls_below_vapour_pressure(
+    inflows: list[float],
+) -> None:
+    capacity, vapour, start = 2e-14, 1e3, 4e6
+    pressure, cavity = start, 0.0
+    for k, inflow in enumerate(inflows):
+        pressure, cavity = elements.pressure_and_cavity(
+            pressure, cavity, capacity, vapour, inflow
+        )
+        content = capacity * (start - vapour) + sum(inflows[: k + 1])
+        assert pressure >= vapour
+        assert cavity >= 0.0
+        assert capacity * (pressure - vapour) - cavity == pytest.approx(content, abs=1e-18)
+        assert cavity == 0.0 or pressure == vapour
+
+
+def test_a_spool_with_hysteresis_goes_round_a_loop_as_wide_as_its_play() -> None:
+    width, x = 0.04, 0.0
+    ends = ((0, 1, 101), (1, -1, 201), (-1, 1, 201))
+    there = np.concatenate([np.linspace(*end) for end in ends])
+    followed = []
+    for command in there:
+        x = elements.play(x, command, width)
+        followed.append(x)
+    up, down = np.array(followed[301:]), np.array(followed[100:301])
+    np.testing.assert_allclose(up[5:] - there[301:][5:], -width / 2, atol=1e-12)
+    np.testing.assert_allclose(down[5:] - there[100:301][5:], width / 2, atol=1e-12)
+    assert elements.play(0.3, 0.7, 0.0) == 0.7
+    assert math.isnan(elements.play(0.3, math.nan, width))
+
+
+def test_a_valve_with_overlap_opens_beyond_it_and_gives_its_rated_flow_at_full_stroke() -> None:
+    assert elements.metered_opening(0.02, 0.03) == 0.0
+    assert elements.metered_opening(-0.515, 0.03) == pytest.approx(-0.5)
+    assert elements.metered_opening(1.0, 0.03) == 1.0
+    assert elements.metered_opening(0.7, 0.0) == 0.7
+    assert math.isnan(elements.metered_opening(math.nan, 0.03))
+
+
+def test_an_accumulator_takes_what_its_gas_gives_way_to() -> None:
+    volume, precharge, exponent = 1e-4, 2e6, 1.4
+    assert elements.accumulator_capacity(1.9e6, volume, precharge, exponent) == 0.0
+    pressures = np.linspace(2e6, 6e6, 4001)
+    capacity = [elements.accumulator_capacity(p, volume, precharge, exponent) for p in pressures]
+    taken = np.trapezoid(capacity[1:], pressures[1:])
+    expected = volume * (1.0 - (2.0 / 6.0) ** (1 / exponent))
+    assert taken == pytest.approx(expected, rel=2e-3)
+
+
+def test_bristles_bend_as_radau_has_their_equation() -> None:
+    coulomb, breakaway, stribeck, stiffness = 40.0, 1.6, 2e-3, 2e6
+
+    def speed(t: float) -> float:
+        return 4e-3 * math.sin(2 * math.pi * t)
+
+    def rate(t: float, z: np.ndarray) -> np.ndarray:
+        v = speed(t)
+        sliding = coulomb * (1 + (breakaway - 1) * math.exp(-((v / stribeck) ** 2)))
+        return v - stiffness * abs(v) / sliding * z
+
+    dt = 1e-4
+    times = np.arange(1, 10001) * dt
+    exact = solve_ivp(rate, (0.0, 1.0), [0.0], "Radau", times, rtol=1e-8, atol=1e-13).y[0]
+    bend, found = 0.0, []
+    for t in times:
+        v = speed(t - dt / 2)
+        sliding = elements.sliding_friction(coulomb, breakaway, stribeck, v)
+        bend = elements.bristle_bend(bend, v, sliding, stiffness, dt)
+        found.append(bend)
+    force = stiffness * np.array(found)
+    assert np.abs(force - stiffness * exact).max() < 0.5
+    assert force.max() > 1.3 * coulomb  # breaks away
+    assert abs(force[len(force) // 4]) < 1.1 * coulomb  # slides
+
+
+def test_a_stuck_piston_springs_back_on_its_bristles() -> None:
+    stiffness, bend = 2e6, 0.0
+    for v in (1e-4, -1e-4):
+        bend = elements.bristle_bend(bend, v, 60.0, stiffness, 1e-3)
+    assert abs(stiffness * bend) < 1e-3
 
 
 def test_a_switching_valve_closes_the_gap_by_its_time_constant() -> None:

@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
+from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
 from mhsb_sim.circuit.network import Circuit, build_circuit, settle
-from mhsb_sim.simulation.simulator import energy_gap, volume_gap
 
 START = np.array([0.3, -1.4, -1.5])
 MODES_N = np.zeros(3, np.uint8)
@@ -214,6 +214,100 @@ def test_oil_is_accounted_for_to_rounding(machine: Machine) -> None:
     made = (machine.arrays.cap_area - machine.arrays.rod_area) @ SPEED * END
     assert volumes["pistons"] == pytest.approx(made, rel=1e-9)
     assert abs(volume_gap(volumes)) < 1e-9 * volumes["main_pump"]
+
+
+def audited(circuit: Circuit) -> tuple[float, float]:
+    """Energy [J] and oil [m³] that are unaccounted for, of what all pumps delivered."""
+    energy, volume = circuit.energy[0], circuit.volume[0]
+    energies = {name: float(energy[name]) for name in energy.dtype.names}
+    volumes = {name: float(volume[name]) for name in volume.dtype.names}
+    return energy_gap(energies), volume_gap(volumes)
+
+
+def test_servo_pumps_with_a_dead_main_pump_run_dry_and_nothing_is_below_vapour_pressure(
+    machine: Machine,
+) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    settle(circuit, machine, START, MODES_N)
+    circuit.constants["main_pump_flow"] = 0.0
+    circuit.modules["flow_command"] = 8e-6
+    length, vapour = machine.cylinder_lengths(START), machine.config.circuit.vapour_pressure
+    lowest = np.inf
+    for _ in range(4000):
+        circuit.advance(length, np.zeros(3), 1)
+        lowest = min(lowest, circuit.pressure.min())
+    assert lowest >= vapour
+    assert circuit.manifold_pressure < machine.arrays.tank_pressure
+    assert circuit.modules["flow"].min() > 7e-6  # they turn,
+    assert circuit.modules["delivered"].max() < 0.01 * circuit.modules["flow"].max()  # dry
+    energy, oil = audited(circuit)
+    assert abs(energy) < 1e-9 * circuit.energy["servo_pumps"][0]
+    assert abs(oil) < 1e-9 * abs(circuit.volume["compression"][0])
+
+
+def test_a_chamber_that_is_torn_open_parts_and_closes_again_with_the_oil_that_came_back(
+    machine: Machine,
+) -> None:
+    """Oracle: ∫ (anti-cavitation flow − A v) dt of one chamber by SciPy, its valve shut."""
+    circuit = build_circuit(machine, 1e-4)
+    settle(circuit, machine, START, MODES_N)
+    m, oil = machine.arrays, machine.config.circuit
+    length, speed = machine.cylinder_lengths(START), np.array([1.5, 0.0, 0.0])
+    fill = oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop
+    largest = fill * (m.tank_pressure - oil.vapour_pressure)
+    assert m.cap_area[0] * speed[0] > 3.0 * largest  # more than can flow in
+    circuit.pressure[1] = m.tank_pressure  # so that relief of the other side stays out of it
+    circuit.advance(length, speed, 300)
+    expected = (m.cap_area[0] * speed[0] - largest) * 0.03
+    assert circuit.pressure[0] == oil.vapour_pressure
+    assert circuit.cavity[0] == pytest.approx(expected, rel=0.02)
+    lost = -circuit.cavity.sum()
+    assert circuit.volume["cavities"][0] == pytest.approx(lost, rel=1e-9)
+    circuit.advance(length, np.zeros(3), round(1.2 * expected / largest / 1e-4))
+    assert circuit.cavity[0] == 0.0
+    assert oil.vapour_pressure < circuit.pressure[0] <= m.tank_pressure
+    energy, volume = audited(circuit)
+    assert abs(energy) < 1e-9 * circuit.energy["relief_valves"][0]
+    assert abs(volume) < 1e-9 * expected
+
+
+def test_a_manifold_that_is_pressed_up_is_relieved(machine: Machine) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    settle(circuit, machine, START, MODES_N)
+    circuit.pressure[-2] = 8e6
+    circuit.advance(machine.cylinder_lengths(START), np.zeros(3), 10)
+    margin = machine.config.circuit.manifold_relief_margin
+    opens = machine.arrays.supply_pressure + margin + machine.arrays.tank_pressure
+    assert machine.arrays.supply_pressure < circuit.manifold_pressure < opens + 1e5
+    assert circuit.energy["relief_valves"][0] > 0.0
+
+
+def test_a_valve_hard_over_on_a_thrown_cylinder_stays_near_the_relief_setting(
+    machine: Machine,
+) -> None:
+    circuit = build_circuit(machine, 5e-4)
+    settle(circuit, machine, START, MODES_N)
+    circuit.actuators["valve_command"][0] = 1.0
+    setting = machine.config.circuit.chamber_relief_pressure
+    rated = machine.config.hydraulics.valve.rated_flow
+    speed = np.array([-rated / machine.arrays.cap_area[0], 0.0, 0.0])
+    highest = 0.0
+    for _ in range(200):  # the load drives the piston in against the pump
+        circuit.advance(machine.cylinder_lengths(START), speed, 1)
+        highest = max(highest, circuit.pressure[0])
+    assert highest < 1.1 * setting
+
+
+def test_shaft_energies_are_kept_apart_from_what_the_oil_gets(machine: Machine) -> None:
+    _, circuit = run(machine, 5e-4)
+    record, oil = circuit.energy[0], machine.config.circuit
+    energies = {name: float(record[name]) for name in record.dtype.names}
+    source = energy_by_source(energies)
+    main, servo = source["main_pump"], source["servo_pumps"]
+    expected = main["hydraulic"] / oil.main_pump_efficiency + oil.main_pump_drag_power * END
+    assert main["shaft"] == pytest.approx(expected, rel=1e-9)
+    efficiency = machine.arrays.servo_pump_efficiency
+    assert servo["hydraulic"] == pytest.approx(efficiency * servo["shaft"], rel=0.02)
 
 
 def test_pressures_at_rest_equal_statics_and_stay(machine: Machine) -> None:

@@ -62,6 +62,21 @@ def test_the_target_of_now_covers_what_is_ahead(oil: tuple[Any, ...]) -> None:
     assert axis["supply_target"][0] > axis["target_ahead"][0]
 
 
+def test_a_load_that_is_about_to_turn_round_is_charged_for_with_its_whole_force(
+    machine: Machine, oil: tuple[Any, ...]
+) -> None:
+    axis = np.zeros(1, AXIS)
+    axis["hold"], axis["hold_ahead"], axis["force"] = 2000.0, 2000.0, 3500.0
+    axis["speed"], axis["speed_ahead"] = -0.01, -0.005
+    set_targets(axis[0], *oil)
+    held = required_pressure(machine.arrays, 0, 2000.0, 0.0) + MARGIN
+    assert axis["supply_target"][0] == pytest.approx(held)
+    axis["speed_ahead"] = 0.005
+    set_targets(axis[0], *oil)
+    turned = required_pressure(machine.arrays, 0, 3500.0, 0.0) + MARGIN
+    assert axis["supply_target"][0] == pytest.approx(turned)
+
+
 def test_shared_boost_and_foreign_modules_draw_on_the_rail() -> None:
     home = np.array([0, 1, 2, -1])
     modes = np.array([2, 1, 1], np.uint8)

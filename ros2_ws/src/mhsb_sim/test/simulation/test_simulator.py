@@ -13,10 +13,11 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, mode_patterns
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
+from mhsb_sim.circuit.audit import volume_gap
 from mhsb_sim.errors import ModeError, SimulationDivergedError, UnknownControllerError
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.faults import Fault
-from mhsb_sim.simulation.simulator import Simulator, volume_gap
+from mhsb_sim.simulation.simulator import Simulator
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
@@ -238,6 +239,26 @@ def potential_energy(machine: Machine, q: FloatArray) -> float:
     centers = joints[:-1] + heights * machine.arrays.link_center / machine.arrays.link_length
     moment = centers @ machine.arrays.link_mass + joints[-1] * machine.arrays.payload
     return float(machine.arrays.gravity * moment)
+
+
+def test_half_the_step_of_the_plant_changes_the_tracking_error_by_less_than_three_percent(
+    machine: Machine, motion: Motion
+) -> None:
+    errors = []
+    for substeps in (1, 2):
+        finer = machine.with_values(
+            {
+                "simulation.mechanics_substeps": substeps,
+                "servo.pressure_noise": 0.0,
+                "servo.length_noise": 0.0,
+            }
+        )
+        simulator = Simulator(finer, posture=LOWERED)
+        duration = go(simulator, motion, LIFTED)
+        errors.append(tip_errors(simulator, duration))
+    coarse, fine = (float(np.sqrt(np.mean(np.square(each)))) for each in errors)
+    assert fine > 1e-5
+    assert coarse == pytest.approx(fine, rel=0.03)
 
 
 def test_half_the_step_changes_little(machine: Machine, motion: Motion) -> None:

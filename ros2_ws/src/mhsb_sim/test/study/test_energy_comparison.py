@@ -51,5 +51,5 @@ def test_runs_add_up_and_are_printed(elements):
     doubled = total([elements, elements])
     assert doubled[0].planned == pytest.approx(2 * elements[0].planned)
     lines = as_text(elements)
-    assert len(lines) == len(elements) + 1
-    assert "leakage" in lines[5]
+    assert len(lines) == len(elements) + 2
+    assert "leakage" in lines[6]

@@ -45,6 +45,8 @@ KEYS = [
     "energy_planned_series_j",
     "mode_switches",
     "held_out",
+    "energy_mp_shaft_j",
+    "energy_sp_hydraulic_j",
 ]
 
 
@@ -134,9 +136,8 @@ def test_records_are_plain_json_with_the_agreed_keys(result: ScenarioResult) -> 
 
 
 def record(controller: str, rms: float, overshoot: float, energy: float) -> StudyRecord:
-    return StudyRecord(
-        "s", controller, rms, rms, 8.0, overshoot, 8.0, False, energy, 0.0, 900.0, 4, False
-    )
+    numbers = rms, rms, 8.0, overshoot, 8.0, False, energy, 0.0, 900.0, 4, False, 1.2 * energy, 0.0
+    return StudyRecord("s", controller, *numbers)
 
 
 def test_controllers_are_compared_by_the_worst_scenario(scenario: Scenario) -> None:

@@ -1,0 +1,244 @@
+"""Draws: a servo that knows the machine file, on a plant that is not as the file says.
+
+A draw is one plant and one random sequence of goals; planner and servo know the file's machine
+alone. Its plans are made once and given to every controller. Draw k of a seed is the same whatever
+the number of draws and processes.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from mhsb_model.command import Command
+from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.online.lead import OFFLINE_LEAD
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
+from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_sim.study.replay import Replay, replay
+from mhsb_sim.study.servo_study import supply_overshoot
+from mhsb_sim.study.variations import Variations, varied
+
+GOALS = 6
+SHORTEST, LONGEST = 0.4, 5.0
+"""From one goal to the next [s]."""
+
+TAIL = 2.0
+"""How long a run goes on after the last motion [s]."""
+
+OPTIONS = PlanOptions(planner=ONLINE_PLANNER)
+
+
+@dataclass(frozen=True)
+class DrawRecord:
+    """One controller in one draw; numbers are None where the run failed before there were any.
+
+    varied                what was drawn, by the variations' names
+    tip_error_…           measured tip against the servo's reference, the whole run [mm]
+    supply_overshoot_mpa  as in `servo_study.supply_overshoot`, the need being the plant's
+    relief_opened         whether any relief valve let oil through
+    time_lost             by which the reference arrived later than the last plan says [s]
+    failure               why the draw failed, empty where it did not
+    """
+
+    controller: str
+    draw: int
+    varied: dict[str, float | str]
+    tip_error_rms_mm: float | None = None
+    tip_error_max_mm: float | None = None
+    supply_overshoot_mpa: float | None = None
+    relief_opened: bool | None = None
+    time_lost: float | None = None
+    failure: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class GoalSequence:
+    """Plans for a random sequence of goals, and how long it lasts [s]; refused: why a goal was."""
+
+    commands: tuple[Command, ...]
+    duration: float
+    refused: str
+
+    def moment(self, share: float) -> float:
+        """The time [s] when this share of all time of motion is over."""
+        starts = [command.stamp_ns for command in self.commands]
+        ends = [*starts[1:], self.commands[-1].trajectory.end_ns] if starts else []
+        spans = [
+            max(0, min(end, command.trajectory.end_ns) - start)
+            for start, end, command in zip(starts, ends, self.commands, strict=True)
+        ]
+        left = share * sum(spans)
+        for start, span in zip(starts, spans, strict=True):
+            if left <= span:
+                return (start + left) / SECOND_NS
+            left -= span
+        return 0.0
+
+
+class DrawStudy:
+    """Draws of one machine with its variations: plans and runs of each, by number."""
+
+    def __init__(self, machine: Machine, variations: Variations, seed: int) -> None:
+        self._machine = machine
+        self._variations = variations
+        self._seed = seed
+        self._replanner = Replanner(machine, table_for(machine))
+
+    def records(self, draw: int) -> list[DrawRecord]:
+        """Every controller in a draw; nothing that goes wrong there is left out."""
+        random = np.random.default_rng((self._seed, draw))
+        drawn: dict[str, float | str] = {}
+        try:
+            sequence = self.sequence(random)
+            plant, drawn = varied(self._machine, self._variations, random, sequence.moment)
+        except Exception as error:  # whatever it is, it is this draw's result
+            return [DrawRecord(name, draw, drawn, failure=_reason(error)) for name in CONTROLLERS]
+        return [self._record(name, draw, drawn, plant, sequence) for name in CONTROLLERS]
+
+    def sequence(self, random: np.random.Generator) -> GoalSequence:
+        """Goals anywhere that the arm could go to from its start, planned one after the other."""
+        machine = self._machine
+        start = np.array(machine.config.simulation.start_posture)
+        rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
+        command, commands, refused, now = rest, [], [], 0.0
+        for _ in range(GOALS):
+            goal = self._goal(random, rest)
+            now_ns = round(now * SECOND_NS)
+            now += random.uniform(SHORTEST, LONGEST)
+            try:
+                replan = self._replanner.replan(command, now_ns, goal, OFFLINE_LEAD, OPTIONS)
+            except MhsbError as error:
+                refused.append(f"goal ({goal[0]:.3f}, {goal[1]:.3f}) m is refused: {error}")
+                continue
+            if replan is not None:
+                command = replan.command
+                commands.append(command)
+        end = max([now, *(command.trajectory.end_ns / SECOND_NS for command in commands)])
+        return GoalSequence(tuple(commands), end + TAIL, "; ".join(refused))
+
+    def _goal(self, random: np.random.Generator, rest: Command) -> tuple[float, float]:
+        """A point of the workspace, all areas alike, that there is a plan to from the start."""
+        area = self._machine.config.workspace
+        while True:
+            x = random.uniform(area.min_x, area.max_radius)
+            z = random.uniform(-area.max_radius, area.max_radius)
+            if not area.min_radius <= np.hypot(x, z) <= area.max_radius:
+                continue
+            try:
+                self._replanner.replan(rest, 0, (x, z), OFFLINE_LEAD, OPTIONS)
+            except MhsbError:
+                continue
+            return x, z
+
+    def _record(
+        self,
+        controller: str,
+        draw: int,
+        drawn: dict[str, float | str],
+        plant: Machine,
+        sequence: GoalSequence,
+    ) -> DrawRecord:
+        try:
+            simulator = Simulator(self._machine, controller, seed=draw, plant=plant)
+            run = replay(simulator, sequence.commands, sequence.duration)
+            error = 1e3 * run.tip_error(plant)
+            return DrawRecord(
+                controller,
+                draw,
+                drawn,
+                tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
+                tip_error_max_mm=float(error.max()),
+                supply_overshoot_mpa=float(supply_overshoot(plant, run).max() / 1e6),
+                relief_opened=run.energies["relief_valves"] > 0.0,
+                time_lost=time_lost(sequence.commands, run),
+                failure=sequence.refused,
+            )
+        except Exception as error:  # as above
+            return DrawRecord(controller, draw, drawn, failure=_reason(error))
+
+
+def time_lost(commands: Sequence[Command], run: Replay) -> float:
+    """By how much later the reference has come to rest than the last plan has it [s]."""
+    moving = np.flatnonzero(np.any(run.reference[:, 1] != 0.0, axis=1))
+    if not len(moving) or not commands:
+        return 0.0
+    planned = commands[-1].trajectory.end_ns / SECOND_NS
+    return max(0.0, float(run.time[moving[-1]]) - planned)
+
+
+def run_draws(
+    machine: Machine, variations: Variations, count: int, seed: int, jobs: int | None = None
+) -> Iterator[list[DrawRecord]]:
+    """Records of draws 0 … count − 1 as they come, in `jobs` processes.
+
+    jobs: by default one for each processor this process may use.
+    """
+    workers = jobs or len(os.sched_getaffinity(0))
+    context = multiprocessing.get_context("spawn")
+    given = machine, variations, seed
+    with ProcessPoolExecutor(workers, context, _set_study, given) as pool:
+        tasks = [pool.submit(_records, draw) for draw in range(count)]
+        try:
+            for task in as_completed(tasks):
+                yield task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+
+
+def as_dicts(records: Sequence[DrawRecord]) -> list[dict[str, object]]:
+    """Records as plain dicts, ready for JSON, in the order of the draws."""
+    order = list(CONTROLLERS)
+    ordered = sorted(records, key=lambda record: (record.draw, order.index(record.controller)))
+    return [asdict(record) for record in ordered]
+
+
+def as_text(records: Sequence[DrawRecord]) -> list[str]:
+    """The draws for a person: medians, quantiles and the worst."""
+    lines = [
+        f"{'':14s}{'failed':>8s}{'RMS median':>15s}{'p95':>10s}{'worst':>9s}{'largest median':>15s}"
+        f"{'p95':>10s}{'worst':>9s} [mm]"
+    ]
+    for name in CONTROLLERS:
+        own = [record for record in records if record.controller == name]
+        failed = sum(bool(record.failure) for record in own)
+        columns = f"{name:14s}{failed:4d}/{len(own):<4d}"
+        for field in ("tip_error_rms_mm", "tip_error_max_mm"):
+            values = [v for record in own if (v := getattr(record, field)) is not None]
+            if values:
+                middle, high = np.quantile(values, (0.5, 0.95))
+                columns += f"{middle:14.2f} {high:9.2f} {max(values):8.2f}"
+        over = [r.supply_overshoot_mpa for r in own if r.supply_overshoot_mpa is not None]
+        relief = sum(bool(record.relief_opened) for record in own)
+        if over:
+            columns += f"   overshoot p95 {np.quantile(over, 0.95):.2f}, worst {max(over):.2f} MPa"
+        lines.append(f"{columns}; relief in {relief}")
+    return lines + sorted({f"draw {r.draw}: {r.failure}" for r in records if r.failure})
+
+
+def _reason(error: Exception) -> str:
+    return str(error) if isinstance(error, MhsbError) else f"{type(error).__name__}: {error}"
+
+
+_study: list[DrawStudy] = []
+
+
+def _set_study(machine: Machine, variations: Variations, seed: int) -> None:
+    """Once in each process: what it loads and keeps serves all draws."""
+    _study[:] = [DrawStudy(machine, variations, seed)]
+
+
+def _records(draw: int) -> list[DrawRecord]:
+    return _study[0].records(draw)

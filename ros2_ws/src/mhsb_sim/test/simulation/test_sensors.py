@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+
+from mhsb_model.machine import Machine
+from mhsb_sim.simulation.sensors import LENGTH, PRESSURE, PUMP_SPEED, channels_of
+from mhsb_sim.simulation.simulator import Simulator
+
+
+def with_sensors(machine: Machine, length: str, pressure: str, pump_speed: str) -> Machine:
+    return machine.with_values(
+        {
+            "imperfections.sensors.length": length,
+            "imperfections.sensors.pressure": pressure,
+            "imperfections.sensors.pump_speed": pump_speed,
+        }
+    )
+
+
+def test_every_class_that_a_machine_file_may_name_is_there(machine: Machine) -> None:
+    fields = type(machine.config.imperfections.sensors).model_fields
+    for name, classes in (("length", LENGTH), ("pressure", PRESSURE), ("pump_speed", PUMP_SPEED)):
+        assert set(fields[name].annotation.__args__) == set(classes)
+
+
+def test_the_files_sensors_have_its_noise_and_no_other_error(machine: Machine) -> None:
+    channels, noise = channels_of(machine, np.random.default_rng(0))
+    n, servo = machine.joint_count, machine.config.servo
+    assert not any(channels[name].any() for name in channels.dtype.names)
+    np.testing.assert_array_equal(noise[:n], servo.length_noise)
+    np.testing.assert_array_equal(noise[n : 4 * n + 1], servo.pressure_noise)
+    assert not noise[4 * n + 1 :].any()
+
+
+def test_industrial_sensors_read_multiples_of_their_resolution_about_their_offset(
+    machine: Machine,
+) -> None:
+    plant = with_sensors(machine, "encoder_16_bit", "industrial", "resolver")
+    simulator = Simulator(machine, plant=plant)
+    kind = PRESSURE["industrial"]
+    readings, truths = [], []
+    for _ in range(500):
+        truths.append(simulator.actuator_states.cap_pressure)
+        simulator.step()
+        readings.append(simulator._signals.sensors["cap_pressure"].copy())
+    errors = np.array(readings) - np.array(truths)
+    multiples = np.array(readings) / kind.resolution
+    np.testing.assert_allclose(multiples, np.rint(multiples), atol=1e-6)
+    own = simulator._channels["offset"][machine.joint_count : 4 * machine.joint_count : 3]
+    np.testing.assert_allclose(errors.mean(axis=0), own, atol=4 * kind.noise / np.sqrt(500) + 200)
+    spread = np.hypot(kind.noise, kind.resolution / 12**0.5)
+    assert errors.std(axis=0) == pytest.approx(spread, rel=0.2)
+    assert np.abs(own).max() > 1e3
+    angles = simulator._signals.sensors["length"] - machine.cylinder_lengths(
+        np.rint(simulator.joint_state.position / LENGTH["encoder_16_bit"].resolution)
+        * LENGTH["encoder_16_bit"].resolution
+    )
+    assert np.abs(angles).max() < 2e-5  # noise of the file, one step of motion
+
+
+def test_a_sensor_keeps_its_offset_with_the_seed(machine: Machine) -> None:
+    plant = with_sensors(machine, "file", "industrial", "exact")
+    one, same, other = (
+        channels_of(plant, np.random.default_rng(seed))[0]["offset"] for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(one, same)
+    assert np.any(one != other)

@@ -1,0 +1,44 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from mhsb_model.command_line import UsageError
+from mhsb_model.machine import Machine
+from mhsb_sim.commands.simulate_command import plant_of
+from mhsb_sim.study.study_command import study, study_draws
+
+
+def test_draws_are_written_as_a_list_of_records(machine: Machine, tmp_path: Path) -> None:
+    study_draws(machine, None, 1, 7, 1, tmp_path)
+    records = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert [record["controller"] for record in records] == ["coordinated", "independent"]
+    named = {"draw", "varied", "tip_error_rms_mm", "tip_error_max_mm", "supply_overshoot_mpa"}
+    for record in records:
+        assert {*named, "relief_opened", "time_lost", "failure"} <= set(record)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"draws": 0}, "--draws: 0 is below 1"),
+        ({"draws": 3, "seed": -1}, "--seed: -1 is below 0"),
+        ({"draws": 3, "scenarios": Path("x.yaml")}, "draws make their own goals"),
+        ({"jobs": 0}, "--jobs: 0 is below 1"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_a_sentence(
+    tmp_path: Path, options: dict[str, object], sentence: str
+) -> None:
+    with pytest.raises(UsageError, match=sentence):
+        study(output=tmp_path, **options)  # type: ignore[arg-type]
+
+
+def test_a_plant_is_a_file_times_factors(machine: Machine) -> None:
+    assert plant_of(machine, None, ()) is machine
+    plant = plant_of(machine, None, ("payload=1.2", "circuit.bulk_modulus=0.5"))
+    assert plant.arrays.payload == pytest.approx(1.2 * machine.arrays.payload)
+    assert plant.config.circuit.bulk_modulus == 0.5 * machine.config.circuit.bulk_modulus
+    for text in ("payload", "payload=much", "=2"):
+        with pytest.raises(Exception, match=r"KEY=FACTOR|there is no ''"):
+            plant_of(machine, None, (text,))
