@@ -61,6 +61,17 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
     return Trajectory(at_ns, offset, q, qd, qdd)
 
 
+def rest_of(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
+    """What is left of a trajectory from the absolute time `at_ns` on, with stamp 0; the same curve.
+
+    None where hardly anything is left.
+    """
+    if trajectory.end_ns - at_ns < CLOSEST_POINTS_NS:
+        return None
+    offset = _offsets_left(trajectory, at_ns)
+    return Trajectory(0, offset, *trajectory.sample_many(at_ns + offset))
+
+
 def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
     """Come to rest from a state whose way is not known, each joint on its own.
 

@@ -23,6 +23,11 @@ SPACING = 0.05  # m
 MOST_RINGS = 3
 MOST_ON_SEGMENT, MOST_ALONG_BOX = 21, 5
 
+AT_GOAL_DISTANCE = 1e-4
+"""A tip at rest within this of the goal has nothing to do [m]."""
+
+AT_GOAL_ANGLE = 1e-3  # rad, of the end link, where one is asked for
+
 INSIDE = 1.0 - 1e-9
 """Points at a disc's edge lie inside by this factor, whatever the rounding."""
 

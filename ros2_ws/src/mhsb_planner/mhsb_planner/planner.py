@@ -27,12 +27,14 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.goal_region import AT_GOAL_ANGLE, AT_GOAL_DISTANCE, is_met
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.cavitation import cavitations_of
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
 from mhsb_planner.motion.s3_limits import stays_inside
+from mhsb_planner.motion.s3_steered import Steering
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitMethod,
@@ -40,6 +42,7 @@ from mhsb_planner.motion.s3_trajectory import (
     FittedMotion,
     TrajectoryKind,
     fit_braking,
+    fit_rest,
     fit_trajectory,
 )
 from mhsb_planner.motion.s4_mode_schedule import StartModes
@@ -79,6 +82,23 @@ PROMISE_KEPT = 0.85
 SLOWER = (1.5, 2.2, 3.4)
 """Factors on the duration of ramps that are compared with the shortest."""
 
+WORTH_LEAVING = 0.02
+"""By this share another motion has to be cheaper than the rest of the plan in force."""
+
+LONGEST_REST, CLOSE, NEAR = 1.0, 5e-3, 0.05
+"""A motion steers straight to its goal where the rest of the plan in force lasts no longer [s] and
+ends no farther from it [m]: NEAR where the motion is soon to be followed by another."""
+
+TURNING = 0.2
+"""By so much the end link's angle may change where one motion soon follows the other [rad/s]: the
+posture follows the goal, too, and does not flip to and fro."""
+
+LASTING = 1.5
+"""A motion that is soon to be followed by another takes so many times the time until then."""
+
+BEHIND = 0.1
+"""By so much of that time a cheaper one may take longer."""
+
 ROUNDING = 1e-9
 """Costs that differ by no more than this share are equal."""
 
@@ -94,7 +114,7 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
         asked = own == "polynomial"
         rules = FitRules(max_excess=options.max_speed_excess if asked else rules.max_excess)
     passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
-    return replace(rules, least_duration=options.least_duration, passing=passing)
+    return replace(rules, least_duration=LASTING * options.period, passing=passing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +207,7 @@ class Planner:
         brake: Trajectory | None = None,
         options: PlanOptions | None = None,
         deadline: Deadline = NEVER,
+        rest: Trajectory | None = None,
     ) -> Plan:
         """Plan to the tip position `goal` (x, z) m, or what the options say will do as well.
 
@@ -194,6 +215,9 @@ class Planner:
         brake     how a moving start comes to rest (`mhsb_model.braking`) where it cannot coast;
                   without it, it has to
         deadline  until when cheaper motions are looked for; what takes longer is dropped
+        rest      of the plan in force, with stamp 0. Where it leads to the goal it stays, unless
+                  another motion is cheaper by WORTH_LEAVING; where it ends near the goal, the
+                  motion steers there
 
         Without a deadline the same request gives the same plan. Raises OutOfWorkspaceError,
         InfeasibleGoalError, ZoneError, NoPathError, FitError; DeadlineError where there is no
@@ -205,9 +229,11 @@ class Planner:
         self._check(goal, start, options)
         deadline.check("planning")
         began, refused = perf_counter(), None
-        for stop in self._stops(start, brake):
+        for stop in self._stops(goal, start, brake, rest, options):
             task = self._task(goal, start, modes, stop, options)
             making = _Making(self.machine, task, deadline, began)
+            if rest is not None and self._leads_to(goal, rest, options):
+                making.go_on(rest, task.bound(self.graph))
             try:
                 return making.best_along(paths_by_way(planner, self.graph, task, making.time))
             except DeadlineError:
@@ -254,30 +280,52 @@ class Planner:
             raise RequestError("area weight", options.area_weight, rule)
 
     def _stops(
-        self, start: MotionState, brake: Trajectory | None
-    ) -> list[Trajectory | Coasting | None]:
+        self,
+        goal: tuple[float, float],
+        start: MotionState,
+        brake: Trajectory | None,
+        rest: Trajectory | None,
+        options: PlanOptions,
+    ) -> list[Trajectory | Coasting | Steering | None]:
         """Ways in which the start comes to rest, the better one first; None: it rests already."""
         if not (start.velocity.any() or start.acceleration.any()):
             return [None]
         coast = coasting(self.machine, start)
-        stops: list[Trajectory | Coasting | None] = []
+        stops: list[Trajectory | Coasting | Steering | None] = []
+        if rest is not None and rest.duration_ns <= LONGEST_REST * SECOND_NS:
+            away = math.dist(goal, self.machine.tip_position(rest.position[-1]).tolist())
+            if away <= (NEAR if options.period > 0.0 else CLOSE):
+                stops.append(Steering(start, rest))
         if brake is None or stays_inside(self.machine, coast.trajectory):
             stops.append(coast)
         return stops if brake is None else [*stops, brake]
+
+    def _leads_to(
+        self, goal: tuple[float, float], rest: Trajectory, options: PlanOptions
+    ) -> bool:
+        """Whether the rest of a plan ends at the goal; what it passed on its way is not known."""
+        end = rest.position[-1]
+        tip, angle = self.machine.tip_position(end), float(end.sum())
+        region, psi = options.goal_region, options.goal_psi
+        there = is_met(goal, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
+        return there and not options.via
 
     def _task(
         self,
         goal: tuple[float, float],
         start: MotionState,
         modes: StartModes | None,
-        brake: Trajectory | Coasting | None,
+        brake: Trajectory | Coasting | Steering | None,
         options: PlanOptions,
     ) -> Task:
         modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
         area = area_term(options.area_weight, self.graph.table)
         departure = start.position
         if brake is not None:
-            departure = brake.posture if isinstance(brake, Coasting) else brake.position[-1]
+            departure = brake.position[-1] if isinstance(brake, Trajectory) else brake.posture
+        if isinstance(brake, Steering) and options.period > 0.0 and options.goal_psi is None:
+            psi, turn = float(departure.sum()), TURNING * options.period
+            options = replace(options, goal_psi=(psi - turn, psi + turn))
         return Task(goal, start, modes, brake, departure, options, area)
 
 
@@ -295,6 +343,22 @@ class _Making:
         self._refused: FitError | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
         self._began = self._since = began
+
+    def go_on(self, rest: Trajectory, bound: float) -> None:
+        """Begin with the rest of the plan in force, where it keeps all limits.
+
+        bound: no plan takes less energy [J]
+        """
+        task = self._task
+        rules = fit_rules(task.options)
+        with suppress(FitError, DeadlineError):
+            motion = fit_rest(self._machine, rest, task.modes, rules, self.time.deadline)
+            tip, end = self._machine.tip_position(rest.position[-1]), rest.position[-1]
+            path = DiscretePath.standing(tip, end, task.modes.modes, 0.0)
+            self._best = self._priced(replace(path, lower_bound=bound), motion, NEVER)
+            self.time.found = True
+        self._spend("fit")
+        self._seconds["first_motion"] = self._since - self._began
 
     def best_along(self, candidates: Iterable[Candidate]) -> Plan:
         """The plan along the best of these paths; raises what they raise where there is none."""
@@ -334,6 +398,8 @@ class _Making:
             motion = self._motion(path, fit_rules(options, candidate.trajectory))
         except FitError as error:
             self._refused = self._refused or error
+            if best is None and isinstance(self._task.brake, Steering):
+                raise  # another way of setting out will do better than another path
             return
         finally:
             self._spend("comparison" if candidate.compared else "fit")
@@ -353,10 +419,20 @@ class _Making:
         best = self._best
         plan = self._priced(candidate.path, motion, NEVER if best is None else self.time.deadline)
         self._spend("comparison" if candidate.compared else "energy")
-        if best is not None and not _is_cheaper(plan, best, self._task.options):
+        if best is not None and not self._takes_over(plan, best):
             return False
         self._best = plan
         return True
+
+    def _takes_over(self, plan: Plan, best: Plan) -> bool:
+        """Whether a plan is better than the best so far, and by enough."""
+        options = self._task.options
+        if not _is_cheaper(plan, best, options):
+            return False
+        if options.period > 0.0 and plan.duration > best.duration + BEHIND * options.period:
+            return False
+        share = WORTH_LEAVING if best.motion.method == FitMethod.CONTINUED else 0.0
+        return plan.cost(options) <= (1.0 - share) * best.cost(options)
 
     def _others(self, path: DiscretePath, motion: FittedMotion) -> Iterator[FitRules]:
         """Other ways along a path that may be cheaper than this motion.
@@ -365,6 +441,8 @@ class _Making:
         boost, as more switches than the path's tell, slower ramps.
         """
         asked = fit_rules(self._task.options)
+        if self._task.options.period > 0.0 and motion.method != FitMethod.POLYNOMIAL:
+            return  # slower ones would fall behind
         following = replace(
             FitRules.following(), least_duration=asked.least_duration, passing=asked.passing
         )
@@ -379,7 +457,7 @@ class _Making:
         task = self._task
         if path.steps == 0:
             brake = task.brake or standstill(task.start.position)
-            brake = brake.trajectory if isinstance(brake, Coasting) else brake
+            brake = brake if isinstance(brake, Trajectory) else brake.trajectory
             return fit_braking(self._machine, brake, task.modes)
         return fit_trajectory(
             self._machine,

@@ -118,7 +118,7 @@ class IntegratedSearch:
         if route.cost == math.inf:
             return None
         for spacing in spacings:
-            route = stages.refined(task, route, spacing)
+            route = stages.refined(task, route, spacing, task.effort.sweeps)
         return self._path(route, Work())
 
     @property

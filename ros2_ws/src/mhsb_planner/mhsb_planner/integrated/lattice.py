@@ -317,6 +317,7 @@ def expand(
     goals: Postures,
     enough: float,
     haste: float,
+    once: bool,
     limit: int,
 ) -> int:
     """Expand up to `limit` states; PAUSED, FOUND, EXHAUSTED, or FULL where rows are to be added.
@@ -325,6 +326,8 @@ def expand(
     enough  paths that cost as much or more are not wanted
     haste   factor on what is estimated to remain: with 1 the path found is the cheapest, with
             more it costs at most so many times as much and is found sooner
+    once    whether a point that has been reached is looked at no more: whether there is a path is
+            found out soonest, not the cheapest
 
     Oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
     """
@@ -366,6 +369,8 @@ def expand(
             if not inside:
                 continue
             target = known.row[point] - 1
+            if once and target != NOWHERE and known.best[target] != NOWHERE:
+                continue
             if target == NOWHERE:
                 target = _meet(known, point)
                 _put(known, lattice, target, w.points, 1)
@@ -444,12 +449,18 @@ class LatticeSearch:
         return float(self._frontier.cost[-1])
 
     def search(
-        self, enough: float, expansions: int, deadline: Deadline = NEVER, haste: float = 1.0
+        self,
+        enough: float,
+        expansions: int,
+        deadline: Deadline = NEVER,
+        haste: float = 1.0,
+        once: bool = False,
     ) -> tuple[FloatArray, int] | None:
         """Corners of the cheapest route, float64[points, n] m, and the goal it ends in.
 
-        With haste above 1, of one that costs at most so many times as much. None where no route
-        costs less than `enough`, or none was found with so many expansions or before the deadline.
+        With haste above 1, of one that costs at most so many times as much; once: of any. None
+        where no route costs less than `enough`, or none was found with so many expansions or before
+        the deadline.
         """
         status = PAUSED
         for portion in deadline.portions(FIRST_PORTION, PORTION):
@@ -462,6 +473,7 @@ class LatticeSearch:
                 self._goals,
                 enough,
                 haste,
+                once,
                 min(portion, expansions - self.expanded),
             )
             if status == FULL:

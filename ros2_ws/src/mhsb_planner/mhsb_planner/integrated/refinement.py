@@ -21,6 +21,7 @@ from mhsb_planner.integrated.route import (
     Terms,
     begin_route,
     continue_route,
+    costs_ahead,
     price_route,
 )
 
@@ -63,12 +64,16 @@ def sweep(
 ) -> tuple[float, float]:
     """One round of a compass search, `sweep_corner` by corner; returns cost and ψ.
 
-    After the deadline the rest of the corners stay.
+    A route that is not possible, of infinite cost, stays as it is, and after the deadline the rest
+    of the corners do.
     """
+    if cost == math.inf:
+        return cost, psi
+    ahead = costs_ahead(t, w, via, start)
     for i in range(1, len(via)):
         if deadline.passed:
             break
-        cost, psi = sweep_corner(t, w, via, start, cost, tip, elbow, psi, stroke, turn, i)
+        cost, psi = sweep_corner(t, w, via, start, cost, tip, elbow, psi, stroke, turn, i, ahead)
     return cost, psi
 
 
@@ -99,16 +104,18 @@ def sweep_corner(
     stroke: float,
     turn: float,
     i: int,
+    ahead: FloatArray,
 ) -> tuple[float, float]:
     """One corner's part of a round of a compass search; returns cost and ψ.
 
     The corner is moved along each cylinder, or, at the route's end, the goal's ψ is turned, both
     ways. Corners are taken from i = 1 on, one after the other: w keeps what is known where the
-    one before was.
+    one before was. What follows the next corner does not change, and is priced once a round.
 
     via     float64[points, n] m, changed in place
     stroke  m, by which the corner is moved
     turn    rad, by which the goal's ψ is turned; 0 leaves it
+    ahead   of `route.costs_ahead`, before the round began
     """
     m, points = t.machine, w.points
     n = via.shape[1]
@@ -121,6 +128,7 @@ def sweep_corner(
     value, posture, force = w.value[0].copy(), points.posture[0].copy(), points.force[0].copy()
     kept = np.empty(n)
     last = i == len(via) - 1
+    left = 0.0 if last else np.min(ahead[i + 1])
     for k in range(1 if last else n):
         for sign in (-1.0, 1.0):
             kept[:] = via[i]
@@ -134,7 +142,9 @@ def sweep_corner(
                 points.length[0] = via[i - 1]
                 points.force[0] = force
                 w.value[0] = value
-                trial = continue_route(t, w, via[i - 1 :], cost, parent)
+                trial = continue_route(t, w, via[i - 1 : i + 2], cost - left, parent, last)
+                if trial < math.inf and not last:
+                    trial = np.min(w.value[0, :-1] + ahead[i + 1])
                 if trial < cost:
                     cost = trial
                     psi = turned if last else psi

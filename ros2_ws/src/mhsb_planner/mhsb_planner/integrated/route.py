@@ -239,6 +239,15 @@ def least_step(t: Terms, start: FloatArray, end: FloatArray) -> float:
 
 
 @kernel
+def _cost_of(t: Terms, w: Memory, p: int) -> float:
+    """w₁ E + w₂ T + w₄ M of the piece priced in pattern p."""
+    cost = w.scratch.cost
+    return (
+        t.weight[0] * cost[p, t.column] + t.weight[1] * cost[p, DURATION] + w.shortfall[p]
+    )
+
+
+@kernel
 def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     """Take the piece from w.points[here], reached at w.value[here], to the other point.
 
@@ -249,8 +258,8 @@ def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     status = price_piece(t, w, here)
     if status == INADMISSIBLE:
         return math.inf
-    cost, value, after = w.scratch.cost, w.value[here], w.value[1 - here]
-    w_energy, w_time, w_switch = t.weight
+    value, after = w.value[here], w.value[1 - here]
+    w_switch = t.weight[2]
     after[:] = math.inf
     least = math.inf
     for p in range(len(t.patterns)):
@@ -262,8 +271,7 @@ def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
             if arrived < best:
                 best = arrived
                 parent[p] = o
-        after[p] = best + w_energy * cost[p, t.column] + w_time * cost[p, DURATION]
-        after[p] += w.shortfall[p]
+        after[p] = best + _cost_of(t, w, p)
         least = min(least, after[p])
     return least
 
@@ -359,6 +367,50 @@ def price_route(
     """
     begin_route(t, w, via[0], start)
     return continue_route(t, w, via, limit, np.empty((1, len(t.patterns)), dtype=np.int64))
+
+
+@kernel
+def costs_ahead(t: Terms, w: Memory, via: FloatArray, start: FloatArray) -> FloatArray:
+    """Least cost from each corner of a possible route to its end, float64[points, patterns].
+
+    By the pattern in which the corner is reached; that of the start does not matter, and inf stands
+    for it. The switches from one pattern to the next and to the holding modes are in it.
+    """
+    pieces, patterns = 0, len(t.patterns)
+    for s in range(len(via) - 1):
+        pieces += pieces_between(via[s], via[s + 1], t.piece)
+    cost = np.full((pieces, patterns), np.inf)
+    begin_route(t, w, via[0], start)
+    length = np.empty(via.shape[1])
+    here, row = 0, 0
+    for s in range(len(via) - 1):
+        count = pieces_between(via[s], via[s + 1], t.piece)
+        for k in range(1, count + 1):
+            for j in range(len(length)):
+                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
+            place(t.machine, w.points, 1 - here, length, here)
+            status = price_piece(t, w, here)
+            for p in range(patterns):
+                if status != INADMISSIBLE and w.scratch.status[p] == status:
+                    cost[row, p] = _cost_of(t, w, p)
+            here, row = 1 - here, row + 1
+    ahead = np.full((len(via), patterns), np.inf)
+    for p in range(patterns):
+        count = switches_to_hold(t.machine, w.points.force[here], t.patterns[p])
+        ahead[-1, p] = t.weight[2] * count
+    after, before = ahead[-1].copy(), np.empty(patterns)
+    for s in range(len(via) - 2, 0, -1):
+        for _ in range(pieces_between(via[s], via[s + 1], t.piece)):
+            row -= 1
+            before[:] = np.inf
+            for p in range(patterns):
+                there = cost[row, p] + after[p]
+                if there < np.inf:
+                    for o in range(patterns):
+                        before[o] = min(before[o], there + t.weight[2] * t.switches[o, p])
+            after[:] = before
+        ahead[s] = after
+    return ahead
 
 
 @kernel

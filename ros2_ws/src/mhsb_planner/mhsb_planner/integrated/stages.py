@@ -32,11 +32,12 @@ WORTH_A_LATTICE = 1e-2
 WORTH_A_MOTION = 5e-3
 """Share by which a route must be cheaper than the one told before, to be told in between."""
 
-ROUGH = 8e-3
+ROUGH = 5e-3
 """Longest stroke within the pieces by which long strides are priced [m]."""
 
-WORTH_REFINING = 1.1
-"""Share of the best route's cost up to which what a lattice finds is improved."""
+WORTH_FINDING, WORTH_REFINING = 1.25, 1.5
+"""Shares of the best route's cost up to which routes over a lattice are sought, at its prices, and
+what it finds is improved, at those that count: on a lattice most routes are dearer than need be."""
 
 SPARSE = 3
 """Straight lines lead to one in so many goal postures first."""
@@ -46,6 +47,9 @@ TURNED = 6.0
 
 HASTE = 2.0
 """Of a first route: it may cost so many times as much as the cheapest over the same lattice."""
+
+FIRST_STATES = 2000
+"""Expanded for such a route; then it is only asked whether there is any, at any cost."""
 
 QUICK = 3
 """Lattices that are searched before it is time for other ways."""
@@ -60,6 +64,11 @@ class Work:
 
     expanded: int = 0
     priced: int = 0
+
+    def add(self, search: LatticeSearch) -> None:
+        """What a search over a lattice has done."""
+        self.expanded += search.expanded
+        self.priced += search.priced
 
 
 def routes(task: Task, work: Work) -> Iterator[Route | None]:
@@ -90,7 +99,7 @@ def routes(task: Task, work: Work) -> Iterator[Route | None]:
         x, z = task.machine.tip_position(task.start)
         raise NoPathError((float(x), float(z)), task.goals.tip, task.machine.obstacles.names)
     if leaves_room(task, best, GOOD_ENOUGH):
-        best = refined(task, best, spacings(task, best)[-1])
+        best = refined(task, best, spacings(task, best)[-1], task.effort.sweeps)
     if told is None or best.cost < told.cost:
         yield best
 
@@ -119,8 +128,9 @@ def straight(task: Task) -> Iterator[Route | None]:
             yield line
         if best is None:
             yield None
-    near = best is None or np.abs(numbers - best.goal) < SPARSE
-    yield from _cheaper(task, _in_order(task, numbers[~sparse & near]), best)
+    if best is not None:
+        beside = np.abs(numbers - best.goal) < SPARSE
+        yield from _cheaper(task, _in_order(task, numbers[~sparse & beside]), best)
 
 
 def _in_order(task: Task, numbers: IntArray) -> IntArray:
@@ -179,7 +189,9 @@ def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route 
             if spent or not leaves_room(task, best, WORTH_A_LATTICE):
                 return
             found = over_lattice(task, priced_by, best, spacing, work)
-            if found is not None:
+            if found is None and best is None:
+                break
+            if found is not None and (best is None or not _beside(found, best, spacing)):
                 found = refined(task, found, spacing)
                 if best is None or found.cost < best.cost:
                     best = found
@@ -190,12 +202,12 @@ def _prices(t: Terms, best: Route | None) -> tuple[Terms, ...]:
     """By what lattices are searched: with and without boost of loads that are held.
 
     On a lattice a cylinder that moves slowly rests in between, which boosts none in a motion. Where
-    there is no route yet, switches cost nothing, so that each point is expanded once.
+    there is no route yet, switches cost nothing at first, so that each point is expanded once.
     """
     without = t._replace(circuit=t.circuit._replace(rest_speed=0.0))
     if best is None:
-        return (without._replace(weight=frozen(t.weight * [1.0, 1.0, 0.0])),)
-    return t, without
+        return without._replace(weight=frozen(t.weight * [1.0, 1.0, 0.0])), t
+    return without, t
 
 
 def over_lattice(
@@ -205,15 +217,33 @@ def over_lattice(
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.least < limit)
     search = lattice(task, priced_by, worth, spacing)
-    left = sys.maxsize if best is None else task.effort.expansions - work.expanded
-    found = search.search(limit, left, task.time.until, HASTE if best is None else 1.0)
-    work.expanded += search.expanded
-    work.priced += search.priced
+    if best is not None:
+        left = task.effort.expansions - work.expanded
+        found = search.search(WORTH_FINDING * limit, left, task.time.until)
+        work.add(search)
+    else:
+        found = search.search(math.inf, FIRST_STATES, task.time.until, HASTE)
+        work.add(search)
+        if found is None and not search.exhausted:
+            search = lattice(task, priced_by, worth, spacing)
+            found = search.search(math.inf, sys.maxsize, task.time.until, HASTE, once=True)
+            work.add(search)
     if found is None:
         return None
     via, k = found
     cost = task.price(via, WORTH_REFINING * limit)
     return task.to_goal(via, int(worth[k]), cost) if cost < math.inf else None
+
+
+def _beside(found: Route, best: Route, spacing: float) -> bool:
+    """Whether all corners of a dearer route lie within a spacing [m] of the best one."""
+    if found.cost < best.cost:
+        return False
+    start, way = best.via[:-1], np.diff(best.via, axis=0)
+    off = found.via[:, None] - start
+    share = np.clip((off * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-12), 0.0, 1.0)
+    nearest = np.abs(off - share[..., None] * way).max(axis=-1).min(axis=1)
+    return bool(nearest.max() < spacing)
 
 
 def lattice(task: Task, priced_by: Terms, worth: IntArray, spacing: float) -> LatticeSearch:
@@ -235,39 +265,40 @@ def _tip_of(task: Task, route: Route) -> tuple[float, float]:
     return x, z
 
 
-def refined(task: Task, best: Route, spacing: float) -> Route:
+def refined(task: Task, best: Route, spacing: float, fine_sweeps: int = 1) -> Route:
     """The route improved by small changes, in proportion to a lattice's spacing [m].
 
-    First, by long strides, at the prices of a few long pieces; then, by the shortest, at those
-    that count.
+    First by long strides at the prices of long pieces, as far as those that count follow; then by
+    the shortest, in so many rounds at most.
     """
     via, _ = shortcut(task.terms, task.memory, best.via, task.start, best.cost, task.time.until)
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
     route = replace(best, via=via, cost=task.price(via))
-    rough = task.terms._replace(piece=ROUGH)
-    moved = _swept(task, rough, route, spacing, task.effort.strides[:-1])
-    moved = replace(moved, cost=task.price(moved.via, route.cost))
-    if moved.cost < route.cost:
-        route = moved
-    route = _swept(task, task.terms, route, spacing, task.effort.strides[-1:])
+    effort, last = task.effort, task.terms.piece
+    for stride in effort.strides[:-1]:
+        route = _swept(task, route, spacing, stride, effort.sweeps, ROUGH)
+    route = _swept(task, route, spacing, effort.strides[-1], fine_sweeps, last)
     return route if route.cost < best.cost else best
 
 
 def _swept(
-    task: Task, t: Terms, route: Route, spacing: float, strides: tuple[float, ...]
+    task: Task, route: Route, spacing: float, stride: float, rounds: int, piece: float
 ) -> Route:
-    """The route after rounds of a compass search by these strides, at the prices of t."""
-    w, effort, until = task.memory, task.effort, task.time.until
+    """The route after rounds of a compass search by one stride, priced by pieces so long [m]."""
+    t, w, until = task.terms, task.memory, task.time.until
+    rough = t._replace(piece=piece)
+    stroke, turn = stride * spacing, task.effort.turn * stride if task.goals.free else 0.0
     via, psi, tip = route.via.copy(), route.psi, _tip_of(task, route)
-    cost = float(price_route(t, w, via, task.start, math.inf))
-    for stride in strides:
-        stroke, turn = stride * spacing, effort.turn * stride if task.goals.free else 0.0
-        for _ in range(effort.sweeps):
-            before = cost
-            cost, psi = sweep(
-                t, w, via, task.start, cost, tip, route.elbow, psi, stroke, turn, until
-            )
-            if cost > (1.0 - GOOD_ENOUGH) * before:
-                break
-    return replace(route, via=via, psi=psi, cost=cost)
+    cost = float(price_route(rough, w, via, task.start, math.inf))
+    for _ in range(rounds):
+        before = cost
+        cost, psi = sweep(
+            rough, w, via, task.start, cost, tip, route.elbow, psi, stroke, turn, until
+        )
+        counts = cost if piece == t.piece else task.price(via, route.cost)
+        if counts < route.cost:
+            route = replace(route, via=via.copy(), psi=psi, cost=counts)
+        if counts > route.cost or cost > (1.0 - GOOD_ENOUGH) * before:
+            break
+    return route

@@ -35,7 +35,7 @@ class Effort:
     finest: float = 1e-3
     cells: int = 20
     finer: float = 1.6
-    expansions: int = 20_000
+    expansions: int = 12_000
     narrowest: float = 4e-3
     strides: tuple[float, ...] = (0.5, 0.25, 0.1)
     turn: float = 0.1

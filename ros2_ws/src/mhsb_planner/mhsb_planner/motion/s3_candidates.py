@@ -18,6 +18,7 @@ from mhsb_planner.motion.s3_coasting import Coasting
 from mhsb_planner.motion.s3_following import followed_path
 from mhsb_planner.motion.s3_limits import Limit
 from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
+from mhsb_planner.motion.s3_steered import Steering, steered_path
 from mhsb_planner.motion.s3_stepped import stepped_path
 from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
 from mhsb_planner.motion.trajectory_points import SmoothCurve
@@ -40,8 +41,10 @@ class FitMethod(StrEnum):
 
     POLYNOMIAL = "polynomial"
     RAMPED = "ramped"
+    STEERED = "steered"
     STEPPED = "stepped"
     BRAKING = "braking"
+    CONTINUED = "continued"
 
 
 class Curve(SmoothCurve, Protocol):
@@ -112,15 +115,20 @@ def candidates(
     path: DiscretePath,
     start: MotionState,
     brake: Trajectory | None,
-    coast: Coasting | None,
+    coast: Coasting | Steering | None,
     modes: StartModes,
     rules: FitRules,
 ) -> Iterator[Candidate]:
-    """All curves, from `start`, from where `brake` has brought it to rest, or as it coasts.
+    """All curves, from `start`, from where `brake` has brought it to rest, or as it coasts; the
+    one from where it steers.
 
     brake  also where it coasts: the same motion; modes in force at the start
     """
     rest = MotionState.at_rest(path.posture[0])
+    if isinstance(coast, Steering):
+        steered = partial(steered_path, machine, path, start)
+        yield Candidate(FitMethod.STEERED, "steered", steered, start, coasts=True)
+        return
     if rules.trajectory == "polynomial":
         yield _polynomial(path, start, brake)
     if coast is not None:

@@ -9,6 +9,9 @@ Tried in this order; the first that keeps every limit is taken, and the result s
 3. from a moving start: coming to rest, and then 2;
 4. the discrete path step by step, from rest to rest.
 
+A motion that is to end near where the plan in force ends, as that to a goal that moves, steers
+straight there from its state of motion (`s3_steered`), or in none of these ways.
+
 Where a mode has just been switched, 3 and 4 also after a rest in which it may be left again.
 Durations are stretched until valves, servo pumps and the main pump can follow, and ramps made
 slower until the pressures can; what switches an actuator too soon for that at its end rests there
@@ -61,7 +64,8 @@ from mhsb_planner.motion.s3_limits import (
     joint_excess,
     largest_usage,
 )
-from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.motion.s3_steered import Steering
+from mhsb_planner.motion.s4_mode_schedule import StartModes, keeps_dwell
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 from mhsb_planner.motion.trajectory_points import joined, sampled_trajectory
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
@@ -74,6 +78,7 @@ __all__ = [
     "FittedMotion",
     "TrajectoryKind",
     "fit_braking",
+    "fit_rest",
     "fit_trajectory",
     "warm_up",
 ]
@@ -134,14 +139,15 @@ def fit_trajectory(
     path: DiscretePath,
     start: MotionState,
     modes: StartModes,
-    brake: Trajectory | Coasting | None = None,
+    brake: Trajectory | Coasting | Steering | None = None,
     rules: FitRules | None = None,
     deadline: Deadline = NEVER,
 ) -> FittedMotion:
     """Trajectory and mode schedule from `start` along a discrete path, at rest at its end.
 
     modes  in force at the start
-    brake  for a moving start: how it comes to rest, by coasting (`s3_coasting`) or on its old way
+    brake  for a moving start: how it comes to rest, by coasting (`s3_coasting`), at the end of
+           the plan in force, to steer elsewhere (`s3_steered`), or on its old way
            (`mhsb_model.braking`); the path begins where it does, and at `start` itself where
            there is none
 
@@ -149,9 +155,9 @@ def fit_trajectory(
     limit or the modules are too few to hold the arm at its end, DeadlineError where none does in
     time.
     """
-    coast = brake if isinstance(brake, Coasting) else None
-    if isinstance(brake, Coasting):
-        brake = brake.trajectory
+    coast = None
+    if isinstance(brake, Coasting | Steering):
+        coast, brake = brake, brake.trajectory
     if brake is not None and brake.duration_ns == 0:
         brake = None
     _check_meeting(path, start, brake)
@@ -171,6 +177,30 @@ def fit_trajectory(
         refused.append(f"{candidate.name}: {outcome}")
         lacked = isinstance(outcome, Violation) and outcome.limit == Limit.THRUST
     raise FitError(tuple(refused))
+
+
+def fit_rest(
+    machine: Machine,
+    rest: Trajectory,
+    modes: StartModes,
+    rules: FitRules,
+    deadline: Deadline = NEVER,
+) -> FittedMotion:
+    """The rest of the plan in force as a motion, with its modes chosen anew.
+
+    Raises FitError where it breaks a limit, as those of another payload or V_max; DeadlineError.
+    """
+    motion = fit_braking(machine, rest, modes, rules)
+    if motion.speed_excess > rules.max_excess:
+        raise FitError((f"a piston would pass V_max by {100 * motion.speed_excess:.3g} %",))
+    offset, schedule = motion.trajectory.offset_ns, motion.schedule
+    at_points = schedule.modes_at_many(offset[:-1])
+    if not keeps_dwell(offset / SECOND_NS, at_points, modes, schedule.modes[-1], rules.switching):
+        raise FitError((f"an actuator is switched twice within {rules.switching.min_dwell:g} s",))
+    violation = first_violation(machine, motion.trajectory, schedule, deadline=deadline)
+    if violation is not None:
+        raise FitError((str(violation),))
+    return replace(motion, method=FitMethod.CONTINUED, braked=False)
 
 
 def fit_braking(
@@ -213,11 +243,13 @@ def warm_up(machine: Machine) -> None:
         statistics=SearchStatistics(0, 0, 0.0),
     )
     start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
-    coast = coasting(machine, MotionState(middle, 0.1 * middle, middle))
+    moving = MotionState(middle, 0.1 * middle, middle)
+    coast = coasting(machine, moving)
     following = FitRules.following()
     for candidate in chain(
         candidates(machine, path, start, None, None, modes, rules),
         candidates(machine, path, start, coast.trajectory, coast, modes, following),
+        candidates(machine, path, start, None, Steering(moving, coast.trajectory), modes, rules),
     ):
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):

@@ -59,9 +59,6 @@ STOP_TIMEOUT = 5.0
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
 
-LASTING = 0.8
-"""A plan for a goal that moves lasts so much of the time until it comes again, before it slows."""
-
 OLD_STOP = 1.0
 """The arm's clock may be so much behind what is told of it, also when it told of a stop [s]."""
 
@@ -208,12 +205,12 @@ class GoalLifecycle:
     ) -> PlanRequest:
         lead = self._lead_of(in_hand)
         at_rest = start.trajectory.end_ns <= now_ns
-        target, lasting = self._target_of(in_hand, wall, lead.total)
+        target, period = self._target_of(in_hand, wall, lead.total)
         return PlanRequest(
             self._epoch,
             in_hand,
             target,
-            lasting,
+            period,
             self._settings,
             start,
             self.view.in_force_ns,
@@ -232,11 +229,11 @@ class GoalLifecycle:
         return sent.replan if sent.request.settings is self._settings else None
 
     def _target_of(self, in_hand: GoalInHand, wall: float, lead: float) -> tuple[Goal, float]:
-        """Where a plan should lead, and how long it should last: until the goal has come again."""
+        """Where a plan should lead, and when the goal comes again [s]; 0: never."""
         stream, goal = self._stream, in_hand.goal
         if in_hand.exact or not stream.moves(wall):
             return goal, 0.0
-        return stream.ahead(goal, lead + stream.period), LASTING * stream.period
+        return stream.ahead(goal, lead + stream.period), stream.period
 
     def _go_to_where_the_stream_ended(self) -> None:
         """A goal that moved comes no more: the plan in force ends a little beyond it."""

@@ -46,7 +46,7 @@ class PlanRequest:
 
     epoch      of the lifecycle when it was asked for; another one later makes it void
     target     where it shall lead: the goal, or where a goal that moves will be
-    lasting    s, that it shall take at least
+    period     s, after which the goal comes again; 0 where it stands
     departure  command that it continues, while the arm said that `in_force_ns` was in force
     now_ns     the arm's time when it was asked for
     lead       s of the arm's time, until it leaves the departure
@@ -58,7 +58,7 @@ class PlanRequest:
     epoch: int
     in_hand: GoalInHand
     target: Goal
-    lasting: float
+    period: float
     settings: Settings
     departure: Command
     in_force_ns: int | None
@@ -77,7 +77,7 @@ class PlanRequest:
             self.now_ns,
             (target.x, target.z),
             self.lead,
-            replace(self.settings.options, via=self._points_ahead(), least_duration=self.lasting),
+            replace(self.settings.options, via=self._points_ahead(), period=self.period),
             self.deadline,
         )
         if replan is None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mhsb_model.braking import brake_along
+from mhsb_model.braking import brake_along, rest_of
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
@@ -20,7 +20,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.goal_region import Point, is_met
+from mhsb_planner.goal_region import AT_GOAL_ANGLE, AT_GOAL_DISTANCE, Point, is_met
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
@@ -28,10 +28,6 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.planner import Plan, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
-AT_GOAL_DISTANCE = 1e-4
-"""A tip at rest within this of the goal has nothing to do [m]."""
-
-AT_GOAL_ANGLE = 1e-3  # rad, of the end link, where one is asked for
 
 @dataclass(frozen=True, eq=False)
 class Replan:
@@ -110,6 +106,7 @@ class Replanner:
             self._brake(in_force, times) if moving else None,
             options,
             deadline,
+            rest_of(in_force.trajectory, times.change_ns) if moving else None,
         )
         command = hand_over(in_force, times, _new_part(plan))
         from_rest = in_force.trajectory.end_ns <= times.stamp_ns

@@ -41,7 +41,7 @@ class PlanOptions:
     search           `exact` or `published`
     heuristic_scale  of the published search [1/m]
     max_expansions   of the search; None takes what it needs
-    least_duration   s, that a motion takes at least: one that is to be followed by another
+    period           s, after which the motion is to be followed by another one; 0: by none
     area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for planners that
                      weigh it; 0 leaves the area out
 
@@ -62,7 +62,7 @@ class PlanOptions:
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
     max_expansions: int | None = None
-    least_duration: float = 0.0
+    period: float = 0.0
     area_weight: float = 0.0
 
     def __post_init__(self) -> None:

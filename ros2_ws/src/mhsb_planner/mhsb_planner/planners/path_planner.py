@@ -11,6 +11,7 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.motion.s3_coasting import Coasting
+from mhsb_planner.motion.s3_steered import Steering
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
@@ -27,7 +28,7 @@ class Task:
 
     goal   (x, z) m
     modes  in force at the start
-    brake  how a moving start comes to rest: by coasting, or on its old way
+    brake  how a moving start comes to rest: by coasting, where its plan ends, on its old way
     departure  posture at rest from which the path begins [rad]
     area   weight of the polytope's area, and the area that counts as full
     """
@@ -35,7 +36,7 @@ class Task:
     goal: tuple[float, float]
     start: MotionState
     modes: StartModes
-    brake: Trajectory | Coasting | None
+    brake: Trajectory | Coasting | Steering | None
     departure: FloatArray
     options: PlanOptions
     area: AreaTerm

@@ -22,7 +22,8 @@ ENERGY, TIME = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
 LOOKS_TO_END = 12
 """Looks at the clock that stages may take to see, one after the other, that time is up."""
-THOROUGH = Effort(psi_spacing=0.01, cells=40, finer=1.4, expansions=10**6, sweeps=20)
+QUICK = Effort(expansions=500)
+THOROUGH = Effort(psi_spacing=0.01, cells=40, finer=1.4, expansions=30_000, sweeps=20)
 
 
 def tasks(machine, posture_within, count, seed=0):
@@ -32,7 +33,7 @@ def tasks(machine, posture_within, count, seed=0):
         start, end = posture_within(machine, random), posture_within(machine, random)
         goal = tuple(machine.tip_position(end))
         try:
-            search(machine, start, NORMAL, goal, ENERGY)
+            search(machine, start, NORMAL, goal, ENERGY, effort=QUICK)
         except NoPathError:
             continue
         count -= 1
@@ -55,7 +56,7 @@ def check_possible(machine, path, start, goal):
 @pytest.mark.parametrize("weights", [ENERGY, TIME])
 def test_a_path_consists_of_possible_steps_and_costs_what_it_says(arm, posture_within, weights):
     for start, goal in tasks(arm, posture_within, 6):
-        path = search(arm, start, NORMAL, goal, weights)
+        path = search(arm, start, NORMAL, goal, weights, effort=QUICK)
         check_possible(arm, path, start, goal)
         cost = weights.energy * path.energy.sum() + weights.time * path.duration.sum()
         hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
@@ -66,7 +67,7 @@ def test_a_path_consists_of_possible_steps_and_costs_what_it_says(arm, posture_w
 def test_no_path_undercuts_its_lower_bound_nor_that_to_its_own_goal(arm, posture_within):
     for reading, energy in (("paper", "energy"), ("series", "energy_series")):
         for start, goal in tasks(arm, posture_within, 5, seed=1):
-            path = search(arm, start, NORMAL, goal, ENERGY, reading)
+            path = search(arm, start, NORMAL, goal, ENERGY, reading, effort=QUICK)
             own = energy_lower_bound(arm, start, path.posture[-1:])
             assert path.lower_bound <= own * (1 + 1e-9)
             assert path.lower_bound <= getattr(path, energy).sum()
@@ -100,7 +101,7 @@ def test_paths_cost_no_more_than_those_over_the_posture_table(machine, graph):
 
 def test_the_same_question_has_the_same_answer(machine, posture_within):
     start, goal = next(tasks(machine, posture_within, 1, seed=4))
-    one, other = (search(machine, start, NORMAL, goal, ENERGY) for _ in range(2))
+    one, other = (search(machine, start, NORMAL, goal, ENERGY, effort=QUICK) for _ in range(2))
     assert np.array_equal(one.posture, other.posture)
     assert np.array_equal(one.modes, other.modes)
     assert one.cost == other.cost
@@ -118,7 +119,7 @@ def test_an_angle_of_the_end_link_is_kept_when_asked_for(machine, posture_within
 def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture_within):
     several = 0
     for start, goal in tasks(machine, posture_within, 6, seed=6):
-        found = IntegratedSearch(machine, start, NORMAL, goal, ENERGY)
+        found = IntegratedSearch(machine, start, NORMAL, goal, ENERGY, effort=QUICK)
         paths = [path for path in found.paths() if path is not None]
         for path in paths:
             check_possible(machine, path, start, goal)
@@ -140,13 +141,15 @@ def test_where_no_straight_line_is_possible_it_says_so_first(machine):
 def test_when_time_is_up_the_best_so_far_is_taken_and_told(machine, posture_within, looks):
     told = 0
     for start, goal in tasks(machine, posture_within, 6, seed=6):
-        free = search(machine, start, NORMAL, goal, ENERGY, deadline=looks.deadline_after(math.inf))
+        never = looks.deadline_after(math.inf)
+        free = search(machine, start, NORMAL, goal, ENERGY, deadline=never, effort=QUICK)
         assert not free.statistics.out_of_time
         needed = looks.count
         for after in range(0, needed - 1, max(3, needed // 30)):
             try:
+                soon = looks.deadline_after(after)
                 hurried = search(
-                    machine, start, NORMAL, goal, ENERGY, deadline=looks.deadline_after(after)
+                    machine, start, NORMAL, goal, ENERGY, deadline=soon, effort=QUICK
                 )
             except DeadlineError:
                 continue

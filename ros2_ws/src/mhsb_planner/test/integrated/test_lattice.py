@@ -113,12 +113,19 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
         if route is None:
             assert searching.exhausted
             assert expected == math.inf
+            at_all = LatticeSearch(t, new_memory(t), lattice, goals)
+            assert at_all.search(math.inf, 10**6, haste=2.0, once=True) is None
+            assert at_all.exhausted
             continue
         assert searching.cost == pytest.approx(expected, rel=1e-9)
         hasty = LatticeSearch(t, new_memory(t), lattice, goals)
         assert hasty.search(math.inf, 10**6, haste=2.0) is not None
         assert expected * (1 - 1e-9) <= hasty.cost <= 2.0 * expected
         assert hasty.expanded <= searching.expanded
+        at_all = LatticeSearch(t, new_memory(t), lattice, goals)
+        assert at_all.search(math.inf, 10**6, haste=2.0, once=True) is not None
+        assert at_all.cost >= expected * (1 - 1e-9)
+        assert at_all.priced <= searching.priced
         via, reached = route
         assert reached == 0
         assert via[0] == pytest.approx(machine.cylinder_lengths(start))

@@ -6,7 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_planner.integrated.refinement import goal_lengths, shortcut, sweep
-from mhsb_planner.integrated.route import new_memory, price_route
+from mhsb_planner.integrated.route import (
+    begin_route,
+    continue_route,
+    costs_ahead,
+    new_memory,
+    price_route,
+)
 
 
 def random_route(machine, terms, posture_within, seed, corners=3):
@@ -45,6 +51,30 @@ def test_a_sweep_never_makes_a_route_dearer_and_tells_its_cost(
     assert via[-1] == pytest.approx(length, abs=1e-9)
     ends = np.sort([machine.cylinder_lengths(q) for q in limits(machine)], axis=0)
     assert np.all((via[1:-1] >= ends[0]) & (via[1:-1] <= ends[1]))
+
+
+def test_what_is_behind_a_corner_and_what_is_ahead_add_up_to_the_whole(
+    machine, terms_of, posture_within
+):
+    t = terms_of(machine)
+    w, parent = new_memory(t), np.empty((1, len(t.patterns)), dtype=np.int64)
+    for seed in range(5):
+        start, via, _, cost = random_route(machine, t, posture_within, seed)
+        ahead = costs_ahead(t, w, via, start)
+        for i in range(1, len(via)):
+            begin_route(t, w, via[0], start)
+            continue_route(t, w, via[: i + 1], np.inf, parent, False)
+            assert np.min(w.value[0, :-1] + ahead[i]) == pytest.approx(cost, rel=1e-12)
+
+
+def test_a_route_that_is_not_possible_stays_as_it_is(machine, terms_of, posture_within):
+    t = terms_of(machine)
+    start, via, end, _ = random_route(machine, t, posture_within, 0)
+    tip, elbow, psi = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1), float(end.sum())
+    before = via.copy()
+    cost, turned = sweep(t, new_memory(t), via, start, np.inf, tip, elbow, psi, 2e-3, 0.05)
+    assert (cost, turned) == (np.inf, psi)
+    assert np.array_equal(via, before)
 
 
 @settings(max_examples=15)
