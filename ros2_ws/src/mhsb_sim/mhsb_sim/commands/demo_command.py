@@ -30,6 +30,8 @@ from mhsb_sim.live.nodes import (
     shake_hands,
 )
 from mhsb_sim.report.report_command import summary_lines, write_report
+from mhsb_sim.simulation.plant_files import load_plant
+from mhsb_sim.simulation.simulator import check_plant
 
 GOALS_FILE = "demo_goals.yaml"
 REST = 2.0
@@ -55,6 +57,7 @@ def demo(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     goals: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> int:
     """Replan an arm online over ROS 2, record it and report on it.
 
@@ -67,22 +70,27 @@ def demo(
         machine: Machine file (YAML); the suite's own arm when left out.
         goals: Goals (YAML: a list of x [m], z [m] and time to the next [s]); the suite's own
             when left out.
+        plant: Plant file (YAML), such as config/realistic_plant.yaml: what the simulated arm has
+            other than the machine that planner and servo know.
     """
     file = goals or config_file(GOALS_FILE)
     wanted = read_goals(file)
-    load_machine(machine)  # a machine file that cannot be used is told here, not by a node
+    arm = load_machine(machine)  # a file that cannot be used is told here, not by a node
+    if plant:
+        check_plant(arm, load_plant(arm, plant))
     began = time.monotonic()
     clear(output)
     settings = (f"machine:={machine.resolve()}",) if machine else ()
+    of_plant = (f"plant:={plant.resolve()}",) if plant else ()
     compile_nodes()
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
             refuse_company(sender, executor)
-            _run(sender, executor, wanted, settings, output)
+            _run(sender, executor, wanted, ((*settings, *of_plant), settings), output)
     except ExternalShutdownException:
         return command_line.INTERRUPTED
     print("writing the report")
-    summary = write_report(output / "bag", output / "report", load_machine(machine))
+    summary = write_report(output / "bag", output / "report", arm)
     shutil.move(output / "report" / "summary.json", output / "summary.json")
     print("\n".join(summary_lines(summary)))
     print(f"done in {time.monotonic() - began:.0f} s; see {output}/report and summary.json")
@@ -138,11 +146,12 @@ def _run(
     sender: GoalSender,
     executor: SingleThreadedExecutor,
     goals: list[TimedGoal],
-    settings: tuple[str, ...],
+    settings: tuple[tuple[str, ...], tuple[str, ...]],
     output: Path,
 ) -> None:
+    """Start all, settings of the simulator and of the planner, and send the goals."""
     print("starting simulator, planner and recorder")
-    with both_nodes(settings, settings) as nodes:
+    with both_nodes(*settings) as nodes:
         shake_hands(sender, executor)
         _record(sender, executor, goals, nodes, output)
 

@@ -28,6 +28,7 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
 from mhsb_sim.servo import controller_class
 from mhsb_sim.simulation.kernel_parts import compile_simulator
+from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.energy_comparison import as_text as energy_text
@@ -72,8 +73,8 @@ def simulate(
         controller: Servo controller, coordinated or independent.
         seed: Of the sensor noise.
         payload: Mass at the tip [kg]; the machine file's when left out.
-        plant: Machine file (YAML) of the arm that is simulated, where it is not the one that
-            planner and servo know.
+        plant: Plant file (YAML): what the simulated arm has other than the machine that planner
+            and servo know, or a whole machine file.
         vary: What the simulated arm has more or less of than its file says: KEY=FACTOR ..., a name
             of config/variations.yaml (payload=1.3 friction=2) or a path in the machine file
             (circuit.bulk_modulus=0.7).
@@ -122,7 +123,7 @@ def simulate(
 
 def plant_of(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machine:
     """The arm to simulate: of a file, or the one that is known; times factors, KEY=FACTOR each."""
-    plant = machine if file is None else load_machine(file)
+    plant = machine if file is None else load_plant(machine, file)
     factors = {}
     for text in vary:
         key, _, factor = text.partition("=")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -19,6 +20,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.faults import Fault
+from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 HEAVIEST_PAYLOAD = 1e4  # kg
@@ -76,13 +78,13 @@ def declare_machine(node: Node) -> Machine:
 def declare_plant(node: Node, machine: Machine) -> Machine:
     """Declare `plant` and read the file that it names; raises MachineFileError."""
     descriptor = ParameterDescriptor(
-        description="machine file (YAML) of the arm that is simulated, where it is not the one "
-        "that its servo knows; empty for `machine`",
+        description="plant file (YAML): what the simulated arm has other than the `machine` that "
+        "its servo knows, or a whole machine file; empty where there is no difference",
         read_only=True,
     )
     node.declare_parameter("plant", "", descriptor)
     file = node.get_parameter("plant").value
-    return load_machine(file) if file else machine
+    return load_plant(machine, Path(file)) if file else machine
 
 
 def declare(node: Node, plant: Machine) -> SimParameters:

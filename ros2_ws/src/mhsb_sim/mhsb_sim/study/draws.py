@@ -88,10 +88,16 @@ class GoalSequence:
 
 
 class DrawStudy:
-    """Draws of one machine with its variations: plans and runs of each, by number."""
+    """Draws of one machine with its variations: plans and runs of each, by number.
 
-    def __init__(self, machine: Machine, variations: Variations, seed: int) -> None:
+    plant: what is varied; the machine itself where left out.
+    """
+
+    def __init__(
+        self, machine: Machine, variations: Variations, seed: int, plant: Machine | None = None
+    ) -> None:
         self._machine = machine
+        self._plant = plant or machine
         self._variations = variations
         self._seed = seed
         self._replanner = Replanner(machine, table_for(machine))
@@ -102,7 +108,7 @@ class DrawStudy:
         drawn: dict[str, float | str] = {}
         try:
             sequence = self.sequence(random)
-            plant, drawn = varied(self._machine, self._variations, random, sequence.moment)
+            plant, drawn = varied(self._plant, self._variations, random, sequence.moment)
         except Exception as error:  # whatever it is, it is this draw's result
             return [DrawRecord(name, draw, drawn, failure=_reason(error)) for name in CONTROLLERS]
         return [self._record(name, draw, drawn, plant, sequence) for name in CONTROLLERS]
@@ -179,15 +185,21 @@ def time_lost(commands: Sequence[Command], run: Replay) -> float:
 
 
 def run_draws(
-    machine: Machine, variations: Variations, count: int, seed: int, jobs: int | None = None
+    machine: Machine,
+    variations: Variations,
+    count: int,
+    seed: int,
+    jobs: int | None = None,
+    plant: Machine | None = None,
 ) -> Iterator[list[DrawRecord]]:
     """Records of draws 0 … count − 1 as they come, in `jobs` processes.
 
-    jobs: by default one for each processor this process may use.
+    jobs: by default one for each processor this process may use. plant: what is varied; the
+    machine itself where left out.
     """
     workers = jobs or len(os.sched_getaffinity(0))
     context = multiprocessing.get_context("spawn")
-    given = machine, variations, seed
+    given = machine, variations, seed, plant
     with ProcessPoolExecutor(workers, context, _set_study, given) as pool:
         tasks = [pool.submit(_records, draw) for draw in range(count)]
         try:
@@ -235,9 +247,11 @@ def _reason(error: Exception) -> str:
 _study: list[DrawStudy] = []
 
 
-def _set_study(machine: Machine, variations: Variations, seed: int) -> None:
+def _set_study(
+    machine: Machine, variations: Variations, seed: int, plant: Machine | None
+) -> None:
     """Once in each process: what it loads and keeps serves all draws."""
-    _study[:] = [DrawStudy(machine, variations, seed)]
+    _study[:] = [DrawStudy(machine, variations, seed, plant)]
 
 
 def _records(draw: int) -> list[DrawRecord]:

@@ -19,6 +19,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.simulation.kernel_parts import compile_simulator
+from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.study.draws import as_dicts as draws_as_dicts
 from mhsb_sim.study.draws import as_text as draws_as_text
 from mhsb_sim.study.draws import run_draws
@@ -44,6 +45,7 @@ def study(
     variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     draws: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     seed: int = 0,
+    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: int | None = None,
 ) -> None:
     """Run every servo controller through every scenario and compare them.
@@ -61,6 +63,7 @@ def study(
         variations: File (YAML) of what plants may be like; the suite's own when left out.
         draws: Number of draws; 100 with --variations when left out.
         seed: Of the draws.
+        plant: Plant file (YAML) of what is varied, where that is not the machine itself.
         jobs: Processes; as many as there are processors when left out.
     """
     if jobs is not None and jobs < 1:
@@ -71,8 +74,12 @@ def study(
             raise command_line.UsageError(
                 "--scenarios: draws make their own goals; leave it out for these"
             )
-        study_draws(arm, variations, DRAWS if draws is None else draws, seed, jobs, output)
+        real = load_plant(arm, plant) if plant else arm
+        count = DRAWS if draws is None else draws
+        study_draws(arm, real, variations, count, seed, jobs, output)
         return
+    if plant is not None:
+        raise command_line.UsageError("--plant: goes with --draws; scenarios are the machine's own")
     wanted = load_scenarios(scenarios)
     compile_simulator()  # so that the processes find compiled kernels
     bar = tqdm(run_study(arm, wanted, jobs), total=len(wanted), unit="scenario", disable=None)
@@ -88,22 +95,26 @@ def study(
 
 def study_draws(
     machine: Machine,
+    plant: Machine,
     variations: Path | None,
     count: int,
     seed: int,
     jobs: int | None,
     output: Path,
 ) -> None:
-    """Run all draws; writes summary.json in the folder `output` and prints quantiles."""
+    """Run all draws; writes summary.json in the folder `output` and prints quantiles.
+
+    plant: what is varied while servo and planner know `machine`.
+    """
     for name, value, lowest in (("draws", count, 1), ("seed", seed, 0)):
         if value < lowest:
             raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
-    wanted = load_variations(machine, variations)
+    wanted = load_variations(plant, variations)
     compile_planner()
     compile_simulator()  # so that the processes find compiled kernels
     table_for(machine)  # likewise
     bar = tqdm(
-        run_draws(machine, wanted, count, seed, jobs), total=count, unit="draw", disable=None
+        run_draws(machine, wanted, count, seed, jobs, plant), total=count, unit="draw", disable=None
     )
     records = [record for pair in bar for record in pair]
     output.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ from mhsb_sim.study.study_command import study, study_draws
 
 
 def test_draws_are_written_as_a_list_of_records(machine: Machine, tmp_path: Path) -> None:
-    study_draws(machine, None, 1, 7, 1, tmp_path)
+    study_draws(machine, machine, None, 1, 7, 1, tmp_path)
     records = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert [record["controller"] for record in records] == ["coordinated", "independent"]
     named = {"draw", "varied", "tip_error_rms_mm", "tip_error_max_mm", "supply_overshoot_mpa"}
@@ -25,6 +25,7 @@ def test_draws_are_written_as_a_list_of_records(machine: Machine, tmp_path: Path
         ({"draws": 3, "seed": -1}, "--seed: -1 is below 0"),
         ({"draws": 3, "scenarios": Path("x.yaml")}, "draws make their own goals"),
         ({"jobs": 0}, "--jobs: 0 is below 1"),
+        ({"plant": Path("x.yaml")}, "--plant: goes with --draws"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(
