@@ -15,7 +15,6 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch
-from mhsb_planner.integrated.task import Effort
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.fixed import FixedPlanner
 from mhsb_planner.planners.path_planner import Candidate, Task
@@ -23,11 +22,6 @@ from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm, area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
-
-
-WITH_AREA = Effort(expansions=20_000)
-"""Of searches that weigh the area: lower bounds say little of them, and more has to be seen."""
-
 
 class IntegratedPlanner:
     """Ever cheaper routes in the space of cylinder lengths, and others to compare them with."""
@@ -79,7 +73,6 @@ def _search(machine: Machine, task: Task, time: SearchTime, area: AreaTerm) -> I
         goal_region=options.goal_region,
         certified_from=task.start.position,
         area=area,
-        effort=WITH_AREA if area.weight > 0.0 else None,
         time=time,
     )
 
