@@ -23,6 +23,7 @@ from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm, area_alon
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
 
+
 class IntegratedPlanner:
     """Ever cheaper routes in the space of cylinder lengths, and others to compare them with."""
 
