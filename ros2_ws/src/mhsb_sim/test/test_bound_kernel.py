@@ -2,7 +2,7 @@ import numpy as np
 from numba import njit
 
 from mhsb_sim.bound_kernel import bind
-from mhsb_sim.circuit.network import MODULE
+from mhsb_sim.circuit.quantities import MODULE
 
 
 @njit

@@ -26,7 +26,7 @@ from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.integrated.route import path_of, terms
 from mhsb_planner.integrated.stages import Work
-from mhsb_planner.integrated.task import Effort, Route, Task
+from mhsb_planner.integrated.task import WITH_AREA, Effort, Route, Task
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import ENERGY_ALONE
@@ -69,7 +69,8 @@ class IntegratedSearch:
 
         Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, DeadlineError.
         """
-        self._began, effort, time = perf_counter(), effort or Effort(), time or SearchTime()
+        self._began, time = perf_counter(), time or SearchTime()
+        effort = effort or (WITH_AREA if area.weight > 0.0 else Effort())
         time.until.check(SEARCHING)
         posture = np.array(start_posture, dtype=np.float64)
         self._modes = np.array(start_modes, dtype=np.uint8)

@@ -42,6 +42,10 @@ class Effort:
     sweeps: int = 3
 
 
+WITH_AREA = Effort(expansions=20_000)
+"""Where the area is weighed lower bounds say little, and more has to be looked at."""
+
+
 @dataclass(frozen=True, eq=False)
 class Route:
     """A polygon of cylinder lengths, where it ends, and its cost with the best modes.

@@ -1,0 +1,220 @@
+"""From paths to a plan: each is made a motion (S3, S4), and the cheapest so far stays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from time import perf_counter
+from types import MappingProxyType
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import Trajectory, standstill
+from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.errors import DeadlineError
+from mhsb_planner.motion.cavitation import cavitations_of
+from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.s3_steered import Steering
+from mhsb_planner.motion.s3_trajectory import (
+    FitError,
+    FitMethod,
+    FitRules,
+    FittedMotion,
+    TrajectoryKind,
+    fit_braking,
+    fit_rest,
+    fit_trajectory,
+)
+from mhsb_planner.plan import Plan
+from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.registry import planner_named
+from mhsb_planner.search.area_shortfall import area_along_motion
+from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.search_time import SearchTime
+
+PROMISE_KEPT = 0.85
+"""A motion costs at least this share of what its path promises, or it is not looked at."""
+
+SLOWER = (1.5, 2.2, 3.4)
+"""Factors on the duration of ramps that are compared with the shortest."""
+
+WORTH_LEAVING = 0.02
+"""By this share another motion has to be cheaper than the rest of the plan in force."""
+
+LASTING = 1.5
+"""A motion that is soon to be followed by another takes so many times the time until then."""
+
+BEHIND = 0.1
+"""By so much of that time a cheaper one may take longer."""
+
+
+def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
+    """What S3 may do; `of_path` is how it begins on a path, unless it is told.
+
+    Only where polynomials are what is asked for may they pass V_max.
+    """
+    own = options.trajectory or planner_named(options.planner).trajectory
+    rules = FitRules.following()
+    if (options.trajectory or of_path or own) == "polynomial":
+        asked = own == "polynomial"
+        rules = FitRules(max_excess=options.max_speed_excess if asked else rules.max_excess)
+    passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
+    return replace(rules, least_duration=LASTING * options.period, passing=passing)
+
+
+class PlanMaking:
+    """A plan being made: paths come in, the cheapest motion so far stays.
+
+    time   what the search may take of the time until the deadline
+    began  when the plan was asked for
+    """
+
+    def __init__(self, machine: Machine, task: Task, deadline: Deadline, began: float) -> None:
+        self._machine, self._task = machine, task
+        self.time = SearchTime(deadline)
+        self._best: Plan | None = None
+        self._refused: FitError | None = None
+        self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
+        self._began = self._since = began
+
+    def go_on(self, rest: Trajectory, bound: float) -> None:
+        """Begin with the rest of the plan in force, where it keeps all limits.
+
+        bound: no plan takes less energy [J]
+        """
+        task = self._task
+        rules = fit_rules(task.options)
+        with suppress(FitError, DeadlineError):
+            motion = fit_rest(self._machine, rest, task.modes, rules, self.time.deadline)
+            tip, end = self._machine.tip_position(rest.position[-1]), rest.position[-1]
+            path = DiscretePath.standing(tip, end, task.modes.modes, 0.0)
+            self._best = self._priced(replace(path, lower_bound=bound), motion, NEVER)
+            self.time.found = True
+        self._spend("fit")
+        self._seconds["first_motion"] = self._since - self._began
+
+    def best_along(self, candidates: Iterable[Candidate]) -> Plan:
+        """The plan along the best of these paths; raises what they raise where there is none."""
+        in_time = True
+        try:
+            for candidate in candidates:
+                self._spend("comparison" if candidate.compared else "search")
+                self._consider(candidate)
+        except DeadlineError:
+            if self._best is None:
+                raise
+            in_time = False
+        except MhsbError:
+            if self._best is None:
+                raise
+        self._spend("search")
+        if self._best is None:
+            raise self._refused or ValueError("a planner that gives no path must say why")
+        path = self._best.path
+        out_of_time = not in_time or self.time.until.passed
+        statistics = replace(path.statistics, out_of_time=out_of_time)
+        return replace(
+            self._best,
+            path=replace(path, statistics=statistics),
+            cavitations=cavitations_of(self._machine, self._best.motion.trajectory),
+            seconds=MappingProxyType(self._seconds),
+        )
+
+    def _consider(self, candidate: Candidate) -> None:
+        """Make the path a motion, where it may be cheaper, and keep it if it is."""
+        path, options, best = candidate.path, self._task.options, self._best
+        promised = path.cost - options.weights.switches * path.switches
+        if best is not None and PROMISE_KEPT * promised > best.cost(options):
+            return
+        began = self._since
+        try:
+            motion = self._motion(path, fit_rules(options, candidate.trajectory))
+        except FitError as error:
+            self._refused = self._refused or error
+            if best is None and isinstance(self._task.brake, Steering):
+                raise  # another way of setting out will do better than another path
+            return
+        finally:
+            self._spend("comparison" if candidate.compared else "fit")
+        kept = self._kept(candidate, motion)
+        if best is None:
+            self._seconds["first_motion"] = self._since - self._began
+        self.time.found = True
+        self.time.reserve = max(self.time.reserve, self._since - began)
+        for rules in self._others(path, motion) if kept else ():
+            with suppress(FitError):
+                motion = self._motion(path, rules)
+                self._spend("comparison")
+                self._kept(candidate, motion)
+
+    def _kept(self, candidate: Candidate, motion: FittedMotion) -> bool:
+        """Price a motion along a path, keep it if it is the cheapest so far, and say so."""
+        best = self._best
+        plan = self._priced(candidate.path, motion, NEVER if best is None else self.time.deadline)
+        self._spend("comparison" if candidate.compared else "energy")
+        if best is not None and not self._takes_over(plan, best):
+            return False
+        self._best = plan
+        return True
+
+    def _takes_over(self, plan: Plan, best: Plan) -> bool:
+        """Whether a plan is better than the best so far, and by enough."""
+        options = self._task.options
+        if not plan.is_cheaper_than(best, options):
+            return False
+        if options.period > 0.0 and plan.duration > best.duration + BEHIND * options.period:
+            return False
+        share = WORTH_LEAVING if best.motion.method == FitMethod.CONTINUED else 0.0
+        return plan.cost(options) <= (1.0 - share) * best.cost(options)
+
+    def _others(self, path: DiscretePath, motion: FittedMotion) -> Iterator[FitRules]:
+        """Other ways along a path that may be cheaper than this motion.
+
+        A polynomial that V_max makes slow against following the path, and where inertia calls for
+        boost, as more switches than the path's tell, slower ramps.
+        """
+        asked = fit_rules(self._task.options)
+        if self._task.options.period > 0.0 and motion.method != FitMethod.POLYNOMIAL:
+            return  # slower ones would fall behind
+        following = replace(
+            FitRules.following(), least_duration=asked.least_duration, passing=asked.passing
+        )
+        if motion.method == FitMethod.POLYNOMIAL:
+            if motion.stretch > 1.0 and self._task.options.trajectory is None:
+                yield following
+        elif motion.schedule.switches > path.switches:
+            for slower in SLOWER:
+                yield replace(following, slowness=(slower,))
+
+    def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
+        task = self._task
+        if path.steps == 0:
+            brake = task.brake or standstill(task.start.position)
+            brake = brake if isinstance(brake, Trajectory) else brake.trajectory
+            return fit_braking(self._machine, brake, task.modes)
+        return fit_trajectory(
+            self._machine,
+            path,
+            task.start,
+            task.modes,
+            task.brake,
+            rules,
+            self.time.deadline,
+        )
+
+    def _priced(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
+        machine, area, shortfall = self._machine, self._task.area, 0.0
+        deadline.check("the comparison of motions")
+        energy = motion_energy(machine, motion.trajectory, motion.schedule)
+        if area.weight > 0.0:
+            along = area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
+            shortfall = along.shortfall(area.reference)
+        return Plan(path, motion, energy, area_shortfall=shortfall)
+
+    def _spend(self, stage: str) -> None:
+        """Put down the time since the last look to a stage."""
+        now = perf_counter()
+        self._seconds[stage] = self._seconds.get(stage, 0.0) + now - self._since
+        self._since = now
