@@ -71,6 +71,11 @@ class Machine:
             raise MachineFileError(source, in_the_way)
         return machine
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process makes it of its configuration: pickled arrays could be written to there,
+        which kernels are not compiled for."""
+        return type(self).from_config, (self.config,)
+
     @property
     def name(self) -> str:
         """Name given in the machine file."""

@@ -1,5 +1,6 @@
 """Machine files: what is read, what is refused and how it is said."""
 
+import pickle
 import re
 
 import numpy as np
@@ -235,3 +236,12 @@ def test_no_flow_that_the_main_pump_gives_moves_a_joint_faster_than_its_fastest(
         arm = np.abs(machine.moment_arms(q))
         for area in (a.cap_area, a.rod_area):
             assert np.all(a.main_pump_flow / (area * arm) <= machine.fastest_joints * (1 + 1e-9))
+
+
+def test_a_machine_sent_to_another_process_is_the_same_and_as_little_to_be_written_to(machine):
+    other = pickle.loads(pickle.dumps(machine))
+    assert other.config == machine.config
+    for here, there in zip(machine.arrays, other.arrays, strict=True):
+        np.testing.assert_array_equal(here, there)
+        if isinstance(here, np.ndarray):
+            assert not there.flags.writeable

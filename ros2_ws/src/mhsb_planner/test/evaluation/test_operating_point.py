@@ -53,7 +53,9 @@ def check_told(found):
     assert found.plan.energy.paper == found.best.energy
 
 
-@pytest.mark.parametrize("kind", ["table", "integrated"])
+@pytest.mark.parametrize(
+    "kind", ["table", pytest.param("integrated", marks=pytest.mark.slow)]
+)
 def test_the_best_pressure_is_as_good_as_that_of_a_dense_sweep(machine, table, planner, kind):
     goal_and_start, options = move(machine), PlanOptions(planner=kind)
     found = best_operating_point(planner, *goal_and_start, options, PRESSURES)

@@ -55,6 +55,7 @@ def test_prices_are_the_planner_s(machine, rest_speed):
     assert compared > 50
 
 
+@pytest.mark.slow
 def test_another_way_to_the_least_cost_comes_to_the_same(machine):
     """In N both meet the lower bound; a little more where the lattice makes cylinders rest."""
     light = machine.changed(payload=0.0)

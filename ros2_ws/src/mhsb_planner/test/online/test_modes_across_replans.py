@@ -17,6 +17,8 @@ from mhsb_planner.search.s2_search import Weights
 WEIGHTS = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0), Weights(0.0, 0.0, 1.0)
 CHAINS, REPLANS = 3, 7
 LONGEST_PLANNING = 1.0  # s
+LOW_PRESSURE, HEAVY = {"supply_pressure": 2.5e6}, {"payload": 16.0}
+FAST = {"supply_pressure": 3.3e6, "max_piston_speed": 0.03}
 
 
 def chain(replanner, machine, table, planner, rng):
@@ -51,13 +53,15 @@ def executed(commands):
     return [time for time, _ in rows], np.array([modes for _, modes in rows])
 
 
-@pytest.mark.parametrize("planner", ["integrated", "table"])
 @pytest.mark.parametrize(
-    "change",
+    ("planner", "change"),
     [
-        {"supply_pressure": 2.5e6},
-        {"supply_pressure": 3.3e6, "max_piston_speed": 0.03},
-        {"payload": 16.0},
+        ("table", LOW_PRESSURE),
+        ("table", FAST),
+        ("table", HEAVY),
+        ("integrated", LOW_PRESSURE),
+        pytest.param("integrated", FAST, marks=pytest.mark.slow),
+        pytest.param("integrated", HEAVY, marks=pytest.mark.slow),
     ],
 )
 def test_no_actuator_is_switched_twice_within_the_least_dwell(machine, table, planner, change):
