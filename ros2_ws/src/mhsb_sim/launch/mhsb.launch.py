@@ -11,7 +11,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 from mhsb_model.machine import load_machine
-from mhsb_model.robot_description import robot_description
+from mhsb_sim.mechanics.robot_description import robot_description
 
 ARGUMENTS = {  # name: (default, type, meaning)
     "namespace": ("", str, "namespace of both nodes"),

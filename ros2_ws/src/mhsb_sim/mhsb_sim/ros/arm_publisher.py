@@ -14,7 +14,6 @@ from std_msgs.msg import String
 
 from mhsb_model.arm_reports import HandOverReport, SimulatorReport
 from mhsb_model.machine import Machine
-from mhsb_model.robot_description import robot_description
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_model.verdict import Level
@@ -30,6 +29,7 @@ from mhsb_msgs_py import (
 from mhsb_msgs_py.actuator_states import ActuatorSample
 from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.reference import Reference
+from mhsb_sim.mechanics.robot_description import robot_description
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
 STATE_PERIOD_NS = SECOND_NS // 100

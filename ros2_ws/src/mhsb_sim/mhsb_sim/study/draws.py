@@ -7,10 +7,7 @@ the number of draws and processes.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -29,6 +26,7 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.servo_study import supply_overshoot
 from mhsb_sim.study.variations import Variations, varied
+from mhsb_sim.study.workers import processes, results_of
 
 GOALS = 6
 SHORTEST, LONGEST = 0.4, 5.0
@@ -197,17 +195,8 @@ def run_draws(
     jobs: by default one for each processor this process may use. plant: what is varied; the
     machine itself where left out.
     """
-    workers = jobs or len(os.sched_getaffinity(0))
-    context = multiprocessing.get_context("spawn")
-    given = machine, variations, seed, plant
-    with ProcessPoolExecutor(workers, context, _set_study, given) as pool:
-        tasks = [pool.submit(_records, draw) for draw in range(count)]
-        try:
-            for task in as_completed(tasks):
-                yield task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
+    with processes(jobs, _set_study, (machine, variations, seed, plant)) as pool:
+        yield from results_of(pool.submit(_records, draw) for draw in range(count))
 
 
 def as_dicts(records: Sequence[DrawRecord]) -> list[dict[str, object]]:

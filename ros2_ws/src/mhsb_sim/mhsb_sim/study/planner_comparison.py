@@ -6,10 +6,7 @@ simulated energy is what all pumps deliver from the motion's first to its last i
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -29,6 +26,7 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import replay
+from mhsb_sim.study.workers import processes, results_of
 
 BASELINE = "table"
 GROUND_TRUTH = "ground truth"
@@ -147,18 +145,9 @@ def compare_all(
 
     jobs: by default one for each processor this process may use.
     """
-    workers = jobs or len(os.sched_getaffinity(0))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_begin, initargs=(machine, weights)
-    ) as pool:
+    with processes(jobs, _begin, (machine, weights)) as pool:
         tasks = [pool.submit(_compare, request) for request in requests]
-        try:
-            for task in tasks:
-                yield task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
+        yield from results_of(tasks, in_order=True)
 
 
 _comparers: list[Comparer] = []  # of this process

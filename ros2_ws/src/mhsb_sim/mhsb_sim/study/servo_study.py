@@ -6,10 +6,7 @@ controller: what differs is the servo alone.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -33,6 +30,7 @@ from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.needed_pressure import needed_pressure
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.scenarios import Scenario
+from mhsb_sim.study.workers import processes, results_of
 
 WINDOW = 0.1
 """What is needed within this time ahead may be there now: lines are charged in time [s]."""
@@ -211,16 +209,8 @@ def run_study(
 
     jobs: by default one for each processor this process may use.
     """
-    workers = jobs or len(os.sched_getaffinity(0))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        tasks = [pool.submit(study_scenario, machine, scenario) for scenario in scenarios]
-        try:
-            for task in as_completed(tasks):
-                yield task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
+    with processes(jobs) as pool:
+        yield from results_of(pool.submit(study_scenario, machine, each) for each in scenarios)
 
 
 def as_dicts(results: Sequence[ScenarioResult]) -> list[dict[str, object]]:

@@ -8,11 +8,9 @@ seed and its result does not depend on the number of processes.
 from __future__ import annotations
 
 import math
-import multiprocessing
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +22,7 @@ from mhsb_model.machine import Machine
 from mhsb_sim.errors import TuningError
 from mhsb_sim.servo.stability import slowest_decay
 from mhsb_sim.study.servo_study import Script, judge, perform
+from mhsb_sim.study.workers import processes
 
 Gains = dict[str, float]
 
@@ -171,12 +170,7 @@ def _evaluator(
             (cost_of(scripts[k], controller, gains) for gains in batch for k in numbers), len(batch)
         )
         return
-    with ProcessPoolExecutor(
-        jobs or len(os.sched_getaffinity(0)),
-        multiprocessing.get_context("spawn"),
-        initializer=_set_scripts,
-        initargs=(list(scripts), controller),
-    ) as pool:
+    with processes(jobs, _set_scripts, (list(scripts), controller)) as pool:
         yield lambda batch: means(
             pool.map(_cost_in_process, [(gains, k) for gains in batch for k in numbers]), len(batch)
         )

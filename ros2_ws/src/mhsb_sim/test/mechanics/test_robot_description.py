@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mhsb_model.robot_description import robot_description
+from mhsb_sim.mechanics.robot_description import robot_description
 
 
 @pytest.fixture(scope="module")
