@@ -33,6 +33,7 @@ from mhsb_sim.study.headless import HeadlessRun, TimedGoal
 
 RUNS, REPLANS_OF_A_RUN, ONLINE = 20, 500, 500
 LOOK_NS = SECOND_NS // 2000
+BUDGET = 0.04  # s, for each plan in lock-step
 JUMP = 1e-6  # rad, rad/s
 TOLERANCE = {"joint": 1e-6, "v_max": FitRules.following().max_excess + 1e-6, "modules": 0.0}
 """Excess that is rounding; 1e-6 for what is not named."""
@@ -99,7 +100,8 @@ def test_replans_in_motion_in_lock_step_neither_jump_nor_break_a_limit(machine, 
     source, limits = random.Random(seed), Limits(machine)
     replanner = Replanner(machine, table_for(machine))
     replanner.warm_up()
-    run = HeadlessRun(Simulator(machine), replanner, PlanOptions(planner="integrated"))
+    options = PlanOptions(planner="integrated")
+    run = HeadlessRun(Simulator(machine), replanner, options, BUDGET)
     moving = refused = executed_from_ns = 0
     before = None
     while moving < REPLANS_OF_A_RUN:

@@ -6,6 +6,7 @@ handed to the simulator through the same receiver. Planning takes no simulated t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
@@ -17,6 +18,7 @@ from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.deadline import Deadline
 from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.planner import PlanOptions
@@ -110,9 +112,15 @@ class HeadlessRun:
     """A simulator, a planner, and the record of what they do together."""
 
     def __init__(
-        self, simulator: Simulator, replanner: Replanner, options: PlanOptions
+        self,
+        simulator: Simulator,
+        replanner: Replanner,
+        options: PlanOptions,
+        budget: float = math.inf,
     ) -> None:
+        """budget: for each plan, as the node has it [s]; by default a plan takes what it takes."""
         self.simulator = simulator
+        self._budget = budget
         self._replanner = replanner
         self._options = options
         self._receiver = PlanReceiver(simulator.machine, simulator)
@@ -152,8 +160,9 @@ class HeadlessRun:
         if self._bound_for is not None and goal.same_place(self._bound_for):
             return None
         now_ns, tip = self.simulator.time_ns, (goal.x, goal.z)
+        deadline = Deadline.after(self._budget)
         replan = self._replanner.replan(
-            self._command, now_ns, tip, OFFLINE_LEAD, self._options
+            self._command, now_ns, tip, OFFLINE_LEAD, self._options, deadline
         )
         self._bound_for = goal
         return replan
