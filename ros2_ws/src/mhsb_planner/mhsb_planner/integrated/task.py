@@ -42,7 +42,7 @@ class Effort:
     sweeps: int = 3
 
 
-WITH_AREA = Effort(expansions=20_000)
+WITH_AREA = Effort(expansions=40_000)
 """Where the area is weighed lower bounds say little, and more has to be looked at."""
 
 
