@@ -182,7 +182,8 @@ class GoalLifecycle:
         if not reachable and wall - in_hand.waiting_since < LONGEST_WAIT:
             return
         now_ns = self._now_ns()
-        if self._last_stamp_ns > now_ns + AHEAD_NS:  # stamps increase: the arm's time has to come
+        ahead = self._last_stamp_ns > now_ns + AHEAD_NS  # stamps increase: its time has to come
+        if ahead and wall - in_hand.waiting_since < LONGEST_WAIT:
             return
         try:
             start = departure(self.view, wall, now_ns)

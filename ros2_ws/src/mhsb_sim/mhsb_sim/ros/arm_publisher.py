@@ -13,7 +13,6 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from mhsb_model.arm_reports import HandOverReport, SimulatorReport
-from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_model.verdict import Level
@@ -41,9 +40,7 @@ REPORT_PERIOD = 1.0
 class ArmPublisher:
     """Publishes at fixed rates of simulated time, and what changes at once."""
 
-    def __init__(
-        self, node: Node, machine: Machine, arm: SupervisedArm, with_clock: bool
-    ) -> None:
+    def __init__(self, node: Node, arm: SupervisedArm, with_clock: bool) -> None:
         self._arm = arm
         self._simulator = arm.simulator
         self._with_clock = with_clock
@@ -61,7 +58,7 @@ class ArmPublisher:
                 *([topics.CLOCK] if with_clock else []),
             )
         }
-        described = String(data=robot_description(machine))
+        described = String(data=robot_description(self._simulator.machine))
         self._publishers[topics.ROBOT_DESCRIPTION.name].publish(described)
         self.restart()
 

@@ -61,9 +61,7 @@ class SimNode(Node):
         )
         self._arm = SupervisedArm(simulator, self._settings.limits)
         rehearse()  # loads everything before anybody waits for it
-        self._publisher = ArmPublisher(
-            self, self._machine, self._arm, self._settings.publish_clock
-        )
+        self._publisher = ArmPublisher(self, self._arm, self._settings.publish_clock)
         self._pacer = Pacer(self._settings.real_time_factor, 0, 0)
         self._left_ns = 0
         self._messages_first = False

@@ -36,6 +36,8 @@ TAIL = 2.0
 """How long a run goes on after the last motion [s]."""
 
 OPTIONS = PlanOptions(planner=ONLINE_PLANNER)
+REACHING = PlanOptions(planner="table")
+"""Tells at once whether there is a way to a goal; the way itself is planned by OPTIONS."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ class DrawStudy:
             if not area.min_radius <= np.hypot(x, z) <= area.max_radius:
                 continue
             try:
-                self._replanner.replan(rest, 0, (x, z), OFFLINE_LEAD, OPTIONS)
+                self._replanner.replan(rest, 0, (x, z), OFFLINE_LEAD, REACHING)
             except MhsbError:
                 continue
             return x, z

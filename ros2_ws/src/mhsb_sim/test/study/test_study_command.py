@@ -1,5 +1,6 @@
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -29,10 +30,10 @@ def test_draws_are_written_as_a_list_of_records(machine: Machine, tmp_path: Path
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(
-    tmp_path: Path, options: dict[str, object], sentence: str
+    tmp_path: Path, options: dict[str, Any], sentence: str
 ) -> None:
     with pytest.raises(UsageError, match=sentence):
-        study(output=tmp_path, **options)  # type: ignore[arg-type]
+        study(output=tmp_path, **options)
 
 
 def test_a_plant_is_a_file_times_factors(machine: Machine) -> None:
