@@ -29,7 +29,7 @@ ORDERLY_END = 1.5
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-MALLOC = ((-3, 2**20), (-1, 2**20), (-8, 2))
+MALLOC = ((-3, 2**18), (-1, 2**18), (-8, 2))
 """glibc's M_MMAP_THRESHOLD, M_TRIM_THRESHOLD [bytes] and M_ARENA_MAX: see `give_back_memory`."""
 
 _signalled = threading.Event()
