@@ -131,7 +131,7 @@ def ros_domain() -> Iterator[int]:
             os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(config_file("fastdds_localhost.xml"))
             yield domain
             return
-    pytest.fail(f"all {HIGHEST_DOMAIN} ROS domains are in use, by other test runs ({folder}) or nodes")
+    pytest.fail(f"ROS domains 1 to {HIGHEST_DOMAIN} are in use, by nodes or other runs ({folder})")
 
 
 def domains_in_use() -> set[int]:
@@ -213,13 +213,26 @@ class Child:
             self.process.wait()
 
 
-@pytest.fixture
-def start_process(ros_domain: int) -> Iterator[Callable[..., Child]]:
-    """Function (command..., environment=None) that starts a `Child` in the domain of this run."""
-    children: list[Child] = []
+@pytest.fixture(scope="session")
+def child_of(ros_domain: int) -> Callable[..., Child]:
+    """Function (command..., environment=None) that starts a `Child` in the domain of this run.
+
+    Whoever calls it ends the child.
+    """
 
     def start(*command: object, environment: dict[str, str] | None = None) -> Child:
-        children.append(Child([str(word) for word in command], environment))
+        return Child([str(word) for word in command], environment)
+
+    return start
+
+
+@pytest.fixture
+def start_process(child_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
+    """The same for the length of a test."""
+    children: list[Child] = []
+
+    def start(*command: object, **options: Any) -> Child:
+        children.append(child_of(*command, **options))
         return children[-1]
 
     yield start
@@ -235,6 +248,12 @@ def start(start_process: Callable[..., Child]) -> Callable[..., Child]:
         return start_process(installed_executable(package, executable), *arguments, **options)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def node_of(child_of: Callable[..., Child]) -> Callable[..., Child]:
+    """Function (package, executable) that starts a node with default settings, not ended here."""
+    return lambda package, name: child_of(installed_executable(package, name))
 
 
 def installed_executable(package: str, executable: str) -> Path:

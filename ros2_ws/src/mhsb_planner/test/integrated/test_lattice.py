@@ -46,51 +46,52 @@ def problems(machine, posture_within, count):
 
 
 def by_dijkstra(machine, lattice, goal):
-    """Least cost to the goal over the whole lattice, from step costs; NNN is in force."""
+    """Least cost to the goal over the whole lattice, from step costs; NNN is in force.
+
+    A vertex for each posture in each pattern as it is reached, and another one as it is left:
+    between these two lie the switches, from there to the next posture the step.
+    """
     patterns = machine.patterns
     points = list(itertools.product(*(range(count) for count in lattice.shape)))
     posture = [np.array([lattice.angle[j, i] for j, i in enumerate(p)]) for p in points]
+    excess = [outside(machine, q) for q in posture]
     place = {p: k for k, p in enumerate(points)}
-    count = len(patterns)
+    count, own = len(patterns), np.arange(len(patterns))
+    leaving, sink = len(points) * count, 2 * len(points) * count
+    source = int(lattice.start) * count + int(np.flatnonzero(~patterns.any(axis=1))[0])
     switches = np.count_nonzero(patterns[:, None] != patterns[None], axis=2)
-    sink, source = len(points) * count, len(points) * count + 1
-    rows, columns, costs = [], [], []
-    hold = holding_modes(machine, machine.piston_forces(goal))
+    to_hold = np.count_nonzero(
+        patterns != holding_modes(machine, machine.piston_forces(goal)), axis=1
+    )
+    edges = []
 
-    def add(k, target, states):
-        if outside(machine, target) > max(1e-9, outside(machine, posture[k])):
+    def add(k, target, beyond, states, last_switches):
+        if beyond > max(1e-9, excess[k]):
             return
         step = step_costs(machine, posture[k], target, REST_SPEED)
-        for p in np.flatnonzero(step.admissible):
-            cost = 0.5 * step.energy[p] + step.duration[p]
-            if states[p] == sink:
-                cost += SWITCH * np.count_nonzero(patterns[p] != hold)
-            for own in range(count):
-                rows.append(k * count + own)
-                columns.append(states[p])
-                costs.append(cost + SWITCH * switches[own, p])
-            if k == lattice.start:
-                rows.append(source)
-                columns.append(states[p])
-                costs.append(cost + SWITCH * switches[0, p])
+        cost = 0.5 * step.energy + step.duration + SWITCH * last_switches
+        ways = np.column_stack([leaving + k * count + own, states, cost])
+        edges.append(ways[step.admissible])
 
     for k, p in enumerate(points):
+        reached, left = np.repeat(own, count), np.tile(own, count)
+        between = [k * count + reached, leaving + k * count + left, SWITCH * switches.ravel()]
+        edges.append(np.column_stack(between))
         for move in lattice.moves:
             neighbor = place.get(tuple(int(i) for i in p + move))
             if neighbor is not None:
-                add(k, posture[neighbor], neighbor * count + np.arange(count))
+                add(k, posture[neighbor], excess[neighbor], neighbor * count + own, 0)
         last = lattice.shape - 1
         beside = [
             sorted((lattice.angle[j, max(i - 1, 0)], lattice.angle[j, min(i + 1, last[j])]))
             for j, i in enumerate(p)
         ]
         if all(low <= q <= high for (low, high), q in zip(beside, goal, strict=True)):
-            add(k, goal, np.full(count, sink))
-    best = {}
-    for row, column, cost in zip(rows, columns, costs, strict=True):
-        best[row, column] = min(cost, best.get((row, column), math.inf))
-    ends = np.array(list(best)).T
-    matrix = csr_array((list(best.values()), (ends[0], ends[1])), shape=(source + 1,) * 2)
+            add(k, goal, outside(machine, goal), np.full(count, sink), to_hold)
+    rows, columns, costs = np.concatenate(edges).T
+    ends = rows.astype(int), columns.astype(int)
+    assert len(np.unique(ends[0] * (sink + 1) + ends[1])) == len(rows)  # SciPy adds equal edges
+    matrix = csr_array((costs, ends), shape=(sink + 1, sink + 1))
     return float(dijkstra(matrix, indices=source)[sink])
 
 
