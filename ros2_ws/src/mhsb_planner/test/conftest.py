@@ -83,7 +83,7 @@ def leaves_the_workspace(machine, start, end):
     """Whether the tip leaves the region of goals on the way, by more than at both ends."""
     area = machine.config.workspace
     way = start + np.linspace(0, 1, 200)[:, None] * (end - start)
-    tips = np.array([machine.tip_position(q) for q in way])
+    tips, _ = tip_and_torque(machine.arrays, way)
     radius = np.hypot(*tips.T)
     outside = np.maximum(area.min_x - tips[:, 0], area.min_radius - radius)
     outside = np.maximum(outside, radius - area.max_radius)
@@ -151,7 +151,7 @@ def walk(machine: Machine) -> Callable[..., DiscretePath]:
 
     def stays_inside(start: np.ndarray, end: np.ndarray) -> bool:
         line = start + np.linspace(0, 1, 33)[:, None] * (end - start)
-        tips = np.array([machine.tip_position(q) for q in line])
+        tips, _ = tip_and_torque(machine.arrays, line)
         radius = np.hypot(*tips.T)
         return bool(tips[:, 0].min() >= 0 and radius.min() >= 0.25 and radius.max() <= 1.029)
 

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from mhsb_model.holding import holding_modes
+from mhsb_model.types import frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.integrated import lattice as lattice_module
@@ -16,7 +17,7 @@ from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.route import REST_SPEED, new_memory
-from mhsb_planner.search.s2_step import describe, step_costs
+from mhsb_planner.search.s2_step import Postures, describe, step_costs
 
 SPACING, REACH = 22e-3, 0.4  # m
 SWITCH = 2.0
@@ -43,6 +44,11 @@ def problems(machine, posture_within, count):
         if outside(machine, goal) < 0.0:
             count -= 1
             yield start, np.clip(goal, machine.arrays.joint_min, machine.arrays.joint_max)
+
+
+def goal_at(machine, goal):
+    """As the only goal posture; in arrays of the kind for which the search is compiled."""
+    return Postures(*(np.array(each) for each in describe(machine.arrays, goal[None, :])))
 
 
 def by_dijkstra(machine, lattice, goal):
@@ -106,7 +112,7 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
     t = terms_of(machine, weights=(0.5, 1.0, SWITCH))
     found = 0
     for start, goal in problems(machine, posture_within, 3):
-        goals = describe(machine.arrays, goal[None, :])
+        goals = goal_at(machine, goal)
         lattice = lattice_of(machine, start)
         searching = LatticeSearch(t, new_memory(t), lattice, goals)
         route = searching.search(math.inf, 10**6)
@@ -134,7 +140,7 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
         tip = machine.tip_position(goal)
         psi = np.array([goal.sum()])
         exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, None)
-        bound = least_cost_to(machine, t.circuit, via[0], exactly, np.array([0.5, 1.0]))
+        bound = least_cost_to(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1
     assert found >= 2
@@ -168,7 +174,7 @@ def test_room_that_is_added_on_the_way_changes_nothing(
 ):
     t = terms_of(machine, weights=(0.5, 1.0, SWITCH))
     start, goal = next(problems(machine, posture_within, 1))
-    goals = describe(machine.arrays, goal[None, :])
+    goals = goal_at(machine, goal)
     roomy = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
     monkeypatch.setattr(lattice_module, "FIRST_ROWS", 1)
     tight = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
@@ -183,7 +189,7 @@ def test_nothing_is_found_that_costs_as_much_as_is_known_already(
 ):
     t = terms_of(machine)
     start, goal = next(problems(machine, posture_within, 1))
-    goals = describe(machine.arrays, goal[None, :])
+    goals = goal_at(machine, goal)
 
     def searching():
         return LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
@@ -197,7 +203,7 @@ def test_nothing_is_found_that_costs_as_much_as_is_known_already(
 def test_a_search_stops_when_it_is_late_or_has_expanded_enough(machine, terms_of, posture_within):
     t = terms_of(machine)
     start, goal = next(problems(machine, posture_within, 1))
-    goals = describe(machine.arrays, goal[None, :])
+    goals = goal_at(machine, goal)
     late = LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
     assert late.search(math.inf, 10**6, Deadline.after(-1.0)) is None
     assert late.expanded == 0
