@@ -4,7 +4,7 @@ In cylinder coordinates, with error e = L_ref − L and F = p_A A − p_B a (pos
 
     F_ff  = (M q̈ + C q̇ + g)/r + friction(v_ref) + d     feed-forward
     F_ref = F_ff + (k_p k_h/ω_F) e                         position loop
-    u     = v_ref + ω_F (F_ref − F)/k_h                    force loop
+    u     = v_ref + ω_F (F_ref − F)/k_h                    force loop, limited at rest
 
 u is the piston speed that the valve's flows are to amount to, k_h = β (A²/V_A + a²/V_B) the
 oil's stiffness [N/m], so that dF/dt = k_h (u − v). d takes unknown forces over in the time τ,
@@ -61,6 +61,10 @@ BIAS_RESERVE = 3.0
 POSITION_SHARE = 2.0 / 3.0
 """k_p/ω_F, at most: with 1 the fastest swing would be at the limit of stability."""
 
+REST_SPEED = 0.02
+"""u is at most this of a joint whose reference rests [rad/s], so that an arm which has sagged comes
+back below 0.05 rad/s when it is healed. Nearly closed, a valve holds by the oil's stiffness."""
+
 AXIS = np.dtype(
     [
         ("position_gain", "f8"),  # 1/s, k_p
@@ -68,6 +72,7 @@ AXIS = np.dtype(
         ("bias_time", "f8"),  # s, in which d follows
         ("length", "f8"),  # m, of the cylinder in the reference now
         ("speed", "f8"),  # m/s, of its piston
+        ("fastest", "f8"),  # m/s, largest |u|
         ("force", "f8"),  # N, feed-forward now
         ("hold", "f8"),  # N, what a closed valve would have to carry now
         ("speed_ahead", "f8"),  # m/s, in the reference ahead
@@ -197,6 +202,8 @@ def piston_demands(s: Servo) -> None:
             else:
                 axis.length = length
                 axis.speed = arm * qd[j]
+                rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
+                axis.fastest = REST_SPEED * abs(arm) if rests else math.inf
                 axis.force = torque[j] / arm
                 axis.hold = held / arm
     for j in range(len(axes)):
@@ -220,7 +227,8 @@ def piston_demands(s: Servo) -> None:
         error = axis.length - sensor.length
         pull = axis.force_bandwidth / axis.stiffness
         force_reference = known + axis.bias + axis.position_gain / pull * error
-        axis.demand = axis.speed + pull * (force_reference - force)
+        demand = axis.speed + pull * (force_reference - force)
+        axis.demand = min(max(demand, -axis.fastest), axis.fastest)
 
 
 @kernel

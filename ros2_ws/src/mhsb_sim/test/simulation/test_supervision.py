@@ -158,7 +158,7 @@ def test_a_load_beyond_all_means_closes_the_valves_and_taken_off_gently_moves_no
     run.advance(0.5)
     run.simulator.set_payload(2000.0)
     run.advance(0.3, Phase.CLOSED)
-    assert "joint_1 is 0.06" in run.supervision.fault
+    assert "joint_1 is 0.07" in run.supervision.fault
     assert not run.simulator.actuator_states.valve_command.any()
     assert not run.simulator.actuator_states.servo_pump_command.any()
     run.advance(60.0, Phase.HELD)
@@ -190,7 +190,7 @@ def test_warnings_come_first_and_go_with_what_they_warn_of(machine: Machine) -> 
     run = Run(machine)
     run.advance(0.5)
     run.supervision.limits = SupervisionLimits(following_error=(0.02, 0.5))
-    run.simulator.set_payload(35.0)
+    run.simulator.set_payload(60.0)
     run.advance(0.2)
     assert "off its reference, beyond 0.5 rad the arm is stopped" in run.warned[-1]
     assert run.supervision.phase is Phase.WATCHING

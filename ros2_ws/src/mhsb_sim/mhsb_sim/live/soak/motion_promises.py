@@ -197,15 +197,17 @@ def rests_after_stops(events: Events) -> Kept:
 
 
 def heals_gently(events: Events) -> Kept:
-    """After healing an arm that held its position, no joint is faster than 0.05 rad/s without a
-    new goal."""
-    table = events.recording.joint_states
+    """After healing an arm that holds its position, or as soon as it has braked, no joint is
+    faster than 0.05 rad/s without a new goal."""
+    table, reference = events.recording.joint_states, events.recording.references
+    rests_ns = reference.recorded_ns[~reference.velocity.any(axis=1)]
     others = events.deeds_of(DeedKind.GOAL, DeedKind.RESET, DeedKind.END, DeedKind.FAULT)
     broken, tested = [], 0
     for heal in events.deeds_of(DeedKind.HEAL):
         later = (deed.begin_ns for deed in others if deed.begin_ns > heal.begin_ns)
         end_ns = min(later, default=events.end_ns)
-        rows = np.flatnonzero((table.recorded_ns > heal.begin_ns) & (table.recorded_ns < end_ns))
+        braked_ns = rests_ns[rests_ns >= heal.begin_ns].min(initial=end_ns)
+        rows = np.flatnonzero((table.recorded_ns > braked_ns) & (table.recorded_ns < end_ns))
         anew = heal.value in ("", "sensor")  # nothing failed, or a diverged simulation starts anew
         if anew or len(rows) < 2 or _plan_in_force(events, heal.begin_ns) != 0:
             continue

@@ -129,3 +129,14 @@ def test_a_lunge_after_healing_is_told(spoilt, events):
     goal = replace(events.deeds[0], begin_ns=events.deeds[-1].begin_ns + 500_000_000)
     moved_by_goal = spoilt(recording={"joint_states": lunging}, deeds=(*events.deeds, goal))
     assert motion_promises.heals_gently(moved_by_goal).held
+
+
+def test_an_arm_that_still_brakes_when_it_is_healed_does_not_lunge(spoilt, events):
+    states, references = events.recording.joint_states, events.recording.references
+    lunging = replace(states, position=states.position.copy())
+    lunging.position[5100:] += 0.1
+    for braked, held in ((4000, False), (5105, True)):
+        braking = replace(references, velocity=references.velocity.copy())
+        braking.velocity[5000:braked] = 0.1
+        recording = {"joint_states": lunging, "references": braking}
+        assert motion_promises.heals_gently(spoilt(recording=recording)).held is held
