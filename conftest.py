@@ -1,7 +1,7 @@
 """What the tests of all packages share: a ROS domain, child processes, two more machines.
 
-Each test run holds a lock on one ROS domain, so that runs side by side, and a user's own nodes
-in the default domain, do not hear each other.
+Each test run holds a lock on one ROS domain in which nobody is, so that runs side by side, and
+nodes that are started by hand, do not hear each other.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from mhsb_model.schema import MachineConfig
 settings.register_profile("mhsb", deadline=None, derandomize=True)
 settings.load_profile("mhsb")
 
-HIGHEST_DOMAIN = 101  # above, the ports of a domain can meet those that Linux hands out
+HIGHEST_DOMAIN = 70  # domains up to 101, above which Linux hands out the ports, are left to users
+FIRST_PORT, PORTS_OF_A_DOMAIN = 7400, 250  # by the RTPS specification
 
 FOUR_BARS = yaml.safe_load("""
 - limits: {lower: -1.571, upper: 2.269}
@@ -117,7 +118,7 @@ def ros_domain() -> Iterator[int]:
     """A ROS domain held by this test run alone, set for this process and its children."""
     folder = Path(tempfile.gettempdir()) / f"mhsb_test_domains_{os.getuid()}"
     folder.mkdir(exist_ok=True)
-    domains = list(range(1, HIGHEST_DOMAIN + 1))
+    domains = list(set(range(1, HIGHEST_DOMAIN + 1)) - domains_in_use())
     random.SystemRandom().shuffle(domains)
     for domain in domains:
         with (folder / f"{domain}.lock").open("w") as lock:
@@ -130,7 +131,15 @@ def ros_domain() -> Iterator[int]:
             os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(config_file("fastdds_localhost.xml"))
             yield domain
             return
-    pytest.fail(f"all {HIGHEST_DOMAIN} ROS domains are in use by other test runs ({folder})")
+    pytest.fail(f"ROS domains 1 to {HIGHEST_DOMAIN} are in use, by nodes or other runs ({folder})")
+
+
+def domains_in_use() -> set[int]:
+    """ROS domains in which some process of this machine has a UDP port, a node started by hand."""
+    tables = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
+    lines = [line for table in tables if table.exists() for line in table.open()]
+    ports = re.findall(r"^ *\d+: \w+:(\w+) ", "".join(lines), re.MULTILINE)
+    return {(int(port, 16) - FIRST_PORT) // PORTS_OF_A_DOMAIN for port in ports}
 
 
 @pytest.fixture
@@ -204,13 +213,26 @@ class Child:
             self.process.wait()
 
 
-@pytest.fixture
-def start_process(ros_domain: int) -> Iterator[Callable[..., Child]]:
-    """Function (command..., environment=None) that starts a `Child` in the domain of this run."""
-    children: list[Child] = []
+@pytest.fixture(scope="session")
+def child_of(ros_domain: int) -> Callable[..., Child]:
+    """Function (command..., environment=None) that starts a `Child` in the domain of this run.
+
+    Whoever calls it ends the child.
+    """
 
     def start(*command: object, environment: dict[str, str] | None = None) -> Child:
-        children.append(Child([str(word) for word in command], environment))
+        return Child([str(word) for word in command], environment)
+
+    return start
+
+
+@pytest.fixture
+def start_process(child_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
+    """The same for the length of a test."""
+    children: list[Child] = []
+
+    def start(*command: object, **options: Any) -> Child:
+        children.append(child_of(*command, **options))
         return children[-1]
 
     yield start
@@ -226,6 +248,12 @@ def start(start_process: Callable[..., Child]) -> Callable[..., Child]:
         return start_process(installed_executable(package, executable), *arguments, **options)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def node_of(child_of: Callable[..., Child]) -> Callable[..., Child]:
+    """Function (package, executable) that starts a node with default settings, not ended here."""
+    return lambda package, name: child_of(installed_executable(package, name))
 
 
 def installed_executable(package: str, executable: str) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -42,6 +42,7 @@ class Observer(GoalSender):
         self.references: list[Reference] = []
         self.measured: list[JointSample] = []
         self.in_force_ns: int | None = None
+        self._parameters_before: dict[tuple[str, str], ParameterValue] = {}
         for topic, callback in (
             (topics.DIAGNOSTICS, self._on_diagnostics),
             (topics.REFERENCE, self._on_reference),
@@ -99,19 +100,12 @@ class Observer(GoalSender):
 
     def call(self, service: str) -> Trigger.Response:
         """Call a Trigger service, such as `mhsb_sim/stop`."""
-        client = self.create_client(Trigger, service)
-        self.until(client.service_is_ready)
-        future = client.call_async(Trigger.Request())
-        self.until(future.done)
-        self.destroy_client(client)
-        return future.result()
+        return self._ask_node(Trigger, service)
 
     def set_parameter(
         self, node: str, name: str, value: float | str | tuple[float, ...]
     ) -> tuple[bool, str]:
         """Set a number, a text or numbers; whether they were taken, and the reason where not."""
-        client = self.create_client(SetParameters, f"{node}/set_parameters")
-        self.until(client.service_is_ready)
         content = ParameterValue()
         if isinstance(value, str):
             content.type, content.string_value = ParameterType.PARAMETER_STRING, value
@@ -119,12 +113,29 @@ class Observer(GoalSender):
             content.type, content.double_array_value = ParameterType.PARAMETER_DOUBLE_ARRAY, value
         else:
             content.type, content.double_value = ParameterType.PARAMETER_DOUBLE, value
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=content)])
-        future = client.call_async(request)
+        if (node, name) not in self._parameters_before:
+            before = self._ask_node(GetParameters, f"{node}/get_parameters", names=[name])
+            self._parameters_before[node, name] = before.values[0]
+        return self._set(node, name, content)
+
+    def set_parameters_back(self) -> None:
+        """To what they were before this observer set them."""
+        for (node, name), value in self._parameters_before.items():
+            taken, reason = self._set(node, name, value)
+            assert taken, reason
+
+    def _set(self, node: str, name: str, value: ParameterValue) -> tuple[bool, str]:
+        parameters = [Parameter(name=name, value=value)]
+        result = self._ask_node(SetParameters, f"{node}/set_parameters", parameters=parameters)
+        return result.results[0].successful, result.results[0].reason
+
+    def _ask_node(self, kind: Any, service: str, **fields: Any) -> Any:
+        client = self.create_client(kind, service)
+        self.until(client.service_is_ready)
+        future = client.call_async(kind.Request(**fields))
         self.until(future.done)
         self.destroy_client(client)
-        result = future.result().results[0]
-        return result.successful, result.reason
+        return future.result()
 
     def largest_reference_step(self) -> float:
         """Largest |q(t + 10 ms) − q(t) − 10 ms (q̇(t) + q̇(t + 10 ms))/2| of the reference [rad].
@@ -187,15 +198,86 @@ def start_simulator(start: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
+class Nodes:
+    """Nodes with default settings that go on from test to test, as long as each needs them.
+
+    Which spares most tests the start of their processes; what it is to start and to end is the
+    subject of others. After a test that fails they are started anew.
+    """
+
+    EXECUTABLES: ClassVar = {"mhsb_sim": "sim_node", "mhsb_planner": "planner_node"}
+
+    def __init__(self) -> None:
+        self.children: dict[str, Any] = {}
+
+    def serve(self, wanted: set[str], node_of: Callable[..., Any], observer: Observer) -> None:
+        """Have these run, ready, at rest in the start posture, and no others."""
+        self.end(set(self.children) - wanted)
+        going_on = set(self.children)
+        for package in wanted - going_on:
+            self.children[package] = node_of(package, self.EXECUTABLES[package])
+        for child in self.children.values():
+            child.wait_for("ready", READY_TIMEOUT)
+        if "mhsb_sim" in going_on:
+            assert observer.call("mhsb_sim/reset").success
+            observer.references.clear()  # plans that go by the time before are refused
+        observer.until(lambda: len(observer.references) > 2 and observer.in_force_ns == 0)
+
+    def end(self, packages: set[str]) -> None:
+        """End by SIGINT, which must be clean; what a test has ended itself is its own."""
+        ended = [self.children.pop(package) for package in packages & set(self.children)]
+        for child in ended:
+            if child.process.poll() is None:
+                assert child.stop(signal.SIGINT) == 0, child.output
+                assert "Traceback" not in child.output
+
+    def kill(self) -> None:
+        """Whatever they are at."""
+        for child in self.children.values():
+            child.kill_if_alive()
+        self.children.clear()
+
+
+NODES = Nodes()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Nodes that the next test does not use would take its time, or its names."""
+    if nextitem is None or "nodes" not in nextitem.fixturenames:
+        NODES.end(set(NODES.children))
+
+
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
+    """What has happened to nodes in a test that failed is unknown."""
+    if call.excinfo is not None:
+        NODES.kill()
+
+
 @pytest.fixture
-def arm(
-    observer: Observer, start_planner: Callable[..., Any], start_simulator: Callable[..., Any]
-) -> Iterator[Observer]:
-    """Both nodes running and heard; ended by SIGINT afterwards, which must be clean."""
-    children = [start_simulator(), start_planner()]
-    observer.until(lambda: observer.matched and len(observer.references) > 0)
-    yield observer
-    for child in children:
-        if child.process.poll() is None:
-            assert child.stop(signal.SIGINT) == 0, child.output
-            assert "Traceback" not in child.output
+def nodes(observer: Observer, node_of: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    """Function (packages...) that has these nodes run, and no others; their `Child`s by package."""
+
+    def serve(*packages: str) -> dict[str, Any]:
+        NODES.serve(set(packages), node_of, observer)
+        return NODES.children
+
+    yield serve
+    if any(child.process.poll() is not None for child in NODES.children.values()):
+        NODES.kill()
+    elif NODES.children:
+        observer.set_parameters_back()
+
+
+@pytest.fixture
+def arm(observer: Observer, nodes: Callable[..., Any]) -> Observer:
+    """Both nodes running and heard."""
+    nodes("mhsb_sim", "mhsb_planner")
+    observer.until(lambda: observer.matched)
+    return observer
+
+
+@pytest.fixture
+def simulator(nodes: Callable[..., Any]) -> Any:
+    """The simulator running; its process."""
+    return nodes("mhsb_sim")["mhsb_sim"]

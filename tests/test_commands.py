@@ -119,8 +119,9 @@ def test_plan_takes_negative_numbers_and_prints_json(start):
 
 def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
     child = start(
-        *("mhsb_planner", "plan", "--case", "4-1", "--json", "--planner", "integrated"),
-        *("--supply-pressure-range", "3.5e6", "5e6", "--area-weight", "100"),
+        *("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.60", "0.10"),
+        *("--weights", "0.5", "0", "2", "--area-weight", "100", "--planner", "integrated"),
+        *("--supply-pressure-range", "3.5e6", "5e6", "--json"),
     )
     assert child.wait(180) == 0, child.output
     plan = json.loads(child.output)

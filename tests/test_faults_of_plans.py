@@ -85,8 +85,7 @@ def still(position):
 
 
 @pytest.fixture
-def sender(observer, start_simulator):
-    start_simulator()
+def sender(observer, simulator):
     yield Sender(observer)
     assert observer.largest_reference_step() < 1e-3
     told = Counter(report.plan_stamp_ns for report in observer.hand_overs)

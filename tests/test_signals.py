@@ -48,7 +48,7 @@ def test_a_signal_at_any_moment_ends_a_node_with_code_0(signal_at, node, number)
 
 @pytest.mark.parametrize("node", NODES[:2], ids=lambda node: node[1])
 def test_a_signal_while_kernels_are_compiled_ends_a_node_with_code_0(signal_at, node, tmp_path):
-    for moment in moments(3, seed=3, last=8.0):
+    for moment in moments(3, seed=3, last=5.0):
         signal_at(node, moment, signal.SIGINT, tmp_path / "kernels")
 
 

@@ -133,6 +133,7 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     verdict = arm.ask(*AWAY)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
+    arm.until(lambda: not arm.references[-1].state.velocity.any())
     tip = arm.machine.tip_position(arm.references[-1].state.position)
     assert np.hypot(*(tip - AWAY)) < 1e-4
 

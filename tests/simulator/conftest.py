@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -112,16 +110,6 @@ class Commander:
         heard = len(self.observer.references)
         self.observer.until(lambda: len(self.observer.references) > heard + 2)
         return self.observer.references[-1]
-
-
-@pytest.fixture
-def simulator(start_simulator: Callable[..., Any]) -> Iterator[Any]:
-    """A simulator, ended by SIGINT afterwards, which must be clean."""
-    child = start_simulator()
-    yield child
-    if child.process.poll() is None:
-        assert child.stop(signal.SIGINT) == 0, child.output
-        assert "Traceback" not in child.output
 
 
 @pytest.fixture

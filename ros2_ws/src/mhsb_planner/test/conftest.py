@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner import deadline as deadlines
 from mhsb_planner.deadline import Deadline
@@ -82,7 +83,7 @@ def leaves_the_workspace(machine, start, end):
     """Whether the tip leaves the region of goals on the way, by more than at both ends."""
     area = machine.config.workspace
     way = start + np.linspace(0, 1, 200)[:, None] * (end - start)
-    tips = np.array([machine.tip_position(q) for q in way])
+    tips, _ = tip_and_torque(machine.arrays, way)
     radius = np.hypot(*tips.T)
     outside = np.maximum(area.min_x - tips[:, 0], area.min_radius - radius)
     outside = np.maximum(outside, radius - area.max_radius)
@@ -150,7 +151,7 @@ def walk(machine: Machine) -> Callable[..., DiscretePath]:
 
     def stays_inside(start: np.ndarray, end: np.ndarray) -> bool:
         line = start + np.linspace(0, 1, 33)[:, None] * (end - start)
-        tips = np.array([machine.tip_position(q) for q in line])
+        tips, _ = tip_and_torque(machine.arrays, line)
         radius = np.hypot(*tips.T)
         return bool(tips[:, 0].min() >= 0 and radius.min() >= 0.25 and radius.max() <= 1.029)
 
@@ -206,6 +207,19 @@ def walk(machine: Machine) -> Callable[..., DiscretePath]:
     return make
 
 
+def tip_and_torque(m, q):
+    """Tips [m], and torques [N m] that hold arm and payload, in postures q[times, n]."""
+    direction = np.cumsum(q, axis=1)
+    across, up = m.link_length * np.cos(direction), m.link_length * np.sin(direction)
+    end, center = np.cumsum(across, axis=1), m.link_center * np.cos(direction)
+    joint = end - across
+    torque = np.empty_like(q)
+    for j in range(q.shape[1]):
+        links = (joint + center - joint[:, [j]])[:, j:] @ m.link_mass[j:]
+        torque[:, j] = m.gravity * (links + m.payload * (end[:, -1] - joint[:, j]))
+    return np.column_stack([end[:, -1], up.sum(axis=1)]), torque
+
+
 @pytest.fixture(scope="session")
 def worst(machine: Machine) -> Callable[..., dict[str, float]]:
     """Function (trajectory, schedule, machine=…) that measures a motion every millisecond.
@@ -220,9 +234,10 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
         at = stamp + np.arange(0, trajectory.duration_ns + 1, 1_000_000)
         q, qd, _ = trajectory.sample_many(at)
         modes = schedule.modes_at_many(at)
-        force = np.array([machine.piston_forces(row) for row in q])
-        speed = np.array([machine.moment_arms(row) for row in q]) * qd
-        tip = np.array([machine.tip_position(row) for row in q])
+        arms = [[moment_arm(row, each) for each in q[:, j]] for j, row in enumerate(m.linkage)]
+        arms = np.column_stack(arms)
+        tip, torque = tip_and_torque(m, q)
+        force, speed = torque / arms, arms * qd
         extends = speed > 0
         inlet = np.where(extends, m.cap_area, m.rod_area)
         outlet = np.where(extends, m.rod_area, m.cap_area)

@@ -67,11 +67,14 @@ def test_the_motions_keep_the_area_of_their_paths(planner, plans):
         assert of_motion(planner, plan).mean == pytest.approx(path.mean, rel=0.02)
 
 
-def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner):
+@pytest.mark.parametrize(
+    ("moves", "fewest"), [(4, 1), pytest.param(8, 3, marks=pytest.mark.slow)]
+)
+def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner, moves, fewest):
     random, table = np.random.default_rng(0), planner.graph.table
     full = full_area(table)
     compared = 0
-    for here, there in random.choice(np.flatnonzero(table.feasible), (8, 2)):
+    for here, there in random.choice(np.flatnonzero(table.feasible), (moves, 2)):
         start = MotionState.at_rest(table.posture[here, 0])
         goal = tuple(table.nodes[there] * table.spacing)
         without, options = planner.plan(goal, start, options=weighing(0.0)), weighing(500.0)
@@ -82,7 +85,7 @@ def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner):
         assert plan.area_shortfall == of_motion(planner, plan).shortfall(full)
         assert plan.lower_bound <= plan.energy.paper
         compared += plan.cost(options) < 0.999 * known
-    assert compared >= 3
+    assert compared >= fewest
 
 
 def test_with_hardly_any_time_there_is_a_plan_that_weighs_the_area_all_the_same(planner, looks):

@@ -54,11 +54,15 @@ class Arm:
     fault: str = ""
     last_stop_ns: int = 0
     jumps: list[float] = field(default_factory=list)
+    _sampled: tuple[Command, int, MotionState] | None = field(default=None, init=False)
 
     @property
     def reference(self) -> MotionState:
-        """What it follows now."""
-        return self.command.trajectory.sample(self.time_ns)
+        """What it follows now; asked for several times in a step, sampled once."""
+        if self._sampled is None or self._sampled[:2] != (self.command, self.time_ns):
+            state = self.command.trajectory.sample(self.time_ns)
+            self._sampled = self.command, self.time_ns, state
+        return self._sampled[2]
 
     @property
     def moves(self) -> bool:

@@ -83,18 +83,15 @@ def test_pressure_and_speed_together_are_no_worse_than_either_alone(machine, pla
     assert len({each.v_max for each in both.curve}) >= 9
 
 
-def test_the_machine_s_own_point_and_the_ends_are_among_the_samples(machine, planner):
-    found = best_operating_point(planner, *move(machine), None, Range(3e6, 5.3e6))
+def test_samples_are_told_once_the_machine_s_own_point_and_the_ends_among_them(machine, planner):
+    told = []
+    found = best_operating_point(
+        planner, *move(machine), None, Range(3e6, 5.3e6), told=told.append
+    )
+    assert sorted(told, key=lambda each: each.supply_pressure) == list(found.curve)
     looked_at = {each.supply_pressure for each in found.curve}
     assert {3e6, 5.3e6, machine.arrays.supply_pressure} <= looked_at
     assert {each.v_max for each in found.curve} == {machine.arrays.max_piston_speed}
-
-
-def test_every_sample_is_told_once(machine, planner):
-    told = []
-    goal_and_start = move(machine)
-    found = best_operating_point(planner, *goal_and_start, None, PRESSURES, told=told.append)
-    assert sorted(told, key=lambda each: each.supply_pressure) == list(found.curve)
 
 
 def test_points_without_plan_say_why_and_the_others_are_chosen_from(machine, table):

@@ -5,14 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mhsb_model.types import frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.integrated.certificate import enclose, least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_step import circuit_of
 
-ENERGY = np.array([1.0, 0.0])
-SECONDS = np.array([0.0, 1.0])
+ENERGY = frozen([1.0, 0.0])
+SECONDS = frozen([0.0, 1.0])
 
 
 def bound(machine, start, goals, weight=ENERGY):

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from mhsb_model.holding import holding_modes
+from mhsb_model.types import frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.integrated import lattice as lattice_module
@@ -16,7 +17,7 @@ from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.route import REST_SPEED, new_memory
-from mhsb_planner.search.s2_step import describe, step_costs
+from mhsb_planner.search.s2_step import Postures, describe, step_costs
 
 SPACING, REACH = 22e-3, 0.4  # m
 SWITCH = 2.0
@@ -45,52 +46,58 @@ def problems(machine, posture_within, count):
             yield start, np.clip(goal, machine.arrays.joint_min, machine.arrays.joint_max)
 
 
+def goal_at(machine, goal):
+    """As the only goal posture; in arrays of the kind for which the search is compiled."""
+    return Postures(*(np.array(each) for each in describe(machine.arrays, goal[None, :])))
+
+
 def by_dijkstra(machine, lattice, goal):
-    """Least cost to the goal over the whole lattice, from step costs; NNN is in force."""
+    """Least cost to the goal over the whole lattice, from step costs; NNN is in force.
+
+    A vertex for each posture in each pattern as it is reached, and another one as it is left:
+    between these two lie the switches, from there to the next posture the step.
+    """
     patterns = machine.patterns
     points = list(itertools.product(*(range(count) for count in lattice.shape)))
     posture = [np.array([lattice.angle[j, i] for j, i in enumerate(p)]) for p in points]
+    excess = [outside(machine, q) for q in posture]
     place = {p: k for k, p in enumerate(points)}
-    count = len(patterns)
+    count, own = len(patterns), np.arange(len(patterns))
+    leaving, sink = len(points) * count, 2 * len(points) * count
+    source = int(lattice.start) * count + int(np.flatnonzero(~patterns.any(axis=1))[0])
     switches = np.count_nonzero(patterns[:, None] != patterns[None], axis=2)
-    sink, source = len(points) * count, len(points) * count + 1
-    rows, columns, costs = [], [], []
-    hold = holding_modes(machine, machine.piston_forces(goal))
+    to_hold = np.count_nonzero(
+        patterns != holding_modes(machine, machine.piston_forces(goal)), axis=1
+    )
+    edges = []
 
-    def add(k, target, states):
-        if outside(machine, target) > max(1e-9, outside(machine, posture[k])):
+    def add(k, target, beyond, states, last_switches):
+        if beyond > max(1e-9, excess[k]):
             return
         step = step_costs(machine, posture[k], target, REST_SPEED)
-        for p in np.flatnonzero(step.admissible):
-            cost = 0.5 * step.energy[p] + step.duration[p]
-            if states[p] == sink:
-                cost += SWITCH * np.count_nonzero(patterns[p] != hold)
-            for own in range(count):
-                rows.append(k * count + own)
-                columns.append(states[p])
-                costs.append(cost + SWITCH * switches[own, p])
-            if k == lattice.start:
-                rows.append(source)
-                columns.append(states[p])
-                costs.append(cost + SWITCH * switches[0, p])
+        cost = 0.5 * step.energy + step.duration + SWITCH * last_switches
+        ways = np.column_stack([leaving + k * count + own, states, cost])
+        edges.append(ways[step.admissible])
 
     for k, p in enumerate(points):
+        reached, left = np.repeat(own, count), np.tile(own, count)
+        between = [k * count + reached, leaving + k * count + left, SWITCH * switches.ravel()]
+        edges.append(np.column_stack(between))
         for move in lattice.moves:
             neighbor = place.get(tuple(int(i) for i in p + move))
             if neighbor is not None:
-                add(k, posture[neighbor], neighbor * count + np.arange(count))
+                add(k, posture[neighbor], excess[neighbor], neighbor * count + own, 0)
         last = lattice.shape - 1
         beside = [
             sorted((lattice.angle[j, max(i - 1, 0)], lattice.angle[j, min(i + 1, last[j])]))
             for j, i in enumerate(p)
         ]
         if all(low <= q <= high for (low, high), q in zip(beside, goal, strict=True)):
-            add(k, goal, np.full(count, sink))
-    best = {}
-    for row, column, cost in zip(rows, columns, costs, strict=True):
-        best[row, column] = min(cost, best.get((row, column), math.inf))
-    ends = np.array(list(best)).T
-    matrix = csr_array((list(best.values()), (ends[0], ends[1])), shape=(source + 1,) * 2)
+            add(k, goal, outside(machine, goal), np.full(count, sink), to_hold)
+    rows, columns, costs = np.concatenate(edges).T
+    ends = rows.astype(int), columns.astype(int)
+    assert len(np.unique(ends[0] * (sink + 1) + ends[1])) == len(rows)  # SciPy adds equal edges
+    matrix = csr_array((costs, ends), shape=(sink + 1, sink + 1))
     return float(dijkstra(matrix, indices=source)[sink])
 
 
@@ -105,7 +112,7 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
     t = terms_of(machine, weights=(0.5, 1.0, SWITCH))
     found = 0
     for start, goal in problems(machine, posture_within, 3):
-        goals = describe(machine.arrays, goal[None, :])
+        goals = goal_at(machine, goal)
         lattice = lattice_of(machine, start)
         searching = LatticeSearch(t, new_memory(t), lattice, goals)
         route = searching.search(math.inf, 10**6)
@@ -133,7 +140,7 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
         tip = machine.tip_position(goal)
         psi = np.array([goal.sum()])
         exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, None)
-        bound = least_cost_to(machine, t.circuit, via[0], exactly, np.array([0.5, 1.0]))
+        bound = least_cost_to(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1
     assert found >= 2
@@ -167,7 +174,7 @@ def test_room_that_is_added_on_the_way_changes_nothing(
 ):
     t = terms_of(machine, weights=(0.5, 1.0, SWITCH))
     start, goal = next(problems(machine, posture_within, 1))
-    goals = describe(machine.arrays, goal[None, :])
+    goals = goal_at(machine, goal)
     roomy = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
     monkeypatch.setattr(lattice_module, "FIRST_ROWS", 1)
     tight = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
@@ -182,7 +189,7 @@ def test_nothing_is_found_that_costs_as_much_as_is_known_already(
 ):
     t = terms_of(machine)
     start, goal = next(problems(machine, posture_within, 1))
-    goals = describe(machine.arrays, goal[None, :])
+    goals = goal_at(machine, goal)
 
     def searching():
         return LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
@@ -196,7 +203,7 @@ def test_nothing_is_found_that_costs_as_much_as_is_known_already(
 def test_a_search_stops_when_it_is_late_or_has_expanded_enough(machine, terms_of, posture_within):
     t = terms_of(machine)
     start, goal = next(problems(machine, posture_within, 1))
-    goals = describe(machine.arrays, goal[None, :])
+    goals = goal_at(machine, goal)
     late = LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
     assert late.search(math.inf, 10**6, Deadline.after(-1.0)) is None
     assert late.expanded == 0

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_planner.motion.s3_following import followed_path, following_motion
 from mhsb_planner.motion.s3_ramps import Ramp
 
@@ -12,7 +13,9 @@ FINE = 1e-4  # s
 
 
 def lengths(machine, q):
-    return np.array([machine.cylinder_lengths(row) for row in q])
+    rows = machine.arrays.linkage
+    found = [[cylinder_length(row, each) for each in q[:, j]] for j, row in enumerate(rows)]
+    return np.column_stack(found)
 
 
 def convolved(machine, path, motion, ramp):

@@ -287,7 +287,7 @@ def switches(modes, time, start, hold, j):
 
 def test_a_motion_that_is_too_short_for_its_switches_is_told_from_others(machine):
     time, motion = profile(0.2, [0.006, 0.0, 0.0], [HEAVY, LIGHT, LIGHT])
-    hold = np.array([N, N, N])
+    hold = np.array([N, N, N], dtype=np.uint8)
     modes = interval_modes(machine, time, motion, NORMAL, hold)
     assert modes[:, 0].all()
     assert not keeps_dwell(time, modes, NORMAL, hold)

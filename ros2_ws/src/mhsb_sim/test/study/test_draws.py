@@ -29,13 +29,12 @@ def test_a_draw_is_the_same_whenever_it_is_made_and_judges_every_controller(
     assert records[0].varied == records[1].varied
     again = study.records(3)
     assert as_dicts(again) == as_dicts(records)
-    assert study.sequence(np.random.default_rng((5, 4))).commands != ()
 
 
 def test_a_sequence_has_six_goals_and_its_moments_are_moments_of_motion(machine: Machine) -> None:
     study = DrawStudy(machine, load_variations(machine), seed=5)
-    sequence = study.sequence(np.random.default_rng(0))
-    assert len(sequence.commands) <= draws.GOALS
+    sequence = study.sequence(np.random.default_rng((5, 4)))
+    assert 0 < len(sequence.commands) <= draws.GOALS
     gaps = np.diff([command.stamp_ns for command in sequence.commands]) / 1e9
     assert gaps.min() >= draws.SHORTEST - 1e-3
     for share in np.linspace(0.0, 1.0, 11):

@@ -93,11 +93,19 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """All runs of a machine by name (`1-1`, `c5.vmax 0.025`), and its own posture table."""
+    """All runs of a machine by name (`1-1`, `c5.vmax 0.025`), and the posture tables they use.
+
+    tables  by the supply pressure that they are built for [Pa]; None: the machine's own
+    """
 
     machine: Machine
-    table: PostureTable
+    tables: Mapping[float | None, PostureTable]
     runs: Mapping[str, Run]
+
+    @property
+    def table(self) -> PostureTable:
+        """The machine's own."""
+        return self.tables[None]
 
     def __getitem__(self, name: str) -> Run:
         return self.runs[name]
@@ -110,7 +118,7 @@ class Runs:
             for name, run in self.runs.items()
             if name.endswith(suffix)
         }
-        return Runs(self.machine, self.table, found)
+        return Runs(self.machine, self.tables, found)
 
 
 def weight_run(w1: float, w2: float) -> str:
@@ -212,14 +220,14 @@ def evaluate(
     """Run the settings asked for (default: all) on `jobs` threads.
 
     progress is told how many of `work_units` are done now. The result does not depend on jobs.
-    known: other runs of this machine, whose table serves here, too.
+    known: other runs of this machine, whose tables serve here, too.
     Raises MachineFileError where the machine does not allow a change; a run without path is a
     result.
     """
     asked = settings() if asked is None else asked
     tell = progress or (lambda units: None)
     s1_global_search.warm_up(machine)
-    tables: dict[float | None, PostureTable] = {} if known is None else {None: known.table}
+    tables: dict[float | None, PostureTable] = {} if known is None else {**known.tables}
     for pressure in (None, *(s.table_pressure for s in asked.values())):
         if pressure not in tables:
             tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, tell)
@@ -241,7 +249,7 @@ def evaluate(
         for part in parts:
             found |= part
             tell(len(part))
-    return Runs(machine, tables[None], {name: found[name] for name in asked})
+    return Runs(machine, tables, {name: found[name] for name in asked})
 
 
 def _table(machine: Machine, jobs: int | None, tell: Progress) -> PostureTable:

@@ -1,4 +1,4 @@
-"""All runs of the suite's own arm, made once."""
+"""All runs of the suite's own arm, made once, and what was told of their progress."""
 
 import pytest
 
@@ -7,5 +7,11 @@ from mhsb_planner.evaluation.reproduction.runs import Runs, evaluate
 
 
 @pytest.fixture(scope="session")
-def runs(machine: Machine) -> Runs:
-    return evaluate(machine)
+def told_runs(machine: Machine) -> tuple[Runs, list[int]]:
+    told: list[int] = []
+    return evaluate(machine, progress=told.append), told
+
+
+@pytest.fixture(scope="session")
+def runs(told_runs: tuple[Runs, list[int]]) -> Runs:
+    return told_runs[0]

@@ -32,7 +32,7 @@ def swapped(runs, **paths):
         name: Run(runs[name].setting, runs[name].machine, path, "" if path else "no path")
         for name, path in paths.items()
     }
-    return Runs(runs.machine, runs.table, {**runs.runs, **other})
+    return Runs(runs.machine, runs.tables, {**runs.runs, **other})
 
 
 def record(runs, name):

@@ -28,9 +28,10 @@ REDUCED = ("1-1", "4-2", "c5.vmax 0.03", "c5.ps 2.5e+06", "c5.ps 2.5e+06 kept ta
 
 
 @pytest.fixture(scope="module")
-def reduced():
+def reduced(machine):
+    """Some of the runs, made once more by one thread, their tables too."""
     every = settings()
-    return {name: every[name] for name in REDUCED}
+    return evaluate(machine, {name: every[name] for name in REDUCED}, jobs=1)
 
 
 def test_there_is_a_run_for_every_case_and_every_point_of_the_sweeps(runs):
@@ -58,11 +59,10 @@ def test_a_run_is_made_under_its_own_conditions(runs):
     assert (zero.search, zero.case.weights.switches) == ("published", 0.0)
 
 
-def test_the_energy_of_a_run_does_not_depend_on_the_threads(machine, runs, reduced):
-    alone = evaluate(machine, reduced, jobs=1)
+def test_the_energy_of_a_run_does_not_depend_on_the_threads(runs, reduced):
     for name in REDUCED:
-        assert alone[name].path.posture.tobytes() == runs[name].path.posture.tobytes()
-        assert np.array_equal(alone[name].path.energy, runs[name].path.energy)
+        assert reduced[name].path.posture.tobytes() == runs[name].path.posture.tobytes()
+        assert np.array_equal(reduced[name].path.energy, runs[name].path.energy)
 
 
 def test_cases_come_out_as_the_planner_plans_them(machine, runs):
@@ -74,10 +74,9 @@ def test_cases_come_out_as_the_planner_plans_them(machine, runs):
         assert path.cost == pytest.approx(runs[name].path.cost, rel=1e-12)
 
 
-def test_the_table_is_rebuilt_for_a_pressure_unless_it_is_kept(machine, reduced):
-    found = evaluate(machine, reduced)
-    rebuilt, kept = (found[pressure_run(2.5e6, keep_table=keep)] for keep in (False, True))
-    assert np.array_equal(kept.path.posture[0], found.table.posture[_start_node(found), 0])
+def test_the_table_is_rebuilt_for_a_pressure_unless_it_is_kept(reduced):
+    rebuilt, kept = (reduced[pressure_run(2.5e6, keep_table=keep)] for keep in (False, True))
+    assert np.array_equal(kept.path.posture[0], reduced.table.posture[_start_node(reduced), 0])
     assert not np.array_equal(rebuilt.path.posture, kept.path.posture)
 
 
@@ -86,22 +85,28 @@ def _start_node(runs):
     return int(np.argmin(np.hypot(*(runs.table.nodes * runs.table.spacing - (x, z)).T)))
 
 
-def test_progress_adds_up(machine, reduced):
-    told = []
-    evaluate(machine, reduced, progress=told.append)
-    assert sum(told) == work_units(machine, reduced)
+def test_progress_adds_up(machine, told_runs):
+    assert sum(told_runs[1]) == work_units(machine, settings())
 
 
-def test_a_run_without_path_is_a_result(machine):
+def test_tables_that_are_known_are_not_built_again(machine, runs):
+    told, name = [], pressure_run(2.5e6)
+    again = evaluate(machine, {name: settings()[name]}, progress=told.append, known=runs)
+    assert sum(told) == 1
+    assert again.tables[2.5e6] is runs.tables[2.5e6]
+    assert again[name].path.posture.tobytes() == runs[name].path.posture.tobytes()
+
+
+def test_a_run_without_path_is_a_result(machine, runs):
     case = replace(paper_cases()["1-1"], goal=(2.0, 0.0))
     every = settings({**paper_cases(), "1-1": case})
-    run = evaluate(machine, {"1-1": every["1-1"]})["1-1"]
+    run = evaluate(machine, {"1-1": every["1-1"]}, known=runs)["1-1"]
     assert run.path is None
     assert "outside the workspace" in run.failure
 
 
 def test_the_integrated_planner_s_runs_are_cheaper_than_those_of_the_table(machine, runs):
-    found = evaluate(machine, integrated_settings())
+    found = evaluate(machine, integrated_settings(), known=runs)
     compared = 0
     for name, run in runs.runs.items():
         if integrated_run(name) in found.runs and run.path is not None:
