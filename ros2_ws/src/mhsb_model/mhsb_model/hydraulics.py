@@ -17,6 +17,9 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.modes import BOOSTED, ON_RAIL
 from mhsb_model.types import FloatArray, ModeArray
 
+LEFT_BY_INERTIA = 0.5
+"""Share of the boost margin that inertia leaves to friction and servo."""
+
 
 @kernel
 def extension_speed(
@@ -133,6 +136,12 @@ def oil_of(m: MachineArrays) -> Oil:
         m.servo_pump_flow,
         m.leakage_flow,
     )
+
+
+@kernel
+def spared_margin(oil: Oil) -> float:
+    """Part of the boost margin that the forces of inertia may use up [Pa]."""
+    return (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
 
 
 @kernel

@@ -27,6 +27,7 @@ from mhsb_model.hydraulics import (
     opposes_motion,
     pressure_to_move,
     retraction_speed,
+    spared_margin,
     speed_of_drop,
 )
 from mhsb_model.kernels.kernel import kernel
@@ -51,9 +52,6 @@ CHECK_SPACING = 1e-3
 
 ROWS_AT_ONCE = 32
 """Intervals of a trajectory that are looked at closely before the result is looked at."""
-
-LEFT_BY_INERTIA = 0.5
-"""Share of the boost margin that inertia leaves to friction and servo."""
 
 CHECKING = "checking the trajectory"
 
@@ -178,7 +176,7 @@ def _demand(
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
     outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
     thrust = np.empty(rows)
-    spared = (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
+    spared = spared_margin(oil)
     own = np.empty(n)
     for k in range(rows):
         flow = fastest = heaviest = hardest = 0.0
