@@ -34,7 +34,7 @@ class MachineArrays(NamedTuple):
     servo_pump_flow: float  # m³/s
     servo_pump_efficiency: float
     valve_coefficient: float  # m³/(s √Pa), one edge
-    leakage_flow: float  # m³/s, one valve
+    leakage_flow: float  # m³/s, one valve at the supply pressure
     max_piston_speed: float  # m/s
     max_piston_acceleration: float  # m/s²
     max_piston_jerk: float  # m/s³

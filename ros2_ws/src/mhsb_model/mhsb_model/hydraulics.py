@@ -14,7 +14,11 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.types import FloatArray
+from mhsb_model.modes import BOOSTED, ON_RAIL
+from mhsb_model.types import FloatArray, ModeArray
+
+LEFT_BY_INERTIA = 0.5
+"""Share of the boost margin that inertia leaves to friction and servo."""
 
 
 @kernel
@@ -116,7 +120,7 @@ class Oil(NamedTuple):
     valve_coefficient: float  # m³/(s √Pa)
     main_pump_flow: float  # m³/s
     servo_pump_flow: float  # m³/s
-    leakage_flow: float  # m³/s, one valve
+    leakage_flow: float  # m³/s, one valve at the supply pressure
 
 
 @kernel
@@ -132,6 +136,12 @@ def oil_of(m: MachineArrays) -> Oil:
         m.servo_pump_flow,
         m.leakage_flow,
     )
+
+
+@kernel
+def spared_margin(oil: Oil) -> float:
+    """Part of the boost margin that the forces of inertia may use up [Pa]."""
+    return (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
 
 
 @kernel
@@ -162,6 +172,57 @@ def lacks_pressure(oil: Oil, cap: float, rod: float, force: float, speed: float)
     if speed != 0.0 and not opposes_motion(force, speed):
         return False
     return pressure_to_move(oil, cap, rod, force, speed) > oil.supply_pressure
+
+
+@kernel
+def boosted_supply(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
+    """Pressure [Pa] to which a servo pump charges the line of a boosted cylinder.
+
+    max(P_S, p_L(0), p_L(v) + m(v)) + margin, at most the highest boost pressure: it carries the
+    load whichever way the cylinder moves, since it has to be carried at every reversal.
+    """
+    need = pressure_to_move(oil, cap, rod, force, 0.0)
+    if speed != 0.0:
+        need = max(need, pressure_to_move(oil, cap, rod, force, speed))
+    return max(oil.supply_pressure, min(need, oil.max_boost_pressure))
+
+
+@kernel
+def rail_pressure(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
+    """Pressure [Pa] of the shared rail: the highest of those that draw on it, at least P_S.
+
+    own  float64[n] Pa, `boosted_supply` of each actuator; what is not boosted is not looked at
+    """
+    highest = oil.supply_pressure
+    for j in range(len(modes)):
+        if ON_RAIL[modes[j]]:
+            highest = max(highest, own[j])
+    return highest
+
+
+@kernel
+def supply_in(oil: Oil, mode: int, own: float, rail: float) -> float:
+    """Supply pressure [Pa] of an actuator in its mode: P_S, its own boosted one, or the rail's."""
+    if ON_RAIL[mode]:
+        return rail
+    return own if BOOSTED[mode] else oil.supply_pressure
+
+
+@kernel
+def leakage(oil: Oil, supply: float) -> float:
+    """q_leak √((p − p_T)/(P_S − p_T)) [m³/s] of a valve at the supply pressure p: an orifice."""
+    rated = oil.supply_pressure - oil.tank_pressure
+    return oil.leakage_flow * math.sqrt(max(0.0, supply - oil.tank_pressure) / rated)
+
+
+@kernel
+def flow_for_pistons(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
+    """Q_MP less what all valves leak in these modes [m³/s]; `own` as in `rail_pressure`."""
+    rail = rail_pressure(oil, own, modes)
+    flow = oil.main_pump_flow
+    for j in range(len(modes)):
+        flow -= leakage(oil, supply_in(oil, modes[j], own[j], rail))
+    return flow
 
 
 @kernel

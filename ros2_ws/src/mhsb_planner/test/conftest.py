@@ -108,10 +108,21 @@ def _step_by_the_book(machine, start, end, pattern):
     fastest = np.full(n, machine.config.motion.max_piston_speed)
     pumped = modules * oil.servo_pump.max_flow / inlet
     fastest[boosted] = np.minimum(fastest, pumped)[boosted]
-    shared = oil.main_pump.max_flow - n * valve.leakage_flow
+    held = np.abs(delta) <= 1e-6
+    half_way = 0.5 * (start + end)
+    load = np.where(extends, 1, -1) * machine.gravity_torque(half_way)
+    load = load / machine.moment_arms(half_way)
+    drop = machine.config.motion.max_piston_speed**2 * (cap**3 + ring**3) / (k**2 * inlet)
+    line = (load + outlet * tank) / inlet + drop + oil.boost_margin
+    line = np.clip(line, supply, oil.servo_pump.max_boost_pressure)
+    line = np.where(boosted & ~held, line, supply)
+    line[(pattern == 2) & ~held] = max([supply, *line[pattern == 2]])
+    leaks = valve.leakage_flow * np.sqrt((line - tank) / (supply - tank))
+    shared = oil.main_pump.max_flow - leaks.sum()
+    if shared <= 0:
+        return ("no flow",)
     duration = max(np.max(np.abs(delta) / fastest), np.sum(inlet * np.abs(delta)) / shared)
 
-    held = np.abs(delta) <= 1e-6
     speed = np.abs(delta) / duration
     reserve = speed**2 * (cap**3 + ring**3) / (k**2 * inlet) + oil.boost_margin
     need = np.zeros(n, dtype=bool)
@@ -136,7 +147,8 @@ def _step_by_the_book(machine, start, end, pattern):
             p_supply = rail if pattern[j] == 2 else middle[j] + reserve[j]
             price[0] = max(supply, middle[j] / oil.servo_pump.efficiency)
             price[1] = supply + max(0.0, p_supply - supply) / oil.servo_pump.efficiency
-        energy += price * (inlet[j] * abs(delta[j]) + valve.leakage_flow * duration)
+        leaked = np.array([valve.leakage_flow, leaks[j]]) * duration
+        energy += price * (inlet[j] * abs(delta[j]) + leaked)
     word = "without need" if np.any(boosted & ~need) else "consistent"
     return (word, duration, *energy)
 
@@ -255,11 +267,19 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
         pumped = m.modules_per_mode[modes] * m.servo_pump_flow
         radius = np.hypot(*tip.T)
         outside = [m.min_x - tip[:, 0], m.min_radius - radius, radius - m.max_radius]
-        leakage = machine.joint_count * m.leakage_flow
+        lifted = (force + m.rod_area * m.tank_pressure) / m.cap_area
+        drawn = (m.cap_area * m.tank_pressure - force) / m.rod_area
+        held = np.where(force > 0, lifted, drawn)
+        line = np.maximum(held, np.where(moving, load + drop, held)) + m.boost_margin
+        line = np.where(boosted, np.clip(line, m.supply_pressure, m.max_boost_pressure), 0.0)
+        rail = np.max(line, axis=1, where=modes == 2, initial=m.supply_pressure)
+        line = np.where(modes == 2, rail[:, None], np.maximum(line, m.supply_pressure))
+        rated = m.supply_pressure - m.tank_pressure
+        leakage = m.leakage_flow * np.sqrt((line - m.tank_pressure) / rated).sum(axis=1)
         return {
             "joint": float(np.max(np.maximum(m.joint_min - q, q - m.joint_max))),
             "tip": float(np.max(outside)),
-            "main_pump": float(flow.sum(axis=1).max() / (m.main_pump_flow - leakage) - 1),
+            "main_pump": float((flow.sum(axis=1) / (m.main_pump_flow - leakage)).max() - 1),
             "servo_pump": float(np.max(np.where(boosted, flow / np.maximum(pumped, 1e-9), 0)) - 1),
             "valve": float(np.max(np.where(against, 0, flow / filling)) - 1),
             "pressure": float(np.max(np.where(moving, needed / supply, 0)) - 1),

@@ -119,6 +119,13 @@ class _Pricing:
         extending = (force + self.rod * tank) / self.cap
         return np.where(out, extending, (-force + self.cap * tank) / self.rod)
 
+    def more_leakage(self, supply: FloatArray) -> FloatArray:
+        """What a valve leaks more at these supply pressures [Pa] than at P_S [m³/s]."""
+        m = self.m
+        drop = np.clip(supply, m.supply_pressure, m.max_boost_pressure) - m.tank_pressure
+        rated = m.supply_pressure - m.tank_pressure
+        return np.asarray(m.leakage_flow * (np.sqrt(drop / rated) - 1.0))
+
     def steps(
         self, delta: FloatArray, forces: tuple[FloatArray, FloatArray, FloatArray]
     ) -> FloatArray:
@@ -143,16 +150,20 @@ class _Pricing:
         rests &= (heaviest > m.supply_pressure) & (heaviest <= m.max_boost_pressure)
         worst = np.where(rests, heaviest - m.boost_margin, worst)
         middle, valve = np.where(rests, held[1], middle), np.where(rests, 0.0, valve)
+        more = self.more_leakage(middle + valve * m.max_piston_speed**2 + m.boost_margin)
         cost = np.full((len(delta), len(self.patterns)), np.inf)
         exact = np.zeros(cost.shape, dtype=bool)
         for p in range(len(self.patterns)):
+            boosted = self.boosted[p]
             modules = m.modules_per_mode[self.patterns[p]]
             pumped = np.where(modules > 0, modules * m.servo_pump_flow, np.inf) / area
             time = (stroke / np.minimum(m.max_piston_speed, pumped)).max(axis=1)
-            time = np.maximum(time, oil.sum(axis=1) / self.shared)
+            rail = np.where(self.on_rail[p] & (moves | rests), more, 0.0).max(axis=1, keepdims=True)
+            leaks = np.where(self.on_rail[p], rail, more) * (boosted & (moves | rests))
+            time = np.maximum(time, oil.sum(axis=1) / (self.shared - leaks.sum(axis=1)))
             speed = stroke / np.maximum(time[:, None], TINY)
             needs = worst + valve * speed**2 + m.boost_margin
-            needed, boosted = needs > m.supply_pressure, self.boosted[p]
+            needed = needs > m.supply_pressure
             possible = np.all(needs <= m.max_boost_pressure, axis=1)
             possible &= np.all(boosted | ~needed, axis=1)
             exact[:, p] = possible & np.all(np.equal(needed, boosted), axis=1)

@@ -2,26 +2,31 @@
 
 E = Σ_j ∫ price_j (A_dir|v_j| + q_leak) dt. In N the price is P_S, whatever the load. Boosted it is
 p_L/η as the paper writes it (never less than P_S), or P_S + (p_supply − P_S)/η, as main pump and
-servo pump work in series. p_supply is what holding the load and what moving it need,
-max(P_S, p_L(0), p_L(v) + m(v)) + margin, at most the highest boost pressure: a servo pump carries
-the load of its cylinder whichever way that moves, since it has to be carried at every reversal.
-In SB it is the rail's, the highest of all its actuators. Within the dead band a cylinder is held.
-With pumps in series a valve leaks q_leak √((p_supply − p_T)/(P_S − p_T)), an orifice rated at P_S.
+servo pump work in series, with p_supply of `hydraulics.boosted_supply`, in SB the rail's. Within
+the dead band a cylinder is held. With pumps in series valves leak by that pressure
+(`hydraulics.leakage`); in the paper's reading, whose flows know no pressure, as at P_S.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.hydraulics import Oil, inlet_area, load_pressure, oil_of, pressure_to_move
+from mhsb_model.hydraulics import (
+    boosted_supply,
+    inlet_area,
+    leakage,
+    load_pressure,
+    oil_of,
+    rail_pressure,
+    supply_in,
+)
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import BOOSTED, ON_RAIL
+from mhsb_model.modes import BOOSTED
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.motion_profile import motion_profile
@@ -96,15 +101,6 @@ def energy_of_states(
 
 
 @kernel
-def boosted_supply(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
-    """Pressure [Pa] to which a servo pump charges the line of a boosted cylinder."""
-    need = pressure_to_move(oil, cap, rod, force, 0.0)
-    if abs(speed) > DEAD_BAND:
-        need = max(need, pressure_to_move(oil, cap, rod, force, speed))
-    return max(oil.supply_pressure, min(need, oil.max_boost_pressure))
-
-
-@kernel
 def _power(
     m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> FloatArray:
@@ -113,30 +109,27 @@ def _power(
     power = np.zeros((rows, 7))
     oil, efficiency = oil_of(m), m.servo_pump_efficiency
     normal, tank = oil.supply_pressure, oil.tank_pressure
+    own = np.empty(n)
     for k in range(rows):
-        rail = normal
         for j in range(n):
-            if ON_RAIL[modes[k, j]]:
-                cap, rod = m.cap_area[j], m.rod_area[j]
-                rail = max(rail, boosted_supply(oil, cap, rod, force[k, j], speed[k, j]))
+            own[j] = boosted_supply(oil, m.cap_area[j], m.rod_area[j], force[k, j], speed[k, j])
+        rail = rail_pressure(oil, own, modes[k])
         for j in range(n):
             cap, rod = m.cap_area[j], m.rod_area[j]
             v, f = speed[k, j], force[k, j]
             stroke = inlet_area(cap, rod, v) * abs(v)
-            paper = supply = normal
+            paper = normal
             if BOOSTED[modes[k, j]]:
                 direction = v if abs(v) > DEAD_BAND else f
                 paper = max(paper, load_pressure(cap, rod, tank, f, direction) / efficiency)
-                supply = rail
-                if not ON_RAIL[modes[k, j]]:
-                    supply = boosted_supply(oil, cap, rod, f, v)
-            leakage = oil.leakage_flow * math.sqrt((supply - tank) / (normal - tank))
-            shaft = (supply - normal) / efficiency * (stroke + leakage)
+            supply = supply_in(oil, modes[k, j], own[j], rail)
+            leaks = leakage(oil, supply)
+            shaft = (supply - normal) / efficiency * (stroke + leaks)
             power[k, 0] += paper * (stroke + oil.leakage_flow)
-            power[k, 1] += normal * (stroke + leakage)
+            power[k, 1] += normal * (stroke + leaks)
             power[k, 2] += shaft
             power[k, 3] += (1.0 - efficiency) * shaft
-            power[k, 4] += (supply - tank) * leakage
+            power[k, 4] += (supply - tank) * leaks
             power[k, 5] += f * v
-            power[k, 6] += tank * (inlet_area(cap, rod, -v) * abs(v) + leakage)
+            power[k, 6] += tank * (inlet_area(cap, rod, -v) * abs(v) + leaks)
     return power

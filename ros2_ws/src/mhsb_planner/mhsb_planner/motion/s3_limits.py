@@ -16,7 +16,9 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
     Oil,
+    boosted_supply,
     extension_speed,
+    flow_for_pistons,
     highest_flow,
     highest_supply,
     inlet_area,
@@ -25,12 +27,14 @@ from mhsb_model.hydraulics import (
     opposes_motion,
     pressure_to_move,
     retraction_speed,
+    spared_margin,
     speed_of_drop,
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import BOOSTED
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_model.workspace import excess_of
@@ -48,9 +52,6 @@ CHECK_SPACING = 1e-3
 
 ROWS_AT_ONCE = 32
 """Intervals of a trajectory that are looked at closely before the result is looked at."""
-
-LEFT_BY_INERTIA = 0.5
-"""Share of the boost margin that inertia leaves to friction and servo."""
 
 CHECKING = "checking the trajectory"
 
@@ -133,10 +134,10 @@ class Demand:
     """What states of motion ask for, float64[k] each.
 
     outside   m, how far the tip is out of the node set; negative within it
-    usage     max( Σ A_dir|v|/(Q_MP − n q_leak), max_j |v_j|/speed_limit_j ): share of what main
-              pump, servo pumps and valves can do. Slowing the motion by this factor, or less,
-              brings it within the limits. Cylinders in the dead band are left out of the second
-              term: the closed valve carries their load
+    usage     max( Σ A_dir|v|/(Q_MP − Σ q_leak(p_supply)), max_j |v_j|/speed_limit_j ): share of
+              what main pump, servo pumps and valves can do. Slowing the motion by this factor, or
+              less, brings it within the limits. Cylinders in the dead band are left out of the
+              second term: the closed valve carries their load
     pressure  largest share of its pressure that the load of a cylinder takes which may be lifting
               it. Far below the dead band it does not: the valve is closed
     thrust    largest share of its pressure that a cylinder takes against gravity and inertia,
@@ -173,15 +174,17 @@ def _demand(
     rows, n = speed.shape
     oil, cap, rod, modules_of = oil_of(m), m.cap_area, m.rod_area, m.modules_per_mode
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
-    shared_flow = oil.main_pump_flow - n * oil.leakage_flow
     outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
     thrust = np.empty(rows)
-    spared = (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
+    spared = spared_margin(oil)
+    own = np.empty(n)
     for k in range(rows):
         flow = fastest = heaviest = hardest = 0.0
         for j in range(n):
             v, f, modules = speed[k, j], force[k, j], modules_of[modes[k, j]]
             flow += inlet_area(cap[j], rod[j], v) * abs(v)
+            if BOOSTED[modes[k, j]]:
+                own[j] = boosted_supply(oil, cap[j], rod[j], f, v)
             if abs(v) > DEAD_BAND:
                 limit = speed_limit(oil, cap[j], rod[j], f, v, modules)
                 fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
@@ -194,7 +197,8 @@ def _demand(
                 needed = pressure_to_move(oil, cap[j], rod[j], load, v) - spared
                 hardest = max(hardest, needed / highest_supply(oil, modules))
         outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
-        usage[k] = max(fastest, flow / shared_flow)
+        shared = flow_for_pistons(oil, own, modes[k])
+        usage[k] = max(fastest, flow / shared) if shared > 0.0 else math.inf
         pressure[k], thrust[k] = heaviest, hardest
     return outside, usage, pressure, thrust
 

@@ -23,6 +23,7 @@ from mhsb_model.hydraulics import (
     oil_of,
     opposes_motion,
     pressure_to_move,
+    spared_margin,
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
@@ -31,7 +32,7 @@ from mhsb_model.modes import BOOSTED, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND, LEFT_BY_INERTIA
+from mhsb_planner.motion.s3_limits import DEAD_BAND
 
 RESERVE = 1.005
 """Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
@@ -249,7 +250,7 @@ def _lacks_to_accelerate(
 ) -> np.ndarray:
     """Whether P_S leaves actuator j too little to accelerate, at each instant."""
     oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
-    spared = (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
+    spared = spared_margin(oil)
     lacks = np.zeros(len(speed), dtype=np.bool_)
     for k in range(len(speed)):
         v, load = speed[k, j], force[k, j] + inertia[k, j]

@@ -22,7 +22,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.errors import TableError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""1 had all valves leak as at P_S, whatever their mode."""
 ARRAY_NAMES = ("nodes", "patterns", "posture", "area")
 LARGEST_TABLE = 2**30
 """Bytes, unpacked; that of the suite's own machine has half a million."""

@@ -7,7 +7,8 @@ least P_S, and leakage flows for as long as the motion must last:
     E_lb = P_S [ Σ_j A_dir |ΔL_j| + n q_leak T_lb ]
 
 Both hold step by step for the costs of `s2_step`, since boosted oil never costs less than P_S
-there; so w₁ E_lb + w₂ T_lb is also a consistent estimate of the cost that remains in the search.
+there, and no valve leaks less than at P_S; so w₁ E_lb + w₂ T_lb is also a consistent estimate of
+the cost that remains in the search.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀), all cylinders in the same time (quasi-static):
 
-    T = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − n q_leak) )
+    T = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − Σ_j q_leak,j) )
     V_max,j = min(V_max, servo pump limit of its mode and direction)
 
 A cylinder that moves against its load needs boost where p_L + m(v) + margin exceeds P_S at the
@@ -16,12 +16,15 @@ A motion boosts what it holds for long: where `Circuit.rest_speed` is above 0, a
 slower is at rest, and needs boost where p_L + margin of its load exceeds P_S at the start, middle
 or end of the step, unless that is beyond the highest boost: then its valve alone holds it.
 
-    E = Σ_j price_j (A_dir |ΔL_j| + q_leak T), load taken at the middle of the step
+    E = Σ_j price_j (A_dir |ΔL_j| + q_leak,j T), load taken at the middle of the step
 
 Prices: P_S in N, whatever the load. Boosted, reading `paper`: p_L/η; reading `series`:
 P_S + (p_supply − P_S)/η with p_supply = p_L + m(v) + margin, for shared boost that of its most
 loaded actuator, one rail. Boosted oil never costs less than P_S, since the main pump feeds the
 servo pumps. Source: paper, Section 2.2.
+
+A valve leaks as in `hydraulics.leakage`, by p_supply at the middle with m(V_max): so in T and in
+the reading `series`. The reading `paper` has it leak as at P_S in E, in every mode.
 """
 
 from __future__ import annotations
@@ -98,8 +101,9 @@ class Circuit(NamedTuple):
     supply_pressure: float  # Pa
     max_boost_pressure: float  # Pa
     boost_margin: float  # Pa
-    shared_flow: float  # m³/s, main pump less leakage
-    leakage_flow: float  # m³/s, one valve
+    tank_pressure: float  # Pa
+    shared_flow: float  # m³/s, main pump less leakage with all in N
+    leakage_flow: float  # m³/s, one valve in N
     efficiency: float  # of the servo pumps
     area: FloatArray  # [n, 2] A_dir [m²]
     per_area: FloatArray  # [n, 2] 1/A_dir [1/m²]
@@ -138,6 +142,7 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         m.supply_pressure,
         m.max_boost_pressure,
         m.boost_margin,
+        m.tank_pressure,
         m.main_pump_flow - n * m.leakage_flow,
         m.leakage_flow,
         m.servo_pump_efficiency,
@@ -159,12 +164,28 @@ def _hold_pressure(c: Circuit, j: int, force: float) -> float:
     return abs(force) * c.per_area[j, d] + c.outlet[j, d]
 
 
-STROKE, DIRECTION, OIL, WORST, MIDDLE, VALVE = 0, 1, 2, 3, 4, 5
+@kernel
+def _more_leakage(c: Circuit, need: float) -> float:
+    """What a valve leaks more at the supply pressure `need` [Pa] than at P_S [m³/s]."""
+    if need <= c.supply_pressure:
+        return 0.0
+    drop = min(need, c.max_boost_pressure) - c.tank_pressure
+    return c.leakage_flow * (math.sqrt(drop / (c.supply_pressure - c.tank_pressure)) - 1.0)
+
+
+STROKE, DIRECTION, OIL, WORST, MIDDLE, VALVE, LEAK = 0, 1, 2, 3, 4, 5, 6
 """What a pattern's cost needs of each joint's move: |ΔL| [m]; 0 extension, 1 retraction;
 A_dir |ΔL| [m³]; largest p_L met against the load at start, middle and end [Pa], −∞ where the load
-never opposes or the joint is held; p_L at the middle [Pa]; m(v)/v² [Pa s²/m²]."""
+never opposes or the joint is held; p_L at the middle [Pa]; m(v)/v² [Pa s²/m²]; what its valve leaks
+more, boosted by itself [m³/s]."""
 
-MOVE_WIDTH = 6
+MOVE_WIDTH = 7
+
+
+@kernel(inline="always")
+def _is_loaded(move: FloatArray) -> bool:
+    """Whether a joint moves, or is held in boost; closed valves hold the others, as in N."""
+    return move[STROKE] > HELD or move[WORST] > -math.inf
 
 
 class Scratch(NamedTuple):
@@ -250,6 +271,10 @@ def steps_to_node(
             move[k, j, WORST] = worst
             move[k, j, MIDDLE] = at_middle * per_area[j, d] + outlet[j, d]
             move[k, j, VALVE] = valve[j, d]
+            move[k, j, LEAK] = 0.0
+            if abs(delta) > HELD:
+                need = move[k, j, MIDDLE] + valve_at_top[j, d] + margin
+                move[k, j, LEAK] = _more_leakage(c, need)
             if shortest > 0.0 and abs(delta) <= c.rest_speed * shortest:
                 held = _hold_pressure(c, j, middle_force[k, j])
                 worst = max(held, _hold_pressure(c, j, start_force[i, j]))
@@ -260,6 +285,7 @@ def steps_to_node(
                     move[k, j, WORST] = worst
                     move[k, j, MIDDLE] = held
                     move[k, j, VALVE] = 0.0
+                    move[k, j, LEAK] = _more_leakage(c, held + margin)
     for wanted in (CONSISTENT, WITHOUT_NEED):
         best = INADMISSIBLE
         for p in range(len(patterns)):
@@ -268,17 +294,28 @@ def steps_to_node(
             if must[k] & ~boosted[p] or (wanted == CONSISTENT and boosted[p] & ~may[k]):
                 continue
             # The price of move k in pattern p.
-            duration = volume = 0.0
+            duration = volume = rail_leak = 0.0
+            shared = c.shared_flow
             for j in range(n):
-                d = int(move[k, j, DIRECTION])
-                duration = max(duration, move[k, j, STROKE] * pace[j, patterns[p, j], d])
+                d, mode = int(move[k, j, DIRECTION]), patterns[p, j]
+                duration = max(duration, move[k, j, STROKE] * pace[j, mode, d])
                 volume += move[k, j, OIL]
-            duration = max(duration, volume / c.shared_flow)
+                if ON_RAIL[mode]:
+                    rail_leak = max(rail_leak, move[k, j, LEAK])
+                elif BOOSTED[mode]:
+                    shared -= move[k, j, LEAK]
+            if rail_leak > 0.0:
+                for j in range(n):
+                    if ON_RAIL[patterns[p, j]] and _is_loaded(move[k, j]):
+                        shared -= rail_leak
+            if shared <= 0.0:
+                continue
+            duration = max(duration, volume / shared)
             found = CONSISTENT
             rail = 0.0
             for j in range(n):
                 needed = False
-                if move[k, j, STROKE] > HELD or move[k, j, WORST] > -math.inf:
+                if _is_loaded(move[k, j]):
                     speed = move[k, j, STROKE] / duration
                     reserve = move[k, j, VALVE] * speed * speed + margin
                     worst = move[k, j, WORST] + reserve
@@ -298,17 +335,18 @@ def steps_to_node(
             paper_sum = series_sum = 0.0
             for j in range(n):
                 paper = series = c.supply_pressure
-                loaded = move[k, j, STROKE] > HELD or move[k, j, WORST] > -math.inf
-                if BOOSTED[patterns[p, j]] and loaded:
-                    supply = rail
+                more = 0.0
+                if BOOSTED[patterns[p, j]] and _is_loaded(move[k, j]):
+                    supply, more = rail, rail_leak
                     if not ON_RAIL[patterns[p, j]]:
+                        more = move[k, j, LEAK]
                         speed = move[k, j, STROKE] / duration
                         supply = move[k, j, MIDDLE] + move[k, j, VALVE] * speed * speed + margin
                     paper = max(paper, move[k, j, MIDDLE] / efficiency)
                     series += max(0.0, supply - c.supply_pressure) / efficiency
                 oil = move[k, j, OIL] + c.leakage_flow * duration
                 paper_sum += paper * oil
-                series_sum += series * oil
+                series_sum += series * (oil + more * duration)
             cost[p, DURATION] = duration
             cost[p, ENERGY_PAPER] = paper_sum
             cost[p, ENERGY_SERIES] = series_sum

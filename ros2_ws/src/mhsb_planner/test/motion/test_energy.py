@@ -125,8 +125,7 @@ def test_a_step_of_the_search_driven_at_its_own_speed_has_its_own_energy(slider_
     share = motion.duration_ns / SECOND_NS / duration
     energy = motion_energy(machine, motion, modes(*machine.patterns[best]))
     assert energy.paper == pytest.approx(share * costs.energy[best], rel=0.01)
-    # The search has the valves leak as at P_S.
-    assert energy.series == pytest.approx(share * costs.energy_series[best], rel=0.05)
+    assert energy.series == pytest.approx(share * costs.energy_series[best], rel=0.01)
 
 
 def test_a_mode_change_between_two_points_is_priced_where_it_happens(machine):

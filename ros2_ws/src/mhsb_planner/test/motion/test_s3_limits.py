@@ -1,5 +1,7 @@
 """Limits of a motion: each against its formula, and all of them against a dense oracle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -27,10 +29,15 @@ def speed_limit(machine, j, force, direction, mode):
     return s3_limits.speed_limit(oil_of(m), m.cap_area[j], m.rod_area[j], force, direction, modules)
 
 
+def instant(speed, force, modes):
+    """Profile of one instant, and its modes."""
+    profile = MotionProfile(speed[None], force[None], np.array([[0.6, 0.0]]), np.zeros((1, 3)))
+    return profile, np.array(modes, dtype=np.uint8)[None]
+
+
 def usage(machine, speed, force, modes):
     """Usage at one instant."""
-    instant = MotionProfile(speed[None], force[None], np.array([[0.6, 0.0]]), np.zeros((1, 3)))
-    return Demand.of(machine, instant, np.array(modes, dtype=np.uint8)[None]).usage[0]
+    return Demand.of(machine, *instant(speed, force, modes)).usage[0]
 
 
 def ramp(start, end, duration=2.0, points=101):
@@ -95,6 +102,25 @@ def test_usage_counts_the_flow_of_all_actuators_against_the_main_pump(machine):
     inlet = np.array([m.cap_area[0], m.rod_area[1], m.cap_area[2]])
     expected = 0.012 * inlet.sum() / (m.main_pump_flow - 3 * m.leakage_flow)
     assert usage(machine, speed, np.zeros(3), np.zeros(3, np.uint8)) == pytest.approx(expected)
+
+
+def test_a_boosted_valve_leaks_by_its_own_pressure_and_on_the_rail_by_that_of_the_heaviest(machine):
+    m = machine.arrays._replace(main_pump_flow=1.3e-5)  # so that it is what limits
+    machine = replace(machine, arrays=m)
+    speed, force = np.array([0.003, 0.003, -0.003]), np.array([3500.0, 2500.0, 1000.0])
+    own = [max(required_pressure(m, j, force[j], v) for v in (0.0, speed[j])) for j in range(3)]
+    assert own[0] > own[1] > own[2] < m.supply_pressure
+    stroke = 0.003 * (m.cap_area[0] + m.cap_area[1] + m.rod_area[2])
+
+    def share(*lines):
+        rated = m.supply_pressure - m.tank_pressure
+        leakage = m.leakage_flow * np.sqrt((np.array(lines) - m.tank_pressure) / rated).sum()
+        return stroke / (m.main_pump_flow - leakage)
+
+    normal = m.supply_pressure
+    assert usage(machine, speed, force, (1, 1, 0)) == pytest.approx(share(own[0], own[1], normal))
+    assert usage(machine, speed, force, (2, 2, 0)) == pytest.approx(share(own[0], own[0], normal))
+    assert usage(machine, speed, force, (1, 1, 2)) == pytest.approx(share(own[0], own[1], normal))
 
 
 def test_a_decoupled_actuator_has_the_flow_of_one_servo_pump_and_a_shared_one_that_of_two(machine):

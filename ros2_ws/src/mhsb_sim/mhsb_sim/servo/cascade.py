@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.hydraulics import pressure_against
+from mhsb_model.hydraulics import oil_of, pressure_against, spared_margin
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
@@ -47,6 +47,7 @@ GAINS = np.dtype(
         for name in (
             "step",  # s
             "supply_margin",  # Pa, the plan's and the servo's own
+            "spared",  # Pa, the part of it that inertia may use up
             "max_boost_pressure",  # Pa
         )
     ]
@@ -125,6 +126,7 @@ def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     gains = np.zeros(1, GAINS)
     gains["step"] = config.simulation.step
     gains["supply_margin"] = arrays.boost_margin + supply_margin
+    gains["spared"] = spared_margin(oil_of(arrays))
     gains["max_boost_pressure"] = arrays.max_boost_pressure
     return gains
 
@@ -238,15 +240,17 @@ def supply_need(
     """Supply pressure [Pa] that an actuator needs in boost: to hold its load and to move it.
 
     Each p_L + m(v) + margin as in `mhsb_model.hydraulics`; the greater one, within P_S and the
-    highest boost pressure. hold: force [N] that the closed valve would
-    have to carry; force [N] and speed [m/s] of the motion. What brakes a load on its way down
-    counts in neither: the opening to the tank does that, no pump.
+    highest boost pressure. hold: force [N] that the closed valve would have to carry; force [N] and
+    speed [m/s] of the motion, inertia included, which may use up its part of the margin as the plan
+    has it. What brakes a load on its way down counts in neither: the opening to the tank does that,
+    no pump.
     """
     c, g = constants[0], gains[0]
     k, cap, rod = c.valve_coefficient, cylinder.cap_area, cylinder.rod_area
     need = max(
         pressure_against(k, cap, rod, c.tank_pressure, hold, 0.0),
-        pressure_against(k, cap, rod, c.tank_pressure, force, speed),
+        pressure_against(k, cap, rod, c.tank_pressure, hold, speed),
+        pressure_against(k, cap, rod, c.tank_pressure, force, speed) - g.spared,
     )
     return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 

@@ -5,7 +5,8 @@ servo pumps deliver the very flow that the valves are about to take; the pressur
 trims. No pump runs faster than it can be stopped before its oil would overfill the line, judged
 by the reference ahead; on the rail, pumps that are no longer needed count until they have come to
 rest. Lines are charged ahead of a boost (the prepared modes), and a line is joined to the rail
-softly: throttled to what it needs until their pressures agree. As the valve goes by what is
+softly: throttled to what it needs until their pressures agree. The oil that charges a line comes
+from the main pump, too: it is taken as that can spare it. As the valve goes by what is
 measured, no pressure is kept in reserve beyond the plan's.
 """
 
@@ -43,6 +44,9 @@ GAINS = np.dtype(
     ]
 )
 
+MANIFOLD_LEFT = 0.94
+"""Share of P_S in the manifold down to which lines are charged from what is pent up there."""
+
 JOINED_DROP = 1e5
 """Difference of pressure below which a line and the rail are joined fully [Pa]."""
 
@@ -64,6 +68,7 @@ class Pumps(NamedTuple):
     rail_target: FloatArray  # [2] pressure targets of the rail [Pa], as those of an axis
     volume: FloatArray  # [n + 1, REFERENCE_POINTS] as in `look_ahead`; the last row is the rail's
     coasting: FloatArray  # [FINE + REFERENCE_POINTS − 1] as in `coasting_limit`
+    spare: FloatArray  # [1] m³/s, what is left for charging lines
 
 
 class CoordinatedController:
@@ -92,6 +97,7 @@ class CoordinatedController:
             rail_target=np.full(2, signals.rail_pressure[0]),
             volume=np.zeros((machine.joint_count + 1, REFERENCE_POINTS)),
             coasting=-lag * np.expm1(-points * self.preview / (AHEAD * lag)),
+            spare=np.zeros(1),
         )
         self._control = bind(control, cascade, pumps)
 
@@ -287,13 +293,34 @@ def pump_demand(
 ) -> float:
     """Flow [m³/s] into a line or the rail: what is drawn + k C (p_ref − p), within the limit.
 
-    Arguments as in `coasting_limit`, and Pa, m³/s, m³/Pa.
+    What charges it is taken from p.spare. Arguments as in `coasting_limit`, and Pa, m³/s, m³/Pa.
     """
     g = p.gains[0]
     rise = g.allowed_rise + target - pressure
     rise_ahead = g.allowed_rise + target_ahead - pressure
     limit = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead)
-    return min(drawn + capacity * g.pressure_gain * (target - pressure), limit)
+    charge = min(capacity * g.pressure_gain * (target - pressure), p.spare[0])
+    p.spare[0] -= max(charge, 0.0)
+    return min(drawn + charge, limit)
+
+
+@kernel
+def spare_flow(s: Servo, p: Pumps) -> float:
+    """Flow [m³/s] that lines may be charged with: what all cylinders and valves leave of Q_MP,
+
+    Q_MP − Σ (A_dir |v_ref| + leakage), and k C (p − MANIFOLD_LEFT P_S) of the manifold's own oil.
+    Its pressure p is that of the lowest line: in N they do not hold theirs above it.
+    """
+    c, g = s.constants[0], p.gains[0]
+    left, lowest = c.main_pump_flow, np.inf
+    for j in range(len(s.axes)):
+        axis, cylinder, line = s.axes[j], s.cylinders[j], s.sensors[j].line_pressure
+        leakage, _ = orifice(c.leakage_coefficient, line - c.tank_pressure, c.laminar_pressure)
+        area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed)
+        left -= area * abs(axis.speed) + leakage
+        lowest = min(lowest, line)
+    pent_up = c.manifold_capacity * (lowest - MANIFOLD_LEFT * c.supply_pressure)
+    return max(0.0, left) + max(0.0, g.pressure_gain * pent_up)
 
 
 @kernel
@@ -351,6 +378,7 @@ def drive_pumps(s: Servo, p: Pumps) -> None:
         elif feeds_rail(module, module_home[k], user, axes):
             sharing += 1
             shared += module.flow
+    p.spare[0] = spare_flow(s, p)
     rail_command = 0.0
     if sharing > 0:
         demand = rail_demand(s, p)

@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mhsb_model.hydraulics import required_pressure
+from mhsb_model.hydraulics import LEFT_BY_INERTIA, required_pressure
 from mhsb_model.machine import Machine
 from mhsb_sim.circuit.network import build_circuit
 from mhsb_sim.errors import UnknownControllerError
@@ -43,6 +43,19 @@ def test_braking_a_load_on_its_way_down_needs_no_more_than_holding_it(
 ) -> None:
     found = supply_need(2500.0, 3500.0, -0.01, *oil)
     assert found == pytest.approx(required_pressure(machine.arrays, 0, 2500.0, 0.0) + MARGIN)
+
+
+def test_inertia_uses_up_its_part_of_the_margin_before_more_is_boosted(
+    machine: Machine, oil: tuple[Any, ...]
+) -> None:
+    m, speed = machine.arrays, 0.008
+    static = required_pressure(m, 0, 3000.0, speed) + MARGIN
+    spared = (1.0 - LEFT_BY_INERTIA) * m.boost_margin
+    gentle = 0.9 * spared * m.cap_area[0]
+    assert supply_need(3000.0, 3000.0 + gentle, speed, *oil) == pytest.approx(static)
+    hard = 3000.0 + 2.0 * spared * m.cap_area[0]
+    dynamic = required_pressure(m, 0, hard, speed) + MARGIN - spared
+    assert supply_need(3000.0, hard, speed, *oil) == pytest.approx(dynamic)
 
 
 def test_the_supply_need_stays_between_the_main_pump_and_the_highest_boost(

@@ -1,0 +1,51 @@
+import numpy as np
+
+from mhsb_model.hydraulics import required_pressure
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray
+from mhsb_sim.simulation.simulator import Simulator
+
+RAMP, CRUISE = 0.4, 0.8  # s
+
+
+def cruise(onset: FloatArray, velocity: FloatArray) -> Trajectory:
+    """From rest to a steady velocity, through the posture `onset` half-way, and to rest again."""
+    time = np.arange(0.0, 2 * RAMP + CRUISE + 1e-9, 0.02)
+    up, down = np.clip(time / RAMP, 0, 1), np.clip((time - RAMP - CRUISE) / RAMP, 0, 1)
+    way = RAMP * (up**3 - up**4 / 2) + np.clip(time - RAMP, 0, CRUISE)
+    way += RAMP * (down - down**3 + down**4 / 2)
+    speed = 3 * up**2 - 2 * up**3 - (3 * down**2 - 2 * down**3)
+    rise = (6 * up * (1 - up) - 6 * down * (1 - down)) / RAMP
+    start = onset - velocity * (RAMP + CRUISE) / 2
+    offset = np.rint(time * SECOND_NS).astype(np.int64)
+    return Trajectory(
+        0, offset, start + np.outer(way, velocity), np.outer(speed, velocity),
+        np.outer(rise, velocity),
+    )  # fmt: skip
+
+
+def test_lines_are_charged_with_what_the_main_pump_can_spare(machine: Machine) -> None:
+    """Where a boost begins while strokes and leakage take nine tenths of the main pump's flow."""
+    m, onset = machine.arrays, np.array([-0.032, -0.794, -1.029])
+    velocity = 1.08 * np.array([-0.260, 0.182, 0.183])
+    speed = machine.moment_arms(onset) * velocity
+    flow = np.where(speed > 0, m.cap_area, m.rod_area) @ np.abs(speed)
+    assert 0.9 < (flow + 3 * m.leakage_flow) / m.main_pump_flow < 0.95
+    motion = cruise(onset, velocity)
+    switched = (RAMP + CRUISE / 2, RAMP + CRUISE / 2 + 0.1)
+    simulator = Simulator(machine, posture=motion.position[0])
+    simulator.set_plan(
+        motion, ModeSchedule(0, [0, round(switched[0] * SECOND_NS)], [[0, 0, 0], [2, 0, 0]])
+    )
+    manifold, line = [], []
+    while simulator.time_ns < (RAMP + CRUISE) * SECOND_NS:
+        simulator.step()
+        state = simulator.actuator_states
+        manifold.append(state.manifold_pressure)
+        line.append(state.supply_pressure[0])
+    assert min(manifold[200:]) > 0.9 * m.supply_pressure
+    held = required_pressure(m, 0, machine.piston_forces(onset)[0], 0.0)
+    assert held > 1.4 * m.supply_pressure
+    assert line[round(1000 * switched[1])] > held - m.boost_margin
