@@ -20,7 +20,11 @@ def main() -> None:
     names: queue.Queue[str] = queue.Queue()
     threading.Thread(target=_read, args=(names,), daemon=True).start()
     while True:
-        print(_called(names.get()), file=answers, flush=True)
+        answer = _called(names.get())
+        try:
+            print(answer, file=answers, flush=True)
+        except BrokenPipeError:  # nobody listens any more
+            os._exit(0)
 
 
 def _read(names: queue.Queue[str]) -> None:
