@@ -40,7 +40,7 @@ class ModeSchedule:
             raise ValueError("row times must start at 0 and increase strictly")
         if modes.ndim != 2 or len(modes) != len(offset):
             raise ValueError("modes must have one row of actuators for each time")
-        if not np.all(np.isin(modes, list(Mode))):
+        if not np.all((modes == Mode.N) | (modes == Mode.DB) | (modes == Mode.SB)):
             raise ValueError("modes must be 0 (N), 1 (DB) or 2 (SB)")
         object.__setattr__(self, "stamp_ns", int(self.stamp_ns))
         object.__setattr__(self, "offset_ns", frozen(offset))

@@ -154,6 +154,17 @@ class Trajectory:
         rows    int64[rows], intervals: the first lasts from point 0 to point 1
         shares  float64[shares], 0 … 1, of an interval's duration; for each row all of them
         """
+        return self._within(np.repeat(rows, len(shares)), np.tile(shares, len(rows)))
+
+    def at_offsets(self, offset_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The same at times after the stamp that lie between the first and the last point."""
+        rows = np.searchsorted(self.offset_ns[1:-1], offset_ns, "right")
+        begin = self.offset_ns[rows]
+        return self._within(rows, (offset_ns - begin) / (self.offset_ns[rows + 1] - begin))
+
+    def _within(
+        self, rows: IntArray, shares: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         time = self.offset_ns / SECOND_NS
         return _inside(time, self.position, self.velocity, self.acceleration, rows, shares)
 
@@ -205,15 +216,12 @@ def _inside(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Kernel of `Trajectory.inside`; its oracle in the tests is `Trajectory.sample_many`."""
     n = position.shape[1]
-    q = np.empty((len(rows) * len(shares), n))
-    qd, qdd = np.empty(q.shape), np.empty(q.shape)
-    k = 0
-    for i in rows:
+    q, qd, qdd = np.empty((len(rows), n)), np.empty((len(rows), n)), np.empty((len(rows), n))
+    for k in range(len(rows)):
+        i = rows[k]
         h = time[i + 1] - time[i]
-        for share in shares:
-            for j in range(n):
-                start = (position[i, j], velocity[i, j], acceleration[i, j])
-                end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
-                q[k, j], qd[k, j], qdd[k, j] = quintic_hermite(share * h, h, start, end)
-            k += 1
+        for j in range(n):
+            start = (position[i, j], velocity[i, j], acceleration[i, j])
+            end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
+            q[k, j], qd[k, j], qdd[k, j] = quintic_hermite(shares[k] * h, h, start, end)
     return q, qd, qdd

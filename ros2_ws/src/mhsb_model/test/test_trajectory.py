@@ -39,6 +39,15 @@ def test_states_inside_intervals_are_those_of_the_same_curve():
     assert qd == pytest.approx(expected_rate, abs=1e-5)
 
 
+def test_states_at_offsets_are_those_at_these_times():
+    trajectory = example()
+    points, end = trajectory.offset_ns, trajectory.duration_ns
+    offsets = np.union1d(points, np.linspace(0, end, 333).astype(np.int64))
+    found, expected = trajectory.at_offsets(offsets), trajectory.sample_many(START + offsets)
+    for one, other, digits in zip(found, expected, (1e-10, 1e-8, 1e-5), strict=True):
+        assert one == pytest.approx(other, abs=digits)
+
+
 def test_after_the_end_the_last_position_is_held_at_rest():
     trajectory = example()
     state = trajectory.sample(trajectory.end_ns + 1)

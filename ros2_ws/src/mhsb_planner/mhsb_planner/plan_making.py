@@ -64,6 +64,13 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
     return replace(rules, least_duration=LASTING * options.period, passing=passing)
 
 
+def _followed(rules: FitRules) -> FitRules:
+    """The same for a path that is followed."""
+    return replace(
+        FitRules.following(), least_duration=rules.least_duration, passing=rules.passing
+    )
+
+
 class PlanMaking:
     """A plan being made: paths come in, the cheapest motion so far stays.
 
@@ -128,36 +135,54 @@ class PlanMaking:
         promised = path.cost - options.weights.switches * path.switches
         if best is not None and PROMISE_KEPT * promised > best.cost(options):
             return
-        began = self._since
+        rules = fit_rules(options, candidate.trajectory)
+        if best is None and self._may_follow(path, rules):  # sooner there than a polynomial
+            followed = self._made(candidate, _followed(rules))
+            rules = replace(rules, alone=followed is not None)
+        motion = self._made(candidate, rules)
+        for other in () if motion is None else self._others(path, motion, rules):
+            self._made(candidate, other)
+
+    def _may_follow(self, path: DiscretePath, rules: FitRules) -> bool:
+        """Whether a path's motion may be a polynomial, and following it instead."""
+        free = self._task.options.trajectory is None and path.steps > 0
+        return free and rules.trajectory == "polynomial" and not self._steers
+
+    @property
+    def _steers(self) -> bool:
+        return isinstance(self._task.brake, Steering)
+
+    def _made(self, candidate: Candidate, rules: FitRules) -> FittedMotion | None:
+        """Make the path a motion; it, if it is the best so far, or None.
+
+        A polynomial that V_max lets last as long as the path is taken for any other motion along
+        it, as published; where none keeps the limits, what is taken says why.
+        """
+        began, best, path = self._since, self._best, candidate.path
         try:
-            motion = self._motion(path, fit_rules(options, candidate.trajectory))
+            motion = self._motion(path, rules)
         except FitError as error:
             self._refused = self._refused or error
-            if best is None and isinstance(self._task.brake, Steering):
+            if best is None and self._steers:
                 raise  # another way of setting out will do better than another path
-            return
+            if best is None or not rules.alone:
+                return None
+            refused = error.refused + best.motion.refused
+            self._best = replace(best, motion=replace(best.motion, refused=refused))
+            return self._best.motion
         finally:
             self._spend("comparison" if candidate.compared else "fit")
-        kept = self._kept(candidate, motion)
+        plan = self._priced(path, motion, NEVER if best is None else self.time.deadline)
+        self._spend("comparison" if candidate.compared else "energy")
         if best is None:
             self._seconds["first_motion"] = self._since - self._began
-        self.time.found = True
-        self.time.reserve = max(self.time.reserve, self._since - began)
-        for rules in self._others(path, motion) if kept else ():
-            with suppress(FitError):
-                motion = self._motion(path, rules)
-                self._spend("comparison")
-                self._kept(candidate, motion)
-
-    def _kept(self, candidate: Candidate, motion: FittedMotion) -> bool:
-        """Price a motion along a path, keep it if it is the cheapest so far, and say so."""
-        best = self._best
-        plan = self._priced(candidate.path, motion, NEVER if best is None else self.time.deadline)
-        self._spend("comparison" if candidate.compared else "energy")
-        if best is not None and not self._takes_over(plan, best):
-            return False
+            self.time.found = True
+            self.time.reserve = max(self.time.reserve, self._since - began)
+        published = rules.alone and motion.stretch <= 1.0
+        if best is not None and not published and not self._takes_over(plan, best):
+            return None
         self._best = plan
-        return True
+        return motion
 
     def _takes_over(self, plan: Plan, best: Plan) -> bool:
         """Whether a plan is better than the best so far, and by enough."""
@@ -169,24 +194,21 @@ class PlanMaking:
         share = WORTH_LEAVING if best.motion.method == FitMethod.CONTINUED else 0.0
         return plan.cost(options) <= (1.0 - share) * best.cost(options)
 
-    def _others(self, path: DiscretePath, motion: FittedMotion) -> Iterator[FitRules]:
-        """Other ways along a path that may be cheaper than this motion.
+    def _others(
+        self, path: DiscretePath, motion: FittedMotion, rules: FitRules
+    ) -> Iterator[FitRules]:
+        """Other ways along a path that may be cheaper than this motion by some rules.
 
         A polynomial that V_max makes slow against following the path, and where inertia calls for
         boost, as more switches than the path's tell, slower ramps.
         """
-        asked = fit_rules(self._task.options)
-        if self._task.options.period > 0.0 and motion.method != FitMethod.POLYNOMIAL:
-            return  # slower ones would fall behind
-        following = replace(
-            FitRules.following(), least_duration=asked.least_duration, passing=asked.passing
-        )
+        followed = _followed(rules)
         if motion.method == FitMethod.POLYNOMIAL:
-            if motion.stretch > 1.0 and self._task.options.trajectory is None:
-                yield following
-        elif motion.schedule.switches > path.switches:
-            for slower in SLOWER:
-                yield replace(following, slowness=(slower,))
+            if motion.stretch > 1.0 and not rules.alone and self._may_follow(path, rules):
+                yield followed
+        elif self._task.options.period == 0.0 and motion.schedule.switches > path.switches:
+            for slower in SLOWER:  # they would fall behind a goal that moves
+                yield replace(followed, slowness=(slower,))
 
     def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
         task = self._task

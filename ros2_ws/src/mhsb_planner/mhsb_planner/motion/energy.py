@@ -28,7 +28,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.motion.motion_profile import motion_profile
 from mhsb_planner.motion.s3_limits import DEAD_BAND
 
@@ -74,17 +74,25 @@ NOTHING = Energy(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 def motion_energy(machine: Machine, trajectory: Trajectory, schedule: ModeSchedule) -> Energy:
     """Energy from the trajectory's first to its last point, leakage included."""
-    switched = schedule.stamp_ns + schedule.offset_ns - trajectory.stamp_ns
-    edges = np.union1d(trajectory.offset_ns, switched)
-    edges = edges[(edges >= 0) & (edges <= trajectory.duration_ns)]
+    edges = _edges(trajectory, schedule)
     if len(edges) < 2:
         return NOTHING
     parts = np.maximum(1, -(-np.diff(edges) // QUADRATURE_SPACING_NS))
     span = np.repeat(np.diff(edges) / parts, parts)
-    middle = np.cumsum(span) - span / 2
-    at_ns = trajectory.stamp_ns + middle.astype(np.int64)
-    q, qd, _ = trajectory.sample_many(at_ns)
-    return energy_of_states(machine, span / SECOND_NS, q, qd, schedule.modes_at_many(at_ns))
+    middle = (np.cumsum(span) - span / 2).astype(np.int64)
+    modes = schedule.modes_at_many(trajectory.stamp_ns + middle)
+    q, qd, _ = trajectory.at_offsets(middle)
+    return energy_of_states(machine, span / SECOND_NS, q, qd, modes)
+
+
+def _edges(trajectory: Trajectory, schedule: ModeSchedule) -> IntArray:
+    """Offsets between which both are smooth: the points, and what mode changes lie between."""
+    switched = schedule.stamp_ns + schedule.offset_ns - trajectory.stamp_ns
+    switched = switched[(switched > 0) & (switched < trajectory.duration_ns)]
+    points = trajectory.offset_ns
+    place = np.searchsorted(points, switched)
+    between = points[place] != switched
+    return np.insert(points, place[between], switched[between])
 
 
 def energy_of_states(

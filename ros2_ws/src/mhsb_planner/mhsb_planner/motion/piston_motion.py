@@ -9,6 +9,9 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length, joint_angle, motion
 from mhsb_model.types import FloatArray
 
+CLOSE = 1e-5
+"""A step of two terms that is shorter leaves an error below rounding [rad]."""
+
 
 @kernel
 def lengths_of(m: MachineArrays, posture: FloatArray) -> FloatArray:
@@ -43,19 +46,30 @@ def joint_motion(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Joint motion of a piston motion: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r.
 
-    The search for q begins where the two instants before lead. Beyond the joint limits the linkage
-    goes on as straight as it is there, so that a motion that passes them shows it.
+    From the instant before, q + Δq (1 − r′Δq/2r) with Δq = ΔL/r leads so close that one more such
+    step ends there; where it is not, Newton's method takes over. Beyond the joint limits the
+    linkage goes on as straight as it is there, so that a motion that passes them shows it.
     """
     rows, n = length.shape
     q, qd, qdd = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
     for j in range(n):
         linkage, lower, upper = m.linkage[j], m.joint_min[j], m.joint_max[j]
-        guess = start[j]
+        angle = start[j]
+        reached, arm, slope = motion(linkage, angle)
         for k in range(rows):
-            within = joint_angle(linkage, length[k, j], lower, upper, guess)
-            reached, arm, slope = motion(linkage, within)
-            q[k, j] = within + (length[k, j] - reached) / arm
+            if length[k, j] != reached:
+                step = (length[k, j] - reached) / arm
+                angle += step * (1.0 - 0.5 * step * slope / arm)
+                reached, arm, slope = motion(linkage, angle)
+                step = (length[k, j] - reached) / arm
+                angle += step * (1.0 - 0.5 * step * slope / arm)
+                arm += slope * step
+                if abs(step) > CLOSE or not lower <= angle <= upper:
+                    angle = joint_angle(linkage, length[k, j], lower, upper, angle)
+                    reached, arm, slope = motion(linkage, angle)
+                    angle += (length[k, j] - reached) / arm
+                reached = length[k, j]
+            q[k, j] = angle
             qd[k, j] = speed[k, j] / arm
             qdd[k, j] = (acceleration[k, j] - slope * qd[k, j] ** 2) / arm
-            guess = within if k == 0 else 2.0 * within - q[k - 1, j]
     return q, qd, qdd

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,12 +53,12 @@ class RampedMotion:
         over = (self.at + self.rise + self.blend)[self._felt]
         return max(float(over.max(initial=0.0)), TICK)
 
-    @property
+    @cached_property
     def _felt(self) -> FloatArray:
         """Which ramps change speeds by more than rounding, bool[c]."""
         return np.abs(self.change).max(axis=1) > NEGLIGIBLE
 
-    @property
+    @cached_property
     def breaks(self) -> FloatArray:
         """Times from 0 to the end between which the jerk is constant, at least a TICK apart [s]."""
         at, rise, blend = (values[self._felt] for values in (self.at, self.rise, self.blend))
@@ -79,7 +80,7 @@ class RampedMotion:
             time, self.length, self.speed, self.at, self.change, self.rise, self.blend
         )
 
-    @property
+    @cached_property
     def peaks(self) -> tuple[float, float]:
         """The largest acceleration and jerk of a piston, as shares of what is allowed.
 

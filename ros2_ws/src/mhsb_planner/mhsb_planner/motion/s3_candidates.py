@@ -60,6 +60,7 @@ class FitRules:
     """What a fit may do.
 
     trajectory   whether the published polynomials are tried, or the path is followed at once
+    alone        whether nothing else is tried where these do not keep the limits
     switching    how modes are switched
     slowness     factors on the duration of the shortest ramps, in the order tried
     max_stretch  largest factor on the discrete path's durations
@@ -70,6 +71,7 @@ class FitRules:
     """
 
     trajectory: TrajectoryKind = "polynomial"
+    alone: bool = False
     switching: SwitchingRules = field(default_factory=SwitchingRules)
     slowness: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
     max_stretch: float = 3.0
@@ -81,7 +83,7 @@ class FitRules:
     @classmethod
     def following(cls) -> FitRules:
         """Rules for a motion that follows its path, within V_max but for rounding."""
-        return cls("followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
+        return cls(trajectory="followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +133,8 @@ def candidates(
         return
     if rules.trajectory == "polynomial":
         yield _polynomial(path, start, brake)
+        if rules.alone:
+            return
     if coast is not None:
         yield from _ramped(machine, path, start, None, coast, rules.slowness)
     youngest = rules.switching.min_dwell - float(modes.age.min())

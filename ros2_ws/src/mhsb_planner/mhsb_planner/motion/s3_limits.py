@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -203,10 +204,21 @@ def _demand(
     return outside, usage, pressure, thrust
 
 
-def largest_usage(machine: Machine, profile: MotionProfile, modes: ModeArray) -> float:
-    """Largest usage at a profile's instants, in the modes uint8[k - 1, n] before and after each."""
-    ends = (Demand.of(machine, end, modes) for end in (profile[:-1], profile[1:]))
-    return float(max(each.usage.max() for each in ends))
+class EndDemands(NamedTuple):
+    """Demands of k intervals at both their ends, each in the interval's modes."""
+
+    begin: Demand
+    end: Demand
+
+    @classmethod
+    def of(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> EndDemands:
+        """Of intervals between a profile's instants, in the modes uint8[k, n]."""
+        begin, end = (Demand.of(machine, each, modes) for each in (profile[:-1], profile[1:]))
+        return cls(begin, end)
+
+    def largest_usage(self, first: int) -> float:
+        """From interval `first` on."""
+        return float(max(each.usage[first:].max() for each in self))
 
 
 def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
@@ -229,25 +241,24 @@ def first_violation(
     machine: Machine,
     trajectory: Trajectory,
     schedule: ModeSchedule,
-    profile: MotionProfile | None = None,
+    ends: EndDemands | None = None,
     deadline: Deadline = NEVER,
 ) -> Violation | None:
     """The first limit that a trajectory breaks under its mode schedule, or None.
 
     Looks at every millisecond, except inside intervals that are shown to be clear of all limits
     without; obstacles are those of `s3_clearance`. Mode changes are expected at the trajectory's
-    points, as S4 makes them; `profile` is that of the points, where it is known. Raises
-    DeadlineError.
+    points, as S4 makes them; `ends` are the demands of the intervals between these, where they are
+    known. Raises DeadlineError.
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
     modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
     beyond = m.modules_per_mode[modes].sum(axis=1) - m.module_count
     within = len(modes) if np.all(beyond <= 0) else int(np.argmax(beyond > 0))
-    if profile is None:
-        profile = motion_profile(
-            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
-        )
-    doubtful = np.flatnonzero(_doubtful(machine, trajectory, profile, modes)[:within])
+    if ends is None:
+        points = trajectory.position, trajectory.velocity, trajectory.acceleration
+        ends = EndDemands.of(machine, motion_profile(machine, *points), modes)
+    doubtful = np.flatnonzero(_doubtful(machine, trajectory, ends, modes)[:within])
     deadline.check(CHECKING)
     for first in range(0, len(doubtful), ROWS_AT_ONCE):
         rows = doubtful[first : first + ROWS_AT_ONCE]
@@ -264,7 +275,7 @@ def first_violation(
 
 
 def _doubtful(
-    machine: Machine, trajectory: Trajectory, profile: MotionProfile, modes: ModeArray
+    machine: Machine, trajectory: Trajectory, ends: EndDemands, modes: ModeArray
 ) -> np.ndarray:
     """Intervals in which a limit may be broken, by their ends and middles, bool[k - 1].
 
@@ -272,7 +283,7 @@ def _doubtful(
     most; the whole bow is added.
     """
     middle = trajectory.inside(np.arange(len(modes)), np.array([0.5]))
-    left, right = (Demand.of(machine, ends, modes) for ends in (profile[:-1], profile[1:]))
+    left, right = ends
     between = Demand.of(machine, motion_profile(machine, *middle), modes)
     bounded = np.ones(len(modes), dtype=bool)
     bounds = (("outside", 0.0), ("usage", 1.0), ("pressure", CLEAR_PRESSURE), ("thrust", 1.0))

@@ -45,7 +45,7 @@ class PolynomialCurve:
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """q, q̇, q̈ at the times [s], float64[times, n] each."""
-        powers = (time / self.duration)[:, None] ** np.arange(DEGREE + 1)
+        powers = np.vander(time / self.duration, DEGREE + 1, increasing=True)
         first = _slope(self.coefficient)
         return (
             powers @ self.coefficient,

@@ -58,11 +58,11 @@ from mhsb_planner.motion.s3_candidates import (
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
 from mhsb_planner.motion.s3_limits import (
     JOINT_TOLERANCE,
+    EndDemands,
     Limit,
     Violation,
     first_violation,
     joint_excess,
-    largest_usage,
 )
 from mhsb_planner.motion.s3_steered import Steering
 from mhsb_planner.motion.s4_mode_schedule import StartModes, keeps_dwell
@@ -346,12 +346,13 @@ def _stretched(
         if candidate.coasts:  # what is too fast already becomes slower, but not by stretching
             fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
         quasi_static = (1.0 + _speed_excess(machine, after)) / fastest
-        used = max(largest_usage(machine, after, scheduled.intervals[first:]), quasi_static)
+        ends = EndDemands.of(machine, profile, scheduled.intervals)
+        used = max(ends.largest_usage(first), quasi_static)
         deadline.check(FITTING)
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
             schedule = scheduled.schedule
-            violation = first_violation(machine, trajectory, schedule, profile, deadline)
+            violation = first_violation(machine, trajectory, schedule, ends, deadline)
             if violation is None:
                 return _fitted(
                     machine, path, candidate, curve, trajectory, schedule, profile, stretch
