@@ -82,12 +82,11 @@ def _measure(
     q: FloatArray,
     cross: FloatArray,
     limit: FloatArray,
-    own: FloatArray,
 ) -> bool:
     """What the area needs of a posture; False where it is not within limits."""
     if not feasible(m, x, z, psi, elbow, q):
         return False
-    flow_limits(m, q, limit, own)
+    flow_limits(m, q, limit)
     cross_products(tip_columns(m, q), cross)
     return True
 
@@ -106,8 +105,9 @@ def _refine(
     """Golden section for the largest area in t ∈ [low, high]; posture written to q."""
     n = len(q)
     cross = np.empty((n, n))
-    limit, own = np.empty((n, 3, 2)), np.empty(n)
+    limit = np.empty((n, 3, 2))
     scale = flow_scale(m)
+    flow = shared_flow(m)
     elbow = int(interval[0])
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     area = np.empty(2)
@@ -118,8 +118,7 @@ def _refine(
             if pending == side or pending == 2:
                 psi = _angle(interval[1], interval[2], t[side])
                 area[side] = -1.0
-                if _measure(m, x, z, psi, elbow, q, cross, limit, own):
-                    flow = shared_flow(m, own, pattern)
+                if _measure(m, x, z, psi, elbow, q, cross, limit):
                     area[side] = projected_area(cross, scale, limit, pattern, flow)
         if high - low < REFINED_TO:
             break
@@ -166,24 +165,23 @@ def largest_polytopes(
     q_at = np.empty((samples, 3))
     valid = np.empty(samples, dtype=np.bool_)
     cross = np.empty((samples, 3, 3))
-    limit, own = np.empty((samples, 3, 3, 2)), np.empty((samples, 3))
+    limit = np.empty((samples, 3, 3, 2))
     for i in range(intervals):
         steps = first[i + 1] - first[i] - 1
         for s in range(first[i], first[i + 1]):
             t = math.pi * ((s - first[i]) / steps)
             psi = _angle(interval[i, 1], interval[i, 2], t)
-            elbow = int(interval[i, 0])
-            valid[s] = _measure(m, x, z, psi, elbow, q, cross[s], limit[s], own[s])
+            valid[s] = _measure(m, x, z, psi, int(interval[i, 0]), q, cross[s], limit[s])
             q_at[s] = q
 
     scale = flow_scale(m)
+    flow = shared_flow(m)
     value = np.empty(samples)
     for p in range(len(patterns)):
         best = -1.0
         for s in range(samples):
             value[s] = -1.0
             if valid[s]:
-                flow = shared_flow(m, own[s], patterns[p])
                 value[s] = projected_area(cross[s], scale, limit[s], patterns[p], flow)
         for i in range(intervals):
             for s in (first[i], first[i + 1] - 1):

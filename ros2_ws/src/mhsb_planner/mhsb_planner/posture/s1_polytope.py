@@ -3,12 +3,13 @@
 Admissible piston speeds v of a posture under a mode pattern (paper, Section 2.1):
 
     −V_ret,j ≤ v_j ≤ V_ext,j                valve, and for boosted joints the servo pumps
-    Σ_j A_dir,j |v_j| ≤ Q_MP − Σ_j q_leak,j main pump, boosted flow included
+    Σ_j A_dir,j |v_j| ≤ Q_MP − n q_leak     main pump, boosted flow included
 
 with A_dir the cap area A in extension and the rod-side area a in retraction. The tip moves at
 Σ_j C_j v_j, C_j = J_j / r_j, so the polytope is the image of that body under a 2×n matrix. A
-boosted joint's valve limits are those at the highest boost pressure: what the mode can do. Its
-valve leaks at the pressure that holds its load, on the rail that of the heaviest there.
+boosted joint's valve limits are those at the highest boost pressure: what the mode can do. All
+valves leak as at P_S, as the paper has it: areas compare postures; what a motion may take of the
+main pump, boosted leakage included, is checked in S2 and S3.
 Where the load exceeds even that, the joint moves one way only and the polytope stays defined;
 as in the paper such a posture is not excluded here, its steps against the load are.
 """
@@ -33,11 +34,10 @@ APART = 1e-12
 
 
 @kernel
-def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray, own: FloatArray) -> None:
+def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     """Largest inlet flow of every joint, written to limit[n, mode, extension|retraction] [m³/s].
 
-    N: A_dir v_valve(P_S); boosted: min(A_dir v_valve(p_boost), modules · Q_SP). To own[n] the
-    supply pressure that holds each joint's load in boost [Pa].
+    N: A_dir v_valve(P_S); boosted: min(A_dir v_valve(p_boost), modules · Q_SP).
     """
     n = len(q)
     force = np.empty(n)
@@ -46,7 +46,6 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray, own: FloatAr
     k, tank = m.valve_coefficient, m.tank_pressure
     for j in range(n):
         cap, rod = m.cap_area[j], m.rod_area[j]
-        own[j] = hydraulics.boosted_supply(oil, cap, rod, force[j], 0.0)
         for mode in range(MODE_COUNT):
             modules = m.modules_per_mode[mode]
             supply, pumped = (
@@ -178,20 +177,20 @@ def flow_scale(m: MachineArrays) -> FloatArray:
 
 
 @kernel
-def shared_flow(m: MachineArrays, own: FloatArray, pattern: ModeArray) -> float:
-    """Q_MP − Σ q_leak: what the main pump gives all cylinders together [m³/s], `own` as above."""
-    return max(0.0, hydraulics.flow_for_pistons(hydraulics.oil_of(m), own, pattern))
+def shared_flow(m: MachineArrays) -> float:
+    """Q_MP − n q_leak: what the main pump gives all cylinders together [m³/s]."""
+    return m.main_pump_flow - len(m.cap_area) * m.leakage_flow
 
 
 @kernel
 def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
     """Kernel of `polytope_area`."""
     n = len(q)
-    limit, own = np.empty((n, MODE_COUNT, 2)), np.empty(n)
+    limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
-    flow_limits(m, q, limit, own)
+    flow_limits(m, q, limit)
     cross_products(tip_columns(m, q), cross)
-    return projected_area(cross, flow_scale(m), limit, pattern, shared_flow(m, own, pattern))
+    return projected_area(cross, flow_scale(m), limit, pattern, shared_flow(m))
 
 
 def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
@@ -204,17 +203,17 @@ def _posture_areas(
     m: MachineArrays, posture: FloatArray, patterns: ModeArray, area: FloatArray
 ) -> None:
     n = posture.shape[1]
-    limit, own = np.empty((n, MODE_COUNT, 2)), np.empty(n)
+    limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
     scale = flow_scale(m)
+    flow = shared_flow(m)
     for i in range(len(posture)):
         if math.isnan(posture[i, 0]):
             area[i] = math.nan
             continue
-        flow_limits(m, posture[i], limit, own)
+        flow_limits(m, posture[i], limit)
         cross_products(tip_columns(m, posture[i]), cross)
         for p in range(len(patterns)):
-            flow = shared_flow(m, own, patterns[p])
             area[i, p] = projected_area(cross, scale, limit, patterns[p], flow)
 
 
@@ -235,14 +234,13 @@ def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) ->
     """
     q = np.array(q, dtype=np.float64)
     n = len(q)
-    limit, own = np.empty((n, MODE_COUNT, 2)), np.empty(n)
-    flow_limits(machine.arrays, q, limit, own)
-    flow = shared_flow(machine.arrays, own, frozen(pattern))
+    limit = np.empty((n, MODE_COUNT, 2))
+    flow_limits(machine.arrays, q, limit)
     scale = flow_scale(machine.arrays)
     corners = []
     for direction in itertools.product((0, 1), repeat=n):
         for order in itertools.permutations(range(n)):
-            rest = flow
+            rest = shared_flow(machine.arrays)
             speed = np.zeros(n)
             for j in order:
                 taken = min(limit[j, pattern[j], direction[j]], rest)

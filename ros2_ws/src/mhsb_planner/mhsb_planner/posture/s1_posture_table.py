@@ -22,8 +22,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.errors import TableError
 
-SCHEMA_VERSION = 2
-"""1 had all valves leak as at P_S, whatever their mode."""
+SCHEMA_VERSION = 1
 ARRAY_NAMES = ("nodes", "patterns", "posture", "area")
 LARGEST_TABLE = 2**30
 """Bytes, unpacked; that of the suite's own machine has half a million."""

@@ -84,15 +84,14 @@ def price_shortfall(
     """
     n = len(start)
     middle = 0.5 * (start + end)
-    limit, cross, own = np.empty((n, MODE_COUNT, 2)), np.empty((n, n)), np.empty(n)
-    flow_limits(m, middle, limit, own)
+    limit, cross = np.empty((n, MODE_COUNT, 2)), np.empty((n, n))
+    flow_limits(m, middle, limit)
     cross_products(tip_columns(m, middle), cross)
-    scale = flow_scale(m)
+    scale, flow = flow_scale(m), shared_flow(m)
     here, there = tip_position(m.link_length, start), tip_position(m.link_length, end)
     weight = term.weight * math.hypot(there[0] - here[0], there[1] - here[1])
     for p in range(len(patterns)):
         if status[p] == admitted:
-            flow = shared_flow(m, own, patterns[p])
             area = projected_area(cross, scale, limit, patterns[p], flow)
             cost[p] = weight * max(0.0, 1.0 - area / term.reference)
 

@@ -49,24 +49,11 @@ def tip_velocities(machine, q):
     return machine.jacobian(q) / machine.moment_arms(q)
 
 
-def leakage(machine, q, pattern):
-    """Of all valves [m³/s], boosted ones at what holds their load, the rail's at the heaviest."""
-    a, force = machine.arrays, machine.piston_forces(q)
-    lifted = (force + a.rod_area * a.tank_pressure) / a.cap_area
-    drawn = (a.cap_area * a.tank_pressure - force) / a.rod_area
-    own = np.where(force > 0, lifted, drawn) + a.boost_margin
-    own = np.clip(own, a.supply_pressure, a.max_boost_pressure)
-    line = np.where(pattern == 1, own, a.supply_pressure)
-    line[pattern == 2] = max(own[pattern == 2], default=0.0)
-    rated = a.supply_pressure - a.tank_pressure
-    return a.leakage_flow * np.sqrt((line - a.tank_pressure) / rated).sum()
-
-
 def hull_area(machine, q, pattern):
     """The polytope's area from its half-spaces, without any knowledge of its vertices."""
     a, n = machine.arrays, machine.joint_count
     back, out = speed_limits(machine, q, pattern).T
-    available = a.main_pump_flow - leakage(machine, q, pattern)
+    available = a.main_pump_flow - n * a.leakage_flow
     rows = [[*row, -limit] for row, limit in zip(np.eye(n), out, strict=True)]
     rows += [[*-row, -limit] for row, limit in zip(np.eye(n), back, strict=True)]
     for signs in itertools.product((1.0, -1.0), repeat=n):

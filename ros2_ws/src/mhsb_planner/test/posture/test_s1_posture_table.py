@@ -59,7 +59,7 @@ def test_a_table_of_another_spacing_is_refused(file, machine):
 
 def test_a_table_of_another_schema_is_refused(file, machine):
     with_header(file, schema_version=99)
-    with pytest.raises(TableError, match="has schema version 99, 2 is needed"):
+    with pytest.raises(TableError, match="has schema version 99, 1 is needed"):
         PostureTable.load(file, machine)
 
 
