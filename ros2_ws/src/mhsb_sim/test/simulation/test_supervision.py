@@ -104,7 +104,7 @@ def test_pumps_that_fail_in_motion_stop_the_arm_and_healing_them_moves_nothing(
     run.simulator.inject(fault)
     run.advance(2.0, Phase.STOPPING)
     assert run.supervision.fault
-    assert run.warned
+    assert run.warned or fault is Fault.MAIN_PUMP  # which empties the manifold within two looks
     run.advance(6.0, Phase.HELD)
     reference = run.simulator.reference
     np.testing.assert_array_equal(reference.velocity, 0.0)
