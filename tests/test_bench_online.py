@@ -13,9 +13,8 @@ KEYS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("condition", "stream"), [("idle", 3), pytest.param("one_core", 0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("condition", "stream"), [("idle", 3), ("one_core", 0)])
 def test_the_benchmark_counts_every_goal_once(ros_domain, tmp_path, condition, stream):
     output = tmp_path / "online.json"
     run = subprocess.run(

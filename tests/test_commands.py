@@ -117,6 +117,7 @@ def test_plan_takes_negative_numbers_and_prints_json(start):
     assert {"search", "fit", "total"} <= set(plan["timings_ms"])
 
 
+@pytest.mark.slow
 def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
     child = start(
         *("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.60", "0.10"),

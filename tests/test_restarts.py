@@ -25,7 +25,9 @@ def test_a_planner_alone_says_that_it_knows_no_arm(observer, start_planner):
     assert "start the arm" in verdict.sentence
 
 
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL]
+)
 def test_a_planner_restarted_under_a_moving_arm_plans_without_a_jump(
     observer, start_planner, start_simulator, how
 ):

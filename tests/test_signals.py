@@ -42,13 +42,13 @@ def moments(count: int, seed: int, last: float = LAST) -> list[float]:
 @pytest.mark.parametrize("node", NODES, ids=lambda node: node[1])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda each: each.name)
 def test_a_signal_at_any_moment_ends_a_node_with_code_0(signal_at, node, number):
-    for moment in moments(4, seed=number):
+    for moment in moments(2, seed=number):
         signal_at(node, moment, number)
 
 
 @pytest.mark.parametrize("node", NODES[:2], ids=lambda node: node[1])
 def test_a_signal_while_kernels_are_compiled_ends_a_node_with_code_0(signal_at, node, tmp_path):
-    for moment in moments(3, seed=3, last=5.0):
+    for moment in moments(2, seed=3, last=5.0):
         signal_at(node, moment, signal.SIGINT, tmp_path / "kernels")
 
 

@@ -116,8 +116,9 @@ def test_two_tonnes_at_rest_are_told_at_once_and_taken_off_gently(observer, comm
 
 
 def test_warnings_come_before_the_arm_is_stopped_and_pass(observer, commander):
-    taken, reason = observer.set_parameter("mhsb_sim", "following_error_limit", 1.0)
-    assert taken, reason
+    for name, value in (("following_error_warning", 0.015), ("following_error_limit", 1.0)):
+        taken, reason = observer.set_parameter("mhsb_sim", name, value)
+        assert taken, reason
     assert observer.set_parameter("mhsb_sim", "payload", 40.0)[0]
     text = "off its reference, beyond 1 rad the arm is stopped"
     observer.until(lambda: observer.simulator_reports and text in latest(observer).sentence)

@@ -69,6 +69,7 @@ def test_the_best_pressure_is_as_good_as_that_of_a_dense_sweep(machine, table, p
     assert best <= 1.002 * min(dense)
 
 
+@pytest.mark.slow
 def test_pressure_and_speed_together_are_no_worse_than_either_alone(machine, planner):
     options, goal_and_start = PlanOptions(weights=Weights(0.5, 5.0, 2.0)), move(machine)
     alone = []

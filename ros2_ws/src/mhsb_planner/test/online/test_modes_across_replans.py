@@ -59,7 +59,7 @@ def executed(commands):
         ("table", LOW_PRESSURE),
         ("table", FAST),
         ("table", HEAVY),
-        ("integrated", LOW_PRESSURE),
+        pytest.param("integrated", LOW_PRESSURE, marks=pytest.mark.slow),
         pytest.param("integrated", FAST, marks=pytest.mark.slow),
         pytest.param("integrated", HEAVY, marks=pytest.mark.slow),
     ],

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from mhsb_planner.commands import reproduce_command
-from mhsb_planner.evaluation import operating_point
 from mhsb_planner.evaluation.reproduction.expectations import records
 from mhsb_planner.evaluation.reproduction.runs import (
     HEURISTIC_SCALES,
@@ -27,19 +26,14 @@ FIGURES = (
     *("area_energy", "operating_point"),
 )
 
-
-@pytest.fixture(scope="module", params=[False, pytest.param(True, marks=pytest.mark.slow)])
-def thorough(request):
-    """Whether with all weights of the area, and operating points as close as the command's."""
-    return request.param
+pytestmark = pytest.mark.slow  # what the runs claim is tested quickly beside this
 
 
 @pytest.fixture(scope="module")
-def weighed(machine, runs, thorough):
+def weighed(machine, runs):
     """The runs of Case 4 with more and more weight on the area."""
     asked = {integrated_run("4-1"): integrated_settings()[integrated_run("4-1")]}
-    names = list(area_settings())[slice(None) if thorough else slice(1, None, 2)]
-    return evaluate(machine, asked | {name: area_settings()[name] for name in names}, known=runs)
+    return evaluate(machine, asked | area_settings(), known=runs)
 
 
 @pytest.fixture(scope="module")
@@ -52,14 +46,11 @@ def published(machine, runs):
 
 
 @pytest.fixture(scope="module")
-def folder(runs, weighed, published, thorough, tmp_path_factory):
+def folder(runs, weighed, published, tmp_path_factory):
     """What the command writes, with the runs that are there already."""
     every = Runs(runs.machine, runs.tables, {**runs.runs, **weighed.runs, **published.runs})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reproduce_command, "evaluate", lambda *_: every)
-        if not thorough:
-            patch.setattr(operating_point, "SAMPLES", {1: 7})
-            patch.setattr(operating_point, "HALVINGS", 1)
         folder = tmp_path_factory.mktemp("reproduce") / "new"
         reproduce_command.reproduce(folder)
     return folder
@@ -144,13 +135,13 @@ def test_with_the_weight_of_the_area_less_of_it_is_given_up_for_more_energy(fold
         assert float(found[name]["area_m2_s2"]) < float(front[0]["area_m2_s2"])
 
 
-def test_the_best_operating_points_are_the_cheapest_of_their_curves(folder, thorough):
+def test_the_best_operating_points_are_the_cheapest_of_their_curves(folder):
     best = json.loads((folder / "summary.json").read_text())["operating_points"]
     curves = rows(folder / "operating_point.csv")
     assert len(best) == 4
     for name, point in best.items():
         curve = [row for row in curves if row["run"] == name]
-        assert len(curve) == point["looked_at"] > (25 if thorough else 7)
+        assert len(curve) == point["looked_at"] > 25
         assert point["cost"] == min(float(row["cost"]) for row in curve)
         kept = "v_max_m_s" if ".ps" in name else "supply_pressure_pa"
         assert len({row[kept] for row in curve}) == 1
