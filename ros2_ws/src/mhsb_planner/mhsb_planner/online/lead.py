@@ -22,6 +22,10 @@ HALF_LIFE = 4.0
 LONGER = 1.5
 """Factor of the lead for a plan that is made again, because the one before was late."""
 
+KEPT = 0.15
+"""What comes after planning is given this share of the time to the first motion, at least: where
+plans take long, their way to the arm stalls, too, and a late one costs its whole lead."""
+
 OFFLINE_LEAD = 0.1
 """Of plans made in simulated time, which stands still meanwhile [s]."""
 
@@ -65,7 +69,11 @@ class LeadEstimate:
     @property
     def lead(self) -> float:
         """Time from a plan's stamp to where it should leave the one before [s]."""
-        return recent_quantile(np.array(self._first_motion)) + self.flight
+        return recent_quantile(np.array(self._first_motion)) + self._kept
+
+    @property
+    def _kept(self) -> float:
+        return max(self.flight, KEPT * recent_quantile(np.array(self._first_motion)))
 
     def split(self, shortest: float, longest: float, fixed: float, stretch: float) -> Lead:
         """The lead between two bounds, or a fixed one unless that is 0, all in s.
@@ -74,7 +82,7 @@ class LeadEstimate:
         """
         wanted = stretch * self.lead
         total = fixed or min(max(wanted, shortest), longest)
-        flight = min(stretch * self.flight, 0.5 * total)
+        flight = min(stretch * self._kept, 0.5 * total)
         return Lead(total, flight, longest=fixed > 0.0 or wanted >= longest)
 
 

@@ -34,9 +34,19 @@ def test_the_lead_is_first_motion_plus_flight():
     estimate = LeadEstimate()
     for _ in range(30):
         estimate.add_first_motion(0.04)
-        estimate.add_flight(0.005)
-    assert estimate.lead == pytest.approx(0.045)
-    assert estimate.split(0.03, 1.0, 0.0, 1.0) == pytest.approx((0.045, 0.005, False))
+        estimate.add_flight(0.008)
+    assert estimate.lead == pytest.approx(0.048)
+    assert estimate.split(0.03, 1.0, 0.0, 1.0) == pytest.approx((0.048, 0.008, False))
+
+
+def test_where_plans_take_long_more_is_kept_for_their_way():
+    estimate = LeadEstimate()
+    for _ in range(30):
+        estimate.add_first_motion(0.6)
+        estimate.add_flight(0.008)
+    lead = estimate.split(0.03, 1.0, 0.0, 1.0)
+    assert lead == pytest.approx((0.69, 0.09, False))
+    assert lead.total - lead.flight == pytest.approx(0.6)
 
 
 def test_it_stays_between_its_bounds_and_is_fixed_where_asked_for():
