@@ -209,10 +209,18 @@ def supply_in(oil: Oil, mode: int, own: float, rail: float) -> float:
 
 
 @kernel
+def leakage_at(rated_flow: float, rated: float, tank: float, supply: float) -> float:
+    """q_leak √((p − p_T)/(P_S − p_T)) [m³/s] of a valve at the supply pressure p: an orifice.
+
+    It leaks rated_flow [m³/s] at the rated supply pressure P_S; pressures in Pa.
+    """
+    return rated_flow * math.sqrt(max(0.0, supply - tank) / (rated - tank))
+
+
+@kernel
 def leakage(oil: Oil, supply: float) -> float:
-    """q_leak √((p − p_T)/(P_S − p_T)) [m³/s] of a valve at the supply pressure p: an orifice."""
-    rated = oil.supply_pressure - oil.tank_pressure
-    return oil.leakage_flow * math.sqrt(max(0.0, supply - oil.tank_pressure) / rated)
+    """`leakage_at` of each valve [m³/s] at a supply pressure [Pa]."""
+    return leakage_at(oil.leakage_flow, oil.supply_pressure, oil.tank_pressure, supply)
 
 
 @kernel

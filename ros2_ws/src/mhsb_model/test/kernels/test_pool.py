@@ -111,3 +111,19 @@ def test_workers_end_with_a_program_that_is_killed(start, tmp_path):
     child.communicate()
     while os.path.exists(f"/proc/{worker}"):
         time.sleep(0.02)
+
+
+def test_a_worker_that_nobody_listens_to_any_more_ends_without_a_word(tmp_path):
+    (tmp_path / "parts.py").write_text(PARTS)
+    path = f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}"
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    worker = subprocess.Popen(
+        [sys.executable, "-m", "mhsb_model.kernels.worker"],
+        env={**os.environ, "PYTHONPATH": path},
+        **pipes,
+    )
+    worker.stdout.close()
+    worker.stdin.write(b"parts:quick\n")
+    worker.stdin.flush()  # and stays open: the answer finds out first
+    assert worker.wait(60) == 0
+    assert worker.stderr.read() == b""

@@ -120,7 +120,9 @@ def _power(
     own = np.empty(n)
     for k in range(rows):
         for j in range(n):
-            own[j] = boosted_supply(oil, m.cap_area[j], m.rod_area[j], force[k, j], speed[k, j])
+            if BOOSTED[modes[k, j]]:
+                cap, rod = m.cap_area[j], m.rod_area[j]
+                own[j] = boosted_supply(oil, cap, rod, force[k, j], speed[k, j])
         rail = rail_pressure(oil, own, modes[k])
         for j in range(n):
             cap, rod = m.cap_area[j], m.rod_area[j]

@@ -169,8 +169,11 @@ def _more_leakage(c: Circuit, need: float) -> float:
     """What a valve leaks more at the supply pressure `need` [Pa] than at P_S [m³/s]."""
     if need <= c.supply_pressure:
         return 0.0
-    drop = min(need, c.max_boost_pressure) - c.tank_pressure
-    return c.leakage_flow * (math.sqrt(drop / (c.supply_pressure - c.tank_pressure)) - 1.0)
+    supply = min(need, c.max_boost_pressure)
+    leaks = hydraulics.leakage_at(
+        c.leakage_flow, c.supply_pressure, c.tank_pressure, supply
+    )
+    return leaks - c.leakage_flow
 
 
 STROKE, DIRECTION, OIL, WORST, MIDDLE, VALVE, LEAK = 0, 1, 2, 3, 4, 5, 6

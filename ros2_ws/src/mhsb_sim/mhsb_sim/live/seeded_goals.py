@@ -9,7 +9,7 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.planner import ONLINE_PLANNER, Planner, PlanOptions
+from mhsb_planner.planner import Planner, PlanOptions
 
 SHORTEST, LONGEST = 0.5, 3.0
 """Wall-clock time between two goals [s]."""
@@ -29,12 +29,13 @@ def seeded_goals(
 ) -> list[SeededGoal]:
     """Goals anywhere in the workspace, each with a plan from rest in the start posture.
 
-    Planned as the node does, with all the time it takes. Times between two goals are spread evenly
-    between both `times` [s] and shuffled, so that as many goals take as long with any seed.
+    The table's planner says whether there is one: it takes a twentieth of the online planner's
+    time. Times between two goals are spread evenly between both `times` [s] and shuffled, so that
+    as many goals take as long with any seed.
     """
     random = np.random.default_rng(seed)
     waits = np.random.default_rng([seed, 1]).permutation(np.linspace(*times, count))
-    machine, options = planner.machine, PlanOptions(planner=ONLINE_PLANNER)
+    machine, options = planner.machine, PlanOptions(planner="table")
     start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
     goals: list[SeededGoal] = []
     while len(goals) < count:

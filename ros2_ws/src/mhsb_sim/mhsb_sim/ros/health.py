@@ -61,7 +61,8 @@ class Health:
         arm = self._arm
         phase = arm.supervision.phase
         closed = arm.simulator.valves_closed
-        return arm.halted, phase, arm.last_stop_ns, closed, *map(bool, self._warnings())
+        *warnings, duplicates = self._warnings()  # the graph shows one after the other
+        return arm.halted, phase, arm.last_stop_ns, closed, *map(bool, warnings), duplicates
 
     def _warnings(self) -> tuple[str, str, str, str]:
         return self._arm.warning, self._lag(), self._offset(), self.duplicates

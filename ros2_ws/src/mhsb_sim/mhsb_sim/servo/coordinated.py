@@ -306,11 +306,17 @@ def pump_demand(
 
 @kernel
 def spare_flow(s: Servo, p: Pumps) -> float:
-    """Flow [m³/s] that lines may be charged with: what all cylinders and valves leave of Q_MP,
+    """Flow [m³/s] that lines may be charged with; 0 while no pump is in use.
 
-    Q_MP − Σ (A_dir |v_ref| + leakage), and k C (p − MANIFOLD_LEFT P_S) of the manifold's own oil.
-    Its pressure p is that of the lowest line: in N they do not hold theirs above it.
+    What cylinders and valves leave of the main pump's, Q_MP − Σ (A_dir |v_ref| + leakage), and
+    k C (p − MANIFOLD_LEFT P_S) of the manifold's own oil. Its pressure p is that of the lowest
+    line: in N they do not hold theirs above it.
     """
+    in_use = False
+    for user in s.serves:
+        in_use = in_use or user >= 0
+    if not in_use:
+        return 0.0
     c, g = s.constants[0], p.gains[0]
     left, lowest = c.main_pump_flow, np.inf
     for j in range(len(s.axes)):

@@ -20,7 +20,7 @@ WARM_NS = 180 * SECOND_NS
 LARGEST_GROWTH = 5_000_000  # bytes
 
 KEPT_FOR = 10
-"""Looks, a second apart, in which memory is not given back: a search takes up to 15 MB for less."""
+"""Looks, a second apart, in which memory is not given back: a search of a second takes 15 MB."""
 
 
 def nobody_dies(events: Events) -> Kept:
