@@ -1,6 +1,7 @@
 """Kernels kept on disk: shared by processes that need them at once, and not trusted blindly."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -42,26 +43,42 @@ ALL = "20.0 ['square', 'sum_of_both', 'twice']\n"
 NOTHING = "20.0 []\n"
 
 
+def started(source: Path, cache: Path) -> subprocess.Popen[str]:
+    """A process that calls a kernel and tells what it compiled."""
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(cache),
+        "PYTHONPATH": f"{source}{os.pathsep}{os.environ['PYTHONPATH']}",
+    }
+    return subprocess.Popen(
+        [sys.executable, "-c", CALL],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """Folder of the module that is called."""
+    folder = tmp_path_factory.mktemp("source")
+    (folder / "kernels.py").write_text(MODULE)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def kept(source, tmp_path_factory):
+    """A cache in which everything is."""
+    folder = tmp_path_factory.mktemp("kept")
+    assert started(source, folder).communicate() == (ALL, "")
+    return folder
+
+
 @pytest.fixture
-def start(tmp_path):
-    """Function () that starts a process which calls a kernel and tells what it compiled."""
-    (tmp_path / "kernels.py").write_text(MODULE)
-
-    def run():
-        environment = {
-            **os.environ,
-            "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-            "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}",
-        }
-        return subprocess.Popen(
-            [sys.executable, "-c", CALL],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    return run
+def start(source, tmp_path):
+    """Function () that starts a process whose cache is this test's own."""
+    return lambda: started(source, tmp_path / "cache")
 
 
 def files(folder: Path, ending: str) -> list[Path]:
@@ -71,9 +88,8 @@ def files(folder: Path, ending: str) -> list[Path]:
     return found
 
 
-def test_a_kernel_is_compiled_once_for_all_constants_and_found_by_the_next_process(start):
-    assert start().communicate() == (ALL, "")
-    assert start().communicate() == (NOTHING, "")
+def test_a_kernel_is_compiled_once_for_all_constants_and_found_by_the_next_process(source, kept):
+    assert started(source, kept).communicate() == (NOTHING, "")
 
 
 def test_processes_that_need_a_kernel_at_once_compile_it_once(start):
@@ -87,8 +103,8 @@ def test_processes_that_need_a_kernel_at_once_compile_it_once(start):
     ("ending", "damage"),
     [(".nbc", "cut"), (".nbc", "changed"), (".nbi", "changed"), (".nbi", "empty")],
 )
-def test_what_is_damaged_is_told_and_compiled_anew(start, tmp_path, ending, damage):
-    start().communicate()
+def test_what_is_damaged_is_told_and_compiled_anew(start, kept, tmp_path, ending, damage):
+    shutil.copytree(kept, tmp_path / "cache")
     for file in files(tmp_path, ending):
         content = bytearray(file.read_bytes())
         if damage == "changed":
@@ -102,8 +118,8 @@ def test_what_is_damaged_is_told_and_compiled_anew(start, tmp_path, ending, dama
     assert start().communicate() == (NOTHING, "")
 
 
-def test_files_that_are_gone_are_made_again(start, tmp_path):
-    start().communicate()
+def test_files_that_are_gone_are_made_again(start, kept, tmp_path):
+    shutil.copytree(kept, tmp_path / "cache")
     for file in files(tmp_path, ".nbc"):
         file.unlink()
     output, errors = start().communicate()

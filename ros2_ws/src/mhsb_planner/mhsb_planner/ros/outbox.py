@@ -17,7 +17,7 @@ from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.verdict import GoalVerdict
-from mhsb_msgs_py import mode_schedule, names, plan_status, topics, trajectory
+from mhsb_msgs_py import endpoints, mode_schedule, names, plan_status, topics, trajectory
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.ports import Report
 from mhsb_planner.online.replanning import Replan, Replanner
@@ -48,7 +48,7 @@ class RosOutbox:
         self._machine = machine
         self._prefix = frame_prefix
         self._publishers = {
-            topic.name: node.create_publisher(topic.message, topic.name, topic.qos)
+            topic.name: endpoints.publisher(node, topic)
             for topic in PUBLISHED
         }
         self._arm_stop = node.create_client(Trigger, f"{names.SIM_NODE}/stop")

@@ -32,6 +32,7 @@ from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.verdict import GoalVerdict, Verdict
 from mhsb_msgs_py import (
+    endpoints,
     goal_pose,
     joint_state,
     modes_in_force,
@@ -105,9 +106,10 @@ class PlannerNode(Node):
             (topics.PLAN_IN_FORCE, self._on_plan_in_force),
             (topics.MODES, self._on_modes),
             (topics.DIAGNOSTICS, self._on_diagnostics),
-            (topics.GOAL_POSE, self._on_goal),
         ):
-            self.create_subscription(topic.message, topic.name, callback, topic.qos)
+            endpoints.subscription(self, topic, callback)
+        goals = topics.GOAL_POSE
+        self.create_subscription(goals.message, goals.name, self._on_goal, goals.qos)
 
     # --- Clock of the lifecycle ------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
 
-from mhsb_msgs_py import stamps, topics
+from mhsb_msgs_py import endpoints, stamps, topics
 from mhsb_msgs_py.topics import Topic
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.recording import bag_format
@@ -76,4 +76,4 @@ class Watcher(GoalSender):
         def received(data: bytes, info: dict[str, Any]) -> None:
             kept.append((info["source_timestamp"], data))
 
-        self.create_subscription(topic.message, topic.name, received, profile, raw=True)
+        endpoints.subscription(self, topic, received, profile, raw=True)

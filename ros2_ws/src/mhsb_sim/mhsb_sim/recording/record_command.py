@@ -75,7 +75,9 @@ class Recorder(Node):
             received,
             profile,
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(matched=matched),
+            event_callbacks=SubscriptionEventCallbacks(
+                matched=matched, use_default_callbacks=False  # lean, see mhsb_msgs_py.endpoints
+            ),
         )
 
     def _hear(self, topic: Topic) -> None:

@@ -18,6 +18,7 @@ from mhsb_model.types import FloatArray, ModeArray
 from mhsb_model.verdict import Level
 from mhsb_msgs_py import (
     actuator_states,
+    endpoints,
     joint_state,
     modes_in_force,
     reference,
@@ -46,7 +47,7 @@ class ArmPublisher:
         self._with_clock = with_clock
         self._namespace = node.get_namespace()
         self._publishers = {
-            topic.name: node.create_publisher(topic.message, topic.name, topic.qos)
+            topic.name: endpoints.publisher(node, topic)
             for topic in (
                 topics.JOINT_STATES,
                 topics.REFERENCE,

@@ -32,7 +32,7 @@ from mhsb_sim.simulation.kernel_parts import compile_simulator, rehearse
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
-TICK = 0.002
+TICK = 0.005
 """Wall-clock time between two looks at what is due [s]."""
 
 LONGEST_TICK_NS = 10_000_000
