@@ -143,7 +143,7 @@ def test_a_signal_that_comes_before_the_first_instruction_is_kept(tmp_path, numb
     with signals_kept():
         child = start(tmp_path, "node", SLOW_IMPORT)
         child.send_signal(number)
-    assert child.communicate(timeout=20)[0] in ("", "importing\n")
+    assert "importing\n".startswith(child.communicate(timeout=20)[0])  # it may end amid a line
     assert child.returncode == 0
 
 
