@@ -37,8 +37,8 @@ class Sender:
 
     def move(self, share=1.0, duration=4.0):
         """Both halves of a plan that holds, long enough to come in time, and then moves."""
+        self.observer.until(lambda: not self.observer.references[-1].state.velocity.any())
         latest, machine = self.observer.references[-1], self.observer.machine
-        assert not latest.state.velocity.any()
         count = round((HOLD + duration) * 50) + 1
         time = np.clip(np.arange(count) / 50 - HOLD, 0.0, duration)[:, None]
         states = quintic_hermite(

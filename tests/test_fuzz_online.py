@@ -95,8 +95,10 @@ def test_strange_plans_neither_move_the_arm_out_of_its_limits_nor_end_the_simula
     }
     arm.until(lambda: all(each.get_subscription_count() for each in halves.values()))
     names, actuators = arm.machine.joint_names, arm.machine.actuator_names
+    stamps = set()
     for _ in range(PLANS):
         held, schedule = holding_plan(arm.references[-1])
+        stamps.add(held.stamp_ns)
         messages = {
             topics.JOINT_TRAJECTORY: trajectory.encode(held, names),
             topics.MODE_COMMANDS: mode_schedule.encode(schedule, actuators),
@@ -111,7 +113,7 @@ def test_strange_plans_neither_move_the_arm_out_of_its_limits_nor_end_the_simula
     limits = arm.machine.arrays
     assert np.all(positions >= limits.joint_min - 1e-6)
     assert np.all(positions <= limits.joint_max + 1e-6)
-    assert len(arm.hand_overs) > PLANS / 2
+    assert len(arm.hand_overs) > len(stamps) / 2  # each stamp is told of once
     assert all(len(each.sentence) > 10 for each in arm.hand_overs)
     assert arm.call("mhsb_sim/reset").success
     arm.until(lambda: arm.in_force_ns == 0)
