@@ -229,7 +229,7 @@ class PlanMaking:
     def _priced(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
         machine, area, shortfall = self._machine, self._task.area, 0.0
         deadline.check("the comparison of motions")
-        energy = motion_energy(machine, motion.trajectory, motion.schedule)
+        energy = motion_energy(machine, motion.trajectory, motion.schedule, motion.profiles)
         if area.weight > 0.0:
             along = area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
             shortfall = along.shortfall(area.reference)

@@ -58,7 +58,7 @@ def cos_transmission_angle(row: FloatArray, q: float) -> float:
     return (a * a + b * b - dx * dx - dz * dz) / (2.0 * a * b)
 
 
-@kernel
+@kernel(inline="always")
 def motion(row: FloatArray, q: float) -> tuple[float, float, float, float, float]:
     """Rocker P − R as x, z [m], L [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad].
 

@@ -37,7 +37,7 @@ def linkage_row(linkage: Linkage) -> FloatArray:
     return row
 
 
-@kernel
+@kernel(inline="always")
 def motion(linkage: FloatArray, q: float) -> tuple[float, float, float]:
     """L(q) [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad]."""
     if linkage[0] == FOUR_BAR:

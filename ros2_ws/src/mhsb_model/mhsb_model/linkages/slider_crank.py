@@ -25,7 +25,7 @@ def numbers(linkage: SliderCrank) -> list[float]:
     return [linkage.parent_pin.radius, linkage.child_pin.radius, direction * ahead, direction]
 
 
-@kernel
+@kernel(inline="always")
 def motion(row: FloatArray, q: float) -> tuple[float, float, float]:
     """L [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad].
 

@@ -9,7 +9,7 @@ the dead band a cylinder is held. With pumps in series valves leak by that press
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -27,13 +27,10 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_planner.motion.motion_profile import Profiles, motion_profile
 from mhsb_planner.motion.s3_limits import DEAD_BAND
-
-QUADRATURE_SPACING_NS = 10_000_000
-"""Longest interval of the midpoint rule."""
 
 
 @dataclass(frozen=True)
@@ -69,30 +66,55 @@ class Energy:
         return self.series - used
 
 
-NOTHING = Energy(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+FIELDS = len(fields(Energy))
+NOTHING = Energy(*[0.0] * FIELDS)
 
 
-def motion_energy(machine: Machine, trajectory: Trajectory, schedule: ModeSchedule) -> Energy:
-    """Energy from the trajectory's first to its last point, leakage included."""
-    edges = _edges(trajectory, schedule)
+def motion_energy(
+    machine: Machine,
+    trajectory: Trajectory,
+    schedule: ModeSchedule,
+    known: Profiles | None = None,
+) -> Energy:
+    """Energy from the trajectory's first to its last point, leakage included.
+
+    By the trapezoidal rule over halves of intervals: power jumps where a boosted load begins to
+    move, and a rule of higher order gains nothing there.
+
+    known  the trajectory's profiles at its points, at which alone modes then change, and between
+    """
+    edges = trajectory.offset_ns if known is not None else _edges(trajectory, schedule)
     if len(edges) < 2:
         return NOTHING
-    parts = np.maximum(1, -(-np.diff(edges) // QUADRATURE_SPACING_NS))
-    span = np.repeat(np.diff(edges) / parts, parts)
-    middle = (np.cumsum(span) - span / 2).astype(np.int64)
-    modes = schedule.modes_at_many(trajectory.stamp_ns + middle)
-    q, qd, _ = trajectory.at_offsets(middle)
-    return energy_of_states(machine, span / SECOND_NS, q, qd, modes)
+    points, middles = known or (
+        motion_profile(machine, *trajectory.at_offsets(at)[:2])
+        for at in (edges, (edges[1:] + edges[:-1]) // 2)
+    )
+    modes = schedule.modes_at_many(trajectory.stamp_ns + edges[:-1])
+    energy = _energy(
+        machine.arrays,
+        np.diff(edges) / SECOND_NS,
+        points.speed,
+        points.force,
+        middles.speed,
+        middles.force,
+        modes,
+    )
+    return Energy(*energy.tolist())
 
 
 def _edges(trajectory: Trajectory, schedule: ModeSchedule) -> IntArray:
-    """Offsets between which both are smooth: the points, and what mode changes lie between."""
+    """Offsets between which both are smooth: the points, and what mode changes lie between.
+
+    Where they are farther apart than a planner's points, others are put between.
+    """
     switched = schedule.stamp_ns + schedule.offset_ns - trajectory.stamp_ns
     switched = switched[(switched > 0) & (switched < trajectory.duration_ns)]
-    points = trajectory.offset_ns
-    place = np.searchsorted(points, switched)
-    between = points[place] != switched
-    return np.insert(points, place[between], switched[between])
+    edges = np.union1d(trajectory.offset_ns, switched)
+    parts = np.maximum(1, -(-np.diff(edges) // POINT_SPACING_NS))
+    part = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    between = part * np.repeat(np.diff(edges), parts) // np.repeat(parts, parts)
+    return np.append(np.repeat(edges[:-1], parts) + between, edges[-1])
 
 
 def energy_of_states(
@@ -104,42 +126,74 @@ def energy_of_states(
 ) -> Energy:
     """Energy of states that last for `span` float64[k] s each; arrays of [k, n] in rad, rad/s."""
     profile = motion_profile(machine, position, velocity)
-    power = _power(machine.arrays, profile.speed, profile.force, modes)
-    return Energy(*(span @ power).tolist())
+    return Energy(*_sum(machine.arrays, span, profile.speed, profile.force, modes).tolist())
 
 
 @kernel
-def _power(
-    m: MachineArrays, speed: FloatArray, force: FloatArray, modes: ModeArray
+def _sum(
+    m: MachineArrays, span: FloatArray, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> FloatArray:
-    """Power in the order of `Energy`'s fields, float64[k, 7] W; oracle: a hand calculation."""
-    rows, n = speed.shape
-    power = np.zeros((rows, 7))
+    """Energy of states that last for `span` [s], in the order of `Energy`'s fields."""
+    energy, own = np.zeros(FIELDS), np.empty(speed.shape[1])
+    for k in range(len(span)):
+        _add(m, span[k], speed[k], force[k], modes[k], own, energy)
+    return energy
+
+
+@kernel
+def _energy(
+    m: MachineArrays,
+    span: FloatArray,
+    speed: FloatArray,
+    force: FloatArray,
+    middle_speed: FloatArray,
+    middle_force: FloatArray,
+    modes: ModeArray,
+) -> FloatArray:
+    """Energy of intervals of `span` [s], by trapezoids over halves, in the order of the fields."""
+    energy, own = np.zeros(FIELDS), np.empty(speed.shape[1])
+    for k in range(len(span)):
+        h = 0.25 * span[k]
+        _add(m, h, speed[k], force[k], modes[k], own, energy)
+        _add(m, 2.0 * h, middle_speed[k], middle_force[k], modes[k], own, energy)
+        _add(m, h, speed[k + 1], force[k + 1], modes[k], own, energy)
+    return energy
+
+
+@kernel(inline="always")
+def _add(
+    m: MachineArrays,
+    span: float,
+    speed: FloatArray,
+    force: FloatArray,
+    modes: ModeArray,
+    own: FloatArray,
+    energy: FloatArray,
+) -> None:
+    """Add what a state takes in `span` s to energy[FIELDS]; own[n] is working memory.
+
+    Oracle: a hand calculation.
+    """
     oil, efficiency = oil_of(m), m.servo_pump_efficiency
     normal, tank = oil.supply_pressure, oil.tank_pressure
-    own = np.empty(n)
-    for k in range(rows):
-        for j in range(n):
-            if BOOSTED[modes[k, j]]:
-                cap, rod = m.cap_area[j], m.rod_area[j]
-                own[j] = boosted_supply(oil, cap, rod, force[k, j], speed[k, j])
-        rail = rail_pressure(oil, own, modes[k])
-        for j in range(n):
-            cap, rod = m.cap_area[j], m.rod_area[j]
-            v, f = speed[k, j], force[k, j]
-            stroke = inlet_area(cap, rod, v) * abs(v)
-            paper = normal
-            if BOOSTED[modes[k, j]]:
-                direction = v if abs(v) > DEAD_BAND else f
-                paper = max(paper, load_pressure(cap, rod, tank, f, direction) / efficiency)
-            supply = supply_in(oil, modes[k, j], own[j], rail)
-            leaks = leakage(oil, supply)
-            shaft = (supply - normal) / efficiency * (stroke + leaks)
-            power[k, 0] += paper * (stroke + oil.leakage_flow)
-            power[k, 1] += normal * (stroke + leaks)
-            power[k, 2] += shaft
-            power[k, 3] += (1.0 - efficiency) * shaft
-            power[k, 4] += (supply - tank) * leaks
-            power[k, 5] += f * v
-            power[k, 6] += tank * (inlet_area(cap, rod, -v) * abs(v) + leaks)
-    return power
+    for j in range(len(speed)):
+        if BOOSTED[modes[j]]:
+            own[j] = boosted_supply(oil, m.cap_area[j], m.rod_area[j], force[j], speed[j])
+    rail = rail_pressure(oil, own, modes)
+    for j in range(len(speed)):
+        cap, rod, v, f = m.cap_area[j], m.rod_area[j], speed[j], force[j]
+        stroke = inlet_area(cap, rod, v) * abs(v)
+        paper = normal
+        if BOOSTED[modes[j]]:
+            direction = v if abs(v) > DEAD_BAND else f
+            paper = max(paper, load_pressure(cap, rod, tank, f, direction) / efficiency)
+        supply = supply_in(oil, modes[j], own[j], rail)
+        leaks = leakage(oil, supply)
+        shaft = (supply - normal) / efficiency * (stroke + leaks)
+        energy[0] += span * paper * (stroke + oil.leakage_flow)
+        energy[1] += span * normal * (stroke + leaks)
+        energy[2] += span * shaft
+        energy[3] += span * (1.0 - efficiency) * shaft
+        energy[4] += span * (supply - tank) * leaks
+        energy[5] += span * f * v
+        energy[6] += span * tank * (inlet_area(cap, rod, -v) * abs(v) + leaks)

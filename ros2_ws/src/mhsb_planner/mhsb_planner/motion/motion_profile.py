@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,13 @@ class MotionProfile:
         return MotionProfile(
             self.speed[rows], self.force[rows], self.tip[rows], self.inertia[rows]
         )
+
+
+class Profiles(NamedTuple):
+    """Profiles of a motion at instants, and half-way between each of them and the next."""
+
+    points: MotionProfile
+    middles: MotionProfile
 
 
 def motion_profile(

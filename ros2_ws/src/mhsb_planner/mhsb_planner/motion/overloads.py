@@ -50,6 +50,8 @@ def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tup
     highest = machine.arrays.max_boost_pressure
     pressure = required_pressures(machine.arrays, profile.force, np.zeros(profile.force.shape))
     resting = (pressure > highest) & (np.abs(profile.speed) <= DEAD_BAND)
+    if not resting.any():
+        return ()
     span = np.append(np.diff(time), 0.0)
     return tuple(
         Overload(

@@ -50,25 +50,15 @@ class RampedMotion:
     @property
     def end(self) -> float:
         """When all ramps are over [s]."""
-        over = (self.at + self.rise + self.blend)[self._felt]
-        return max(float(over.max(initial=0.0)), TICK)
-
-    @cached_property
-    def _felt(self) -> FloatArray:
-        """Which ramps change speeds by more than rounding, bool[c]."""
-        return np.abs(self.change).max(axis=1) > NEGLIGIBLE
+        return float(self.breaks[-1])
 
     @cached_property
     def breaks(self) -> FloatArray:
-        """Times from 0 to the end between which the jerk is constant, at least a TICK apart [s]."""
-        at, rise, blend = (values[self._felt] for values in (self.at, self.rise, self.blend))
-        inner = np.unique(np.concatenate([at, at + blend, at + rise, at + rise + blend]))
-        end = self.end
-        kept, last = [0.0], end - (1.0 - 1e-6) * TICK
-        for time in inner.tolist():
-            if kept[-1] + (1.0 - 1e-6) * TICK <= time <= last:
-                kept.append(time)
-        return np.array([*kept, end])
+        """Times from 0 to the end between which the jerk is constant, at least a TICK apart [s].
+
+        Ramps that change speeds by no more than rounding do not count.
+        """
+        return _breaks(self.at, self.change, self.rise, self.blend)
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """q, q̇, q̈ at the times [s], float64[times, n] each."""
@@ -87,12 +77,8 @@ class RampedMotion:
         Between breaks the acceleration is linear in time.
         """
         m, time = self.machine.arrays, self.breaks
-        acceleration = self.pistons(time)[2]
-        jerk = np.diff(acceleration, axis=0) / np.diff(time)[:, None]
-        return (
-            float(np.abs(acceleration).max()) / m.max_piston_acceleration,
-            float(np.abs(jerk).max()) / m.max_piston_jerk,
-        )
+        acceleration, jerk = _peaks(time, self.pistons(time)[2])
+        return acceleration / m.max_piston_acceleration, jerk / m.max_piston_jerk
 
     @property
     def gentle(self) -> bool:
@@ -112,6 +98,43 @@ class RampedMotion:
             np.concatenate([self.blend, other.blend]),
             other.node_time,
         )
+
+
+@kernel
+def _breaks(
+    at: FloatArray, change: FloatArray, rise: FloatArray, blend: FloatArray
+) -> FloatArray:
+    """Kernel of `RampedMotion.breaks`."""
+    inner, count, end = np.empty(4 * len(at)), 0, TICK
+    for i in range(len(at)):
+        if np.abs(change[i]).max() > NEGLIGIBLE:
+            for since in (0.0, blend[i], rise[i], rise[i] + blend[i]):
+                inner[count] = at[i] + since
+                count += 1
+            end = max(end, at[i] + rise[i] + blend[i])
+    inner = inner[:count]
+    inner.sort()
+    kept, apart = np.zeros(count + 2), (1.0 - 1e-6) * TICK
+    last = 0
+    for time in inner:
+        if kept[last] + apart <= time <= end - apart:
+            last += 1
+            kept[last] = time
+    kept[last + 1] = end
+    return kept[: last + 2]
+
+
+@kernel
+def _peaks(time: FloatArray, acceleration: FloatArray) -> tuple[float, float]:
+    """Largest acceleration [m/s²] and jerk [m/s³] of accelerations [k, n] linear between times."""
+    highest = steepest = 0.0
+    for k in range(len(time)):
+        for j in range(acceleration.shape[1]):
+            highest = max(highest, abs(acceleration[k, j]))
+            if k > 0:
+                change = acceleration[k, j] - acceleration[k - 1, j]
+                steepest = max(steepest, abs(change) / (time[k] - time[k - 1]))
+    return highest, steepest
 
 
 @kernel

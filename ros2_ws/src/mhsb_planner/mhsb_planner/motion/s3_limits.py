@@ -130,8 +130,7 @@ def speed_limit(
     return min(speed, highest_flow(oil, modules) / inlet)
 
 
-@dataclass(frozen=True, eq=False)
-class Demand:
+class Demand(NamedTuple):
     """What states of motion ask for, float64[k] each.
 
     outside   m, how far the tip is out of the node set; negative within it
@@ -155,11 +154,6 @@ class Demand:
         """Of the states of a profile, each in its modes uint8[k, n]."""
         p = profile
         return cls(*_demand(machine.arrays, p.speed, p.force, p.inertia, p.tip, modes))
-
-    def clear(self) -> np.ndarray:
-        """Whether states have so much in reserve that those close by are safe, bool[k]."""
-        share = np.maximum(np.maximum(self.usage, self.pressure), self.thrust)
-        return (self.outside < -CLEAR_DISTANCE) & (share < CLEAR_USAGE)
 
 
 @kernel
@@ -243,13 +237,14 @@ def first_violation(
     schedule: ModeSchedule,
     ends: EndDemands | None = None,
     deadline: Deadline = NEVER,
+    middles: MotionProfile | None = None,
 ) -> Violation | None:
     """The first limit that a trajectory breaks under its mode schedule, or None.
 
     Looks at every millisecond, except inside intervals that are shown to be clear of all limits
     without; obstacles are those of `s3_clearance`. Mode changes are expected at the trajectory's
-    points, as S4 makes them; `ends` are the demands of the intervals between these, where they are
-    known. Raises DeadlineError.
+    points, as S4 makes them; `ends` are the demands of the intervals between these and `middles`
+    their middles (`middle_profile`), where they are known. Raises DeadlineError.
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
     modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
@@ -258,7 +253,11 @@ def first_violation(
     if ends is None:
         points = trajectory.position, trajectory.velocity, trajectory.acceleration
         ends = EndDemands.of(machine, motion_profile(machine, *points), modes)
-    doubtful = np.flatnonzero(_doubtful(machine, trajectory, ends, modes)[:within])
+    middles = middles or middle_profile(machine, trajectory)
+    clear = _clear(ends.begin, Demand.of(machine, middles, modes), ends.end)
+    motion = trajectory.position, trajectory.velocity, trajectory.acceleration
+    clear &= _joint_bound(m, time, *motion) <= JOINT_TOLERANCE
+    doubtful = np.flatnonzero(~clear[:within])
     deadline.check(CHECKING)
     for first in range(0, len(doubtful), ROWS_AT_ONCE):
         rows = doubtful[first : first + ROWS_AT_ONCE]
@@ -274,28 +273,43 @@ def first_violation(
     return None
 
 
-def _doubtful(
-    machine: Machine, trajectory: Trajectory, ends: EndDemands, modes: ModeArray
-) -> np.ndarray:
-    """Intervals in which a limit may be broken, by their ends and middles, bool[k - 1].
+def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
+    """Profile half-way between a trajectory's points."""
+    intervals = np.arange(len(trajectory.offset_ns) - 1)
+    return motion_profile(machine, *trajectory.inside(intervals, np.array([0.5])))
 
-    A parabola exceeds the highest of its ends and its middle by a quarter of the middle's bow at
-    most; the whole bow is added.
+
+@kernel
+def _clear(begin: Demand, middle: Demand, end: Demand) -> np.ndarray:
+    """Intervals in which no limit but the joints' can be broken, by ends and middles, bool[k].
+
+    Either both ends have enough in reserve, or all that is asked for stays below its limit.
     """
-    middle = trajectory.inside(np.arange(len(modes)), np.array([0.5]))
-    left, right = ends
-    between = Demand.of(machine, motion_profile(machine, *middle), modes)
-    bounded = np.ones(len(modes), dtype=bool)
-    bounds = (("outside", 0.0), ("usage", 1.0), ("pressure", CLEAR_PRESSURE), ("thrust", 1.0))
-    for name, bound in bounds:
-        a, b, c = (getattr(demand, name) for demand in (left, between, right))
-        with np.errstate(invalid="ignore"):  # infinite where no speed is possible
-            bow = np.abs(b - 0.5 * (a + c))
-        bounded &= np.maximum(np.maximum(a, c), b) + bow < bound
-    clear = bounded | (left.clear() & right.clear())
-    time = trajectory.offset_ns / SECOND_NS
-    motion = trajectory.position, trajectory.velocity, trajectory.acceleration
-    return ~clear | (_joint_bound(machine.arrays, time, *motion) > JOINT_TOLERANCE)
+    clear = np.empty(len(middle.usage), dtype=np.bool_)
+    for k in range(len(clear)):
+        bounded = _most(begin.outside[k], middle.outside[k], end.outside[k]) < 0.0
+        bounded &= _most(begin.usage[k], middle.usage[k], end.usage[k]) < 1.0
+        bounded &= _most(begin.pressure[k], middle.pressure[k], end.pressure[k]) < CLEAR_PRESSURE
+        bounded &= _most(begin.thrust[k], middle.thrust[k], end.thrust[k]) < 1.0
+        clear[k] = bounded or (_has_reserve(begin, k) and _has_reserve(end, k))
+    return clear
+
+
+@kernel(inline="always")
+def _most(begin: float, middle: float, end: float) -> float:
+    """What a quantity does not exceed that is like a parabola, from its ends and its middle.
+
+    A parabola exceeds the highest of them by a quarter of the middle's bow at most; the whole bow
+    is added. Infinite, or not a number, where one of them is.
+    """
+    return max(begin, end, middle) + abs(middle - 0.5 * (begin + end))
+
+
+@kernel(inline="always")
+def _has_reserve(d: Demand, k: int) -> bool:
+    """Whether state k has so much in reserve that those close by are safe."""
+    share = max(d.usage[k], d.pressure[k], d.thrust[k])
+    return d.outside[k] < -CLEAR_DISTANCE and share < CLEAR_USAGE
 
 
 @kernel

@@ -40,7 +40,7 @@ from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.motion import s3_clearance
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_planner.motion.motion_profile import MotionProfile
+from mhsb_planner.motion.motion_profile import MotionProfile, Profiles
 from mhsb_planner.motion.overloads import Overload, overloads
 from mhsb_planner.motion.passing import first_missed
 from mhsb_planner.motion.ramped_motion import RampedMotion
@@ -63,6 +63,7 @@ from mhsb_planner.motion.s3_limits import (
     Violation,
     first_violation,
     joint_excess,
+    middle_profile,
 )
 from mhsb_planner.motion.s3_steered import Steering
 from mhsb_planner.motion.s4_mode_schedule import StartModes, keeps_dwell
@@ -120,6 +121,7 @@ class FittedMotion:
     joint_deviation  rad, likewise of a joint
     refused          one sentence for each curve that was tried before
     overloads        what rests under more than the highest boost can carry
+    profiles         at the trajectory's points and between them, where they were looked at
     """
 
     trajectory: Trajectory
@@ -132,6 +134,7 @@ class FittedMotion:
     joint_deviation: float
     refused: tuple[str, ...] = ()
     overloads: tuple[Overload, ...] = ()
+    profiles: Profiles | None = None
 
 
 def fit_trajectory(
@@ -253,7 +256,8 @@ def warm_up(machine: Machine) -> None:
     ):
         motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
         if isinstance(motion, FittedMotion):
-            motion_energy(machine, motion.trajectory, motion.schedule)
+            for known in (motion.profiles, None):
+                motion_energy(machine, motion.trajectory, motion.schedule, known)
     with suppress(FitError):
         fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
     s3_clearance.warm_up(machine)
@@ -352,10 +356,12 @@ def _stretched(
         needed = USAGE_RESERVE * used
         if needed <= 1.0:
             schedule = scheduled.schedule
-            violation = first_violation(machine, trajectory, schedule, ends, deadline)
+            middles = middle_profile(machine, trajectory)
+            violation = first_violation(machine, trajectory, schedule, ends, deadline, middles)
             if violation is None:
+                profiles = Profiles(profile, middles)
                 return _fitted(
-                    machine, path, candidate, curve, trajectory, schedule, profile, stretch
+                    machine, path, candidate, curve, trajectory, schedule, profiles, stretch
                 )
             if violation.limit not in candidate.stretchable or violation.time < time[first]:
                 return violation
@@ -372,6 +378,9 @@ def _stretched(
 def _going_out(limits: MachineArrays, position: FloatArray) -> float:
     """How far a joint goes beyond its limits [rad], other than where it comes back from beyond."""
     excess = np.maximum(limits.joint_min - position, position - limits.joint_max)
+    highest = float(excess.max())
+    if highest <= 0.0:
+        return highest
     before = np.minimum.accumulate(np.maximum(excess, 0.0), axis=0)
     return float((excess - before).max())
 
@@ -401,7 +410,7 @@ def _fitted(
     curve: Curve,
     trajectory: Trajectory,
     schedule: ModeSchedule,
-    profile: MotionProfile,
+    profiles: Profiles,
     stretch: float,
 ) -> FittedMotion:
     at_nodes = curve.sample(curve.node_time)[0]
@@ -412,10 +421,11 @@ def _fitted(
         candidate.method,
         candidate.lead_in is not None,
         stretch,
-        _speed_excess(machine, profile),
+        _speed_excess(machine, profiles.points),
         float(np.max(np.hypot(*(tips - path.tip).T))),
         float(np.max(np.abs(at_nodes - path.posture))),
-        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
+        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profiles.points),
+        profiles=profiles,
     )
 
 

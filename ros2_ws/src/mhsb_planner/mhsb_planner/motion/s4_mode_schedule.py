@@ -155,10 +155,19 @@ def schedule_of_intervals(
     stamp_ns: int, offset_ns: IntArray, modes: ModeArray, hold: ModeArray
 ) -> ModeSchedule:
     """Schedule with the modes uint8[k-1, n] between k times, `hold` uint8[n] from the last on."""
-    rows = np.vstack([modes, hold])
-    keep = np.ones(len(rows), dtype=bool)
-    keep[1:-1] = np.any(np.diff(modes, axis=0), axis=1)
-    return ModeSchedule(stamp_ns, offset_ns[keep], rows[keep])
+    rows = np.append(_changes(modes), len(modes))
+    return ModeSchedule(stamp_ns, offset_ns[rows], np.vstack([modes, hold])[rows])
+
+
+@kernel
+def _changes(modes: ModeArray) -> IntArray:
+    """Rows that are the first, or differ from the one before."""
+    rows, count = np.empty(len(modes), dtype=np.int64), 0
+    for k in range(len(modes)):
+        if k == 0 or np.any(modes[k] != modes[k - 1]):
+            rows[count] = k
+            count += 1
+    return rows[:count]
 
 
 @kernel

@@ -13,7 +13,7 @@ from mhsb_model.types import FloatArray, IntArray
 NOT_IN_HEAP = -1
 
 
-@kernel
+@kernel(inline="always")
 def _before(estimate: FloatArray, depth: IntArray, a: int, b: int) -> bool:
     if estimate[a] != estimate[b]:
         return estimate[a] < estimate[b]
@@ -22,7 +22,7 @@ def _before(estimate: FloatArray, depth: IntArray, a: int, b: int) -> bool:
     return a < b
 
 
-@kernel
+@kernel(inline="always")
 def sift_up(
     estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, i: int, state: int
 ) -> None:
@@ -38,7 +38,7 @@ def sift_up(
     place[state] = i
 
 
-@kernel
+@kernel(inline="always")
 def pop(estimate: FloatArray, depth: IntArray, heap: IntArray, place: IntArray, size: int) -> int:
     """Take the first state out of a heap of `size`."""
     top = heap[0]

@@ -25,7 +25,7 @@ ENERGY_ALONE = frozen(np.array([1.0, 0.0]))
 """Weights of energy [1/J] and time [1/s] for a bound on the energy itself."""
 
 
-@kernel
+@kernel(inline="always")
 def least_cost(
     area: FloatArray,
     pace: FloatArray,

@@ -3,7 +3,9 @@
 States are (node, pattern of arrival), so that a step's cost depends on nothing but the state it
 leaves and the state it reaches. The estimate of the cost that remains, `lower_bound`, is
 consistent, so a state is final once it has been expanded; where rounding says otherwise, it is
-expanded again.
+expanded again. States that share a posture are left by the same steps: one to which it is cheaper
+to switch from another than to arrive there is passed over, since whatever it leads to is reached
+from the other one for less, as switches obey the triangle inequality.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ class Known(NamedTuple):
 
     edge: IntArray  # [states + 1] step by which it was reached, in the list its parent implies
     remaining: FloatArray  # [postures] least cost to the goal, NaN where not yet computed
+    cheapest: IntArray  # [postures] of its states that with the least cost so far, or NOWHERE
 
 
 class Asked(NamedTuple):
@@ -51,10 +54,22 @@ class Asked(NamedTuple):
     start_switches: IntArray  # [patterns] joints that change their mode from those in force
     to_goal: Steps
     goal_first: IntArray  # [postures + 1] steps to the goal from posture i: first[i] … first[i + 1]
-    goal_length: FloatArray  # [goal's postures, n] m, of the cylinders
+    goal_length: FloatArray  # [goal's postures that steps lead to, n] m, of the cylinders
     switches: IntArray  # [patterns, patterns] joints that change their mode between patterns
     weight: FloatArray  # [3] of energy, time, switches
     column: int  # of the energy reading in costs
+
+
+@kernel(inline="always")
+def _is_passed_over(
+    cost: float, steps: int, other_cost: float, other_steps: int, switching: float
+) -> bool:
+    """Whether a state reached at this cost, in so many steps, is no better than another one of its
+    posture, from which `switching` to its pattern costs so much."""
+    through = other_cost + switching
+    return other_cost < cost and (
+        through < cost or (through == cost and other_steps <= steps)
+    )
 
 
 @kernel
@@ -67,7 +82,7 @@ def expand(
     scipy.sparse.csgraph.dijkstra on the same graph.
     """
     so_far, depth, heap, counts = f.cost, f.depth, f.heap, f.counts
-    edge, remaining = known
+    edge, remaining, cheapest = known
     edge_first, edge_last, edge_used, edge_state, edge_pattern, edge_cost = edges
     start_state, start_pattern = asked.from_start.state, asked.from_start.pattern
     start_cost, start_switches = asked.from_start.cost, asked.start_switches
@@ -81,7 +96,7 @@ def expand(
     room = largest_number(terms.layout, terms.patterns)
     leakage = len(area) * c.leakage_flow
     w_energy, w_time, w_switch = asked.weight
-    sink = len(so_far) - 1
+    sink, count = len(so_far) - 1, len(switches)
     fresh = counts[EXPANDED] == 0
     for _ in range(limit):
         if fresh:
@@ -91,8 +106,17 @@ def expand(
         else:
             if counts[WAITING] == 0:
                 return EXHAUSTED
-            if heap[0] != sink and edge_first[owner[heap[0]]] == NOT_PRICED:
-                posture, found = owner[heap[0]], edge_used[0]
+            state = heap[0]
+            if state != sink:
+                other = cheapest[owner[state]]
+                switching = w_switch * switches[other % count, state % count]
+                if _is_passed_over(
+                    so_far[state], depth[state], so_far[other], depth[other], switching
+                ):
+                    take_first(f)
+                    continue
+            if state != sink and edge_first[owner[state]] == NOT_PRICED:
+                posture, found = owner[state], edge_used[0]
                 if found + room > len(edge_state):
                     return FULL
                 edge_used[0] = price(
@@ -129,6 +153,13 @@ def expand(
             least = 0.0
             if target != sink:
                 at = owner[target]
+                other = cheapest[at]
+                if other == NOWHERE or cost < so_far[other]:
+                    cheapest[at] = target
+                else:
+                    switching = w_switch * switches[other % count, target % count]
+                    if _is_passed_over(cost, steps, so_far[other], depth[other], switching):
+                        continue
                 if math.isnan(remaining[at]):
                     remaining[at] = math.inf
                     for k in range(len(goal_length)):
@@ -160,13 +191,14 @@ class ExactSearch:
         layout = query.graph.layout
         self._frontier = empty_frontier(layout.owner.size)
         edge = np.empty(layout.owner.size + 1, dtype=np.int64)
-        self._known = Known(edge, np.full(len(layout.posture), np.nan))
+        postures = len(layout.posture)
+        self._known = Known(edge, np.full(postures, np.nan), np.full(postures, NOWHERE))
         self._asked = Asked(
             from_start=query.from_start,
             start_switches=query.start_switches,
             to_goal=query.to_goal,
             goal_first=query.goal_first,
-            goal_length=query.goal.postures.length,
+            goal_length=query.goal.postures.length[np.unique(query.to_goal.end)],
             switches=query.graph.switches,
             weight=query.weight,
             column=query.column,

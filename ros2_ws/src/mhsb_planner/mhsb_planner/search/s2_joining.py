@@ -24,6 +24,7 @@ from mhsb_planner.search.frontier import NOWHERE
 from mhsb_planner.search.goal_clearance import check_tip, clear_postures
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_layout import Layout
+from mhsb_planner.search.s2_pricing import Edges
 from mhsb_planner.search.s2_step import (
     INADMISSIBLE,
     Circuit,
@@ -99,7 +100,7 @@ def goal_at(
     machine = graph.machine
     machine.check_in_workspace(x, z)
     check_tip(machine, x, z)
-    node, between = None, angle_range(psi)
+    node, between = None if psi is not None else graph.grid.node_at(x, z), angle_range(psi)
     if between is not None:
         count = math.ceil((between[1] - between[0]) / PSI_SPACING) + 1
         postures = machine.postures(x, z, np.linspace(*between, count))
@@ -107,14 +108,27 @@ def goal_at(
             raise InfeasibleGoalError(x, z, between)
         first = np.arange(len(postures) + 1)
         owner = np.repeat(first[:-1, None], len(machine.patterns), axis=1)
+    elif node is not None:
+        return _goal_on_node(graph, x, z, node)
     else:
-        node = graph.grid.node_at(x, z)
         postures, owner = np.unique(
             postures_by_rule(graph, x, z, deadline), axis=0, return_inverse=True
         )
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
     clear_postures(machine, x, z, postures)  # steps to those that are not will be barred
     return Goal((x, z), node, describe(machine.arrays, postures), first, owner)
+
+
+def _goal_on_node(graph: StepGraph, x: float, z: float, node: int) -> Goal:
+    """The goal at a node: its own postures."""
+    if not graph.table.feasible[node]:
+        raise InfeasibleGoalError(x, z)
+    layout = graph.layout
+    first, last = layout.first[node], layout.first[node + 1]
+    postures = Postures(*(values[first:last] for values in graph.postures))
+    clear_postures(graph.machine, x, z, postures.posture)
+    owner = layout.owner[node : node + 1] - first
+    return Goal((x, z), node, postures, np.array([0, last - first]), owner)
 
 
 def postures_by_rule(
@@ -162,15 +176,12 @@ def steps_to_goal(
     The second is int64[postures + 1]: steps from posture i are first[i] … first[i + 1]. Raises
     DeadlineError.
     """
-    first = graph.layout.first
-    around = np.sort(graph.grid.around(*goal.tip, rings))
-    nothing = np.empty(0, dtype=np.int64)
-    origins = np.concatenate(
-        [nothing, *(np.arange(first[node], first[node + 1]) for node in around)]
-    )
+    origins = _postures_of(graph.layout.first, np.sort(graph.grid.around(*goal.tip, rings)))
     if goal.node is not None and rings == 0:
         graph.steps.price(origins, deadline)
-        steps = _steps_to_goal_on_node(graph, goal.node, origins, goal.owner[0])
+        steps = _steps_to_goal_on_node(
+            graph.steps.edges, len(graph.table.patterns), goal.node, origins, goal.owner[0]
+        )
     else:
         parts = []
         for at in range(0, max(1, len(origins)), ORIGINS_AT_ONCE):
@@ -179,23 +190,54 @@ def steps_to_goal(
             parts.append(_to_goal(graph, graph.postures, part, goal))
         steps = Steps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     deadline.check(JOINING)
-    leaving = np.bincount(steps.origin, minlength=len(graph.layout.posture))
-    return steps, np.concatenate([[0], np.cumsum(leaving)])
+    return steps, _beginnings(steps.origin, len(graph.layout.posture))
 
 
+@kernel
+def _postures_of(first: IntArray, nodes: IntArray) -> IntArray:
+    """All postures of some nodes, by `Layout.first`, node by node."""
+    count = 0
+    for node in nodes:
+        count += first[node + 1] - first[node]
+    postures = np.empty(count, dtype=np.int64)
+    count = 0
+    for node in nodes:
+        for posture in range(first[node], first[node + 1]):
+            postures[count] = posture
+            count += 1
+    return postures
+
+
+@kernel
+def _beginnings(origin: IntArray, postures: int) -> IntArray:
+    """Where the steps that leave each posture begin in a list in the order of their origins."""
+    first = np.zeros(postures + 1, dtype=np.int64)
+    for posture in origin:
+        first[posture + 1] += 1
+    for posture in range(postures):
+        first[posture + 1] += first[posture]
+    return first
+
+
+@kernel
 def _steps_to_goal_on_node(
-    graph: StepGraph, node: int, origins: IntArray, owner: IntArray
+    edges: Edges, patterns: int, node: int, origins: IntArray, owner: IntArray
 ) -> Steps:
     """Steps to a goal that is a node: the graph's own, priced, to that node's states."""
-    edges, patterns = graph.steps.edges, len(graph.table.patterns)
-    begin, count = edges.first[origins], edges.last[origins] - edges.first[origins]
-    before = np.cumsum(count) - count
-    edge = np.arange(count.sum()) + np.repeat(begin - before, count)
-    arriving = edges.state[edge] // patterns == node
-    edge, origin = edge[arriving], np.repeat(origins, count)[arriving]
-    pattern = edges.pattern[edge]
-    nowhere = np.full(len(edge), NOWHERE)
-    return Steps(origin, nowhere, owner[pattern], pattern, edges.cost[edge])
+    room = 0
+    for i in origins:
+        room += edges.last[i] - edges.first[i]
+    origin, end = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
+    pattern, cost = np.empty(room, dtype=np.int64), np.empty((room, 3))
+    found = 0
+    for i in origins:
+        for e in range(edges.first[i], edges.last[i]):
+            if edges.state[e] // patterns == node:
+                origin[found], pattern[found] = i, edges.pattern[e]
+                end[found], cost[found] = owner[pattern[found]], edges.cost[e]
+                found += 1
+    nowhere = np.full(found, NOWHERE)
+    return Steps(origin[:found], nowhere, end[:found], pattern[:found], cost[:found])
 
 
 def _to_goal(graph: StepGraph, start: Postures, origins: IntArray, goal: Goal) -> Steps:

@@ -113,30 +113,26 @@ class Query:
 
     def path(self, found: Search, seconds: float) -> DiscretePath:
         """The path that a search has found, `seconds` after it was asked for."""
-        graph, table, ends = self.graph, self.graph.table, self.goal.postures.posture
-        tips, postures = [self.start.tip], [self.start.postures.posture[0]]
-        patterns, costs = [], []
-        for parent, state, step in found.links():
-            steps = self.from_start if parent is None else self.to_goal
-            if state is None:
-                tips.append(self.goal.tip)
-                postures.append(ends[steps.end[step]])
-                pattern, cost = steps.pattern[step], steps.cost[step]
-            else:
-                node, pattern = divmod(state, len(table.patterns))
-                tips.append(tuple(table.nodes[node] * table.spacing))
-                postures.append(table.posture[node, pattern])
-                cost = steps.cost[step] if parent is None else graph.steps.edges.cost[step]
-            patterns.append(pattern)
-            costs.append(cost)
-        cost_of = np.array(costs)
+        graph, table, links = self.graph, self.graph.table, found.links()
+        step = np.array([link.step for link in links])
+        state = np.array([link.state for link in links[:-1]], dtype=np.int64)
+        node, pattern = state // len(table.patterns), state % len(table.patterns)
+        first, last = self.from_start, self.to_goal if len(links) > 1 else self.from_start
+        end, final = last.end[step[-1]], last.pattern[step[-1]]
+        cost = np.concatenate([
+            first.cost[step[:-1][:1]], graph.steps.edges.cost[step[1:-1]], last.cost[step[-1:]]
+        ])
         return DiscretePath(
-            tip=np.array(tips),
-            posture=np.array(postures),
-            modes=table.patterns[patterns],
-            duration=cost_of[:, DURATION],
-            energy=cost_of[:, ENERGY_PAPER],
-            energy_series=cost_of[:, ENERGY_SERIES],
+            tip=np.vstack([self.start.tip, table.nodes[node] * table.spacing, self.goal.tip]),
+            posture=np.vstack([
+                self.start.postures.posture,
+                table.posture[node, pattern],
+                self.goal.postures.posture[end],
+            ]),
+            modes=table.patterns[np.append(pattern, final)],
+            duration=cost[:, DURATION],
+            energy=cost[:, ENERGY_PAPER],
+            energy_series=cost[:, ENERGY_SERIES],
             cost=found.cost,
             start_modes=self.start_modes,
             lower_bound=energy_bound_between(
