@@ -83,11 +83,11 @@ def _simulator(report: SimulatorReport) -> DiagnosticStatus:
     values = {
         "sim_time": stamps.to_text(report.sim_time_ns),
         "last_stop": stamps.to_text(report.last_stop_ns),
+        "plan_delay_s": repr(float(report.plan_delay)),
+        "interventions": str(report.interventions),
         "real_time_factor": repr(float(report.real_time_factor)),
         "energy_mp_j": repr(float(report.main_pump_j)),
         "energy_sp_j": repr(float(report.servo_pumps_j)),
-        "plan_delay_s": repr(float(report.plan_delay)),
-        "interventions": str(report.interventions),
     }
     level = Level.ERROR if report.faulty else Level.WARN if report.warning else Level.OK
     return status(SIMULATOR_STATUS, level, report.sentence, SIM_NODE, values)
