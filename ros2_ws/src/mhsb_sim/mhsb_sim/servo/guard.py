@@ -39,13 +39,13 @@ BOOSTED_SMOOTHING = 0.03
 FORESIGHT = 0.04
 """T, about what a pump takes to charge a line [s]."""
 
-BOOST_BELOW, BOOST_AFTER = 1.0e5, 0.01
+BOOST_BELOW, BOOST_AFTER = 0.0, 0.01
 """Reserve in N [Pa] below which an actuator is boosted, once it has lasted [s]."""
 
 RELEASE_ABOVE, RELEASE_AFTER = 4.5e5, 0.3
 """Reserve in N [Pa] above which it is let go, once it has lasted [s]."""
 
-FULL_PACE_ABOVE, HOLD_BELOW = 1.0e5, -1.0e5
+FULL_PACE_ABOVE, HOLD_BELOW = 0.0, -2.0e5
 """Reserve in N [Pa]: full pace above, none below, linear in between."""
 
 BOOSTED_FULL_ABOVE, BOOSTED_HOLD_BELOW = -0.5e5, -2.5e5
@@ -219,10 +219,12 @@ def ask(actuator: Record, scheduled: bool, step: float) -> bool:
     """
     boosts, reserve = actuator.wanted != Mode.N, actuator.unboosted
     least = BOOST_BELOW if scheduled else RELEASE_ABOVE
-    after = RELEASE_AFTER if boosts and not scheduled else BOOST_AFTER
+    after = BOOST_AFTER
+    if boosts:
+        after = 0.0 if scheduled else RELEASE_AFTER
     due = reserve > least if boosts else reserve < BOOST_BELOW
     actuator.lasting = actuator.lasting + step if due else 0.0
-    if actuator.lasting < after:
+    if not due or actuator.lasting < after:
         return False
     actuator.lasting = 0.0
     actuator.wanted = Mode.N if boosts else Mode.DB

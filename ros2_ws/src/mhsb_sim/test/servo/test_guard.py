@@ -66,7 +66,7 @@ def asked(reserves: list[tuple[float, float]], scheduled: bool = False) -> list[
 
 
 def test_boost_is_asked_for_at_once_and_kept_until_there_is_plenty_for_a_while() -> None:
-    lack, some, plenty = 0.9 * guard.BOOST_BELOW, 3e5, 1.1 * guard.RELEASE_ABOVE
+    lack, some, plenty = guard.BOOST_BELOW - 1e4, 3e5, 1.1 * guard.RELEASE_ABOVE
     assert asked([(some, 1.0), (lack, 0.008), (some, 1.0)]) == [Mode.N] * 3
     assert asked([(lack, 0.011), (some, 1.0)]) == [Mode.DB] * 2
     assert asked([(lack, 0.011), (plenty, 0.29), (some, 0.01), (plenty, 0.29)]) == [Mode.DB] * 4

@@ -50,7 +50,7 @@ def test_it_does_nothing_to_the_machine_that_the_plan_is_made_for(
 def test_a_load_heavier_than_known_is_boosted_and_let_go_without_flicker(
     machine: Machine, motion: Motion
 ) -> None:
-    simulator = Simulator(machine, posture=LOWERED, payload=1.45 * machine.arrays.payload)
+    simulator = Simulator(machine, posture=LOWERED, payload=1.55 * machine.arrays.payload)
     plan = motion(simulator.reference, RAISED)
     assert not plan[1].modes.any()
     simulator.set_plan(*plan)
@@ -73,7 +73,7 @@ def test_a_main_pump_with_too_little_flow_makes_the_plan_slower_and_nothing_wors
     half_ns = plan[0].duration_ns // 2
     worst, _, told = run(simulator, half_ns)
     assert simulator.guard.interventions.slowings >= 1
-    assert simulator.plan_delay_ns > SECOND_NS // 50
+    assert simulator.plan_delay_ns > SECOND_NS // 200
     assert simulator.plan_stamp_ns == plan[0].stamp_ns
     assert any("later than planned" in sentence for sentence in told)
     later, _, _ = run(simulator, plan[0].end_ns + SECOND_NS // 5)
