@@ -60,6 +60,8 @@ class SimulatorReport:
     servo_pumps_j     likewise by the servo pumps, J
     warning           whether the sentence warns of something that has stopped nothing yet
     last_stop_ns      simulated time at which ~/stop was last called since the start, ns; 0 never
+    plan_delay        by which plans are followed later than they say, because they were slowed, s
+    interventions     times that the arm's guard has boosted or slowed beyond the plan
     """
 
     sentence: str
@@ -70,3 +72,5 @@ class SimulatorReport:
     servo_pumps_j: float
     warning: bool = False
     last_stop_ns: int = 0
+    plan_delay: float = 0.0
+    interventions: int = 0

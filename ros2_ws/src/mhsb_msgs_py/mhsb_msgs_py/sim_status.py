@@ -1,8 +1,8 @@
 """Codec: what the simulator reports of plans and of itself, as statuses on /diagnostics.
 
 A `HandOverReport` is sent once for every plan that the simulator applied, refused or dropped; a
-`SimulatorReport` once a second, and at once where it turns faulty, warns, ceases to, or is asked to
-stop.
+`SimulatorReport` once a second, at once where it turns faulty, warns, ceases to, or is asked to
+stop, and ten times a second while the delay of plans changes.
 """
 
 from __future__ import annotations
@@ -83,6 +83,8 @@ def _simulator(report: SimulatorReport) -> DiagnosticStatus:
     values = {
         "sim_time": stamps.to_text(report.sim_time_ns),
         "last_stop": stamps.to_text(report.last_stop_ns),
+        "plan_delay_s": repr(float(report.plan_delay)),
+        "interventions": str(report.interventions),
         "real_time_factor": repr(float(report.real_time_factor)),
         "energy_mp_j": repr(float(report.main_pump_j)),
         "energy_sp_j": repr(float(report.servo_pumps_j)),
@@ -115,6 +117,8 @@ def _read_simulator(message: DiagnosticStatus) -> SimulatorReport:
         values.number("energy_sp_j"),
         message.level == bytes([Level.WARN]),
         values.time("last_stop") if values.has("last_stop") else 0,  # as above
+        values.number("plan_delay_s") if values.has("plan_delay_s") else 0.0,  # as above
+        int(values.number("interventions")) if values.has("interventions") else 0,  # as above
     )
 
 

@@ -13,11 +13,14 @@ APPLIED = HandOverReport("applied", "it continues the reference", 5_000_000_007,
 RUNNING = SimulatorReport("running", False, 12_000_000_000, 0.999, 123.25, 4.5)
 REFUSED = HandOverReport("refused", "it came late", 7, 1e-3, 2e-3, HandOverReason.LATE)
 WARNING = SimulatorReport("joint_1 is 0.1 rad off", False, 1, 1.0, 1.0, 2.0, warning=True)
+SLOWED = SimulatorReport(
+    "late", False, 12, 1.0, 1.0, 2.0, warning=True, plan_delay=0.125, interventions=3
+)
 STOPPED = SimulatorReport("running", False, 12, 1.0, 1.0, 2.0, last_stop_ns=11)
 FAULTY = SimulatorReport("the simulation diverged", True, 1, 0.0, 1.0, 2.0)
 
 
-@pytest.mark.parametrize("report", [APPLIED, REFUSED, RUNNING, WARNING, STOPPED, FAULTY])
+@pytest.mark.parametrize("report", [APPLIED, REFUSED, RUNNING, WARNING, SLOWED, STOPPED, FAULTY])
 def test_a_report_is_read_as_it_was_written(report):
     assert sim_status.decode(sim_status.encode(report, 7)) == [report]
 

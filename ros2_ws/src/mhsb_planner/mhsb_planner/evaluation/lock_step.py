@@ -32,6 +32,9 @@ BEGINNING = 1e9
 
 STEP = 0.005
 
+DELAY_PERIOD = 0.1
+"""From one report of an arm's delay to the next [s]."""
+
 LONGEST_PLANNING = 1.0
 """What a plan that takes a given time may really take [s]."""
 
@@ -43,18 +46,40 @@ FARTHEST_AHEAD_NS = SECOND_NS // 2
 
 @dataclass
 class Arm:
-    """What follows commands; its clock runs at `speed`, and stands still while it is frozen."""
+    """What follows commands; its clock runs at `speed`, and stands still while it is frozen.
+
+    time_ns   by which it follows commands; its clock less `delay_ns`
+    pace      at which it follows them, below 1 while it is slowed
+    delay_ns  what this has cost, until a command has come to its end
+    """
 
     machine: Machine
     command: Command
     time_ns: int = FIRST_STAMP_NS
     in_force_ns: int = NO_PLAN
     speed: float = 1.0
+    pace: float = 1.0
+    delay_ns: int = 0
     frozen: bool = False
     fault: str = ""
     last_stop_ns: int = 0
     jumps: list[float] = field(default_factory=list)
     _sampled: tuple[Command, int, MotionState] | None = field(default=None, init=False)
+
+    @property
+    def clock_ns(self) -> int:
+        """By its clock, ns."""
+        return self.time_ns + self.delay_ns
+
+    def pass_time(self, seconds: float) -> None:
+        """Follow the command for so long, by the world's time."""
+        passed_ns = round(seconds * self.speed * SECOND_NS)
+        followed_ns = round(self.pace * passed_ns)
+        self.time_ns += followed_ns
+        self.delay_ns += passed_ns - followed_ns
+        if self.time_ns > self.command.trajectory.end_ns:
+            self.in_force_ns = NO_PLAN
+            self.time_ns, self.delay_ns = self.clock_ns, 0
 
     @property
     def reference(self) -> MotionState:
@@ -89,12 +114,12 @@ class Arm:
         position, modes = self.reference.position, self.command.schedule.modes_at(self.time_ns)
         self.command = Command.hold(self.time_ns, position, modes)
         self.in_force_ns = NO_PLAN
-        self.last_stop_ns = self.time_ns
+        self.last_stop_ns = self.clock_ns
 
     def start_anew(self, time_ns: int) -> None:
         """Hold where it is, with its clock at another time."""
         position = self.reference.position
-        self.time_ns = time_ns
+        self.time_ns, self.delay_ns = time_ns, 0
         normal = np.zeros(len(position), dtype=np.uint8)
         self.command = Command.hold(time_ns, position, normal)
         self.in_force_ns = NO_PLAN
@@ -141,6 +166,7 @@ class World:
         self.planned: list[PlanRequest] = []
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._count = 0
+        self._delay_told = self.now
         self.life = GoalLifecycle(settings, replanner.stop, self, self)
         self.goals = 0
         self.pass_time(0.5)
@@ -153,7 +179,7 @@ class World:
 
     def ros_ns(self) -> int:
         """The arm's clock, if the two are not apart [ns]."""
-        return self.arm.time_ns + round(self.ros_ahead * SECOND_NS)
+        return self.arm.clock_ns + round(self.ros_ahead * SECOND_NS)
 
     def plan(self, request: PlanRequest) -> None:
         """Answered after the planning time."""
@@ -209,9 +235,7 @@ class World:
         while self.now < end - 1e-9:
             self.now += self.step
             if not self.arm.frozen:
-                self.arm.time_ns += round(self.step * self.arm.speed * SECOND_NS)
-                if self.arm.time_ns > self.arm.command.trajectory.end_ns:
-                    self.arm.in_force_ns = NO_PLAN
+                self.arm.pass_time(self.step)
             while self._events and self._events[0][0] <= self.now:
                 heapq.heappop(self._events)[2]()
             self._tell()
@@ -282,8 +306,11 @@ class World:
             return
         self.life.heard_fault(self.arm.fault)
         self.life.heard_stop(self.arm.last_stop_ns)
+        if self.now >= self._delay_told + DELAY_PERIOD or not self.arm.delay_ns:
+            self._delay_told = self.now
+            self.life.heard_delay(self.arm.delay_ns)
         if self.life.view.in_force_ns != self.arm.in_force_ns:
             self.life.heard_in_force(self.arm.in_force_ns)
         self.life.heard_modes(self.arm.command.schedule.modes_at(self.arm.time_ns))
-        self.life.heard_joints(self.arm.reference, self.arm.time_ns)
-        self.life.heard_reference(self.arm.reference, self.arm.time_ns)
+        self.life.heard_joints(self.arm.reference, self.arm.clock_ns)
+        self.life.heard_reference(self.arm.reference, self.arm.clock_ns)

@@ -33,8 +33,9 @@ class Heard:
 class ArmView:
     """The latest that has been heard of the arm; None where nothing has been heard.
 
-    own    the command that the arm has confirmed, or is taken to obey where it tells nothing
-    fault  why the arm stands still and takes no plan; empty while it does
+    own       the command that the arm has confirmed, or is taken to obey where it tells nothing
+    fault     why the arm stands still and takes no plan; empty while it does
+    delay_ns  by which the arm follows plans later than they say: its guard slows them
     """
 
     joint_count: int
@@ -44,21 +45,23 @@ class ArmView:
     modes: ModeArray | None = None
     own: Command | None = None
     fault: str = ""
+    delay_ns: int = 0
     time: ArmTime = field(default_factory=ArmTime)
 
     def forget(self) -> None:
         """Drop everything: the clock went back, or the arm was reset."""
         self.reference = self.measured = self.in_force_ns = self.modes = self.own = None
+        self.delay_ns = 0
         self.time.forget()
 
     def now_ns(self, wall: float, ros_ns: int) -> int:
-        """The arm's time; that of ROS where nothing has been heard, and where the arm has been
-        silent for long and that of ROS has come less far: it stands still with the arm's."""
+        """The arm's time of plans; that of ROS where nothing has been heard, and where the arm has
+        been silent for long and that of ROS has come less far: it stands still with the arm's."""
         silence = self.time.silence(wall)
         if silence == math.inf:
             return ros_ns
         now_ns = self.time.now_ns(wall)
-        return min(now_ns, ros_ns) if silence > OLDEST_STATE else now_ns
+        return (min(now_ns, ros_ns) if silence > OLDEST_STATE else now_ns) - self.delay_ns
 
     def knows_state(self, wall: float) -> bool:
         """Whether something fresh is known of where the arm is."""

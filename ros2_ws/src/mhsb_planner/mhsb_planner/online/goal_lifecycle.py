@@ -451,6 +451,10 @@ class GoalLifecycle:
             self._execution = None
         self._stopped(True, sentence)
 
+    def heard_delay(self, delay_ns: int) -> None:
+        """By which the arm follows plans later than they say: plans are made in that time."""
+        self.view.delay_ns = delay_ns
+
     def heard_stop(self, stop_ns: int, heard: float | None = None) -> None:
         """When the arm was last asked to stop [ns], 0 never: goals that had come are void.
 
@@ -462,7 +466,7 @@ class GoalLifecycle:
         self._last_stop_ns, wall = stop_ns, self._clock.wall()
         if wall - self._asked_at < LONGEST_WAIT:  # by this planner, for a goal that waits
             return
-        ago = (self._now_ns() - stop_ns) / SECOND_NS / self._in_arm_time(1.0)
+        ago = (self._now_ns() + self.view.delay_ns - stop_ns) / SECOND_NS / self._in_arm_time(1.0)
         self._void_until = min(wall if heard is None else heard, wall - ago + OLD_STOP)
         for in_hand in self._before_confirmation():
             if in_hand.received <= self._void_until:

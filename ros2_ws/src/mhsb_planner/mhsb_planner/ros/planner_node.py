@@ -192,6 +192,7 @@ class PlannerNode(Node):
             if not isinstance(report, HandOverReport):
                 self._lifecycle.heard_fault(report.sentence if report.faulty else "")
                 self._lifecycle.heard_stop(report.last_stop_ns, self._received(info))
+                self._lifecycle.heard_delay(round(report.plan_delay * SECOND_NS))
             elif report.reason:
                 self._lifecycle.heard_refusal(report.plan_stamp_ns, report.reason, report.sentence)
 

@@ -52,6 +52,27 @@ def test_a_goal_in_motion_replaces_the_one_before_when_the_arm_has_confirmed(wor
     assert world.ending(second).outcome is Outcome.REACHED
 
 
+@pytest.mark.parametrize("pace", [0.3, 0.9])
+def test_goals_are_planned_and_reached_while_the_arm_is_slowed_and_later_than_planned(world, pace):
+    first = under_way(world)
+    world.arm.pace = pace
+    world.pass_time(1.0)
+    second = world.goal(*DOWN)
+    assert world.verdict(second).code is Verdict.OK
+    assert world.ending(first).outcome is Outcome.REPLACED
+    world.arm.pace = 1.0
+    world.pass_time(0.5)
+    third = world.goal(*UP)
+    ending = world.ending(third)
+    assert ending.outcome is Outcome.REACHED
+    assert ending.attempts == 1
+    assert world.ending(second).outcome is Outcome.REPLACED
+    assert world.tip_is_at(*UP)
+    assert max(world.arm.jumps) < 1e-6
+    again = world.goal(*DOWN)
+    assert world.ending(again).outcome is Outcome.REACHED
+
+
 def test_goals_passed_over_are_superseded_and_the_newest_is_executed(world):
     stamps = [world.goal(0.6, 0.1 + 0.01 * k) for k in range(10)]
     codes = [world.verdict(stamp).code for stamp in stamps]

@@ -30,8 +30,8 @@ from mhsb_sim.live.nodes import (
     shake_hands,
 )
 from mhsb_sim.report.report_command import summary_lines, write_report
+from mhsb_sim.simulation.plant_check import check_plant
 from mhsb_sim.simulation.plant_files import load_plant
-from mhsb_sim.simulation.simulator import check_plant
 
 GOALS_FILE = "demo_goals.yaml"
 REST = 2.0

@@ -52,6 +52,8 @@ def summary(run: RecordedRun) -> Summary:
     plans_…                     stamps that the simulator applied; refused or dropped
     replan_ms                   goal received to plan published
     lead_ms                     goal received to where the plan that was applied left the old one
+    guard_interventions         times that the guard boosted or slowed beyond the plan
+    plan_delay_max_s            most by which plans were followed later than they say
     real_time_factor            simulated over real time, between the simulator's reports
     """
     recording = run.recording
@@ -71,6 +73,7 @@ def summary(run: RecordedRun) -> Summary:
         **_plans(recording),
         **jumps(recording),
         "mode_switches": run.modes.switches,
+        **_guard(recording),
         "modes_used": [Mode(code).name for code in np.unique(run.modes.modes)],
         **_energies(run.energy),
         **_pressures(run),
@@ -108,6 +111,14 @@ def jumps(recording: Recording) -> Summary:
     return {
         "reference_jump_max_rad": _largest([each.position_jump for each in applied]),
         "reference_jump_max_rad_s": _largest([each.velocity_jump for each in applied]),
+    }
+
+
+def _guard(recording: Recording) -> Summary:
+    told = [each.value for each in recording.simulator_reports]
+    return {
+        "guard_interventions": max((each.interventions for each in told), default=0),
+        "plan_delay_max_s": _largest([each.plan_delay for each in told]),
     }
 
 

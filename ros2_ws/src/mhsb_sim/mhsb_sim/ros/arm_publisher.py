@@ -34,8 +34,9 @@ from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
 STATE_PERIOD_NS = SECOND_NS // 100
 MODES_PERIOD_NS = SECOND_NS // 10
-REPORT_PERIOD = 1.0
-"""Of the simulator's report, in simulated and in real time, whichever passes first [s]."""
+REPORT_PERIOD, DELAY_PERIOD = 1.0, 0.1
+"""Of the simulator's report, in simulated and in real time, whichever passes first; the second
+while the delay of plans changes [s]."""
 
 
 class ArmPublisher:
@@ -75,6 +76,7 @@ class ArmPublisher:
         self._in_force_ns: int | None = None
         self._modes: ModeArray | None = None
         self._last_report = (time.monotonic(), now_ns)
+        self._delay_ns = 0
 
     def publish_due(self) -> bool:
         """After a step: what is due or has changed; whether states were due."""
@@ -108,7 +110,9 @@ class ArmPublisher:
         """Whether it is time for the simulator's report."""
         wall, sim_ns = self._last_report
         passed_ns = self._simulator.time_ns - sim_ns
-        return max(time.monotonic() - wall, passed_ns / SECOND_NS) >= REPORT_PERIOD
+        same = self._simulator.plan_delay_ns == self._delay_ns
+        period = REPORT_PERIOD if same else DELAY_PERIOD
+        return max(time.monotonic() - wall, passed_ns / SECOND_NS) >= period
 
     def publish_report(self, sentence: str, level: Level) -> None:
         """How the simulator is."""
@@ -117,6 +121,7 @@ class ArmPublisher:
         self._last_report = (time.monotonic(), now_ns)
         elapsed = max(1e-9, self._last_report[0] - wall)
         energies = self._simulator.energies
+        self._delay_ns = self._simulator.plan_delay_ns
         report = SimulatorReport(
             sentence,
             level is Level.ERROR,
@@ -126,6 +131,8 @@ class ArmPublisher:
             energies["servo_pumps"],
             level is Level.WARN,
             self._arm.last_stop_ns,
+            self._delay_ns / SECOND_NS,
+            self._simulator.guard.interventions.count,
         )
         self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
 

@@ -64,8 +64,9 @@ class Health:
         *warnings, duplicates = self._warnings()  # the graph shows one after the other
         return arm.halted, phase, arm.last_stop_ns, closed, *map(bool, warnings), duplicates
 
-    def _warnings(self) -> tuple[str, str, str, str]:
-        return self._arm.warning, self._lag(), self._offset(), self.duplicates
+    def _warnings(self) -> tuple[str, str, str, str, str]:
+        arm = self._arm
+        return arm.warning, arm.intervention, self._lag(), self._offset(), self.duplicates
 
     def _lag(self) -> str:
         if not self._pacer.lags:

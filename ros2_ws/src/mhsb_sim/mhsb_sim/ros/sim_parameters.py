@@ -31,6 +31,7 @@ SUPERVISED = {
     "following_error": ("of a joint, measured against reference [rad]", (1e-3, 10.0)),
     "overpressure": ("of a chamber or line, share of its relief valve's setting", (0.1, 10.0)),
     "supply_loss": ("of a line, share of the main pump's pressure that it lacks", (0.05, 2.0)),
+    "held": ("time for which the guard holds the plan [s]", (0.01, 1e4)),
     "saturation": ("time with a valve fully open or a servo pump at full speed [s]", (0.01, 1e4)),
 }
 """What supervision watches: meaning and range of the limits of each symptom."""

@@ -52,6 +52,9 @@ class ServoSignals:
 class Controller(Protocol):
     """A servo: position reference in, valve openings and servo pump flows out."""
 
+    usual_error: float
+    """Distance of the tip from its reference [m] that is no sign of anything wrong."""
+
     preview: float
     """How far ahead modes are prepared for it [s]; it sees the reference further, see signals."""
 

@@ -74,6 +74,8 @@ class Pumps(NamedTuple):
 class CoordinatedController:
     """Valve and servo pumps on one demand; see the module's text."""
 
+    usual_error = 8e-3
+
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
         circuit, oil = signals.circuit, machine.config.circuit
         servo = machine.config.servo.coordinated

@@ -33,6 +33,8 @@ GAINS = np.dtype(
 class IndependentController:
     """Valve and servo pumps apart; see the module's text."""
 
+    usual_error = 25e-3
+
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
         self.preview = 0.0
         servo = machine.config.servo.independent

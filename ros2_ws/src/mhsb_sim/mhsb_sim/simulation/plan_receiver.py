@@ -41,17 +41,17 @@ class PlanTarget(Protocol):
     """What plans are handed to; `Simulator` is one."""
 
     @property
-    def time_ns(self) -> int:
-        """Its own now, ns."""
+    def plan_time_ns(self) -> int:
+        """Its own now by which plans are followed, ns; its clock is ahead where they are slowed."""
         ...
 
     @property
-    def reference(self) -> MotionState:
-        """What is followed now."""
+    def planned(self) -> MotionState:
+        """What is followed now, at the pace of the plan."""
         ...
 
     def reference_at(self, time_ns: int) -> MotionState | None:
-        """What was followed at an earlier time, None where that is forgotten."""
+        """What was followed at an earlier time of plans, None where that is forgotten."""
         ...
 
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
@@ -78,7 +78,8 @@ class Pair:
 class PlanReceiver:
     """Collects halves of plans and hands complete pairs that continue the reference to a target.
 
-    due_ns  when `update` has a plan to hand over, in the target's time; looked at in every step
+    due_ns  when `update` has a plan to hand over, in the target's time of plans; its clock is never
+            behind that; looked at in every step
     """
 
     def __init__(self, machine: Machine, target: PlanTarget) -> None:
@@ -91,7 +92,7 @@ class PlanReceiver:
         """As if nothing had ever come: the target's time begins anew, from now."""
         self._told: deque[int] = deque(maxlen=REMEMBERED)
         self._last_stamp_ns = -1
-        self._void_until_ns = self._target.time_ns - 1
+        self._void_until_ns = self._target.plan_time_ns - 1
         self._void_because = HandOverReason.RESET
         self._wait_for(None)
 
@@ -102,7 +103,7 @@ class PlanReceiver:
 
         event: what has happened, such as `the arm was stopped`.
         """
-        self._void_until_ns, self._void_because = self._target.time_ns, reason
+        self._void_until_ns, self._void_because = self._target.plan_time_ns, reason
         return self._drop(reason, f"{event} before it could be applied")
 
     def close(self, fault: str) -> list[HandOverReport]:
@@ -113,7 +114,7 @@ class PlanReceiver:
     def open(self) -> None:
         """Take plans again, if they are made from now on."""
         self._fault = ""
-        self._void_until_ns = self._target.time_ns
+        self._void_until_ns = self._target.plan_time_ns
         self._void_because = HandOverReason.RESET
 
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
@@ -143,7 +144,7 @@ class PlanReceiver:
         pair = self._pending
         if pair is None:
             return []
-        if self._target.time_ns >= self.due_ns:
+        if self._target.plan_time_ns >= self.due_ns:
             self._wait_for(None)
             return [self._hand_over(pair)]
         if self.due_ns < NEVER_NS or wall - pair.received <= PAIR_TIMEOUT:
@@ -173,7 +174,7 @@ class PlanReceiver:
     def _refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
         """Why the first half of a plan is not kept, or None."""
         newest = max(self._last_stamp_ns, self._pending.stamp_ns if self._pending else -1)
-        ahead = (stamp - self._target.time_ns) / SECOND_NS
+        ahead = (stamp - self._target.plan_time_ns) / SECOND_NS
         if self._fault:
             return HandOverReason.FAULT, self._fault
         if problem is not None:
@@ -201,7 +202,7 @@ class PlanReceiver:
         trajectory, schedule = pair.trajectory, pair.schedule
         assert trajectory is not None
         assert schedule is not None
-        jump = jump_between(self._target.reference, trajectory.sample(self._target.time_ns))
+        jump = jump_between(self._target.planned, trajectory.sample(self._target.plan_time_ns))
         if max(jump) <= LARGEST_JUMP:
             self._target.set_plan(trajectory, schedule)
             self._last_stamp_ns = pair.stamp_ns
@@ -223,7 +224,7 @@ class PlanReceiver:
                 f"it does not continue the reference: at its stamp it is {_text(at_stamp)} away "
                 f"from it, {allowed}; plan from `reference`"
             )
-        late = (self._target.time_ns - stamp) / SECOND_NS
+        late = (self._target.plan_time_ns - stamp) / SECOND_NS
         return HandOverReason.LATE, (
             f"it came too late, {late:.3f} s after its stamp: the reference has left the curve "
             f"that both share and is {_text(jump)} away, {allowed}; plan further ahead"

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -28,11 +27,13 @@ from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.audit import energy_gap
 from mhsb_sim.circuit.network import build_circuit, settle
 from mhsb_sim.circuit.quantities import ENERGY, VOLUME
-from mhsb_sim.errors import ModeError, PlantError, SimulationDivergedError
+from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
 from mhsb_sim.servo import controller_class
 from mhsb_sim.servo.controller import REFERENCE_POINTS, SENSOR, ServoSignals
+from mhsb_sim.servo.mode_guard import ModeGuard
 from mhsb_sim.servo.reference import Reference
+from mhsb_sim.simulation.actuator_states import ActuatorStates
 from mhsb_sim.simulation.exchange import (
     ANGLE,
     ARM,
@@ -45,6 +46,7 @@ from mhsb_sim.simulation.exchange import (
     push,
 )
 from mhsb_sim.simulation.faults import Fault, set_fault
+from mhsb_sim.simulation.plant_check import check_plant
 from mhsb_sim.simulation.sensors import channels_of
 from mhsb_sim.simulation.supply_sag import sagging_pressure
 
@@ -53,33 +55,8 @@ LARGEST_VALUE = 1e12
 YIELD = 1e-3
 """By which an end stop yields to what the arm weighs [rad]."""
 
-COUNTED: tuple[tuple[str, Callable[[Machine], object]], ...] = (
-    ("joints", lambda machine: machine.joint_count),
-    ("booster modules", lambda machine: machine.arrays.module_count),
-)
-"""What a plant must have in common with what its servo knows."""
-
 REMEMBERED = 4
 """Trajectories, the present one included, of which it is known when they were followed."""
-
-
-@dataclass(frozen=True)
-class ActuatorStates:
-    """State of all actuators, float64[n] each unless said otherwise; SI units."""
-
-    cap_pressure: FloatArray  # Pa
-    rod_pressure: FloatArray  # Pa
-    supply_pressure: FloatArray  # Pa, of the actuator's line
-    force: FloatArray  # N, p_A A − p_B a
-    piston_speed: FloatArray  # m/s, positive in extension
-    valve_opening: FloatArray  # −1 … 1, positive extends
-    valve_command: FloatArray  # likewise, what the servo asks for
-    supply_flow: FloatArray  # m³/s, from the line into the cylinder
-    servo_pump_flow: FloatArray  # m³/s, float64[modules]
-    servo_pump_speed: FloatArray  # share of full speed, float64[modules]
-    servo_pump_command: FloatArray  # likewise, what the servo asks for
-    rail_pressure: float  # Pa
-    manifold_pressure: float  # Pa
 
 
 class Simulator:
@@ -87,6 +64,7 @@ class Simulator:
 
     machine  what servo, supervision and receiver of plans believe the arm to be
     plant    what is simulated; the same where left out
+    guard    what boosts and slows down beyond the plan; a new one after a reset
 
     They know of the plant what sensors tell. seed decides the sensor noise; the same seed and the
     same calls give the same bits. posture [rad] replaces the machine's start, payload [kg] the
@@ -202,6 +180,9 @@ class Simulator:
         self._measure(0)
         self._open_valves()
         self._reference = Reference(self._signals.reference, self._controller.preview)
+        usual_error = self._controller.usual_error
+        self.guard = ModeGuard(self.machine, self._signals, self._reference, usual_error)
+        self._watch = self.guard.watch
         self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=REMEMBERED)
         self._hold(q, modes)
 
@@ -209,6 +190,24 @@ class Simulator:
     def time_ns(self) -> int:
         """Simulated time, integer ns."""
         return self._time_ns
+
+    @property
+    def plan_time_ns(self) -> int:
+        """By which plans are followed [ns]: simulated time less `plan_delay_ns`."""
+        return self._reference.own_time_ns(self._time_ns)
+
+    @property
+    def plan_delay_ns(self) -> int:
+        """By which plans are followed later than they say, because the guard slowed them [ns].
+
+        None where the last one has come to its end: see `catch_up`.
+        """
+        return 0 if self._reference.rests else self._time_ns - self.plan_time_ns
+
+    def catch_up(self) -> None:
+        """Let plans be in time again, where the last one has come to its end."""
+        if self._reference.rests:
+            self._reference.pace["delay"] = 0.0
 
     @property
     def step_ns(self) -> int:
@@ -225,8 +224,13 @@ class Simulator:
         """What the servo follows now."""
         return self._reference.state
 
+    @property
+    def planned(self) -> MotionState:
+        """What the servo would follow now, were the plan not slowed."""
+        return self._reference.at_full_pace(self._time_ns)
+
     def reference_at(self, time_ns: int) -> MotionState | None:
-        """What the servo followed at an earlier time; None where that is forgotten."""
+        """What the servo followed at an earlier time of plans; None where that is forgotten."""
         for since_ns, trajectory in reversed(self._followed):
             if time_ns >= since_ns:
                 return trajectory.sample(time_ns)
@@ -242,7 +246,7 @@ class Simulator:
     @property
     def modes(self) -> ModeArray:
         """Modes in force, uint8[n]."""
-        return self._reference.modes.copy()
+        return self._in_force.copy()
 
     @property
     def plan_stamp_ns(self) -> int:
@@ -288,7 +292,7 @@ class Simulator:
         reference[:] = self._signals.reference[0]
         position[:] = self._pistons[ANGLE]
         pressure[:] = self._circuit.pressure
-        modes[:] = self._reference.modes
+        modes[:] = self._in_force
 
     @property
     def energies(self) -> dict[str, float]:
@@ -324,8 +328,8 @@ class Simulator:
 
     def stop(self) -> None:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan."""
-        now = self._time_ns
-        if not self._reference.executes_plan(now):
+        now = self.plan_time_ns
+        if not self._reference.executes_plan(self._time_ns):
             return
         braking = brake_along(self.machine, self._reference.trajectory, now)
         rows = np.unique([0, braking.duration_ns])
@@ -337,6 +341,8 @@ class Simulator:
         actuators, modules = self._believed.actuators, self._believed.modules
         actuators["valve_command"] = actuators["join_command"] = 0.0
         modules["flow_command"] = modules["lend"] = 0.0
+        self.guard.forget()
+        self._prepare_modes()
         self._control = _leave_commands
 
     @property
@@ -363,6 +369,7 @@ class Simulator:
     def hold_here(self) -> None:
         """Hold the measured posture, within the joint limits, from now on: the reference steps."""
         q = self._within_limits(self._pistons[ANGLE])
+        self._reference.pace["delay"] = 0.0
         self._hold(q, self._modes_to_hold(q))
 
     def set_payload(self, mass: float) -> None:
@@ -414,6 +421,8 @@ class Simulator:
             self._noise *= self._noise_scale
         if not self._measure(row):
             raise self._diverged()
+        if not self.valves_closed and self._watch():
+            self._prepare_modes()
         self._control()
 
     def _open_valves(self) -> None:
@@ -427,14 +436,14 @@ class Simulator:
         return np.clip(q, self.machine.arrays.joint_min, self.machine.arrays.joint_max)
 
     def _hold(self, q: FloatArray, modes: ModeArray) -> None:
-        now = self._time_ns
+        now = self.plan_time_ns
         schedule = ModeSchedule(now, np.zeros(1, dtype=np.int64), np.atleast_2d(modes))
         self._follow(standstill(q, now), schedule)
 
     def _follow(
         self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool = False
     ) -> None:
-        self._followed.append((self._time_ns, trajectory))
+        self._followed.append((self.plan_time_ns, trajectory))
         self._reference.follow(trajectory, schedule, planned=planned)
         self._update_reference()
 
@@ -449,12 +458,15 @@ class Simulator:
         the line is charged by its own pump until then.
         """
         modules = self.machine.config.hydraulics.modules
-        now, ahead = self._reference.modes, self._reference.modes_ahead
+        planned, planned_ahead = self._reference.modes, self._reference.modes_ahead
+        now, ahead = self.guard.modes(planned), self.guard.modes(planned_ahead)
+        self.guard.note(planned, stronger(planned, planned_ahead), now)
+        self._in_force = now
         prepared = stronger(now, ahead)
         if np.any(ON_RAIL[now] & ~ON_RAIL[ahead]):
             prepared[~ON_RAIL[now] & ON_RAIL[ahead]] = Mode.DB
         if modules_in_use(prepared, modules.per_mode) > modules.count:
-            prepared = self._reference.modes
+            prepared = now
         self._signals.modes[:] = prepared
         self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode)
 
@@ -495,14 +507,3 @@ class Simulator:
 
 def _leave_commands() -> None:
     """What stands in for the servo while valves are closed."""
-
-
-def check_plant(machine: Machine, plant: Machine) -> None:
-    """Raise PlantError where one who knows `machine` cannot control `plant` at all."""
-    for text, of in COUNTED:
-        believed, real = of(machine), of(plant)
-        if believed != real:
-            raise PlantError(
-                f"the plant has {real} {text}, the machine that its servo knows has {believed}; "
-                "both files must describe arms of the same build"
-            )

@@ -60,6 +60,11 @@ class SupervisedArm:
         return self.supervision.warning
 
     @property
+    def intervention(self) -> str:
+        """What the guard does against the plan, empty where it does nothing."""
+        return "" if self.halted else self.simulator.guard.sentence
+
+    @property
     def plan_stamp_ns(self) -> int:
         """Stamp of the plan in force [ns], 0 where there is none."""
         return 0 if self.halted else self.simulator.plan_stamp_ns
@@ -90,17 +95,20 @@ class SupervisedArm:
 
     def hand_over(self, wall: float) -> None:
         """Take a plan that is due; drop half a plan that has waited too long."""
+        self.simulator.catch_up()
         self._reports += self._receiver.update(wall)
 
     # --- Plans -----------------------------------------------------------------------------------
 
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> None:
         """Receive a plan's trajectory."""
+        self.simulator.catch_up()
         self._reports += self._receiver.add_trajectory(trajectory, wall)
         self.hand_over(wall)
 
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> None:
         """Receive a plan's mode schedule."""
+        self.simulator.catch_up()
         self._reports += self._receiver.add_schedule(schedule, wall)
         self.hand_over(wall)
 

@@ -16,7 +16,8 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray
-from mhsb_sim.simulation.simulator import ActuatorStates, Simulator
+from mhsb_sim.simulation.actuator_states import ActuatorStates
+from mhsb_sim.simulation.simulator import Simulator
 
 WATCH_PERIOD_NS = SECOND_NS // 100
 """Simulated time from one look to the next."""
@@ -36,12 +37,14 @@ class SupervisionLimits:
     overpressure     of a chamber or line, share of its relief valve's setting
     supply_loss      of a line, share of the main pump's pressure that it lacks
     saturation       time for which a valve is fully open or a servo pump at full speed, s
+    held             time for which the guard holds the plan, s
     """
 
     following_error: tuple[float, float] = (0.03, 0.06)
     overpressure: tuple[float, float] = (0.85, 0.97)
     supply_loss: tuple[float, float] = (0.6, 0.8)
     saturation: tuple[float, float] = (0.3, 1.0)
+    held: tuple[float, float] = (1.0, 3.0)
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,20 @@ class Sample:
     reference: MotionState
     measured: MotionState
     actuators: ActuatorStates
+    held: float
+    why_held: str
 
     @classmethod
     def of(cls, simulator: Simulator) -> Sample:
         """The arm as it is now."""
-        return cls(simulator.reference, simulator.joint_state, simulator.actuator_states)
+        guard = simulator.guard
+        return cls(
+            simulator.reference,
+            simulator.joint_state,
+            simulator.actuator_states,
+            guard.held,
+            guard.sentence if guard.held > 0.0 else "",
+        )
 
 
 @dataclass(frozen=True)
@@ -165,6 +177,20 @@ class Saturation:
         return Finding(time, f"{self._names[k]} for {time:.2f} s")
 
 
+class Held:
+    """Time for which the guard has held the plan, since nothing else keeps the arm from sagging."""
+
+    name, unit = "held", "s"
+
+    def __init__(self, machine: Machine) -> None:
+        pass
+
+    def look(self, sample: Sample) -> Finding:
+        """How long it has been."""
+        text = f"the plan has been held for {sample.held:.2f} s: {sample.why_held}"
+        return Finding(sample.held, text)
+
+
 class Lasting:
     """What a quantity has been at least through the last looks."""
 
@@ -179,4 +205,10 @@ class Lasting:
         return np.min(self._last, axis=0)
 
 
-SYMPTOMS: tuple[type[Symptom], ...] = (FollowingError, Overpressure, SupplyLoss, Saturation)
+SYMPTOMS: tuple[type[Symptom], ...] = (
+    FollowingError,
+    Overpressure,
+    SupplyLoss,
+    Saturation,
+    Held,
+)

@@ -49,6 +49,7 @@ class DrawRecord:
     supply_overshoot_mpa  as in `servo_study.supply_overshoot`, the need being the plant's
     relief_opened         whether any relief valve let oil through
     time_lost             by which the reference arrived later than the last plan says [s]
+    interventions         times that the guard boosted or slowed beyond the plan
     failure               why the draw failed, empty where it did not
     """
 
@@ -60,6 +61,7 @@ class DrawRecord:
     supply_overshoot_mpa: float | None = None
     relief_opened: bool | None = None
     time_lost: float | None = None
+    interventions: int | None = None
     failure: str = ""
 
 
@@ -169,6 +171,7 @@ class DrawStudy:
                 supply_overshoot_mpa=float(supply_overshoot(plant, run).max() / 1e6),
                 relief_opened=run.energies["relief_valves"] > 0.0,
                 time_lost=time_lost(sequence.commands, run),
+                interventions=run.interventions,
                 failure=sequence.refused,
             )
         except Exception as error:  # as above
@@ -227,7 +230,10 @@ def as_text(records: Sequence[DrawRecord]) -> list[str]:
         relief = sum(bool(record.relief_opened) for record in own)
         if over:
             columns += f"   overshoot p95 {np.quantile(over, 0.95):.2f}, worst {max(over):.2f} MPa"
-        lines.append(f"{columns}; relief in {relief}")
+        lost = [record.time_lost for record in own if record.time_lost is not None]
+        guarded = sum(bool(record.interventions) for record in own)
+        late = f", late p95 {np.quantile(lost, 0.95):.2f}, worst {max(lost):.2f} s" if lost else ""
+        lines.append(f"{columns}; relief in {relief}; guard in {guarded}{late}")
     return lines + sorted({f"draw {r.draw}: {r.failure}" for r in records if r.failure})
 
 

@@ -159,7 +159,8 @@ class HeadlessRun:
         """A plan from what is in force; None where that leads to the goal already."""
         if self._bound_for is not None and goal.same_place(self._bound_for):
             return None
-        now_ns, tip = self.simulator.time_ns, (goal.x, goal.z)
+        self.simulator.catch_up()
+        now_ns, tip = self.simulator.plan_time_ns, (goal.x, goal.z)
         deadline = Deadline.after(self._budget)
         replan = self._replanner.replan(
             self._command, now_ns, tip, OFFLINE_LEAD, self._options, deadline
@@ -172,7 +173,7 @@ class HeadlessRun:
         simulator, receiver = self.simulator, self._receiver
         reports = receiver.add_trajectory(command.trajectory, 0.0)
         reports += receiver.add_schedule(command.schedule, 0.0)
-        while simulator.time_ns < command.stamp_ns:
+        while simulator.plan_time_ns < command.stamp_ns:
             simulator.step()
         reports += receiver.update(0.0)
         for report in reports:

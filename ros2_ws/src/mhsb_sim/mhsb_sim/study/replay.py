@@ -19,6 +19,9 @@ from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.simulation.simulator import Simulator
 
+LONGEST = 3.0
+"""Times its duration that a run whose plans are slowed may take."""
+
 
 @dataclass(frozen=True, eq=False)
 class Replay:
@@ -30,6 +33,7 @@ class Replay:
     pressure   float64[k, 3 n + 3], Pa, in the order of the circuit's nodes
     modes      uint8[k, n], in force
     energies   J, as `Simulator.energies` at the end
+    interventions  of the guard, in all
     """
 
     step: float
@@ -38,6 +42,7 @@ class Replay:
     pressure: FloatArray
     modes: ModeArray
     energies: dict[str, float]
+    interventions: int = 0
 
     @property
     def time(self) -> FloatArray:
@@ -76,18 +81,29 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
     The commands' stamps increase; each continues what the simulator follows by then. Raises
     SimulationDivergedError.
     """
-    steps = round(duration * SECOND_NS / simulator.step_ns)
+    end_ns = round(duration * SECOND_NS)
+    most = round(LONGEST * duration * SECOND_NS / simulator.step_ns)
     n = simulator.machine.joint_count
-    reference = np.empty((steps, 3, n))
-    position = np.empty((steps, n))
-    pressure = np.empty((steps, 3 * n + 3))
-    modes = np.empty((steps, n), dtype=np.uint8)
+    reference = np.empty((most, 3, n))
+    position = np.empty((most, n))
+    pressure = np.empty((most, 3 * n + 3))
+    modes = np.empty((most, n), dtype=np.uint8)
     waiting = list(reversed(commands))
-    for k in range(steps):
-        if waiting and simulator.time_ns >= waiting[-1].stamp_ns:
+    k = 0
+    while simulator.plan_time_ns < end_ns and k < most:
+        if waiting and simulator.plan_time_ns >= waiting[-1].stamp_ns:
             command = waiting.pop()
             simulator.set_plan(command.trajectory, command.schedule)
         simulator.step()
         simulator.copy_state(reference[k], position[k], pressure[k], modes[k])
+        k += 1
     step = simulator.step_ns / SECOND_NS
-    return Replay(step, reference, position, pressure, modes, simulator.energies)
+    return Replay(
+        step,
+        reference[:k],
+        position[:k],
+        pressure[:k],
+        modes[:k],
+        simulator.energies,
+        simulator.guard.interventions.count,
+    )

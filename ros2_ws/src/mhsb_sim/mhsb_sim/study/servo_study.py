@@ -58,6 +58,7 @@ class StudyRecord:
     held_out               whether gains were tuned without this scenario
     energy_mp_shaft_j      at the main pump's shaft
     energy_sp_hydraulic_j  delivered by the servo pumps to their oil
+    interventions          times that the guard boosted or slowed beyond the plan
     """
 
     scenario: str
@@ -75,6 +76,7 @@ class StudyRecord:
     held_out: bool
     energy_mp_shaft_j: float
     energy_sp_hydraulic_j: float
+    interventions: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +189,7 @@ def judge(script: Script, controller: str, run: Replay) -> StudyRecord:
         energy_planned_series_j=planned_energy(script, run).series,
         mode_switches=int(np.count_nonzero(np.diff(run.modes.astype(int), axis=0))),
         held_out=script.scenario.held_out,
+        interventions=run.interventions,
     )
 
 

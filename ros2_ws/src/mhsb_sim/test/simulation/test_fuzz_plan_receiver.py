@@ -27,27 +27,27 @@ class PaperArm:
     """Follows its plan's curve; keeps the largest jump that it was given."""
 
     def __init__(self, position):
-        self.time_ns = NOW_NS
+        self.plan_time_ns = NOW_NS
         self.curve = standstill(np.array(position), NOW_NS)
         self.jump = 0.0
 
     @property
-    def reference(self):
-        return self.curve.sample(self.time_ns)
+    def planned(self):
+        return self.curve.sample(self.plan_time_ns)
 
     def reference_at(self, time_ns):
         return self.curve.sample(time_ns) if time_ns >= self.curve.stamp_ns else None
 
     def set_plan(self, path, schedule):
-        step = path.sample(self.time_ns).position - self.reference.position
+        step = path.sample(self.plan_time_ns).position - self.planned.position
         self.jump = max(self.jump, float(np.abs(step).max()))
         self.curve = path
 
 
 def halves_of_a_plan(arm, source):
     """Both halves of a good plan that holds the present reference, from about now."""
-    stamp_ns = arm.time_ns + source.randrange(-50, 50) * 1_000_000
-    position = np.tile(arm.reference.position, (21, 1))
+    stamp_ns = arm.plan_time_ns + source.randrange(-50, 50) * 1_000_000
+    position = np.tile(arm.planned.position, (21, 1))
     path = Trajectory(
         stamp_ns, np.arange(21) * 20_000_000, position, 0 * position, 0 * position
     )
@@ -80,7 +80,7 @@ def ordeal(machine, seed):
         stamp_ns, reports = receive(receiver, kind, message, wall)
         given.add(stamp_ns)
         wall += source.choice((0.0, 0.001, 0.02, 0.6))
-        arm.time_ns += source.choice((0, 1_000_000, 30_000_000))
+        arm.plan_time_ns += source.choice((0, 1_000_000, 30_000_000))
         reports += receiver.update(wall)
         if source.random() < 0.05:
             reports += receiver.void("the arm was stopped")
@@ -88,7 +88,7 @@ def ordeal(machine, seed):
         assert all(len(report.sentence) > 10 for report in reports)
         applied = [each for each in reports if each.outcome is HandOverOutcome.APPLIED]
         assert all(max(each.position_jump, each.velocity_jump) <= 1e-6 for each in applied)
-    arm.time_ns += SECOND_NS
+    arm.plan_time_ns += SECOND_NS
     told.update(report.plan_stamp_ns for report in receiver.update(wall + 1.0))
     assert arm.jump <= 1e-6
     assert set(told) == given

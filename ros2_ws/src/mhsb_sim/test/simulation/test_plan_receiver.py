@@ -24,14 +24,14 @@ MS = SECOND_NS // 1000
 class Target:
     """A simulator's side of the hand-over: it follows a trajectory, at first that of standing."""
 
-    time_ns: int = NOW
+    plan_time_ns: int = NOW
     followed: Trajectory = field(default_factory=lambda: standstill(POSTURE, 0))
     forgotten_before_ns: int = 0
     plans: list[tuple[Trajectory, ModeSchedule]] = field(default_factory=list)
 
     @property
-    def reference(self) -> MotionState:
-        return self.followed.sample(self.time_ns)
+    def planned(self) -> MotionState:
+        return self.followed.sample(self.plan_time_ns)
 
     def reference_at(self, time_ns: int) -> MotionState | None:
         return self.followed.sample(time_ns) if time_ns >= self.forgotten_before_ns else None
@@ -48,9 +48,9 @@ def target() -> Target:
 
 @pytest.fixture
 def receiver(machine: Machine, target: Target) -> PlanReceiver:
-    target.time_ns = 1
+    target.plan_time_ns = 1
     receiver = PlanReceiver(machine, target)
-    target.time_ns = NOW
+    target.plan_time_ns = NOW
     return receiver
 
 
@@ -111,7 +111,7 @@ def test_the_order_of_the_halves_does_not_matter(receiver: PlanReceiver) -> None
 def test_a_plan_whose_common_curve_is_over_came_too_late(
     receiver: PlanReceiver, target: Target
 ) -> None:
-    target.time_ns = NOW + 120 * MS
+    target.plan_time_ns = NOW + 120 * MS
     (report,) = deliver(receiver, trajectory(wait_ns=100 * MS), schedule())
     assert report.reason is HandOverReason.LATE
     assert report.outcome is HandOverOutcome.REFUSED
@@ -125,7 +125,7 @@ def test_a_plan_whose_common_curve_is_over_came_too_late(
 
 
 def test_the_same_plan_in_time_is_applied(receiver: PlanReceiver, target: Target) -> None:
-    target.time_ns = NOW + 99 * MS
+    target.plan_time_ns = NOW + 99 * MS
     (report,) = deliver(receiver, trajectory(wait_ns=100 * MS), schedule())
     assert report.outcome is HandOverOutcome.APPLIED
 
@@ -134,7 +134,7 @@ def test_the_same_plan_in_time_is_applied(receiver: PlanReceiver, target: Target
 def test_a_plan_that_never_was_on_the_reference_jumps_however_late_it_is(
     receiver: PlanReceiver, target: Target, start: float
 ) -> None:
-    target.time_ns = NOW + 9 * MS
+    target.plan_time_ns = NOW + 9 * MS
     (report,) = deliver(receiver, trajectory(start=start, move=0.0), schedule())
     assert report.reason is HandOverReason.JUMP
     assert report.sentence == (
@@ -160,7 +160,7 @@ def test_a_plan_older_than_what_is_remembered_came_too_late(
     receiver: PlanReceiver, target: Target
 ) -> None:
     target.forgotten_before_ns = NOW + 1
-    target.time_ns = NOW + 3 * SECOND_NS
+    target.plan_time_ns = NOW + 3 * SECOND_NS
     (report,) = deliver(receiver, trajectory(), schedule())
     assert report.reason is HandOverReason.LATE
 
@@ -210,19 +210,19 @@ def test_half_a_pair_is_dropped_when_a_newer_one_comes(
     assert report.plan_stamp_ns == NOW
     assert "a newer plan came before it could be applied" in report.sentence
     receiver.add_trajectory(trajectory(NOW + 1000), 0.2)
-    target.time_ns = NOW + 1000
+    target.plan_time_ns = NOW + 1000
     assert [report.outcome for report in receiver.update(0.2)] == ["applied"]
 
 
 def test_a_plan_waits_for_its_stamp_and_says_when_it_is_due(
     receiver: PlanReceiver, target: Target
 ) -> None:
-    target.time_ns = NOW - 100 * MS
+    target.plan_time_ns = NOW - 100 * MS
     assert receiver.due_ns == NEVER_NS
     assert deliver(receiver, trajectory(), schedule()) == []
     assert receiver.due_ns == NOW
     assert receiver.update(99.0) == []
-    target.time_ns = NOW
+    target.plan_time_ns = NOW
     assert [report.outcome for report in receiver.update(0.1)] == ["applied"]
     assert receiver.due_ns == NEVER_NS
 
@@ -230,7 +230,7 @@ def test_a_plan_waits_for_its_stamp_and_says_when_it_is_due(
 def test_a_plan_far_ahead_of_the_clock_is_refused_and_disturbs_none(
     receiver: PlanReceiver, target: Target
 ) -> None:
-    target.time_ns = NOW - 400 * MS
+    target.plan_time_ns = NOW - 400 * MS
     assert deliver(receiver, trajectory(), schedule()) == []
     far = NOW + 200 * MS
     reports = deliver(receiver, trajectory(far), schedule(far))
@@ -239,7 +239,7 @@ def test_a_plan_far_ahead_of_the_clock_is_refused_and_disturbs_none(
         "is allowed; go by the stamps of `reference`"
     ]
     assert reports[0].reason is HandOverReason.STAMP
-    target.time_ns = NOW
+    target.plan_time_ns = NOW
     assert [report.outcome for report in receiver.update(0.1)] == ["applied"]
 
 
@@ -265,9 +265,9 @@ def test_an_older_half_does_not_disturb_a_waiting_one(receiver: PlanReceiver) ->
 def test_after_a_stop_no_plan_made_before_it_is_applied(
     receiver: PlanReceiver, target: Target
 ) -> None:
-    target.time_ns = NOW - 100 * MS
+    target.plan_time_ns = NOW - 100 * MS
     assert deliver(receiver, trajectory(), schedule()) == []
-    target.time_ns = NOW + 200 * MS
+    target.plan_time_ns = NOW + 200 * MS
     (report,) = receiver.void("the arm was stopped")
     assert report.reason is HandOverReason.STOPPED
     assert report.sentence == (
@@ -279,7 +279,7 @@ def test_after_a_stop_no_plan_made_before_it_is_applied(
         assert report.reason is HandOverReason.STOPPED
         assert "made before the arm was started, stopped or reset" in report.sentence
     later = NOW + 200 * MS + 1
-    target.time_ns = later
+    target.plan_time_ns = later
     (report,) = deliver(receiver, trajectory(later), schedule(later))
     assert report.outcome is HandOverOutcome.APPLIED
 
@@ -294,18 +294,18 @@ def test_a_closed_receiver_refuses_what_waits_and_what_comes_until_it_is_opened(
     (report,) = deliver(receiver, trajectory(NOW + 1), schedule(NOW + 1))
     assert report.reason is HandOverReason.FAULT
     assert report.sentence == "plan 10.000 s was refused: joint_1 is 0.1 rad off"
-    target.time_ns = NOW + 10
+    target.plan_time_ns = NOW + 10
     receiver.open()
     (report,) = deliver(receiver, trajectory(NOW + 9), schedule(NOW + 9))
     assert report.reason is HandOverReason.RESET
-    target.time_ns = NOW + 11
+    target.plan_time_ns = NOW + 11
     (report,) = deliver(receiver, trajectory(NOW + 11), schedule(NOW + 11))
     assert report.outcome is HandOverOutcome.APPLIED
 
 
 def test_after_a_reset_older_stamps_are_welcome(receiver: PlanReceiver, target: Target) -> None:
     deliver(receiver, trajectory(), schedule())
-    target.time_ns, target.followed = 5, standstill(POSTURE, 0)
+    target.plan_time_ns, target.followed = 5, standstill(POSTURE, 0)
     receiver.forget()
     (report,) = deliver(receiver, trajectory(5), schedule(5))
     assert report.outcome is HandOverOutcome.APPLIED
@@ -398,14 +398,14 @@ def test_of_every_plan_one_report_is_made_in_whatever_order_things_happen(
     machine: Machine, events: list[tuple[str, int]]
 ) -> None:
     """Plans 20 ms apart, halves lost, doubled, reordered, stops and faults in between."""
-    target = Target(time_ns=NOW)
+    target = Target(plan_time_ns=NOW)
     receiver = PlanReceiver(machine, target)
     reports: list[HandOverReport] = []
     came: set[int] = set()
     voided_ns = -1
     for kind, number in events:
         stamp = NOW + 20 * MS * number
-        wall = target.time_ns / SECOND_NS
+        wall = target.plan_time_ns / SECOND_NS
         if kind == "trajectory":
             planned = trajectory(stamp, wait_ns=50 * MS, move=0.01 * number)
             reports += receiver.add_trajectory(planned, wall)
@@ -414,15 +414,15 @@ def test_of_every_plan_one_report_is_made_in_whatever_order_things_happen(
         elif kind == "garbage":
             reports += receiver.add_unusable(stamp, "no points", wall)
         elif kind == "time":
-            target.time_ns += number * MS
+            target.plan_time_ns += number * MS
         elif kind == "stop":
             reports += receiver.void("the arm was stopped")
-            voided_ns = target.time_ns
+            voided_ns = target.plan_time_ns
         elif kind == "close":
             reports += receiver.close("a fault")
         else:
             receiver.open()
-            voided_ns = target.time_ns
+            voided_ns = target.plan_time_ns
         if kind in ("trajectory", "schedule", "garbage"):
             came.add(stamp)
         before = len(target.plans)
@@ -430,10 +430,10 @@ def test_of_every_plan_one_report_is_made_in_whatever_order_things_happen(
         reports += new
         for plan, _ in target.plans[before:]:
             assert plan.stamp_ns > voided_ns
-            assert plan.stamp_ns <= target.time_ns
+            assert plan.stamp_ns <= target.plan_time_ns
             assert max(new[-1].position_jump, new[-1].velocity_jump) <= 1e-6
-    target.time_ns += 10 * SECOND_NS
-    reports += receiver.update(target.time_ns / SECOND_NS)
+    target.plan_time_ns += 10 * SECOND_NS
+    reports += receiver.update(target.plan_time_ns / SECOND_NS)
     assert Counter(report.plan_stamp_ns for report in reports) == Counter(came)
     applied = [r.plan_stamp_ns for r in reports if r.outcome is HandOverOutcome.APPLIED]
     assert applied == [plan.stamp_ns for plan, _ in target.plans] == sorted(applied)
@@ -442,6 +442,6 @@ def test_of_every_plan_one_report_is_made_in_whatever_order_things_happen(
 
 def test_a_flood_leaves_nothing_behind(receiver: PlanReceiver, target: Target) -> None:
     for k in range(10 * REMEMBERED):
-        target.time_ns += 1
+        target.plan_time_ns += 1
         receiver.add_trajectory(trajectory(NOW + k), 0.0)
     assert len(receiver._told) == REMEMBERED

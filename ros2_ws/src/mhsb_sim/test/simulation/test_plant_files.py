@@ -5,8 +5,8 @@ import pytest
 from mhsb_model.errors import MachineFileError
 from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import Machine
+from mhsb_sim.simulation.plant_check import check_plant
 from mhsb_sim.simulation.plant_files import load_plant
-from mhsb_sim.simulation.simulator import check_plant
 
 
 def written(tmp_path: Path, text: str) -> Path:

@@ -25,7 +25,8 @@ def test_a_draw_is_the_same_whenever_it_is_made_and_judges_every_controller(
         assert set(record.varied) == set(load_variations(machine))
         assert 0.0 < record.tip_error_rms_mm <= record.tip_error_max_mm
         assert record.relief_opened in (True, False)
-        assert record.time_lost == 0.0
+        assert 0.0 <= record.time_lost < 5.0
+        assert record.interventions > 0 or record.time_lost == 0.0
     assert records[0].varied == records[1].varied
     again = study.records(3)
     assert as_dicts(again) == as_dicts(records)

@@ -47,6 +47,7 @@ KEYS = [
     "held_out",
     "energy_mp_shaft_j",
     "energy_sp_hydraulic_j",
+    "interventions",
 ]
 
 
