@@ -102,6 +102,7 @@ def test_somebody_else_on_its_topics_is_noticed_while_he_is_there(observer, simu
     topic = topics.JOINT_STATES
     publisher = observer.create_publisher(topic.message, topic.name, topic.qos)
     until_warning(observer, f"/{topic.name} has 2 publishers")
+    assert latest(observer).warning
     observer.destroy_publisher(publisher)
     until_no_warning(observer, "one is allowed")
 

@@ -2,8 +2,8 @@
 
 rclpy gives every publisher and subscription two events by default, which only log that somebody at
 the other end has another QoS or type. The executor looks at each of them whenever it wakes: at
-hundreds of messages a second that took a third of a node's processor time. Whoever is at the other
-end is told there. Subscriptions that people publish on by hand keep the events.
+hundreds of messages a second that took a third of the planner's processor time at rest. Whoever is
+at the other end is told there. Subscriptions that people publish on by hand keep the events.
 """
 
 from __future__ import annotations

@@ -117,8 +117,8 @@ def _read_simulator(message: DiagnosticStatus) -> SimulatorReport:
         values.number("energy_sp_j"),
         message.level == bytes([Level.WARN]),
         values.time("last_stop") if values.has("last_stop") else 0,  # as above
-        values.number("plan_delay_s") if values.has("plan_delay_s") else 0.0,  # as above
-        int(values.number("interventions")) if values.has("interventions") else 0,  # as above
+        values.finite("plan_delay_s") if values.has("plan_delay_s") else 0.0,  # as above
+        values.count("interventions") if values.has("interventions") else 0,  # as above
     )
 
 

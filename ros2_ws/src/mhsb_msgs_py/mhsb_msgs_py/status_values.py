@@ -6,6 +6,7 @@ nine decimals.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -56,6 +57,15 @@ class StatusValues:
     def number(self, key: str) -> float:
         """A number, NaN and infinity included."""
         return float(self._convert(key, float, "a number"))
+
+    def finite(self, key: str) -> float:
+        """A finite number."""
+        number = self.number(key)
+        if not math.isfinite(number):
+            raise MessageError(
+                f"the value {key} of '{self._name}' is '{self.text(key)}'; it must be finite"
+            )
+        return number
 
     def count(self, key: str) -> int:
         """A whole number."""

@@ -62,6 +62,21 @@ def test_a_missing_value_is_named():
         sim_status.decode(message)
 
 
+@pytest.mark.parametrize(
+    ("key", "text", "words"),
+    [
+        ("plan_delay_s", "nan", "is 'nan'; it must be finite"),
+        ("plan_delay_s", "inf", "is 'inf'; it must be finite"),
+        ("interventions", "nan", "is 'nan'; it must be a whole number"),
+    ],
+)
+def test_what_a_planner_cannot_reckon_with_is_refused_by_name(key, text, words):
+    message = sim_status.encode(SLOWED, 7)
+    next(each for each in message.status[0].values if each.key == key).value = text
+    with pytest.raises(MessageError, match=f"the value {key} of .* {words}"):
+        sim_status.decode(message)
+
+
 def test_of_two_simulators_the_one_in_the_namespace_asked_for_counts():
     message = sim_status.encode(RUNNING, 7, "/left")
     assert message.status[0].hardware_id == "/left/mhsb_sim"

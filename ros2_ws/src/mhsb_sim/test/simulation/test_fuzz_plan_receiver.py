@@ -67,7 +67,10 @@ def receive(receiver, kind, message, wall):
 
 
 def ordeal(machine, seed):
-    """Halves of plans, spoilt and not, lost, doubled and out of order, while time goes on."""
+    """Halves of plans, spoilt and not, lost, doubled and out of order, while time goes on.
+
+    How often each stamp was told of, the stamps that were sent, and the largest jump.
+    """
     source = random.Random(seed)
     arm = PaperArm(machine.config.simulation.start_posture)
     receiver = PlanReceiver(machine, arm)
@@ -90,15 +93,15 @@ def ordeal(machine, seed):
         assert all(max(each.position_jump, each.velocity_jump) <= 1e-6 for each in applied)
     arm.plan_time_ns += SECOND_NS
     told.update(report.plan_stamp_ns for report in receiver.update(wall + 1.0))
-    assert arm.jump <= 1e-6
-    assert set(told) == given
-    assert max(told.values()) == 1
+    return told, given, arm.jump
 
 
 @settings(max_examples=100)
 @given(seed=SEEDS)
 def test_each_stamp_is_reported_once_and_nothing_jumps(machine, seed):
-    ordeal(machine, seed)
+    told, given, jump = ordeal(machine, seed)
+    assert told == dict.fromkeys(given, 1)
+    assert jump <= 1e-6
 
 
 @pytest.mark.slow
@@ -106,4 +109,6 @@ def test_each_stamp_is_reported_once_and_nothing_jumps(machine, seed):
 @settings(max_examples=2500)
 @given(seed=SEEDS)
 def test_a_hundred_thousand_halves_are_reported_and_never_jump(machine, seed):
-    ordeal(machine, seed)
+    told, given, jump = ordeal(machine, seed)
+    assert told == dict.fromkeys(given, 1)
+    assert jump <= 1e-6
