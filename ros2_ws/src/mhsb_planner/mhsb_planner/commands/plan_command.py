@@ -140,16 +140,14 @@ def plan(
         _range("v-max", v_max_range, v_max),
     )
     base = load_machine(machine)
-    compile_planner()
-    suite = Planner(base, table_for(base, table))
-    suite.change(
-        base.changed(
-            payload=payload,
-            supply_pressure=supply_pressure,
-            max_piston_speed=v_max,
-            zones=base.zones.with_more(zone_box, zone_circle),
-        )
+    arm = base.changed(
+        payload=payload,
+        supply_pressure=supply_pressure,
+        max_piston_speed=v_max,
+        zones=base.zones.with_more(zone_box, zone_circle),
     )
+    compile_planner()
+    suite = Planner(arm, table_for(base, table))
     options = replace(
         asked.options,
         energy_reading=energy_reading,
@@ -163,7 +161,7 @@ def plan(
         max_speed_excess=max_speed_excess,
         area_weight=area_weight,
     )
-    warm_up(suite)
+    warm_up(suite, [options.planner])
     began = time.perf_counter()
     base.check_in_workspace(*asked.start)
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
