@@ -23,10 +23,11 @@ COMMANDS = {
     ("mhsb_sim", "tune"): "[mm]",
     ("mhsb_sim", "record"): "[s",
     ("mhsb_sim", "report"): "BAG",
+    ("mhsb_sim", "viewer"): "[MPa]",
     ("mhsb_sim", "demo"): "[m]",
 }
 
-NODES = ("planner_node", "sim_node", "record")
+NODES = ("planner_node", "sim_node", "record", "viewer")
 
 BAD_ARGUMENTS = [
     (("mhsb_model", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
@@ -80,6 +81,9 @@ BAD_ARGUMENTS = [
     (("mhsb_sim", "record"), "--output DIR"),
     (("mhsb_sim", "record", "--output", "x", "--duration", "-1"), "above 0"),
     (("mhsb_sim", "report", "nowhere", "--output", "x"), "nowhere"),
+    (("mhsb_sim", "viewer", "nowhere", "--port", "0"), "nowhere is not a folder"),
+    (("mhsb_sim", "viewer", "--machine", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_sim", "viewer", "--port", "99999"), "--port"),
     (("mhsb_sim", "demo"), "--output"),
     (("mhsb_sim", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
 ]
