@@ -169,6 +169,14 @@ def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
     assert min(costs.values()) == pytest.approx(weighed + 2.0 * plan["switches_scheduled"])
 
 
+def test_a_goal_that_nobody_hears_is_told_as_json_with_what_to_do(start):
+    child = start("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "0.2", "--json")
+    assert child.wait() == 2
+    told = json.loads(child.output)
+    assert told["verdict"] is told["execution"] is None
+    assert "ros2 run mhsb_planner planner_node" in told["trouble"]
+
+
 def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start):
     arguments = ("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
     zones = ("--zone-box", "0.65", "0.1", "0.9", "0.3", "--zone-circle", "0.2", "-0.6", "0.1")
