@@ -41,7 +41,7 @@ def place_of(page, x, z):
     return width / 2 + focal * right / depth, height / 2 - focal * high / depth
 
 
-def drag(page, start, end, steps=8):
+def drag(page, start, end, steps=4):
     """By the mouse from a point of the arm's plane to another one."""
     (x, y), (x_end, y_end) = place_of(page, *start), place_of(page, *end)
     page.mouse("Moved", x, y)
