@@ -49,43 +49,54 @@ class SilentSensor:
         return Finding(float(silent[k]), f"{self._names[k]} has told nothing for {silent[k]:.3f} s")
 
 
-class FrozenSensor:
-    """Time for which a sensor has told the very same, while others tell that something happens.
+class FrozenPressure:
+    """Time for which a pressure sensor has told the very same, while others' noise goes on."""
 
-    Of a pressure, others' noise; of a length, that its reference moves.
-    """
-
-    name, unit = "frozen_sensor", "s"
+    name, unit = "frozen_pressure", "s"
     closes = True
 
-    MOVING: ClassVar = 5e-4
-    """Speed of a piston [m/s] whose length has to change between two looks."""
-
     def __init__(self, machine: Machine) -> None:
-        self._machine = machine
-        kinds = "length", *PRESSURES
-        names = machine.actuator_names
-        self._names = [f"the {kind} sensor of {name}" for name in names for kind in kinds]
-        self._before = np.full((machine.joint_count, 4), np.nan)
-        self._same = np.zeros((machine.joint_count, 4))
+        self._names = [
+            f"the {kind} sensor of {name}" for name in machine.actuator_names for kind in PRESSURES
+        ]
+        self._before = np.full((machine.joint_count, len(PRESSURES)), np.nan)
+        self._same = np.zeros((machine.joint_count, len(PRESSURES)))
 
     def look(self, sample: Sample) -> Finding:
         """What has not changed for longest."""
-        sensed, reference = sample.sensed, sample.reference
-        now = np.column_stack([sensed.length, sensed.pressure])
+        now = sample.sensed.pressure
         changed = now != self._before
-        speed = self._machine.moment_arms(reference.position) * reference.velocity
-        self._same[:, 0] = np.where(
-            changed[:, 0] | (np.abs(speed) < self.MOVING), 0.0, self._same[:, 0] + PERIOD
-        )
-        happens = float(changed[:, 1:].any())
-        self._same[:, 1:] = np.where(
-            changed[:, 1:], 0.0, self._same[:, 1:] + happens * PERIOD
-        )
         self._before = now
+        self._same = np.where(changed, 0.0, self._same + float(changed.any()) * PERIOD)
         k = int(np.argmax(self._same))
         time = float(self._same.flat[k])
         return Finding(time, f"{self._names[k]} has told the very same for {time:.2f} s")
+
+
+class FrozenLength:
+    """Way of a piston in the reference [m] since its length sensor told anything new."""
+
+    name, unit = "frozen_length", "m"
+    closes = True
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._told = np.full(machine.joint_count, np.nan)
+        self._wanted = np.zeros(machine.joint_count)
+
+    def look(self, sample: Sample) -> Finding:
+        """The piston that has been meant to go furthest."""
+        now = sample.sensed.length
+        wanted = self._machine.cylinder_lengths(sample.reference.position)
+        self._wanted = np.where(now != self._told, wanted, self._wanted)
+        self._told = now
+        way = np.abs(wanted - self._wanted)
+        j = int(np.argmax(way))
+        return Finding(
+            float(way[j]),
+            f"the length sensor of {self._machine.actuator_names[j]} has told the very same while "
+            f"its piston was to go {1e3 * way[j]:.2f} mm",
+        )
 
 
 class JumpingSensor:

@@ -19,7 +19,8 @@ from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.diagnosis import (
     DisagreeingLine,
     DisagreeingValve,
-    FrozenSensor,
+    FrozenLength,
+    FrozenPressure,
     JumpingSensor,
     SilentSensor,
 )
@@ -48,7 +49,8 @@ class SupervisionLimits:
     And what names a part that has failed, see `diagnosis`:
 
     silent_sensor       time for which it tells no number, s
-    frozen_sensor       time for which it tells the very same, s
+    frozen_pressure     time for which its sensor tells the very same, s
+    frozen_length       way of a piston during which its sensor does, m
     jumping_sensor      by how much a length leaps, over what a piston goes
     disagreeing_line    how far one in N is off all others, Pa
     disagreeing_valve   way of a piston that its opening does not explain, m
@@ -60,7 +62,8 @@ class SupervisionLimits:
     saturation: tuple[float, float] = (0.3, 1.0)
     held: tuple[float, float] = (1.0, 3.0)
     silent_sensor: tuple[float, float] = (0.005, 0.01)
-    frozen_sensor: tuple[float, float] = (0.12, 0.2)
+    frozen_pressure: tuple[float, float] = (0.12, 0.2)
+    frozen_length: tuple[float, float] = (3e-4, 6e-4)
     jumping_sensor: tuple[float, float] = (0.8, 1.0)
     disagreeing_line: tuple[float, float] = (2.5e5, 5e5)
     disagreeing_valve: tuple[float, float] = (5e-4, 8e-4)
@@ -204,7 +207,8 @@ class Lasting:
 
 SYMPTOMS: tuple[type[Symptom], ...] = (
     SilentSensor,
-    FrozenSensor,
+    FrozenPressure,
+    FrozenLength,
     JumpingSensor,
     DisagreeingLine,
     DisagreeingValve,

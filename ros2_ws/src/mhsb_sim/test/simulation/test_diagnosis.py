@@ -45,7 +45,7 @@ def run(machine: Machine, motion, fault: str, after: float = 1.0) -> tuple[Super
         ("sensor_dead:actuator_2.length", "the length sensor of actuator_2 has told nothing", 2e-3),
         ("sensor_dead:actuator_1.cap_pressure", "the cap pressure sensor of actuator_1", 2e-3),
         ("sensor_frozen:actuator_2.cap_pressure", "the cap pressure sensor of actuator_2", 0.02),
-        ("sensor_frozen:actuator_1.length", "length sensor of actuator_1", 0.05),
+        ("sensor_frozen:actuator_3.length", "length sensor of actuator_3", 0.05),
         ("length_offset:actuator_1.length", "length sensor of actuator_1 has leapt by", 0.02),
         ("pressure_offset:actuator_3.line_pressure", "line pressure sensor of actuator_3", 0.01),
         ("valve_hard_over:actuator_2", "the valve or the length sensor of actuator_2", 0.06),
