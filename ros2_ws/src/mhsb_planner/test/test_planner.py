@@ -6,10 +6,13 @@ import pytest
 from mhsb_model.errors import MhsbError
 from mhsb_model.modes import modules_in_use
 from mhsb_model.trajectory import MotionState
+from mhsb_planner import plan_making
 from mhsb_planner.errors import NoPathError
+from mhsb_planner.evaluation.moves import random_moves
 from mhsb_planner.motion.s3_limits import joint_excess
 from mhsb_planner.motion.s3_trajectory import START_NOISE, FitError
 from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.search.s2_search import Weights
 
 BEYOND = 1e-3  # rad
 LOWERED = np.array([-0.1, -1.9, -0.7])
@@ -99,3 +102,19 @@ def test_plans_do_without_modules_that_are_lost_and_with_them_again(machine, tab
     planner.change(machine)
     for plan, each in zip(used[4], options, strict=True):
         assert planner.plan(RAISED, start, options=each).cost(each) == plan.cost(each)
+@pytest.mark.parametrize("weights", [Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)])
+def test_ramps_are_faster_where_nothing_else_needs_their_half_of_the_limits(
+    planner, monkeypatch, weights
+):
+    options = PlanOptions(weights, planner="table")
+    moves = [(move.start, move.goal) for move in random_moves(planner, 8)]
+
+    def costs():
+        plans = [planner.plan(goal, MotionState.at_rest(q), options=options) for q, goal in moves]
+        return np.array([plan.cost(options) for plan in plans])
+
+    with_faster = costs()
+    monkeypatch.setattr(plan_making, "FASTER", ())
+    without = costs()
+    assert np.all(with_faster <= without)
+    assert with_faster.sum() < 0.9995 * without.sum()
