@@ -102,6 +102,8 @@ def test_plans_do_without_modules_that_are_lost_and_with_them_again(machine, tab
     planner.change(machine)
     for plan, each in zip(used[4], options, strict=True):
         assert planner.plan(RAISED, start, options=each).cost(each) == plan.cost(each)
+
+
 @pytest.mark.parametrize("weights", [Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)])
 def test_ramps_are_faster_where_nothing_else_needs_their_half_of_the_limits(
     planner, monkeypatch, weights
