@@ -12,6 +12,7 @@ is the plan: there is one soon, and it gets better while there is time.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from time import perf_counter
 
@@ -38,7 +39,6 @@ from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
     ONLINE_PLANNER,
     PLANNER_KINDS,
-    PLANNERS,
     PlannerKind,
     planner_named,
     weighing_area,
@@ -225,14 +225,17 @@ class Planner:
         return Task(goal, start, modes, brake, departure, options, area)
 
 
-def warm_up(planner: Planner) -> None:
-    """Compile everything that a plan runs through, and load it, with nothing in its way."""
+def warm_up(planner: Planner, kinds: Iterable[str] = PLANNER_KINDS) -> None:
+    """Compile everything that a plan runs through, and load it, with nothing in its way.
+
+    kinds  planners that plans will be asked of
+    """
     compile_planner()
     graph = planner.graph
     planner.change(planner.machine.without_obstacles())
     goal_clearance.warm_up(planner.machine)
-    for kind in PLANNERS.values():
-        kind.warm_up(planner.graph)
+    for kind in kinds:
+        planner_named(kind).warm_up(planner.graph)
     area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
     planner.graph = graph
