@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,7 +40,8 @@ def linkage_bars(machine: Machine, data: Any) -> list[Bar]:
         if isinstance(machine.config.joints[j].linkage, FourBar):
             pivot = data.site(f"{name}_rocker_pivot").xpos.copy()
             frame = data.site(f"{name}_rocker_pivot").xmat.reshape(3, 3)
-            x, z, *_ = four_bar.motion(machine.arrays.linkage[j], data.qpos[j])
+            q = data.qpos[j]
+            x, z, *_ = four_bar.motion(machine.arrays.linkage[j], math.cos(q), math.sin(q))
             rod_end = pivot + frame @ np.array([x, 0.0, z])
             bars.append(Bar(pivot, rod_end, BAR_RADIUS, ROCKER_PAINT))
             bars.append(Bar(rod_end, child_pin, BAR_RADIUS, COUPLER_PAINT))
