@@ -74,6 +74,7 @@ class Planner:
     """Plans for one machine on one posture table; the step graph follows the machine's changes."""
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
+        self._table = table
         self.graph = StepGraph(machine, table)
 
     @property
@@ -82,9 +83,17 @@ class Planner:
         return self.graph.machine
 
     def change(self, machine: Machine) -> None:
-        """Plan for another payload, supply pressure, V_max or zones; keeps the table."""
-        if machine.config != self.machine.config:
+        """Plan for another payload, supply pressure, V_max, zones or number of booster modules.
+
+        The table stays; where modules are lost, what it has for patterns that need them is left
+        out, which takes a new graph.
+        """
+        if machine.config == self.machine.config:
+            return
+        if len(machine.patterns) == len(self.machine.patterns):
             self.graph = self.graph.changed(machine)
+        else:
+            self.graph = StepGraph(machine, self._table.with_patterns(machine.patterns))
 
     def plan(
         self,

@@ -49,7 +49,7 @@ for controller in CONTROLLERS:
     arm.set_payload(12.0)
     arm.stop()
     steps(arm, 1.0)
-    arm.simulator.inject(Fault.MAIN_PUMP)
+    arm.simulator.inject([Fault("main_pump")])
     steps(arm, 2.0)
     arm.clear_fault(arm.simulator.time_ns)
     steps(arm, 1.0)
