@@ -229,7 +229,10 @@ def flow_for_pistons(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
     rail = rail_pressure(oil, own, modes)
     flow = oil.main_pump_flow
     for j in range(len(modes)):
-        flow -= leakage(oil, supply_in(oil, modes[j], own[j], rail))
+        if BOOSTED[modes[j]]:
+            flow -= leakage(oil, supply_in(oil, modes[j], own[j], rail))
+        else:
+            flow -= oil.leakage_flow
     return flow
 
 

@@ -155,6 +155,11 @@ class Trajectory:
         """
         return self._within(np.repeat(rows, len(shares)), np.tile(shares, len(rows)))
 
+    def middles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities, accelerations half-way between points, float64[k − 1, n] each."""
+        time = self.offset_ns / SECOND_NS
+        return _middles(time, self.position, self.velocity, self.acceleration)
+
     def at_offsets(self, offset_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The same at times after the stamp that lie between the first and the last point."""
         rows = np.searchsorted(self.offset_ns[1:-1], offset_ns, "right")
@@ -165,7 +170,8 @@ class Trajectory:
         self, rows: IntArray, shares: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         time = self.offset_ns / SECOND_NS
-        return _inside(time, self.position, self.velocity, self.acceleration, rows, shares)
+        motion = self.position, self.velocity, self.acceleration
+        return states_within(time, *motion, rows, shares)
 
 
 def standstill(position: FloatArray, time_ns: int = 0) -> Trajectory:
@@ -205,7 +211,7 @@ def quintic_hermite(
 
 
 @kernel
-def _inside(
+def states_within(
     time: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
@@ -213,7 +219,11 @@ def _inside(
     rows: IntArray,
     shares: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Kernel of `Trajectory.inside`; its oracle in the tests is `Trajectory.sample_many`."""
+    """States in intervals, after shares of each one's duration, float64[rows, n] each.
+
+    time float64[points] s, the trajectory's arrays, rows int64[rows] of its intervals, and
+    shares float64[rows]. Oracle: `Trajectory.sample_many`.
+    """
     n = position.shape[1]
     q, qd, qdd = np.empty((len(rows), n)), np.empty((len(rows), n)), np.empty((len(rows), n))
     for k in range(len(rows)):
@@ -223,4 +233,22 @@ def _inside(
             start = (position[i, j], velocity[i, j], acceleration[i, j])
             end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
             q[k, j], qd[k, j], qdd[k, j] = quintic_hermite(shares[k] * h, h, start, end)
+    return q, qd, qdd
+
+
+@kernel
+def _middles(
+    time: FloatArray, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Kernel of `Trajectory.middles`: `quintic_hermite` at h/2; its oracle is `inside`."""
+    rows, n = len(time) - 1, position.shape[1]
+    q, qd, qdd = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
+    for k in range(rows):
+        h = time[k + 1] - time[k]
+        for j in range(n):
+            q0, v0, a0 = position[k, j], velocity[k, j], acceleration[k, j]
+            q1, v1, a1 = position[k + 1, j], velocity[k + 1, j], acceleration[k + 1, j]
+            q[k, j] = 0.5 * (q0 + q1) + h * (10.0 * (v0 - v1) + h * (a0 + a1)) / 64.0
+            qd[k, j] = 1.875 * (q1 - q0) / h - (14.0 * (v0 + v1) + h * (a0 - a1)) / 32.0
+            qdd[k, j] = 1.5 * (v1 - v0) / h - 0.25 * (a0 + a1)
     return q, qd, qdd

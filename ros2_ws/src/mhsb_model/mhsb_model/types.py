@@ -15,3 +15,9 @@ def frozen(array: NDArray) -> NDArray:
     copy = np.array(array, order="C")
     copy.setflags(write=False)
     return copy
+
+
+def as_frozen(array: NDArray) -> NDArray:
+    """The array itself where it is read-only and contiguous, else `frozen`."""
+    flags = array.flags
+    return array if flags.c_contiguous and not flags.writeable else frozen(array)

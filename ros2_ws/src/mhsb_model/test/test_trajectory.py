@@ -39,6 +39,15 @@ def test_states_inside_intervals_are_those_of_the_same_curve():
     assert qd == pytest.approx(expected_rate, abs=1e-5)
 
 
+def test_states_half_way_between_points_are_those_of_the_same_curve():
+    trajectory = example()
+    intervals = np.arange(len(trajectory.offset_ns) - 1)
+    expected = trajectory.inside(intervals, np.array([0.5]))
+    found = trajectory.middles()
+    for one, other, digits in zip(found, expected, (1e-13, 1e-11, 1e-9), strict=True):
+        assert one == pytest.approx(other, abs=digits)
+
+
 def test_states_at_offsets_are_those_at_these_times():
     trajectory = example()
     points, end = trajectory.offset_ns, trajectory.duration_ns

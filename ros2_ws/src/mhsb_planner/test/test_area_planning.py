@@ -42,7 +42,7 @@ def test_paths_cost_what_their_sums_and_their_shortfall_come_to(planner, plans):
         path = plan.path
         sums = 0.5 * path.energy.sum() + 2.0 * path.switches
         shortfall = area_along_path(planner.machine, path).shortfall(full)
-        assert path.cost == pytest.approx(sums + w4 * shortfall, rel=3e-3)
+        assert path.cost == pytest.approx(sums + w4 * shortfall, rel=5e-3)
 
 
 def test_more_weight_never_gives_less_area_nor_less_energy(planner, plans):

@@ -7,6 +7,8 @@ from mhsb_model.command import Command
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.errors import NoPathError
+from mhsb_planner.integrated.integrated_search import search
+from mhsb_planner.integrated.task import Effort
 from mhsb_planner.motion.s3_trajectory import FitError, FitRules
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions, fit_rules
@@ -68,6 +70,16 @@ def test_motions_keep_every_limit_and_are_never_worse_than_the_tables(planner, w
         assert plan.lower_bound <= plan.energy.paper
         assert plan.lower_bound <= plan.energy.series
         assert plan.lower_bound <= other.energy.paper
+
+
+def test_no_motion_is_dearer_than_that_along_the_path_where_time_costs_a_little(planner):
+    normal, hasty = np.zeros(3, dtype=np.uint8), Weights(0.5, 1.0, 2.0)
+    for start, goal, _ in pairs(planner, 4, seed=3):
+        plan = planner.plan(goal, MotionState.at_rest(start), options=INTEGRATED)
+        effort = Effort(expansions=4000)
+        path = search(planner.machine, start, normal, goal, hasty, effort=effort)
+        hurried = planner.follow(path, options=INTEGRATED)
+        assert plan.cost(INTEGRATED) <= (1.0 + 1e-6) * hurried.cost(INTEGRATED)
 
 
 def test_with_time_weights_motions_are_never_slower_than_the_tables(planner):

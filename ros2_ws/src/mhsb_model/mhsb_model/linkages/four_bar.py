@@ -12,8 +12,8 @@ numbers and × for the plane's cross product:
 
 ω says that the coupler keeps its length: (P − C)·(Ṗ − Ċ) = 0. Source: loop closure, R. L. Norton,
 Design of Machinery, Sections 4.5, 4.10 (transmission angle) and 6.7 (velocities).
-A row of its numbers holds, behind the kind of linkage, R, K as x, z [m], a, b [m], σ, C's radius
-[m] and angle at q = 0 [rad].
+A row of its numbers holds, behind the kind of linkage, R, K as x, z [m], a, b [m], σ, and C at
+q = 0 as x, z [m].
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ def numbers(linkage: FourBar) -> list[float]:
         linkage.rocker_length,
         linkage.coupler_length,
         SIDE[linkage.rocker_side],
-        linkage.child_pin.radius,
-        linkage.child_pin.angle,
+        *_cartesian(linkage.child_pin),
     ]
 
 
@@ -55,8 +54,8 @@ def _cartesian(pin: Pin) -> tuple[float, float]:
 def cos_transmission_angle(row: FloatArray, q: float) -> float:
     """cos μ at the joint angle q [rad]; outside of [−1, 1] the linkage cannot be assembled."""
     a, b = row[5], row[6]
-    dx = row[8] * math.cos(q + row[9]) - row[1]
-    dz = row[8] * math.sin(q + row[9]) - row[2]
+    cx, cz = _child_pin(row, math.cos(q), math.sin(q))
+    dx, dz = cx - row[1], cz - row[2]
     return (a * a + b * b - dx * dx - dz * dz) / (2.0 * a * b)
 
 
@@ -70,8 +69,16 @@ def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
 
 
 @kernel(inline="always")
-def motion(row: FloatArray, q: float) -> tuple[float, float, float, float, float]:
-    """Rocker P − R as x, z [m], L [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad].
+def _child_pin(row: FloatArray, cosine: float, sine: float) -> tuple[float, float]:
+    """C as x, z [m], turned by the joint angle of this cosine and sine."""
+    return row[8] * cosine - row[9] * sine, row[8] * sine + row[9] * cosine
+
+
+@kernel(inline="always")
+def motion(
+    row: FloatArray, cosine: float, sine: float
+) -> tuple[float, float, float, float, float]:
+    """Rocker P − R as x, z [m], L [m], r = dL/dq [m] and dr/dq [m/rad] at cos q and sin q.
 
     With W = P − R and W×V = σ a b sin μ for V = P − C, the derivatives in q are W′ = iωW, C′ = iC,
 
@@ -79,16 +86,16 @@ def motion(row: FloatArray, q: float) -> tuple[float, float, float, float, float
         r′ = (ω′ W×U + ω² W·(K − R)) / L − r²/L  for U = P − K
     """
     rx, rz, kx, kz, a, b, side = row[1], row[2], row[3], row[4], row[5], row[6], row[7]
-    cx, cz = row[8] * math.cos(q + row[9]), row[8] * math.sin(q + row[9])
+    cx, cz = _child_pin(row, cosine, sine)
     dx, dz = cx - rx, cz - rz
     square = max(dx * dx + dz * dz, SMALLEST_DISTANCE * SMALLEST_DISTANCE)
-    cosine = (a * a + b * b - square) / (2.0 * a * b)
-    sine = side * math.sqrt(max(1.0 - cosine * cosine, SMALLEST_SINE * SMALLEST_SINE))
-    along, across = a * (a - b * cosine) / square, a * b * sine / square
+    cos_mu = (a * a + b * b - square) / (2.0 * a * b)
+    sin_mu = side * math.sqrt(max(1.0 - cos_mu * cos_mu, SMALLEST_SINE * SMALLEST_SINE))
+    lever = a * b * sin_mu
+    along, across = a * (a - b * cos_mu) / square, lever / square
     wx, wz = along * dx - across * dz, across * dx + along * dz
     px, pz = rx + wx, rz + wz
     ux, uz = px - kx, pz - kz
-    lever = a * b * sine
     omega = (cx * pz - cz * px) / lever
     length = max(math.sqrt(ux * ux + uz * uz), SMALLEST_DISTANCE)
     turned = wx * uz - wz * ux

@@ -40,10 +40,16 @@ def linkage_row(linkage: Linkage) -> FloatArray:
 @kernel(inline="always")
 def motion(linkage: FloatArray, q: float) -> tuple[float, float, float]:
     """L(q) [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad]."""
+    return motion_at(linkage, math.cos(q), math.sin(q))
+
+
+@kernel(inline="always")
+def motion_at(linkage: FloatArray, cosine: float, sine: float) -> tuple[float, float, float]:
+    """The same at cos q and sin q, where they are known."""
     if linkage[0] == FOUR_BAR:
-        _, _, length, arm, slope = four_bar.motion(linkage, q)
+        _, _, length, arm, slope = four_bar.motion(linkage, cosine, sine)
         return length, arm, slope
-    return slider_crank.motion(linkage, q)
+    return slider_crank.motion(linkage, cosine, sine)
 
 
 @kernel

@@ -1,9 +1,10 @@
 """Inverted slider-crank: a cylinder between a pin on the parent link and one on the child link.
 
-    L = √(u² + v² − 2 u v cos θ),  θ = θ₀ ± q
+    L = √(u² + v² − 2 u v cos θ),  θ = θ₀ + q
 
-with the pins' distances u, v from the joint's axis and the angle θ between them as seen from it.
-A row of its numbers holds u [m], v [m], θ₀ [rad], dθ/dq [±1] behind the kind of linkage.
+with the pins' distances u, v from the joint's axis and the angle θ from the parent link's pin to
+the child link's. A row of its numbers holds u² + v², u v cos θ₀ and u v sin θ₀ [m²] behind the kind
+of linkage.
 """
 
 from __future__ import annotations
@@ -20,20 +21,18 @@ SMALLEST_LENGTH = 1e-9
 
 def numbers(linkage: SliderCrank) -> list[float]:
     """What a row holds behind the kind of linkage."""
+    u, v = linkage.parent_pin.radius, linkage.child_pin.radius
     ahead = linkage.child_pin.angle - linkage.parent_pin.angle
-    direction = 1.0 if ahead > 0 else -1.0
-    return [linkage.parent_pin.radius, linkage.child_pin.radius, direction * ahead, direction]
+    return [u * u + v * v, u * v * math.cos(ahead), u * v * math.sin(ahead)]
 
 
 @kernel(inline="always")
-def motion(row: FloatArray, q: float) -> tuple[float, float, float]:
-    """L [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad].
+def motion(row: FloatArray, cosine: float, sine: float) -> tuple[float, float, float]:
+    """L [m], r = dL/dq [m] and dr/dq [m/rad] at cos q and sin q of the joint angle q.
 
-    r = ±u v sin θ / L, dr/dq = (u v cos θ − r²) / L
+    r = u v sin θ / L, dr/dq = (u v cos θ − r²) / L
     """
-    u, v = row[1], row[2]
-    theta = row[3] + row[4] * q
-    along = u * v * math.cos(theta)
-    length = max(math.sqrt(u * u + v * v - 2.0 * along), SMALLEST_LENGTH)
-    arm = row[4] * u * v * math.sin(theta) / length
+    along, across = row[2] * cosine - row[3] * sine, row[3] * cosine + row[2] * sine
+    length = math.sqrt(max(row[1] - 2.0 * along, SMALLEST_LENGTH * SMALLEST_LENGTH))
+    arm = across / length
     return length, arm, (along - arm * arm) / length

@@ -51,7 +51,7 @@ def assembled(linkage_: FourBar, q: float) -> np.ndarray:
 def test_rocker_and_coupler_keep_their_lengths_and_the_tip_its_side(bars, q):
     row = assembled(bars, q)
     pivot, child = place(bars.rocker_pivot), place(bars.child_pin, q)
-    x, z, length, *_ = four_bar.motion(row, q)
+    x, z, length, *_ = four_bar.motion(row, math.cos(q), math.sin(q))
     tip = pivot + np.array([x, z])
     assert np.linalg.norm(tip - pivot) == pytest.approx(bars.rocker_length, rel=1e-12)
     assert np.linalg.norm(tip - child) == pytest.approx(bars.coupler_length, rel=1e-9)
@@ -136,7 +136,7 @@ def test_a_parallelogram_passes_the_joints_turn_on_unchanged():
 @given(four_bars, st.floats(-7.0, 7.0))
 def test_kernels_stay_finite_where_no_linkage_can_be(bars, q):
     row = linkage.linkage_row(bars)
-    assert all(math.isfinite(value) for value in four_bar.motion(row, q))
+    assert all(math.isfinite(value) for value in four_bar.motion(row, math.cos(q), math.sin(q)))
 
 
 def test_the_joint_angle_of_a_length_is_found_from_either_end(four_bar_machine):

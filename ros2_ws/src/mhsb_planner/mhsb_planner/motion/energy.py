@@ -15,6 +15,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
+    Oil,
     boosted_supply,
     inlet_area,
     leakage,
@@ -30,7 +31,7 @@ from mhsb_model.modes import BOOSTED
 from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.motion.motion_profile import Profiles, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats
 
 
 @dataclass(frozen=True)
@@ -134,9 +135,12 @@ def _sum(
     m: MachineArrays, span: FloatArray, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> FloatArray:
     """Energy of states that last for `span` [s], in the order of `Energy`'s fields."""
-    energy, own = np.zeros(FIELDS), np.empty(speed.shape[1])
+    oil, cap, rod, efficiency = oil_of(m), m.cap_area, m.rod_area, m.servo_pump_efficiency
+    energy, power, own = np.zeros(FIELDS), np.empty(FIELDS), np.empty(speed.shape[1])
     for k in range(len(span)):
-        _add(m, span[k], speed[k], force[k], modes[k], own, energy)
+        _put_power(oil, cap, rod, efficiency, speed, force, k, modes, k, own, power)
+        for i in range(FIELDS):
+            energy[i] += span[k] * power[i]
     return energy
 
 
@@ -151,49 +155,64 @@ def _energy(
     modes: ModeArray,
 ) -> FloatArray:
     """Energy of intervals of `span` [s], by trapezoids over halves, in the order of the fields."""
+    oil, cap, rod, efficiency = oil_of(m), m.cap_area, m.rod_area, m.servo_pump_efficiency
     energy, own = np.zeros(FIELDS), np.empty(speed.shape[1])
+    begin, middle, end = np.empty(FIELDS), np.empty(FIELDS), np.empty(FIELDS)
     for k in range(len(span)):
-        h = 0.25 * span[k]
-        _add(m, h, speed[k], force[k], modes[k], own, energy)
-        _add(m, 2.0 * h, middle_speed[k], middle_force[k], modes[k], own, energy)
-        _add(m, h, speed[k + 1], force[k + 1], modes[k], own, energy)
+        if repeats(modes, k):
+            for i in range(FIELDS):
+                begin[i] = end[i]
+        else:
+            _put_power(oil, cap, rod, efficiency, speed, force, k, modes, k, own, begin)
+        _put_power(
+            oil, cap, rod, efficiency, middle_speed, middle_force, k, modes, k, own, middle
+        )
+        _put_power(oil, cap, rod, efficiency, speed, force, k + 1, modes, k, own, end)
+        for i in range(FIELDS):
+            energy[i] += 0.25 * span[k] * (begin[i] + 2.0 * middle[i] + end[i])
     return energy
 
 
 @kernel(inline="always")
-def _add(
-    m: MachineArrays,
-    span: float,
+def _put_power(
+    oil: Oil,
+    cap: FloatArray,
+    rod: FloatArray,
+    efficiency: float,
     speed: FloatArray,
     force: FloatArray,
+    i: int,
     modes: ModeArray,
+    k: int,
     own: FloatArray,
-    energy: FloatArray,
+    power: FloatArray,
 ) -> None:
-    """Add what a state takes in `span` s to energy[FIELDS]; own[n] is working memory.
+    """Write what state i takes in the modes of row k to power[FIELDS] [W], as `Energy`'s fields.
 
-    Oracle: a hand calculation.
+    own[n] is working memory. Oracle: a hand calculation.
     """
-    oil, efficiency = oil_of(m), m.servo_pump_efficiency
     normal, tank = oil.supply_pressure, oil.tank_pressure
-    for j in range(len(speed)):
-        if BOOSTED[modes[j]]:
-            own[j] = boosted_supply(oil, m.cap_area[j], m.rod_area[j], force[j], speed[j])
-    rail = rail_pressure(oil, own, modes)
-    for j in range(len(speed)):
-        cap, rod, v, f = m.cap_area[j], m.rod_area[j], speed[j], force[j]
-        stroke = inlet_area(cap, rod, v) * abs(v)
-        paper = normal
-        if BOOSTED[modes[j]]:
+    at_paper = main_pump = shafts = leaked = work = returned = 0.0
+    for j in range(len(own)):
+        if BOOSTED[modes[k, j]]:
+            own[j] = boosted_supply(oil, cap[j], rod[j], force[i, j], speed[i, j])
+    rail = rail_pressure(oil, own, modes[k])
+    for j in range(len(own)):
+        v, f = speed[i, j], force[i, j]
+        stroke = inlet_area(cap[j], rod[j], v) * abs(v)
+        paper, supply, leaks, shaft = normal, normal, oil.leakage_flow, 0.0
+        if BOOSTED[modes[k, j]]:
             direction = v if abs(v) > DEAD_BAND else f
-            paper = max(paper, load_pressure(cap, rod, tank, f, direction) / efficiency)
-        supply = supply_in(oil, modes[j], own[j], rail)
-        leaks = leakage(oil, supply)
-        shaft = (supply - normal) / efficiency * (stroke + leaks)
-        energy[0] += span * paper * (stroke + oil.leakage_flow)
-        energy[1] += span * normal * (stroke + leaks)
-        energy[2] += span * shaft
-        energy[3] += span * (1.0 - efficiency) * shaft
-        energy[4] += span * (supply - tank) * leaks
-        energy[5] += span * f * v
-        energy[6] += span * tank * (inlet_area(cap, rod, -v) * abs(v) + leaks)
+            paper = max(paper, load_pressure(cap[j], rod[j], tank, f, direction) / efficiency)
+            supply = supply_in(oil, modes[k, j], own[j], rail)
+            leaks = leakage(oil, supply)
+            shaft = (supply - normal) / efficiency * (stroke + leaks)
+        at_paper += paper * (stroke + oil.leakage_flow)
+        main_pump += normal * (stroke + leaks)
+        shafts += shaft
+        leaked += (supply - tank) * leaks
+        work += f * v
+        returned += tank * (inlet_area(cap[j], rod[j], -v) * abs(v) + leaks)
+    power[0], power[1], power[2] = at_paper, main_pump, shafts
+    power[3], power[4] = (1.0 - efficiency) * shafts, leaked
+    power[5], power[6] = work, returned

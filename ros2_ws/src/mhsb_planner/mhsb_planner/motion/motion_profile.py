@@ -10,10 +10,10 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import motion
+from mhsb_model.linkages.linkage import motion_at
 from mhsb_model.machine import Machine
 from mhsb_model.statics import INERTIA_WORK, chain_of, gravity_torques, inertia_torques
-from mhsb_model.types import FloatArray, frozen
+from mhsb_model.types import FloatArray, as_frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +54,12 @@ def motion_profile(
     """Profile of states, float64[k, n]: q [rad], q̇ [rad/s], and q̈ [rad/s²] where inertia counts."""
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     return MotionProfile(
-        *_profile(machine.arrays, frozen(position), frozen(velocity), frozen(qdd))
+        *profile_of(machine.arrays, as_frozen(position), as_frozen(velocity), as_frozen(qdd))
     )
 
 
 @kernel
-def _profile(
+def profile_of(
     m: MachineArrays, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Kernel of `motion_profile`; its oracle in the tests is the Machine's own methods."""
@@ -68,21 +68,22 @@ def _profile(
     inertia = np.zeros((rows, n))
     chain, linkage, moves = chain_of(m), m.linkage, len(acceleration) > 0
     cosine, sine = np.empty(n), np.empty(n)
-    weight, push, work = np.empty(n), np.zeros(n), np.empty((INERTIA_WORK, n))
+    arm, weight, push, work = np.empty(n), np.empty(n), np.zeros(n), np.empty((INERTIA_WORK, n))
     for k in range(rows):
-        angle = 0.0
+        along, across = 1.0, 0.0  # cosine and sine of the link before
         for j in range(n):
-            angle += position[k, j]
-            cosine[j], sine[j] = math.cos(angle), math.sin(angle)
-            tip[k, 0] += chain.length[j] * cosine[j]
-            tip[k, 1] += chain.length[j] * sine[j]
+            c, s = math.cos(position[k, j]), math.sin(position[k, j])
+            _, arm[j], _ = motion_at(linkage[j], c, s)
+            along, across = along * c - across * s, across * c + along * s
+            cosine[j], sine[j] = along, across
+            tip[k, 0] += chain.length[j] * along
+            tip[k, 1] += chain.length[j] * across
         gravity_torques(chain, cosine, weight)
         if moves:
             inertia_torques(chain, cosine, sine, velocity[k], acceleration[k], work, push)
         for j in range(n):
-            _, arm, _ = motion(linkage[j], position[k, j])
-            speed[k, j] = arm * velocity[k, j]
-            force[k, j] = weight[j] / arm
+            speed[k, j] = arm[j] * velocity[k, j]
+            force[k, j] = weight[j] / arm[j]
             if moves:
-                inertia[k, j] = push[j] / arm
+                inertia[k, j] = push[j] / arm[j]
     return speed, force, tip, inertia

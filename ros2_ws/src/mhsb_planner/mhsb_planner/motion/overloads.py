@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.hydraulics import required_pressures
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import oil_of, pressure_to_move, required_pressures
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.motion_profile import MotionProfile
@@ -48,10 +50,10 @@ class Overload:
 def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tuple[Overload, ...]:
     """Overloads of a motion with this profile at `time` float64[k] s, one for each actuator."""
     highest = machine.arrays.max_boost_pressure
+    if not _are_there_any(machine.arrays, profile.speed, profile.force):
+        return ()
     pressure = required_pressures(machine.arrays, profile.force, np.zeros(profile.force.shape))
     resting = (pressure > highest) & (np.abs(profile.speed) <= DEAD_BAND)
-    if not resting.any():
-        return ()
     span = np.append(np.diff(time), 0.0)
     return tuple(
         Overload(
@@ -64,3 +66,16 @@ def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tup
         for j, name in enumerate(machine.actuator_names)
         if resting[:, j].any()
     )
+
+
+@kernel
+def _are_there_any(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
+    """Whether a cylinder rests under more than the highest boost can carry."""
+    oil = oil_of(m)
+    for k in range(len(speed)):
+        for j in range(speed.shape[1]):
+            if abs(speed[k, j]) <= DEAD_BAND:
+                needed = pressure_to_move(oil, m.cap_area[j], m.rod_area[j], force[k, j], 0.0)
+                if needed > oil.max_boost_pressure:
+                    return True
+    return False

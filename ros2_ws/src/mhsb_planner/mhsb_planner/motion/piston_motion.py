@@ -52,12 +52,15 @@ def joint_motion(
     """
     rows, n = length.shape
     q, qd, qdd = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
+    state = np.empty((n, 4))  # of each joint: angle, length, moment arm and its slope
     for j in range(n):
-        linkage, lower, upper = m.linkage[j], m.joint_min[j], m.joint_max[j]
-        angle = start[j]
-        reached, arm, slope = motion(linkage, angle)
-        for k in range(rows):
+        state[j, 0] = start[j]
+        state[j, 1], state[j, 2], state[j, 3] = motion(m.linkage[j], start[j])
+    for k in range(rows):
+        for j in range(n):  # none waits for another: a processor works on all at a time
+            angle, reached, arm, slope = state[j, 0], state[j, 1], state[j, 2], state[j, 3]
             if length[k, j] != reached:
+                linkage, lower, upper = m.linkage[j], m.joint_min[j], m.joint_max[j]
                 step = (length[k, j] - reached) / arm
                 angle += step * (1.0 - 0.5 * step * slope / arm)
                 reached, arm, slope = motion(linkage, angle)
@@ -68,7 +71,8 @@ def joint_motion(
                     angle = joint_angle(linkage, length[k, j], lower, upper, angle)
                     reached, arm, slope = motion(linkage, angle)
                     angle += (length[k, j] - reached) / arm
-                reached = length[k, j]
+                state[j, 0], state[j, 1] = angle, length[k, j]
+                state[j, 2], state[j, 3] = arm, slope
             q[k, j] = angle
             qd[k, j] = speed[k, j] / arm
             qdd[k, j] = (acceleration[k, j] - slope * qd[k, j] ** 2) / arm

@@ -61,11 +61,11 @@ class RampedMotion:
         return _breaks(self.at, self.change, self.rise, self.blend)
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at the times [s], float64[times, n] each."""
+        """q, q̇, q̈ at ascending times [s], float64[times, n] each."""
         return joint_motion(self.machine.arrays, *self.pistons(time), self.start)
 
     def pistons(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Lengths, piston speeds and accelerations at the times [s], float64[times, n] each."""
+        """Lengths, piston speeds, accelerations at ascending times [s], float64[times, n] each."""
         return _pistons(
             time, self.length, self.speed, self.at, self.change, self.rise, self.blend
         )
@@ -147,23 +147,35 @@ def _pistons(
     rise: FloatArray,
     blend: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Kernel of `RampedMotion.pistons`; oracle: the discrete path convolved numerically."""
-    n = len(start)
-    length, velocity = np.empty((len(time), n)), np.empty((len(time), n))
-    acceleration = np.empty((len(time), n))
-    before = np.empty(len(at))
+    """Kernel of `RampedMotion.pistons`, times ascending; oracle: the path convolved numerically.
+
+    A ramp that is over leaves a change of speed and a lag behind it, which are summed up.
+    """
+    rows, n = len(time), len(start)
+    length, velocity = np.zeros((rows, n)), np.zeros((rows, n))
+    acceleration, over, lag = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n))
     for i in range(len(at)):
-        before[i] = ramp_at(rise[i], blend[i], -at[i])[0]
-    for k in range(len(time)):
-        for j in range(n):
-            length[k, j] = start[j] + speed[j] * time[k]
-            velocity[k, j], acceleration[k, j] = speed[j], 0.0
-        for i in range(len(at)):
-            if time[k] <= at[i]:
-                continue
+        before, _, _ = ramp_at(rise[i], blend[i], -at[i])
+        duration = rise[i] + blend[i]
+        k = 0
+        while k < rows and time[k] <= at[i]:
+            k += 1
+        while k < rows and time[k] < at[i] + duration:
             way, share, rate = ramp_at(rise[i], blend[i], time[k] - at[i])
             for j in range(n):
-                length[k, j] += change[i, j] * (way - before[i])
+                length[k, j] += change[i, j] * (way - before)
                 velocity[k, j] += change[i, j] * share
                 acceleration[k, j] += change[i, j] * rate
+            k += 1
+        if k < rows:
+            for j in range(n):
+                over[k, j] += change[i, j]
+                lag[k, j] += change[i, j] * (at[i] + 0.5 * duration + before)
+    for j in range(n):
+        constant, behind = speed[j], -start[j]
+        for k in range(rows):
+            constant += over[k, j]
+            behind += lag[k, j]
+            length[k, j] += constant * time[k] - behind
+            velocity[k, j] += constant
     return length, velocity, acceleration

@@ -14,10 +14,12 @@ or, where that would pass the acceleration, a little later.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.piston_motion import lengths_of
@@ -53,38 +55,77 @@ def following_motion(
              that stay do not sink in between. Ramps then have the middles that they would have if
              all were like it; those without room for that are like it
     """
-    length, due, speed = _steps(machine, path, stretch)
-    turns = np.abs(np.diff(speed, axis=0)).max(axis=1) > SAME_SPEED
-    corners = np.flatnonzero(np.concatenate([[True], turns, [True]]))
-    time = np.concatenate([[0.0], np.cumsum(due)])
-    ticks = np.maximum(1.0, np.ceil(np.diff(time[corners]) / TICK - 1e-6))
-    begin = delay + TICK * np.concatenate([[0.0], np.cumsum(ticks)])
-    speed = np.diff(length[corners], axis=0) / (TICK * ticks)[:, None]
-    rest = np.zeros((1, length.shape[1]))
-    first = first or ramp
-    sooner = 0.5 * (ramp.duration - first.duration)
-    own_ramp = begin - sooner >= begin[0]
+    length = lengths_of(machine.arrays, path.posture)
+    first, due = first or ramp, _durations(path, stretch)
+    at, change, rise, blend, node_time = _ramps(
+        length, due, delay, ramp.rise, ramp.blend, first.rise, first.blend
+    )
+    rest = np.zeros(length.shape[1])
     own = RampedMotion(
-        machine,
-        path.posture[0],
-        length[0],
-        rest[0],
-        np.where(own_ramp, begin - sooner, begin),
-        np.diff(np.vstack([rest, speed, rest]), axis=0),
-        np.where(own_ramp, ramp.rise, first.rise),
-        np.where(own_ramp, ramp.blend, first.blend),
-        np.interp(time, time[corners], begin) + 0.5 * first.duration,
+        machine, path.posture[0], length[0], rest, at, change, rise, blend, node_time
     )
     return own if coast is None else coast.motion.plus(own)
 
 
-def _steps(
-    machine: Machine, path: DiscretePath, stretch: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Cylinder lengths [m] at the points of a path, the steps' durations [s] and speeds [m/s]."""
-    length = lengths_of(machine.arrays, path.posture)
-    due = stretch * np.maximum(path.duration, SHORTEST_STEP)
-    return length, due, np.diff(length, axis=0) / due[:, None]
+def _durations(path: DiscretePath, stretch: float) -> FloatArray:
+    """Of a path's steps [s]."""
+    return stretch * np.maximum(path.duration, SHORTEST_STEP)
+
+
+@kernel
+def _ramps(
+    length: FloatArray,
+    due: FloatArray,
+    delay: float,
+    rise: float,
+    blend: float,
+    first_rise: float,
+    first_blend: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """When ramps begin, their changes of speed, rises and blends, and when nodes are due.
+
+    A ramp at each point of the path where the speed changes: due[k] are the steps' durations [s],
+    length[k + 1, n] the cylinders' lengths [m]; the rest as of `following_motion`.
+    """
+    steps, n = len(due), length.shape[1]
+    corner, count = np.zeros(steps + 1, dtype=np.int64), 0  # the points where speeds change
+    for k in range(1, steps + 1):
+        turns = k == steps
+        for j in range(n):
+            if not turns:
+                before = (length[k, j] - length[k - 1, j]) / due[k - 1]
+                turns = abs((length[k + 1, j] - length[k, j]) / due[k] - before) > SAME_SPEED
+        if turns:
+            count += 1
+            corner[count] = k
+    total, first = rise + blend, first_rise + first_blend
+    sooner = 0.5 * (total - first)
+    at, change, node_time = np.empty(count + 1), np.zeros((count + 1, n)), np.empty(steps + 1)
+    rises, blends = np.empty(count + 1), np.empty(count + 1)
+    begin, ticks = delay, 0.0
+    for i in range(count + 1):
+        own = begin - sooner >= delay
+        at[i] = begin - sooner if own else begin
+        rises[i], blends[i] = (rise, blend) if own else (first_rise, first_blend)
+        node_time[corner[i]] = begin + 0.5 * first
+        if i == count:
+            break
+        span = 0.0
+        for k in range(corner[i], corner[i + 1]):
+            span += due[k]
+        whole = max(1.0, math.ceil(span / TICK - 1e-6))
+        lasts = TICK * whole
+        since = 0.0
+        for k in range(corner[i], corner[i + 1]):
+            node_time[k] = begin + lasts * since / span + 0.5 * first
+            since += due[k]
+        for j in range(n):
+            speed = (length[corner[i + 1], j] - length[corner[i], j]) / lasts
+            change[i, j] += speed
+            change[i + 1, j] -= speed
+        ticks += whole
+        begin = delay + TICK * ticks
+    return at, change, rises, blends, node_time
 
 
 def followed_path(
@@ -112,8 +153,9 @@ def _ever_slower(
     machine: Machine, path: DiscretePath, slower: float, coast: Coasting | None, stretch: float
 ) -> Iterator[RampedMotion]:
     """From a moving start the path sets out at once, then ever later; then ramps become slower."""
-    _, _, speed = _steps(machine, path, stretch)
-    ramp, delay = shortest_ramp(machine, float(np.abs(speed).max())).slower(slower, slower), 0.0
+    stroke = np.abs(np.diff(lengths_of(machine.arrays, path.posture), axis=0)).max(axis=1)
+    fastest = float(np.max(stroke / _durations(path, stretch)))
+    ramp, delay = shortest_ramp(machine, fastest).slower(slower, slower), 0.0
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.told + coast.ramp.duration

@@ -36,11 +36,17 @@ from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import (
+    POINT_SPACING_NS,
+    SECOND_NS,
+    Trajectory,
+    standstill,
+    states_within,
+)
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_model.workspace import excess_of
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile, profile_of
 from mhsb_planner.motion.s3_clearance import first_contact
 
 JOINT_TOLERANCE = 1e-6  # rad, rounding of table and interpolation
@@ -73,6 +79,11 @@ class Limit(IntEnum):
     THRUST = 3
     MODULES = 4
     OBSTACLE = 5
+
+
+# The same as kernels take them.
+_JOINT, _NODE_SET = int(Limit.JOINT), int(Limit.NODE_SET)
+_USAGE, _THRUST = int(Limit.USAGE), int(Limit.THRUST)
 
 
 @dataclass(frozen=True)
@@ -130,6 +141,15 @@ def speed_limit(
     return min(speed, highest_flow(oil, modules) / inlet)
 
 
+@kernel(inline="always")
+def repeats(modes: ModeArray, k: int) -> bool:
+    """Whether the modes of row k are those of the row before."""
+    same = k > 0
+    for j in range(modes.shape[1]):
+        same = same and modes[k, j] == modes[k - 1, j]
+    return same
+
+
 class Demand(NamedTuple):
     """What states of motion ask for, float64[k] each.
 
@@ -166,53 +186,106 @@ def _demand(
     modes: ModeArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Kernel of `Demand.of`; its oracle in the tests uses the Machine's methods."""
-    rows, n = speed.shape
-    oil, cap, rod, modules_of = oil_of(m), m.cap_area, m.rod_area, m.modules_per_mode
+    rows, oil, own = len(speed), oil_of(m), np.empty(speed.shape[1])
+    cap, rod, modules_of = m.cap_area, m.rod_area, m.modules_per_mode
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
     outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
     thrust = np.empty(rows)
-    spared = spared_margin(oil)
-    own = np.empty(n)
     for k in range(rows):
-        flow = fastest = heaviest = hardest = 0.0
-        for j in range(n):
-            v, f, modules = speed[k, j], force[k, j], modules_of[modes[k, j]]
-            flow += inlet_area(cap[j], rod[j], v) * abs(v)
-            if BOOSTED[modes[k, j]]:
-                own[j] = boosted_supply(oil, cap[j], rod[j], f, v)
-            if abs(v) > DEAD_BAND:
-                limit = speed_limit(oil, cap[j], rod[j], f, v, modules)
-                fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
-            lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
-            if lifts and abs(v) > 0.25 * DEAD_BAND:
-                needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
-                heaviest = max(heaviest, needed / highest_supply(oil, modules))
-            load = f + inertia[k, j]
-            if abs(v) > DEAD_BAND and opposes_motion(load, v):
-                needed = pressure_to_move(oil, cap[j], rod[j], load, v) - spared
-                hardest = max(hardest, needed / highest_supply(oil, modules))
         outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
-        shared = flow_for_pistons(oil, own, modes[k])
-        usage[k] = max(fastest, flow / shared) if shared > 0.0 else math.inf
-        pressure[k], thrust[k] = heaviest, hardest
+        usage[k], pressure[k], thrust[k] = _shares(
+            oil, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
+        )
     return outside, usage, pressure, thrust
 
 
+@kernel
+def _end_demands(
+    m: MachineArrays,
+    speed: FloatArray,
+    force: FloatArray,
+    inertia: FloatArray,
+    tip: FloatArray,
+    modes: ModeArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Kernel of `EndDemands.of`: demands float64[4, k] where k intervals begin and where they end.
+
+    In the same modes an interval begins as the one before ends.
+    """
+    intervals, oil, own = len(modes), oil_of(m), np.empty(speed.shape[1])
+    cap, rod, modules_of = m.cap_area, m.rod_area, m.modules_per_mode
+    min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
+    begin, end = np.empty((4, intervals)), np.empty((4, intervals))
+    for k in range(intervals):
+        if repeats(modes, k):
+            for i in range(4):
+                begin[i, k] = end[i, k - 1]
+        else:
+            begin[0, k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
+            begin[1, k], begin[2, k], begin[3, k] = _shares(
+                oil, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
+            )
+        end[0, k] = excess_of(min_x, min_radius, max_radius, tip[k + 1, 0], tip[k + 1, 1])
+        end[1, k], end[2, k], end[3, k] = _shares(
+            oil, cap, rod, modules_of, speed, force, inertia, k + 1, modes, k, own
+        )
+    return begin, end
+
+
+@kernel(inline="always")
+def _shares(
+    oil: Oil,
+    cap: FloatArray,
+    rod: FloatArray,
+    modules_of: IntArray,
+    speed: FloatArray,
+    force: FloatArray,
+    inertia: FloatArray,
+    i: int,
+    modes: ModeArray,
+    k: int,
+    own: FloatArray,
+) -> tuple[float, float, float]:
+    """Usage, pressure and thrust of state i in the modes of row k; own[n] is working memory."""
+    flow = fastest = heaviest = hardest = 0.0
+    for j in range(len(own)):
+        v, f, modules = speed[i, j], force[i, j], modules_of[modes[k, j]]
+        flow += inlet_area(cap[j], rod[j], v) * abs(v)
+        if BOOSTED[modes[k, j]]:
+            own[j] = boosted_supply(oil, cap[j], rod[j], f, v)
+        if abs(v) > DEAD_BAND:
+            limit = speed_limit(oil, cap[j], rod[j], f, v, modules)
+            fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
+        lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
+        if lifts and abs(v) > 0.25 * DEAD_BAND:
+            needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
+            heaviest = max(heaviest, needed / highest_supply(oil, modules))
+        load = f + inertia[i, j]
+        if abs(v) > DEAD_BAND and opposes_motion(load, v):
+            needed = pressure_to_move(oil, cap[j], rod[j], load, v) - spared_margin(oil)
+            hardest = max(hardest, needed / highest_supply(oil, modules))
+    shared = flow_for_pistons(oil, own, modes[k])
+    used = max(fastest, flow / shared) if shared > 0.0 else math.inf
+    return used, heaviest, hardest
+
+
 class EndDemands(NamedTuple):
-    """Demands of k intervals at both their ends, each in the interval's modes."""
+    """Demands of k intervals at both their ends, each in the interval's modes uint8[k, n]."""
 
     begin: Demand
     end: Demand
+    modes: ModeArray
 
     @classmethod
     def of(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> EndDemands:
         """Of intervals between a profile's instants, in the modes uint8[k, n]."""
-        begin, end = (Demand.of(machine, each, modes) for each in (profile[:-1], profile[1:]))
-        return cls(begin, end)
+        p = profile
+        begin, end = _end_demands(machine.arrays, p.speed, p.force, p.inertia, p.tip, modes)
+        return cls(Demand(*begin), Demand(*end), modes)
 
     def largest_usage(self, first: int) -> float:
         """From interval `first` on."""
-        return float(max(each.usage[first:].max() for each in self))
+        return float(max(each.usage[first:].max() for each in (self.begin, self.end)))
 
 
 def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
@@ -247,17 +320,16 @@ def first_violation(
     their middles (`middle_profile`), where they are known. Raises DeadlineError.
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
-    modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
-    beyond = m.modules_per_mode[modes].sum(axis=1) - m.module_count
-    within = len(modes) if np.all(beyond <= 0) else int(np.argmax(beyond > 0))
+    points = trajectory.position, trajectory.velocity, trajectory.acceleration
     if ends is None:
-        points = trajectory.position, trajectory.velocity, trajectory.acceleration
+        modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
         ends = EndDemands.of(machine, motion_profile(machine, *points), modes)
+    modes = ends.modes
+    within, beyond = _within_budget(m, modes)
     middles = middles or middle_profile(machine, trajectory)
-    clear = _clear(ends.begin, Demand.of(machine, middles, modes), ends.end)
-    motion = trajectory.position, trajectory.velocity, trajectory.acceleration
-    clear &= _joint_bound(m, time, *motion) <= JOINT_TOLERANCE
-    doubtful = np.flatnonzero(~clear[:within])
+    middle = Demand.of(machine, middles, modes)
+    doubtful = _doubtful(m, time, *points, ends.begin, middle, ends.end)
+    doubtful = doubtful[doubtful < within]
     deadline.check(CHECKING)
     for first in range(0, len(doubtful), ROWS_AT_ONCE):
         rows = doubtful[first : first + ROWS_AT_ONCE]
@@ -266,33 +338,80 @@ def first_violation(
         if found is not None:
             return found
     if within < len(modes):
-        return Violation(Limit.MODULES, time[within], float(beyond[within]))
+        return Violation(Limit.MODULES, time[within], float(beyond))
     contact = first_contact(machine, trajectory)
     if contact is not None:
         return Violation(Limit.OBSTACLE, contact.time, -contact.clearance, contact.name)
     return None
 
 
+def warm_up(machine: Machine) -> None:
+    """Compile what is called only for intervals that are not clear of all limits."""
+    still = standstill(machine.arrays.joint_min).rested(POINT_SPACING_NS)
+    normal = np.zeros((1, machine.joint_count), dtype=np.uint8)
+    _first_within(machine, still, normal, np.array([0]))
+
+
 def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
     """Profile half-way between a trajectory's points."""
-    intervals = np.arange(len(trajectory.offset_ns) - 1)
-    return motion_profile(machine, *trajectory.inside(intervals, np.array([0.5])))
+    return motion_profile(machine, *trajectory.middles())
 
 
 @kernel
-def _clear(begin: Demand, middle: Demand, end: Demand) -> np.ndarray:
-    """Intervals in which no limit but the joints' can be broken, by ends and middles, bool[k].
+def way_out(m: MachineArrays, position: FloatArray) -> float:
+    """How far a joint goes beyond its limits [rad], other than where it comes back from beyond.
+
+    position  float64[k, n] rad, one after the other; negative where all are within
+    """
+    farthest = -math.inf
+    for j in range(position.shape[1]):
+        least = math.inf
+        for k in range(len(position)):
+            excess = max(m.joint_min[j] - position[k, j], position[k, j] - m.joint_max[j])
+            least = min(least, max(excess, 0.0))
+            farthest = max(farthest, excess - least)
+    return farthest
+
+
+@kernel
+def _within_budget(m: MachineArrays, modes: ModeArray) -> tuple[int, int]:
+    """How many intervals, the first ones, keep the module budget; what the next is beyond it."""
+    for k in range(len(modes)):
+        beyond = -m.module_count
+        for j in range(modes.shape[1]):
+            beyond += m.modules_per_mode[modes[k, j]]
+        if beyond > 0:
+            return k, beyond
+    return len(modes), 0
+
+
+@kernel
+def _doubtful(
+    m: MachineArrays,
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    begin: Demand,
+    middle: Demand,
+    end: Demand,
+) -> IntArray:
+    """Intervals of which ends, middles and control points do not show that no limit is broken.
 
     Either both ends have enough in reserve, or all that is asked for stays below its limit.
     """
-    clear = np.empty(len(middle.usage), dtype=np.bool_)
-    for k in range(len(clear)):
+    beyond = _joint_bound(m, time, position, velocity, acceleration)
+    rows, count = np.empty(len(beyond), dtype=np.int64), 0
+    for k in range(len(beyond)):
         bounded = _most(begin.outside[k], middle.outside[k], end.outside[k]) < 0.0
         bounded &= _most(begin.usage[k], middle.usage[k], end.usage[k]) < 1.0
         bounded &= _most(begin.pressure[k], middle.pressure[k], end.pressure[k]) < CLEAR_PRESSURE
         bounded &= _most(begin.thrust[k], middle.thrust[k], end.thrust[k]) < 1.0
-        clear[k] = bounded or (_has_reserve(begin, k) and _has_reserve(end, k))
-    return clear
+        clear = bounded or (_has_reserve(begin, k) and _has_reserve(end, k))
+        if not (clear and beyond[k] <= JOINT_TOLERANCE):
+            rows[count] = k
+            count += 1
+    return rows[:count]
 
 
 @kernel(inline="always")
@@ -345,22 +464,43 @@ def _first_within(
 ) -> Violation | None:
     """The first violation within some intervals, looked at every millisecond or closer."""
     time = trajectory.offset_ns / SECOND_NS
-    h = np.diff(time)[rows]
-    shares = np.linspace(0.0, 1.0, int(np.ceil(h.max() / CHECK_SPACING)) + 1)
-    q, qd, qdd = trajectory.inside(rows, shares)
-    profile = motion_profile(machine, q, qd, qdd)
-    demand = Demand.of(machine, profile, np.repeat(modes[rows], len(shares), axis=0))
-    excess = joint_excess(machine.arrays, q)
-    broken = np.array([
-        excess > JOINT_TOLERANCE,
-        demand.outside > TIP_TOLERANCE,
-        demand.usage > 1.0,
-        demand.thrust > 1.0,
-    ])
-    if not broken.any():
-        return None
-    k = int(np.argmax(broken.any(axis=0)))
-    limit = Limit(int(np.argmax(broken[:, k])))
-    amount = (excess[k], demand.outside[k], demand.usage[k] - 1.0, demand.thrust[k] - 1.0)[limit]
-    row, part = divmod(k, len(shares))
-    return Violation(limit, float(time[rows[row]] + shares[part] * h[row]), float(amount))
+    motion = trajectory.position, trajectory.velocity, trajectory.acceleration
+    limit, at, amount = _first_broken(machine.arrays, time, *motion, modes, rows)
+    return None if limit < 0 else Violation(Limit(limit), at, amount)
+
+
+@kernel
+def _first_broken(
+    m: MachineArrays,
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    modes: ModeArray,
+    rows: IntArray,
+) -> tuple[int, float, float]:
+    """Kernel of `_first_within`: limit, time [s] and amount; −1 where none is broken."""
+    motion = position, velocity, acceleration
+    for row in rows:
+        h = time[row + 1] - time[row]
+        looks = math.ceil(h / CHECK_SPACING) + 1
+        shares = np.linspace(0.0, 1.0, looks)
+        q, qd, qdd = states_within(time, *motion, np.full(looks, row), shares)
+        held = np.empty((looks, modes.shape[1]), dtype=np.uint8)
+        held[:] = modes[row]
+        speed, force, tip, inertia = profile_of(m, q, qd, qdd)
+        outside, usage, _, thrust = _demand(m, speed, force, inertia, tip, held)
+        for k in range(looks):
+            at = time[row] + shares[k] * h
+            excess = -math.inf
+            for j in range(q.shape[1]):
+                excess = max(excess, m.joint_min[j] - q[k, j], q[k, j] - m.joint_max[j])
+            if excess > JOINT_TOLERANCE:
+                return _JOINT, at, excess
+            if outside[k] > TIP_TOLERANCE:
+                return _NODE_SET, at, outside[k]
+            if usage[k] > 1.0:
+                return _USAGE, at, usage[k] - 1.0
+            if thrust[k] > 1.0:
+                return _THRUST, at, thrust[k] - 1.0
+    return -1, 0.0, 0.0

@@ -30,15 +30,15 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.holding import HoldingError, holding_modes
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode
 from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory
-from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
 from mhsb_model.workspace import node_set_excess
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.motion import s3_clearance
+from mhsb_planner.motion import s3_clearance, s3_limits
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile, Profiles
 from mhsb_planner.motion.overloads import Overload, overloads
@@ -64,9 +64,10 @@ from mhsb_planner.motion.s3_limits import (
     first_violation,
     joint_excess,
     middle_profile,
+    way_out,
 )
 from mhsb_planner.motion.s3_steered import Steering
-from mhsb_planner.motion.s4_mode_schedule import StartModes, keeps_dwell
+from mhsb_planner.motion.s4_mode_schedule import N, StartModes, keeps_dwell
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 from mhsb_planner.motion.trajectory_points import joined, sampled_trajectory
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
@@ -261,6 +262,7 @@ def warm_up(machine: Machine) -> None:
     with suppress(FitError):
         fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
     s3_clearance.warm_up(machine)
+    s3_limits.warm_up(machine)
 
 
 def _check_meeting(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
@@ -330,7 +332,7 @@ def _stretched(
             trajectory, first = joined(lead_in, trajectory), len(lead_in.offset_ns) - 1
         deadline.check(FITTING)
         position = trajectory.position[first:]
-        beyond = _going_out(limits, position)
+        beyond = way_out(limits, as_frozen(position))
         if beyond > JOINT_TOLERANCE:
             return f"a joint limit is passed by {beyond:.3g} rad"
         if candidate.furthest is not None:
@@ -375,23 +377,24 @@ def _stretched(
     return "stretching it did not bring it within what valves and pumps can do"
 
 
-def _going_out(limits: MachineArrays, position: FloatArray) -> float:
-    """How far a joint goes beyond its limits [rad], other than where it comes back from beyond."""
-    excess = np.maximum(limits.joint_min - position, position - limits.joint_max)
-    highest = float(excess.max())
-    if highest <= 0.0:
-        return highest
-    before = np.minimum.accumulate(np.maximum(excess, 0.0), axis=0)
-    return float((excess - before).max())
-
-
 def _preferred(
     path: DiscretePath, node_time: FloatArray, time: FloatArray, first: int
 ) -> ModeArray:
     """The discrete path's modes at the points; N during a lead-in of `first` points."""
-    step = np.searchsorted(node_time, time - time[first], "right") - 1
-    modes = path.modes[np.clip(step, 0, len(path.modes) - 1)]
-    modes[:first] = Mode.N
+    return _modes_of_steps(path.modes, node_time, time, first)
+
+
+@kernel
+def _modes_of_steps(
+    steps: ModeArray, node_time: FloatArray, time: FloatArray, first: int
+) -> ModeArray:
+    """Kernel of `_preferred`."""
+    modes, step = np.empty((len(time), steps.shape[1]), dtype=np.uint8), 0
+    modes[:first] = N
+    for k in range(first, len(time)):
+        while step < len(steps) - 1 and node_time[step + 1] <= time[k] - time[first]:
+            step += 1
+        modes[k] = steps[step]
     return modes
 
 

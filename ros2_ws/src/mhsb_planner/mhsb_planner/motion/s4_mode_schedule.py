@@ -32,7 +32,7 @@ from mhsb_model.modes import BOOSTED, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats
 
 RESERVE = 1.005
 """Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
@@ -164,7 +164,7 @@ def _changes(modes: ModeArray) -> IntArray:
     """Rows that are the first, or differ from the one before."""
     rows, count = np.empty(len(modes), dtype=np.int64), 0
     for k in range(len(modes)):
-        if k == 0 or np.any(modes[k] != modes[k - 1]):
+        if not repeats(modes, k):
             rows[count] = k
             count += 1
     return rows[:count]

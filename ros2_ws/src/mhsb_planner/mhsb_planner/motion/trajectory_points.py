@@ -6,8 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, MotionState, Trajectory
-from mhsb_model.types import FloatArray, IntArray
+from mhsb_model.types import FloatArray, IntArray, frozen
 
 FEWEST_INTERVALS = 10
 """Intervals between a trajectory's points, at least."""
@@ -52,9 +53,22 @@ def point_times(breaks: FloatArray) -> IntArray:
 
     With points at the breaks, quintics between the points follow the curve within rounding.
     """
+    return _point_times(frozen(breaks))
+
+
+@kernel
+def _point_times(breaks: FloatArray) -> IntArray:
+    """Kernel of `point_times`."""
     at_ns = np.rint(breaks * SECOND_NS).astype(np.int64)
-    span = np.diff(at_ns)
-    parts = np.maximum(-(-span // POINT_SPACING_NS), -(-FEWEST_INTERVALS // len(span)))
-    row = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    between = np.rint(row * np.repeat(span / parts, parts)).astype(np.int64)
-    return np.append(np.repeat(at_ns[:-1], parts) + between, at_ns[-1])
+    spans = len(at_ns) - 1
+    parts, fewest = np.empty(spans, dtype=np.int64), -(-FEWEST_INTERVALS // spans)
+    for i in range(spans):
+        parts[i] = max(-(-(at_ns[i + 1] - at_ns[i]) // POINT_SPACING_NS), fewest)
+    times, k = np.empty(parts.sum() + 1, dtype=np.int64), 0
+    for i in range(spans):
+        step = (at_ns[i + 1] - at_ns[i]) / parts[i]
+        for part in range(parts[i]):
+            times[k] = at_ns[i] + np.int64(np.rint(part * step))
+            k += 1
+    times[k] = at_ns[-1]
+    return times

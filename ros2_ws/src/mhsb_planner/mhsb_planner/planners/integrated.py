@@ -1,8 +1,9 @@
 """Path, posture and modes decided together (`mhsb_planner.integrated`).
 
 The motion is compared with those of the table planner and of the one that keeps joint 3, along
-their paths in their own way and in this one's, and, where the area has a weight, with that along
-the path that is found without: what a path promises is not always kept by its motion.
+their paths in their own way and in this one's, with that along the path that is found where time
+costs a little more, and, where the area has a weight, with that along the path that is found
+without: what a path promises is not always kept by its motion.
 """
 
 from __future__ import annotations
@@ -15,13 +16,22 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch
+from mhsb_planner.integrated.task import Effort
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.fixed import FixedPlanner
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm, area_along_path
+from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
+
+HURRY = 2.0
+"""Of paths that cost nearly the same the shorter makes the cheaper motion, as a rule: it is sought
+once more with so much energy a second [W], for which a motion's ramps and switches are taken."""
+
+HURRIED_STATES = 4000
+"""States of lattices that this may take."""
 
 
 class IntegratedPlanner:
@@ -47,6 +57,9 @@ class IntegratedPlanner:
                 yield from _others(graph, task, time, own.lower_bound)
         if not compared:
             yield from _others(graph, task, time, own.lower_bound)
+        if task.area.weight == 0.0:
+            for path in _hurried(graph.machine, task, time):
+                yield Candidate(replace(path, lower_bound=own.lower_bound), True)
         if task.options.goal_region is not None:  # no dearer than to the goal itself
             alone = replace(task, options=replace(task.options, goal_region=None))
             with suppress(MhsbError):
@@ -61,7 +74,9 @@ class IntegratedPlanner:
             planner.warm_up(graph)
 
 
-def _search(machine: Machine, task: Task, time: SearchTime, area: AreaTerm) -> IntegratedSearch:
+def _search(
+    machine: Machine, task: Task, time: SearchTime, area: AreaTerm, effort: Effort | None = None
+) -> IntegratedSearch:
     options = task.options
     return IntegratedSearch(
         machine,
@@ -75,7 +90,24 @@ def _search(machine: Machine, task: Task, time: SearchTime, area: AreaTerm) -> I
         certified_from=task.start.position,
         area=area,
         time=time,
+        effort=effort,
     )
+
+
+def _hurried(machine: Machine, task: Task, time: SearchTime) -> Iterator[DiscretePath]:
+    """The path that is cheapest where time costs a little, with what it costs where it does not.
+
+    Not for a motion that is soon to be followed by another.
+    """
+    weights = task.options.weights
+    haste = HURRY * weights.energy
+    if haste == 0.0 or task.options.period > 0.0:
+        return
+    options = replace(task.options, weights=replace(weights, time=weights.time + haste))
+    effort = Effort(expansions=HURRIED_STATES)
+    with suppress(MhsbError):
+        path = _search(machine, replace(task, options=options), time, WITHOUT_AREA, effort).last()
+        yield replace(path, cost=path.cost - haste * float(path.duration.sum()))
 
 
 def _others(
@@ -94,6 +126,7 @@ def _elsewhere(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candi
     if task.area.weight > 0.0:
         with suppress(MhsbError):
             yield Candidate(_search(graph.machine, task, time, WITHOUT_AREA).last())
+        yield from map(Candidate, _hurried(graph.machine, task, time))
     for planner in (TablePlanner(), FixedPlanner()):
         with suppress(MhsbError):
             for candidate in planner.paths(graph, task, time):

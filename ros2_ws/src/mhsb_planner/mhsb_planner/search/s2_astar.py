@@ -44,7 +44,7 @@ class Known(NamedTuple):
 
     edge: IntArray  # [states + 1] step by which it was reached, in the list its parent implies
     remaining: FloatArray  # [postures] least cost to the goal, NaN where not yet computed
-    cheapest: IntArray  # [postures] of its states that with the least cost so far, or NOWHERE
+    cheapest: IntArray  # [postures] pattern of its state with the least cost so far, or NOWHERE
 
 
 class Asked(NamedTuple):
@@ -96,7 +96,7 @@ def expand(
     room = largest_number(terms.layout, terms.patterns)
     leakage = len(area) * c.leakage_flow
     w_energy, w_time, w_switch = asked.weight
-    sink, count = len(so_far) - 1, len(switches)
+    sink = len(so_far) - 1
     fresh = counts[EXPANDED] == 0
     for _ in range(limit):
         if fresh:
@@ -107,9 +107,10 @@ def expand(
             if counts[WAITING] == 0:
                 return EXHAUSTED
             state = heap[0]
+            own = state % len(switches)  # a posture's states are those of its node in some patterns
             if state != sink:
-                other = cheapest[owner[state]]
-                switching = w_switch * switches[other % count, state % count]
+                pattern = cheapest[owner[state]]
+                other, switching = state - own + pattern, w_switch * switches[pattern, own]
                 if _is_passed_over(
                     so_far[state], depth[state], so_far[other], depth[other], switching
                 ):
@@ -126,7 +127,7 @@ def expand(
             state = take_first(f)
             if state == sink:
                 return FOUND
-            posture, own = owner[state], state % len(switches)
+            posture = owner[state]
             so, steps = so_far[state], depth[state] + 1
             begin, grid_end = edge_first[posture], edge_last[posture]
             end = grid_end + goal_first[posture + 1] - goal_first[posture]
@@ -152,12 +153,13 @@ def expand(
                 continue
             least = 0.0
             if target != sink:
-                at = owner[target]
-                other = cheapest[at]
-                if other == NOWHERE or cost < so_far[other]:
-                    cheapest[at] = target
+                at, arrival = owner[target], start_pattern[e] if fresh else edge_pattern[e]
+                pattern = cheapest[at]
+                other = target - arrival + pattern
+                if pattern == NOWHERE or cost < so_far[other]:
+                    cheapest[at] = arrival
                 else:
-                    switching = w_switch * switches[other % count, target % count]
+                    switching = w_switch * switches[pattern, arrival]
                     if _is_passed_over(cost, steps, so_far[other], depth[other], switching):
                         continue
                 if math.isnan(remaining[at]):
@@ -191,14 +193,15 @@ class ExactSearch:
         layout = query.graph.layout
         self._frontier = empty_frontier(layout.owner.size)
         edge = np.empty(layout.owner.size + 1, dtype=np.int64)
-        postures = len(layout.posture)
+        postures, reached = len(layout.posture), np.zeros(len(query.goal.postures.length), bool)
+        reached[query.to_goal.end] = True
         self._known = Known(edge, np.full(postures, np.nan), np.full(postures, NOWHERE))
         self._asked = Asked(
             from_start=query.from_start,
             start_switches=query.start_switches,
             to_goal=query.to_goal,
             goal_first=query.goal_first,
-            goal_length=query.goal.postures.length[np.unique(query.to_goal.end)],
+            goal_length=query.goal.postures.length[reached],
             switches=query.graph.switches,
             weight=query.weight,
             column=query.column,

@@ -121,7 +121,7 @@ class StepGraph:
 
     def switches_from(self, modes: ModeArray) -> IntArray:
         """How many actuators change their mode from `modes` to each pattern, int64[patterns]."""
-        return np.count_nonzero(self.table.patterns != modes, axis=1)
+        return (self.table.patterns != modes).sum(axis=1)
 
     def changed(self, machine: Machine) -> StepGraph:
         """The graph for another payload, supply pressure, V_max or zones, on the same table."""

@@ -229,6 +229,8 @@ class PricedSteps:
 
         None of them where the deadline passes: DeadlineError.
         """
+        if self.complete:
+            return
         with self.guard():
             missing = postures[self.edges.first[postures] == NOT_PRICED]
             leaving = np.empty(len(missing), dtype=np.int64)

@@ -146,6 +146,20 @@ def test_a_joint_limit_is_seen_between_the_points(machine):
     assert "joint limit" in str(violation)
 
 
+def test_a_joint_beyond_its_limits_may_come_back_but_go_no_farther(machine):
+    m = machine.arrays
+    inside = 0.5 * (m.joint_min + m.joint_max)
+
+    def way_out(*beyond):  # of joint 2, past its lower limit
+        position = np.array([[inside[0], m.joint_min[1] - each, inside[2]] for each in beyond])
+        return s3_limits.way_out(m, position)
+
+    assert way_out(0.03, 0.02, -0.1) == 0.0
+    assert way_out(0.03, 0.01, 0.015) == pytest.approx(0.005)
+    assert way_out(0.03, -0.1, 0.002) == pytest.approx(0.002)
+    assert way_out(-0.1, -0.2) == pytest.approx(-0.1)
+
+
 @given(st.integers(0, 2**32))
 def test_no_quintic_leaves_the_bound_on_its_joints(machine, seed):
     random = np.random.default_rng(seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -43,7 +44,7 @@ def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
         rod_end = child_pin = _pin(joints[j], angle[j + 1], joint.linkage.child_pin)
         if isinstance(joint.linkage, FourBar):
             pivot = _pin(joints[j], angle[j], joint.linkage.rocker_pivot)
-            x, z, *_ = four_bar.motion(machine.arrays.linkage[j], float(q[j]))
+            x, z, *_ = four_bar.motion(machine.arrays.linkage[j], math.cos(q[j]), math.sin(q[j]))
             rod_end = pivot + _turned(x, z, angle[j])
             bars.append(Bar(pivot, rod_end, BAR_RADIUS, ROCKER_PAINT))
             bars.append(Bar(rod_end, child_pin, BAR_RADIUS, COUPLER_PAINT))
