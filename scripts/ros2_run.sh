@@ -21,3 +21,8 @@ ros2() {
   return 1
 }
 export -f ros2
+
+if [[ $- == *i* ]]; then
+  # shellcheck source=scripts/completion.bash
+  source "$(dirname "${BASH_SOURCE[0]}")/completion.bash"
+fi

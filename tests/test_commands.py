@@ -23,10 +23,11 @@ COMMANDS = {
     ("mhsb_sim", "tune"): "[mm]",
     ("mhsb_sim", "record"): "[s",
     ("mhsb_sim", "report"): "BAG",
+    ("mhsb_sim", "viewer"): "[MPa]",
     ("mhsb_sim", "demo"): "[m]",
 }
 
-NODES = ("planner_node", "sim_node", "record")
+NODES = ("planner_node", "sim_node", "record", "viewer")
 
 BAD_ARGUMENTS = [
     (("mhsb_model", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
@@ -80,6 +81,9 @@ BAD_ARGUMENTS = [
     (("mhsb_sim", "record"), "--output DIR"),
     (("mhsb_sim", "record", "--output", "x", "--duration", "-1"), "above 0"),
     (("mhsb_sim", "report", "nowhere", "--output", "x"), "nowhere"),
+    (("mhsb_sim", "viewer", "nowhere", "--port", "0"), "nowhere is not a folder"),
+    (("mhsb_sim", "viewer", "--machine", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_sim", "viewer", "--port", "99999"), "--port"),
     (("mhsb_sim", "demo"), "--output"),
     (("mhsb_sim", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
 ]
@@ -163,6 +167,14 @@ def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
     assert 0 < plan["area_m2_s2"] < 2 * plan["area_reference_m2_s2"]
     weighed = 0.5 * plan["energy_j"] + 100 * plan["area_shortfall_m"]
     assert min(costs.values()) == pytest.approx(weighed + 2.0 * plan["switches_scheduled"])
+
+
+def test_a_goal_that_nobody_hears_is_told_as_json_with_what_to_do(start):
+    child = start("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "0.2", "--json")
+    assert child.wait() == 2
+    told = json.loads(child.output)
+    assert told["verdict"] is told["execution"] is None
+    assert "ros2 run mhsb_planner planner_node" in told["trouble"]
 
 
 def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start):

@@ -23,11 +23,12 @@ KEYS = {
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "tqdm": "python3-tqdm",
+    "websockets": "python3-websockets",
     "yaml": "python3-yaml",
 }
 """rosdep's keys of modules; packages of ROS are their own."""
 
-WITHOUT_KEY = {"llvmlite", "mcap", "tyro"}
+WITHOUT_KEY = {"llvmlite", "mcap", "tyro", "viser"}
 """Modules that rosdep does not know: the README names them."""
 
 

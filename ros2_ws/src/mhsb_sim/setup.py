@@ -26,7 +26,7 @@ setup(
         *share_folder("launch"),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest"], "viewer": ["viser>=1.1"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [
@@ -38,6 +38,7 @@ setup(
             "record = mhsb_sim.executables:record",
             "report = mhsb_sim.executables:report",
             "demo = mhsb_sim.executables:demo",
+            "viewer = mhsb_sim.executables:viewer",
         ],
     },
 )

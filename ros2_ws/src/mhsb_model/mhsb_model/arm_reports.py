@@ -62,6 +62,7 @@ class SimulatorReport:
     last_stop_ns      simulated time at which ~/stop was last called since the start, ns; 0 never
     plan_delay        by which plans are followed later than they say, because they were slowed, s
     interventions     times that the arm's guard has boosted or slowed beyond the plan
+    lost_servo_pumps  numbers of those that the arm does without since they fail, the first being 1
     """
 
     sentence: str
@@ -74,3 +75,4 @@ class SimulatorReport:
     last_stop_ns: int = 0
     plan_delay: float = 0.0
     interventions: int = 0
+    lost_servo_pumps: tuple[int, ...] = ()

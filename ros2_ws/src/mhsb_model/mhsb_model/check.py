@@ -21,7 +21,9 @@ PSI_SAMPLES = 180
 
 
 def check(
-    file: Annotated[Path | None, tyro.conf.Positional] = None,
+    file: Annotated[
+        Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")
+    ] = None,
 ) -> None:
     """Print what a machine file amounts to: reach, moment arms, loads, boost, what zones leave.
 
@@ -56,7 +58,7 @@ def _joint_lines(machine: Machine) -> list[str]:
         row = arrays.linkage[j]
         lower, upper = joint.limits.lower, joint.limits.upper
         least, largest = linkage.moment_arm_range(row, lower, upper)
-        lengths = [linkage.cylinder_length(row, q) for q in np.linspace(lower, upper, 200)]
+        lengths = linkage.motions(row, linkage.angle_grid(lower, upper))[:, 0]
         shown = "    outside the joint's range"
         if lower <= 0.0 <= upper:
             force = torque[j] / linkage.moment_arm(row, 0.0)
@@ -68,7 +70,7 @@ def _joint_lines(machine: Machine) -> list[str]:
             f"{j + 1:5d}  {joint.linkage.kind:12s} "
             f"{math.degrees(lower):7.1f} …{math.degrees(upper):6.1f}"
             f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
-            f"  {1e3 * (max(lengths) - min(lengths)):12.1f}  {shown}"
+            f"  {1e3 * np.ptp(lengths):12.1f}  {shown}"
         )
     return lines
 

@@ -13,13 +13,16 @@ sentence on standard error:
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import os
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol, get_type_hints
 
 import tyro
 
@@ -117,19 +120,55 @@ def _parse(
         target: Callable[..., Any] = command
     else:
         # Parsing calls its target; binding keeps errors of the command apart from those of parsing.
-        @functools.wraps(command)
         def target(*values: Any, **named: Any) -> Callable[[], int | None]:
             return functools.partial(command, *values, **named)
+
+        hints = {
+            name: Annotated[kind, tyro.conf.arg(help_behavior_hint=_default)]
+            for name, kind in get_type_hints(command, include_extras=True).items()
+        }
+        signature = inspect.signature(command)
+        target.__signature__ = signature.replace(  # type: ignore[attr-defined]
+            parameters=[
+                each.replace(annotation=hints[name]) for name, each in signature.parameters.items()
+            ]
+        )
+        target.__annotations__ = hints
+        target.__doc__ = re.sub(r"\n {5,}", " ", inspect.cleandoc(command.__doc__ or ""))
 
     with parse_errors.on_parse_error(refuse):
         parsed: Any = tyro.cli(
             target,
             prog=name,
+            description=_description(command),
             args=arguments,
-            config=(tyro.conf.FlagCreatePairsOff,),
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
             registry=_REGISTRY,
         )
     return parsed.run if isinstance(command, type) else parsed
+
+
+def _description(command: Callable[..., Any]) -> str:
+    """What its docstring says of a command, paragraphs wrapped to the terminal's width.
+
+    Indented by one column, by which tyro knows that lines are not to be joined again.
+    """
+    text, *_ = inspect.cleandoc(command.__doc__ or "").partition("\nArgs:\n")
+    wrap = textwrap.TextWrapper(
+        shutil.get_terminal_size().columns,
+        initial_indent=" ",
+        subsequent_indent=" ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return "\n".join(wrap.fill(_one_line(part)) for part in text.strip().split("\n\n"))
+
+
+def _default(value: str) -> str:
+    """What help says of a default value behind the meaning of an argument."""
+    if value == "None":  # the meaning tells what happens where it is left out
+        return ""
+    return f"(default: {value})" if value else "(repeatable)"
 
 
 # --- Sentences about arguments -------------------------------------------------------------------
@@ -143,7 +182,7 @@ def _sentence(event: parse_errors.ParseErrorEvent, arguments: list[str]) -> str:
         case parse_errors.UnrecognizedArgs():
             return f"not an argument of this command: {' '.join(event.tokens)}"
         case parse_errors.InvalidChoice():
-            choices = ", ".join(event.choices)
+            choices = ", ".join(choice for choice in event.choices if choice != "None")
             return f"{_label(event.argument)} takes one of {choices}, not '{event.value}'"
         case parse_errors.BadValue():
             return _bad_value(event.argument, "", arguments)
@@ -171,7 +210,7 @@ def _label(argument: Any) -> str:
 
 def _values(argument: Any) -> str:
     """What values an argument takes, with the words of its help."""
-    metavar = str(argument.lowered.metavar).replace("{None}|", "").strip("{}")
+    metavar = str(argument.lowered.metavar).strip("{}")
     text = argument.field.helptext
     meaning = _one_line((text() if callable(text) else text) or "").rstrip(".")
     return f"{metavar} ({meaning})" if meaning else metavar

@@ -54,6 +54,12 @@ STYLE: dict[Any, Any] = {
 }
 
 
+def rgb(text: str) -> tuple[float, float, float]:
+    """Red, green, blue of `#rrggbb`, as shares of 1."""
+    red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return (red, green, blue)
+
+
 @contextmanager
 def written_figure(path: Path, height: float, width: float = WIDTH) -> Iterator[Figure]:
     """A figure to draw on, written as PNG at the end, whole or not at all; sizes in inches."""

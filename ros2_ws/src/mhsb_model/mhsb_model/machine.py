@@ -115,8 +115,10 @@ class Machine:
         supply_pressure: float | None = None,
         max_piston_speed: float | None = None,
         zones: Zones | None = None,
+        module_count: int | None = None,
     ) -> Machine:
-        """The same machine with another payload [kg], supply pressure [Pa], V_max [m/s] or zones.
+        """The same machine with another payload [kg], supply pressure [Pa], V_max [m/s], zones or
+        number of booster modules.
 
         Raises MachineFileError where a value is out of its range.
         """
@@ -129,6 +131,8 @@ class Machine:
             content["motion"]["max_piston_speed"] = max_piston_speed
         if zones is not None:
             content["keep_out"] |= zones.content()
+        if module_count is not None:
+            content["hydraulics"]["modules"]["count"] = module_count
         return _validated(content, f"{self.name} with changes")
 
     def with_values(self, values: Mapping[str, Any]) -> Machine:

@@ -11,7 +11,7 @@ sum over actuators of `modules_per_mode[mode]`, at most the number of modules fi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -96,29 +96,34 @@ def mode_patterns(
 
 
 def assign_modules(
-    pattern: Sequence[int] | ModeArray, module_count: int, modules_per_mode: Sequence[int]
+    pattern: Sequence[int] | ModeArray,
+    module_count: int,
+    modules_per_mode: Sequence[int],
+    lost: Collection[int] = (),
 ) -> IntArray:
     """Which actuator each module serves, int64[module_count], -1 where the module is idle.
 
     Module j belongs to actuator j, those beyond the actuators are spare. A boosted actuator
     takes its own module, then the spares, then the modules of actuators that leave theirs
-    idle, in order. Raises ValueError where the pattern needs more modules than there are.
+    idle, in order; none that is lost. Raises ValueError where the pattern needs more modules than
+    there are.
     """
     actuator_count = len(pattern)
     needed = [modules_per_mode[mode] for mode in pattern]
-    if sum(needed) > module_count:
+    if sum(needed) > module_count - len(lost):
         raise ValueError(
             f"mode pattern {pattern_name(pattern)} needs {sum(needed)} modules, "
-            f"{module_count} are fitted"
+            f"{module_count - len(lost)} are there"
         )
     serves = np.full(module_count, -1, dtype=np.int64)
     for actuator, count in enumerate(needed):
-        if count > 0 and actuator < module_count:
+        if count > 0 and actuator < module_count and actuator not in lost:
             serves[actuator] = actuator
     spares_first = [*range(actuator_count, module_count), *range(min(actuator_count, module_count))]
     for actuator, count in enumerate(needed):
         missing = count - int(np.sum(serves == actuator))
-        for module in [m for m in spares_first if serves[m] < 0][:missing]:
+        free = [m for m in spares_first if serves[m] < 0 and m not in lost]
+        for module in free[:missing]:
             serves[module] = actuator
     return serves
 

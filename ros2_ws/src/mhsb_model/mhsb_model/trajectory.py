@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numba.extending import register_jitable
 
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, frozen
@@ -178,7 +177,7 @@ def standstill(position: FloatArray, time_ns: int = 0) -> Trajectory:
 Number = TypeVar("Number", float, FloatArray)
 
 
-@register_jitable
+@kernel(plain=True)
 def quintic_hermite(
     s: Number,
     h: Number,

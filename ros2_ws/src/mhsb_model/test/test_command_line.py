@@ -104,6 +104,35 @@ def test_help_shows_meaning_and_unit_of_every_argument(capsys):
     assert "tip position [m]" in printed
 
 
+def look(
+    at: tuple[float, float] | None = None,
+    search: Literal["exact", "published"] | None = None,
+) -> None:
+    """Look around.
+
+    Nothing is moved by it, which is told here in a sentence that is longer than a line of eighty
+    columns.
+
+    Args:
+        at: Where to look, and this is told at such a length that it takes more than one line of the
+            source.
+        search: Which search.
+    """
+
+
+def test_help_is_wrapped_once_and_offers_nothing_that_cannot_be_chosen(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        run(look, ["--help"])
+    printed = capsys.readouterr().out
+    words = " ".join(printed.replace("│", "").split())
+    assert max(map(len, printed.splitlines())) == 80
+    assert "in a sentence that is longer than a line of eighty columns." in words
+    assert "takes more than one line of the source." in words
+    assert "None" not in printed
+    assert "--search {exact,published}" in printed
+
+
 def test_an_error_of_the_suite_is_told_in_one_line_and_fails(capsys):
     def fall() -> None:
         raise MhsbError("the pressure 12 MPa is above\n  10 MPa; lower it")

@@ -51,8 +51,15 @@ def test_shared_boost_takes_its_own_module_then_the_spare_then_idle_ones():
 
 
 def test_a_pattern_beyond_the_budget_is_refused_with_the_numbers():
-    with pytest.raises(ValueError, match="SB-SB-SB needs 6 modules, 4 are fitted"):
+    with pytest.raises(ValueError, match="SB-SB-SB needs 6 modules, 4 are there"):
         assign_modules((2, 2, 2), 4, PER_MODE)
+
+
+def test_who_has_lost_its_own_module_is_served_by_a_spare_or_by_who_leaves_it_idle():
+    assert assign_modules((1, 0, 0), 4, PER_MODE, [0]).tolist() == [-1, -1, -1, 0]
+    assert assign_modules((2, 0, 1), 4, PER_MODE, [3]).tolist() == [0, 0, 2, -1]
+    with pytest.raises(ValueError, match="SB-DB-DB needs 4 modules, 3 are there"):
+        assign_modules((2, 1, 1), 4, PER_MODE, [2])
 
 
 def test_fewer_modules_than_actuators_are_shared_as_far_as_they_go():

@@ -85,6 +85,7 @@ def _simulator(report: SimulatorReport) -> DiagnosticStatus:
         "last_stop": stamps.to_text(report.last_stop_ns),
         "plan_delay_s": repr(float(report.plan_delay)),
         "interventions": str(report.interventions),
+        "lost_servo_pumps": " ".join(map(str, report.lost_servo_pumps)),
         "real_time_factor": repr(float(report.real_time_factor)),
         "energy_mp_j": repr(float(report.main_pump_j)),
         "energy_sp_j": repr(float(report.servo_pumps_j)),
@@ -119,6 +120,7 @@ def _read_simulator(message: DiagnosticStatus) -> SimulatorReport:
         values.time("last_stop") if values.has("last_stop") else 0,  # as above
         values.finite("plan_delay_s") if values.has("plan_delay_s") else 0.0,  # as above
         values.count("interventions") if values.has("interventions") else 0,  # as above
+        values.counts("lost_servo_pumps") if values.has("lost_servo_pumps") else (),  # as above
     )
 
 

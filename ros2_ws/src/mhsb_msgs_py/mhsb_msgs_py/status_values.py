@@ -71,6 +71,16 @@ class StatusValues:
         """A whole number."""
         return int(self._convert(key, int, "a whole number"))
 
+    def counts(self, key: str) -> tuple[int, ...]:
+        """Whole numbers with spaces in between, or none."""
+        text = self.text(key)
+        try:
+            return tuple(int(word) for word in text.split())
+        except ValueError:
+            raise MessageError(
+                f"the value {key} of '{self._name}' is '{text}'; it must be whole numbers"
+            ) from None
+
     def _convert(self, key: str, kind: type[float] | type[int], meaning: str) -> float | int:
         try:
             return kind(self.text(key))

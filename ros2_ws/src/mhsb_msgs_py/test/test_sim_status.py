@@ -16,11 +16,14 @@ WARNING = SimulatorReport("joint_1 is 0.1 rad off", False, 1, 1.0, 1.0, 2.0, war
 SLOWED = SimulatorReport(
     "late", False, 12, 1.0, 1.0, 2.0, warning=True, plan_delay=0.125, interventions=3
 )
+WITHOUT = SimulatorReport("a pump stands still", False, 1, 1.0, 1.0, 2.0, lost_servo_pumps=(1, 4))
 STOPPED = SimulatorReport("running", False, 12, 1.0, 1.0, 2.0, last_stop_ns=11)
 FAULTY = SimulatorReport("the simulation diverged", True, 1, 0.0, 1.0, 2.0)
 
 
-@pytest.mark.parametrize("report", [APPLIED, REFUSED, RUNNING, WARNING, SLOWED, STOPPED, FAULTY])
+@pytest.mark.parametrize(
+    "report", [APPLIED, REFUSED, RUNNING, WARNING, SLOWED, WITHOUT, STOPPED, FAULTY]
+)
 def test_a_report_is_read_as_it_was_written(report):
     assert sim_status.decode(sim_status.encode(report, 7)) == [report]
 
@@ -68,6 +71,7 @@ def test_a_missing_value_is_named():
         ("plan_delay_s", "nan", "is 'nan'; it must be finite"),
         ("plan_delay_s", "inf", "is 'inf'; it must be finite"),
         ("interventions", "nan", "is 'nan'; it must be a whole number"),
+        ("lost_servo_pumps", "1 x", "is '1 x'; it must be whole numbers"),
     ],
 )
 def test_what_a_planner_cannot_reckon_with_is_refused_by_name(key, text, words):

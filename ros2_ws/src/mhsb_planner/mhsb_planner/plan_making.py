@@ -37,6 +37,10 @@ from mhsb_planner.search.search_time import SearchTime
 PROMISE_KEPT = 0.85
 """A motion costs at least this share of what its path promises, or it is not looked at."""
 
+FASTER = (0.72, 0.85)
+"""Factors on the duration of the shortest ramps that are tried as well: these leave half of the
+acceleration and of the jerk to another ramp, which may not be going on."""
+
 SLOWER = (1.5, 2.2, 3.4)
 """Factors on the duration of ramps that are compared with the shortest."""
 
@@ -135,11 +139,11 @@ class PlanMaking:
         promised = path.cost - options.weights.switches * path.switches
         if best is not None and PROMISE_KEPT * promised > best.cost(options):
             return
-        rules = fit_rules(options, candidate.trajectory)
+        rules, followed = fit_rules(options, candidate.trajectory), None
         if best is None and self._may_follow(path, rules):  # sooner there than a polynomial
             followed = self._made(candidate, _followed(rules))
             rules = replace(rules, alone=followed is not None)
-        motion = self._made(candidate, rules)
+        motion = self._made(candidate, rules) or followed
         for other in () if motion is None else self._others(path, motion, rules):
             self._made(candidate, other)
 
@@ -199,10 +203,14 @@ class PlanMaking:
     ) -> Iterator[FitRules]:
         """Other ways along a path that may be cheaper than this motion by some rules.
 
-        A polynomial that V_max makes slow against following the path, and where inertia calls for
-        boost, as more switches than the path's tell, slower ramps.
+        A polynomial that V_max makes slow against following the path; where that is followed,
+        faster ramps, and where inertia calls for boost, as more switches than the path's tell,
+        slower ones.
         """
         followed = _followed(rules)
+        if motion.method == FitMethod.RAMPED and not motion.braked:
+            for faster in FASTER:
+                yield replace(followed, slowness=(faster,))
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and not rules.alone and self._may_follow(path, rules):
                 yield followed

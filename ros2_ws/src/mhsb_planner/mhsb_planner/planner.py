@@ -12,6 +12,7 @@ is the plan: there is one soon, and it gets better while there is time.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from time import perf_counter
 
@@ -38,7 +39,6 @@ from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
     ONLINE_PLANNER,
     PLANNER_KINDS,
-    PLANNERS,
     PlannerKind,
     planner_named,
     weighing_area,
@@ -74,6 +74,7 @@ class Planner:
     """Plans for one machine on one posture table; the step graph follows the machine's changes."""
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
+        self._table = table
         self.graph = StepGraph(machine, table)
 
     @property
@@ -82,9 +83,17 @@ class Planner:
         return self.graph.machine
 
     def change(self, machine: Machine) -> None:
-        """Plan for another payload, supply pressure, V_max or zones; keeps the table."""
-        if machine.config != self.machine.config:
+        """Plan for another payload, supply pressure, V_max, zones or number of booster modules.
+
+        The table stays; where modules are lost, what it has for patterns that need them is left
+        out, which takes a new graph.
+        """
+        if machine.config == self.machine.config:
+            return
+        if len(machine.patterns) == len(self.machine.patterns):
             self.graph = self.graph.changed(machine)
+        else:
+            self.graph = StepGraph(machine, self._table.with_patterns(machine.patterns))
 
     def plan(
         self,
@@ -216,14 +225,17 @@ class Planner:
         return Task(goal, start, modes, brake, departure, options, area)
 
 
-def warm_up(planner: Planner) -> None:
-    """Compile everything that a plan runs through, and load it, with nothing in its way."""
+def warm_up(planner: Planner, kinds: Iterable[str] = PLANNER_KINDS) -> None:
+    """Compile everything that a plan runs through, and load it, with nothing in its way.
+
+    kinds  planners that plans will be asked of
+    """
     compile_planner()
     graph = planner.graph
     planner.change(planner.machine.without_obstacles())
     goal_clearance.warm_up(planner.machine)
-    for kind in PLANNERS.values():
-        kind.warm_up(planner.graph)
+    for kind in kinds:
+        planner_named(kind).warm_up(planner.graph)
     area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
     planner.graph = graph

@@ -4,12 +4,20 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.modes import modules_in_use
 from mhsb_model.trajectory import MotionState
+from mhsb_planner import plan_making
+from mhsb_planner.errors import NoPathError
+from mhsb_planner.evaluation.moves import random_moves
 from mhsb_planner.motion.s3_limits import joint_excess
 from mhsb_planner.motion.s3_trajectory import START_NOISE, FitError
 from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.search.s2_search import Weights
 
 BEYOND = 1e-3  # rad
+LOWERED = np.array([-0.1, -1.9, -0.7])
+RAISED = 0.95, 0.3
+"""Where the arm is stretched, so that joint 1 is boosted."""
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +74,49 @@ def test_a_path_found_elsewhere_is_followed_as_if_it_had_been_searched(planner):
         again.motion.trajectory.position, plan.motion.trajectory.position
     )
     assert again.energy == plan.energy
+
+
+def test_plans_do_without_modules_that_are_lost_and_with_them_again(machine, table):
+    planner, start = Planner(machine, table), MotionState.at_rest(LOWERED)
+    options = [PlanOptions(planner=kind) for kind in ("table", "fixed", "integrated")]
+    used = {4: [], 2: [], 0: []}
+    for count, plans in used.items():
+        planner.change(machine.changed(module_count=count))
+        for each in options:
+            try:
+                plans.append(planner.plan(RAISED, start, options=each))
+            except NoPathError:
+                plans.append(None)
+    most = [
+        max(
+            (modules_in_use(row, machine.config.hydraulics.modules.per_mode))
+            for plan in plans
+            if plan is not None
+            for row in plan.motion.schedule.modes
+        )
+        for plans in (used[4], used[2])
+    ]
+    assert most[0] > 0
+    assert most[1] <= 2
+    assert used[0] == [None] * 3  # nobody lifts this in N
+    planner.change(machine)
+    for plan, each in zip(used[4], options, strict=True):
+        assert planner.plan(RAISED, start, options=each).cost(each) == plan.cost(each)
+
+
+@pytest.mark.parametrize("weights", [Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)])
+def test_ramps_are_faster_where_nothing_else_needs_their_half_of_the_limits(
+    planner, monkeypatch, weights
+):
+    options = PlanOptions(weights, planner="table")
+    moves = [(move.start, move.goal) for move in random_moves(planner, 8)]
+
+    def costs():
+        plans = [planner.plan(goal, MotionState.at_rest(q), options=options) for q, goal in moves]
+        return np.array([plan.cost(options) for plan in plans])
+
+    with_faster = costs()
+    monkeypatch.setattr(plan_making, "FASTER", ())
+    without = costs()
+    assert np.all(with_faster <= without)
+    assert with_faster.sum() < 0.9995 * without.sum()

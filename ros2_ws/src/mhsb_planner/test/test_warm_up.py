@@ -7,8 +7,8 @@ SCRIPT = """
 import sys
 from contextlib import suppress
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 from mhsb_model.errors import MhsbError
+from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.posture.s1_posture_table import PostureTable
@@ -25,7 +25,7 @@ def compiled():
         for name, module in sys.modules.items()
         if name.startswith("mhsb_")
         for key, value in vars(module).items()
-        if isinstance(value, Dispatcher)
+        if isinstance(value, Kernel)
     }
 
 machine = load_machine()

@@ -10,13 +10,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from numba import int64, typeof
-
 
 def bind(kernel: Any, *arguments: Any, integers: int = 0) -> Callable[..., Any]:
     """The kernel with its first arguments, which may change in value but not in type or place.
 
     What it returns takes the others, which are `integers` integers.
     """
+    from numba import int64, typeof
+
     compiled = kernel.compile((*map(typeof, arguments), *[int64] * integers))
     return partial(compiled, *arguments)

@@ -26,6 +26,10 @@ class PlantError(MhsbError):
     """An arm is not of the build that its servo knows."""
 
 
+class FaultError(MhsbError):
+    """What is to fail is not there, or not written as faults are."""
+
+
 class VariationError(MhsbError):
     """The variations of a machine cannot be used."""
 

@@ -4,6 +4,7 @@ from mhsb_model.process import command, node, run_named
 
 sim_node = node("mhsb_sim.ros.sim_node")
 record = node("mhsb_sim.recording.record_command")
+viewer = node("mhsb_sim.viewer.viewer_command")
 simulate = command("mhsb_sim.commands.simulate_command")
 compare = command("mhsb_sim.study.compare_command")
 study = command("mhsb_sim.study.study_command")

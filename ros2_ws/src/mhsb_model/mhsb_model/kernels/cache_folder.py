@@ -24,7 +24,7 @@ from pathlib import Path
 
 PACKAGES = ("mhsb_model", "mhsb_planner", "mhsb_sim")
 VARIABLE = "NUMBA_CACHE_DIR"
-DECORATOR = "mhsb_model.kernels.kernel"
+DECORATOR = frozenset({"mhsb_model.kernels.kernel", "mhsb_model.kernels.compiled"})
 MARK = re.compile(rb"^@kernel\b", re.MULTILINE)
 IMPORT = re.compile(rb"^from (mhsb_[\w.]+) import (?:\(([^)]*)\)|(.*))", re.MULTILINE)
 CONSTANT = re.compile(rb"\b[A-Z][A-Z0-9_]*\b")
@@ -79,7 +79,7 @@ def kernel_sources() -> list[Path]:
                 files[name] = file
     kernels = {name: text for name, file in files.items() if MARK.search(text := file.read_bytes())}
     constants = {name for text in kernels.values() for name in constants_from(text)}
-    wanted = kernels.keys() | constants | {DECORATOR}
+    wanted = kernels.keys() | constants | DECORATOR
     return [files[name] for name in sorted(files.keys() & wanted)]
 
 

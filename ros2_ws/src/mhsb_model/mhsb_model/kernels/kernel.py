@@ -3,79 +3,63 @@
     @kernel
     def tip_x(length: FloatArray, q: FloatArray) -> float: ...
 
-It is numba's `njit`, of which it fixes the options: kernels release the interpreter, raise where
-Python does, and are kept for the next process. And it compiles them in less time: numba makes each
-kernel ready to be called from Python and from C, and optimizes it fully, though most are only
-called by other kernels, into which they are linked and there optimized once more.
+numba, whose import takes half a second, is not there before the first kernel is called: most of
+what a command does, help and refusals included, calls none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from functools import cached_property, partial
+from collections.abc import Callable
+from functools import cached_property, partial, update_wrapper
+from threading import Lock
 from typing import Any
 
-from numba import config, types
-from numba.core.registry import CPUDispatcher
-
-from mhsb_model.kernels.cache_folder import use_kernel_cache
-from mhsb_model.kernels.shared_cache import SharedCache, SharedInnerCache
-
-use_kernel_cache()
+_making = Lock()
 
 
-class Kernel(CPUDispatcher):
-    """A compiled function; for other kernels that call it, another one of the same source."""
+class Kernel:
+    """A function that is compiled when it is first called, by Python or by another kernel."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func = function
+        self.targetoptions = options
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """The function's result."""
+        return self.compiled(*arguments, **named)
+
+    def __getattr__(self, name: str) -> Any:
+        """What numba, or a test, asks of it: its type in other kernels, its signatures."""
+        if name.startswith("__"):  # Python's own questions need no numba
+            raise AttributeError(name)
+        return getattr(self.compiled, name)
 
     @cached_property
-    def _inner(self) -> CPUDispatcher:
-        """What other kernels call: without a way in from Python, lightly optimized."""
-        options = self.targetoptions | {"no_cpython_wrapper": True}
-        inner = CPUDispatcher(self.py_func, targetoptions=options)
-        _keep(inner, SharedInnerCache)
-        return inner
+    def compiled(self) -> Any:
+        """numba's dispatcher of it."""
+        from mhsb_model.kernels.compiled import compiled
 
-    def get_call_template(self, args: tuple, kws: dict) -> tuple:
-        """For a call by another kernel; one compilation serves all constants that it may give."""
-        plain = {name: types.unliteral(kind) for name, kind in kws.items()}
-        with _light_optimization():
-            return self._inner.get_call_template(tuple(map(types.unliteral, args)), plain)
-
-    def get_overload(self, signature: Any) -> Any:
-        """What such a call leads to."""
-        return self._inner.get_overload(signature)
-
-    def enable_caching(self) -> None:
-        """Keep what is compiled, where there is a place to."""
-        _keep(self, SharedCache)
+        with _making:
+            return self.__dict__.get("compiled") or compiled(self.py_func, self.targetoptions)
 
 
-@contextmanager
-def _light_optimization() -> Iterator[None]:
-    """Of what is compiled in the block; without any, LLVM would not look into it later either."""
-    full = config.OPT
-    config.OPT = type(full)(min(1, full))
-    try:
-        yield
-    finally:
-        config.OPT = full
+class PlainKernel(Kernel):
+    """A kernel for kernels; from Python it is the function itself, which takes arrays, too."""
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """The function's result, by Python."""
+        return self.py_func(*arguments, **named)
 
 
-def _keep(dispatcher: Any, kind: type) -> None:
-    """Keep what a dispatcher compiles, unless numba finds no place for it."""
-    with suppress(RuntimeError):
-        dispatcher._cache = kind(dispatcher.py_func)
+def kernel(
+    function: Callable[..., Any] | None = None, *, plain: bool = False, **options: Any
+) -> Any:
+    """Compile a function with numba when it is first called.
 
-
-def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Compile a function with numba when it is first called; options as of `numba.njit`."""
+    plain    only for calls by other kernels
+    options  as of `numba.njit`
+    """
     if function is None:
-        return partial(kernel, **options)
-    if config.DISABLE_JIT:
-        return function
-    # Nobody takes a kernel as a C function, which numba would wrap each as.
-    options |= {"nopython": True, "nogil": True, "no_cfunc_wrapper": True}
-    compiled = Kernel(function, targetoptions=options)
-    compiled.enable_caching()
-    return compiled
+        return partial(kernel, plain=plain, **options)
+    return (PlainKernel if plain else Kernel)(function, options)

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from llvmlite import binding
 from tqdm import tqdm
 
 from mhsb_model.kernels import cache_folder
@@ -33,6 +32,7 @@ def compile_ahead(parts: Sequence[str], say: Callable[[str], None] | None = None
     `say` is told how far it is, a line at a time; without it a progress bar tells. What cannot be
     compiled, or kept, is logged: whoever needs it compiles it again and sees why.
     """
+    cache_folder.use_kernel_cache()
     marks = _marks(parts)
     missing = [part for part in parts if not marks[part].exists()]
     if not missing:
@@ -72,6 +72,8 @@ class _Bar:
 
 def _marks(parts: Sequence[str]) -> dict[str, Path]:
     """The file of each part that is there when it is complete, for these kernels and processor."""
+    from llvmlite import binding
+
     folder = Path(os.environ[cache_folder.VARIABLE])
     sources = cache_folder.fingerprint(cache_folder.kernel_sources())
 

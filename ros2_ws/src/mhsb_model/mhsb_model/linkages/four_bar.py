@@ -20,6 +20,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.schema import FourBar, Pin
 from mhsb_model.types import FloatArray
@@ -56,6 +58,15 @@ def cos_transmission_angle(row: FloatArray, q: float) -> float:
     dx = row[8] * math.cos(q + row[9]) - row[1]
     dz = row[8] * math.sin(q + row[9]) - row[2]
     return (a * a + b * b - dx * dx - dz * dz) / (2.0 * a * b)
+
+
+@kernel
+def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
+    """cos μ at each of the joint angles float64[k] [rad], float64[k]."""
+    found = np.empty(len(angles))
+    for k in range(len(angles)):
+        found[k] = cos_transmission_angle(row, angles[k])
+    return found
 
 
 @kernel(inline="always")

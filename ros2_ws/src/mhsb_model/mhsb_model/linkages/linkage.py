@@ -65,6 +65,15 @@ def moment_arm_slope(linkage: FloatArray, q: float) -> float:
 
 
 @kernel
+def motions(linkage: FloatArray, angles: FloatArray) -> FloatArray:
+    """`motion` at each of the joint angles float64[k] [rad], float64[k, 3]."""
+    found = np.empty((len(angles), 3))
+    for k in range(len(angles)):
+        found[k, 0], found[k, 1], found[k, 2] = motion(linkage, angles[k])
+    return found
+
+
+@kernel
 def joint_angle(
     linkage: FloatArray, length: float, lower: float, upper: float, guess: float
 ) -> float:
@@ -94,8 +103,8 @@ def joint_angle(
 
 def moment_arm_range(linkage: FloatArray, lower: float, upper: float) -> tuple[float, float]:
     """Least and largest signed moment arm over [lower, upper] rad, on a 0.1° grid [m]."""
-    arms = [moment_arm(linkage, q) for q in angle_grid(lower, upper)]
-    return min(arms), max(arms)
+    arms = motions(linkage, angle_grid(lower, upper))[:, 1]
+    return float(arms.min()), float(arms.max())
 
 
 def angle_grid(lower: float, upper: float) -> FloatArray:

@@ -37,7 +37,7 @@ def _assembly_problems(path: str, joint: Joint) -> list[str]:
     if not isinstance(joint.linkage, FourBar):
         return []
     row, angles = linkage.linkage_row(joint.linkage), _angles(joint)
-    cosine = np.array([four_bar.cos_transmission_angle(row, q) for q in angles])
+    cosine = four_bar.cos_transmission_angles(row, angles)
     worst = int(np.argmax(np.abs(cosine)))
     at = f"at {angles[worst]:.4g} rad within {_range(joint)}"
     if abs(cosine[worst]) > 1.0:
@@ -74,8 +74,8 @@ def _moment_arm_problems(path: str, joint: Joint) -> list[str]:
 def _stroke_problems(path: str, joint: Joint) -> list[str]:
     """The barrel takes in the whole stroke, so a cylinder at most doubles its length."""
     row = linkage.linkage_row(joint.linkage)
-    lengths = [linkage.cylinder_length(row, q) for q in _angles(joint)]
-    shortest, longest = min(lengths), max(lengths)
+    lengths = linkage.motions(row, _angles(joint))[:, 0]
+    shortest, longest = lengths.min(), lengths.max()
     if longest < 2.0 * shortest:
         return []
     return [

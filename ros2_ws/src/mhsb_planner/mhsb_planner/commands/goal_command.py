@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json as json_format
 import sys
-from typing import Annotated
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Annotated, Any
 
 import tyro
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from mhsb_model import command_line
-from mhsb_model.verdict import GoalVerdict, Outcome
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 
@@ -23,6 +27,7 @@ def goal(
     psi_range: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     wait: bool = False,
     timeout: Annotated[float, tyro.conf.arg(metavar="S")] = 10.0,
+    json: bool = False,
 ) -> int:
     """Send the tip to (X, Z) and print what the planner says.
 
@@ -38,15 +43,45 @@ def goal(
             as 0 6.3, takes it back.
         wait: Also wait until the motion has ended.
         timeout: How long to wait for a planner, and again for its answer [s].
+        json: Print the verdict, and with --wait how it ended, as one JSON object.
     """
     if timeout <= 0:
         raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
+    say = _nothing if json else partial(print, flush=True)
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
             changes = _changes(tolerance, psi_range)
-            return _send_and_wait(sender, executor, (x, z), changes, wait, timeout)
+            told = _send_and_wait(sender, executor, (x, z), changes, wait, timeout, say)
     except ExternalShutdownException:
         return command_line.INTERRUPTED
+    if told.trouble:
+        say(told.trouble)
+    if json:
+        print(json_format.dumps(told.content()))
+    return told.exit_code
+
+
+def _nothing(_: str) -> None:
+    """Said to nobody."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What there is to tell: why nobody was heard, or the verdict and how its execution ended."""
+
+    exit_code: int
+    trouble: str = ""
+    verdict: GoalVerdict | None = None
+    execution: ExecutionReport | None = None
+
+    def content(self) -> dict[str, Any]:
+        """In plain types; SI units."""
+        return {
+            "exit_code": self.exit_code,
+            "trouble": self.trouble or None,
+            "verdict": asdict(self.verdict) if self.verdict else None,
+            "execution": asdict(self.execution) if self.execution else None,
+        }
 
 
 def _changes(
@@ -66,37 +101,39 @@ def _send_and_wait(
     changes: dict[str, float],
     wait: bool,
     timeout: float,
-) -> int:
+    say: Callable[[str], None],
+) -> Told:
+    """Ask, and wait for what is asked for; verdict and end are said as they come."""
     if not spin_until(executor, lambda: sender.matched, timeout):
-        print(f"no planner was found within {timeout:g} s; is planner_node running?")
-        return NO_ANSWER
+        return Told(
+            NO_ANSWER,
+            f"no planner was found within {timeout:g} s; start one in this ROS domain: "
+            "ros2 run mhsb_planner planner_node",
+        )
     if changes:
         try:
             refused = sender.set_at_planner(executor, changes, timeout)
         except TimeoutError:
-            print(f"the planner did not take its parameters within {timeout:g} s")
-            return NO_ANSWER
+            return Told(NO_ANSWER, f"the planner did not take its parameters within {timeout:g} s")
         if refused:
-            print(f"the planner refused its parameters: {refused}")
-            return REFUSED
+            return Told(REFUSED, f"the planner refused its parameters: {refused}")
     verdict = sender.ask(executor, *target, timeout)
     if verdict is None:
-        print(f"the planner gave no answer within {timeout:g} s")
-        return NO_ANSWER
-    stamp_ns = verdict.goal_stamp_ns
-    print("\n".join(_verdict_lines(verdict)))
+        return Told(NO_ANSWER, f"the planner gave no answer within {timeout:g} s")
+    say("\n".join(_verdict_lines(verdict)))
     if not verdict.code.accepted:
-        return REFUSED
+        return Told(REFUSED, verdict=verdict)
     if not wait or verdict.plan is None or verdict.plan.plan_stamp_ns == 0:
-        return ACCEPTED
-    if not spin_until(
-        executor, lambda: stamp_ns in sender.executions, verdict.plan.duration_s + timeout
-    ):
-        print(f"the planner did not report an end within {timeout:g} s of the planned one")
-        return NO_ANSWER
+        return Told(ACCEPTED, verdict=verdict)
+    stamp_ns = verdict.goal_stamp_ns
+    longest = verdict.plan.duration_s + timeout
+    if not spin_until(executor, lambda: stamp_ns in sender.executions, longest):
+        trouble = f"the planner did not report an end within {timeout:g} s of the planned one"
+        return Told(NO_ANSWER, trouble, verdict)
     report = sender.executions[stamp_ns]
-    print(f"{report.outcome.value}: {report.sentence}")
-    return ACCEPTED if report.outcome is Outcome.REACHED else REFUSED
+    say(f"{report.outcome.value}: {report.sentence}")
+    reached = report.outcome is Outcome.REACHED
+    return Told(ACCEPTED if reached else REFUSED, "", verdict, report)
 
 
 def _verdict_lines(verdict: GoalVerdict) -> list[str]:

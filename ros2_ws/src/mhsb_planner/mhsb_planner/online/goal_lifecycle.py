@@ -300,14 +300,17 @@ class GoalLifecycle:
             self._again(in_hand)
         elif isinstance(answer, DeadlineError):
             self.lead.add_first_motion(LONGER * (wall - request.began))
-            self._took_too_long(request, Verdict.NOT_FOUND, str(answer))
+            sentence = f"{answer}{self._settings.handicap}"
+            self._took_too_long(request, Verdict.NOT_FOUND, sentence)
         elif isinstance(answer, MhsbError) and self._is_under_way(in_hand):
             self._stay_near()
         elif isinstance(answer, MhsbError) and request.target is not in_hand.goal:
             in_hand.exact = True
             self._again(in_hand)
         elif isinstance(answer, MhsbError):
-            self._tell.refuse(in_hand, code_of(answer), str(answer))
+            code = code_of(answer)
+            why = self._settings.handicap if code is Verdict.INFEASIBLE else ""
+            self._tell.refuse(in_hand, code, f"{answer}{why}")
         elif isinstance(answer, Exception):
             kind = type(answer).__name__
             self._tell.refuse(in_hand, Verdict.INTERNAL, f"planning failed with {kind}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
 from mhsb_planner.online.lead import OFFLINE_LEAD
-from mhsb_planner.planner import Plan, Planner, PlanOptions, warm_up
+from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
@@ -72,10 +73,13 @@ class Replanner:
     def __init__(self, machine: Machine, table: PostureTable) -> None:
         self._planner = Planner(machine, table)
 
-    def warm_up(self) -> Command:
-        """Compile and run everything that a plan runs through; an example of what comes out."""
-        warm_up(self._planner)
-        return self._rehearse()
+    def warm_up(self, kinds: Iterable[str] = PLANNER_KINDS) -> Command:
+        """Compile and run everything that a plan runs through; an example of what comes out.
+
+        kinds  planners that plans will be asked of
+        """
+        warm_up(self._planner, kinds)
+        return self._rehearse(kinds)
 
     def change(self, machine: Machine) -> None:
         """Plan for another payload, supply pressure or V_max from now on."""
@@ -132,7 +136,7 @@ class Replanner:
         region, psi = options.goal_region, options.goal_psi
         return is_met(goal, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
 
-    def _rehearse(self) -> Command:
+    def _rehearse(self, kinds: Iterable[str]) -> Command:
         """A move between two neighbours on the grid, changed on its way: first calls are slow."""
         graph = self._planner.graph
         patterns = len(graph.table.patterns)
@@ -144,7 +148,7 @@ class Replanner:
         modes = np.full(len(start), Mode.N, dtype=np.uint8)
         command = Command.hold(0, start, modes)
         for kind, now_ns in itertools.product(
-            (PlanOptions(), PlanOptions(planner="integrated")),
+            [PlanOptions(planner=kind) for kind in kinds],
             (SECOND_NS, SECOND_NS + SECOND_NS // 2),
         ):
             with contextlib.suppress(MhsbError):

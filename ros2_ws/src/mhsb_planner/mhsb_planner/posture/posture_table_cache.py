@@ -6,6 +6,8 @@ import logging
 import os
 from pathlib import Path
 
+from tqdm import tqdm
+
 from mhsb_model.machine import Machine
 from mhsb_planner.errors import TableError
 from mhsb_planner.posture.grid import PAPER_SPACING
@@ -37,8 +39,8 @@ def table_for(
     """Posture table of a machine: the one of the file `path`, else from the cache, else built.
 
     A table that is built is kept in the cache; a damaged one there is replaced, and a cache that
-    cannot be written does no harm: both are logged. Raises TableError where `path` is given and
-    cannot be used.
+    cannot be written does no harm: both are logged. A progress bar tells how far it is, on a
+    terminal, unless `progress` does. Raises TableError where `path` is given and cannot be used.
     """
     if path is not None:
         return PostureTable.load(path, machine)
@@ -48,7 +50,13 @@ def table_for(
             return PostureTable.load(cached, machine, spacing)
         except TableError as error:
             _log.warning("%s; it is built anew", error)
-    table = build_posture_table(machine, spacing, progress=progress)
+    with tqdm(desc="posture table, once", unit="node", leave=False, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        table = build_posture_table(machine, spacing, progress=progress or show)
     try:
         table.save(cached)
     except TableError as error:

@@ -12,7 +12,7 @@ import os
 import tempfile
 import zipfile
 import zlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +61,13 @@ class PostureTable:
     def entries(self) -> int:
         """Number of nodes times number of patterns."""
         return int(self.area.size)
+
+    def with_patterns(self, patterns: ModeArray) -> PostureTable:
+        """The same for some of its mode patterns, uint8[fewer, n]."""
+        rows = [int(np.flatnonzero((self.patterns == each).all(axis=1))[0]) for each in patterns]
+        return replace(
+            self, patterns=patterns, posture=self.posture[:, rows], area=self.area[:, rows]
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the table to a file, replacing it at once; raises TableError where it cannot."""

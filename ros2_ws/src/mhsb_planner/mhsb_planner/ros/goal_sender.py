@@ -29,8 +29,9 @@ A match is known to each side on its own: the first message may still meet deaf 
 class GoalSender(Node):
     """Publishes goals and keeps what the planner says of them."""
 
-    def __init__(self) -> None:
-        super().__init__(f"mhsb_goal_{os.getpid()}")
+    def __init__(self, name: str = "mhsb_goal") -> None:
+        """A node of this name and the process's number, since there may be several."""
+        super().__init__(f"{name}_{os.getpid()}")
         goal, status = topics.GOAL_POSE, topics.PLAN_STATUS
         self._goals = self.create_publisher(goal.message, goal.name, goal.qos)
         self._status = self.create_subscription(

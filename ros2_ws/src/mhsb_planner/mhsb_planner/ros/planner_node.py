@@ -68,6 +68,7 @@ class PlannerNode(Node):
         planner_parameters.declare(self, self._machine)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
+        self._lost_pumps: tuple[int, ...] = ()
         self._settings = planner_parameters.read(self).settings(self._machine)
 
         self._outbox = RosOutbox(self, self._machine, self._frame_prefix)
@@ -131,10 +132,14 @@ class PlannerNode(Node):
         return SetParametersResult(successful=reason is None, reason=reason or "")
 
     def _take_parameters(self, changes: list[Parameter]) -> None:
-        self._settings = planner_parameters.read(self).settings(self._machine)
-        self._lifecycle.change(self._settings)
+        self._take_settings()
         if any(change.name in planner_parameters.ZONES for change in changes):
             self._show_markers()
+
+    def _take_settings(self) -> None:
+        """Plan by the parameters, with the servo pumps that work."""
+        self._settings = planner_parameters.read(self).settings(self._machine, self._lost_pumps)
+        self._lifecycle.change(self._settings)
 
     # --- What is heard ---------------------------------------------------------------------------
 
@@ -193,6 +198,9 @@ class PlannerNode(Node):
                 self._lifecycle.heard_fault(report.sentence if report.faulty else "")
                 self._lifecycle.heard_stop(report.last_stop_ns, self._received(info))
                 self._lifecycle.heard_delay(round(report.plan_delay * SECOND_NS))
+                if report.lost_servo_pumps != self._lost_pumps:
+                    self._lost_pumps = report.lost_servo_pumps
+                    self._take_settings()
             elif report.reason:
                 self._lifecycle.heard_refusal(report.plan_stamp_ns, report.reason, report.sentence)
 

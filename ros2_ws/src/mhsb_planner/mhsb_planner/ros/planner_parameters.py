@@ -106,10 +106,16 @@ class PlannerParameters:
             max_speed_excess=self.max_speed_excess,
         )
 
-    def settings(self, base: Machine) -> Settings:
-        """How plans are made, by the machine of the file."""
+    def settings(self, base: Machine, lost_servo_pumps: tuple[int, ...] = ()) -> Settings:
+        """How plans are made, by the machine of the file, some of whose servo pumps may be lost."""
+        modules = max(base.arrays.module_count - len(lost_servo_pumps), 0)
         return Settings(
-            self.machine(base), self.options, self.lead_min, self.lead_max, self.planning_budget
+            self.machine(base).changed(module_count=modules),
+            self.options,
+            self.lead_min,
+            self.lead_max,
+            self.planning_budget,
+            lost_servo_pumps,
         )
 
     def machine(self, base: Machine) -> Machine:

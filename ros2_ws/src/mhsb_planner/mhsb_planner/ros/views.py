@@ -17,7 +17,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mhsb_model import kinematics
 from mhsb_model.command import Command
+from mhsb_model.figure_style import PATH_COLOR, rgb
 from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode, strongest
 from mhsb_model.obstacles.zones import CIRCLE, LINK
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import stamps
@@ -26,9 +28,6 @@ from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
 PATH_SPACING_NS = 50_000_000
 LINE_WIDTH = 0.006  # m
 GOAL_SIZE = 0.04  # m
-COLORS = ((0.2, 0.6, 0.3), (0.95, 0.6, 0.1), (0.85, 0.2, 0.2))
-"""Red, green, blue of a path whose most boosted actuator is in N, DB, SB."""
-
 GOAL_COLOR = (0.2, 0.3, 0.8)
 OBSTACLE_COLORS = {True: (0.9, 0.5, 0.1), False: (0.8, 0.1, 0.1)}
 """Of what holds for the tip alone, and for links."""
@@ -112,10 +111,10 @@ def _command_markers(
     machine: Machine, command: Command, header: Header, frame: str
 ) -> Iterable[Marker]:
     times, tips = _tip_path(machine, command)
-    boosted = command.schedule.modes_at_many(times).max(axis=1)
+    boosted = strongest(command.schedule.modes_at_many(times))
     line = _marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
     line.points = [_point(tip, frame) for tip in tips]
-    line.colors = [_color(COLORS[mode]) for mode in boosted]
+    line.colors = [_color(rgb(PATH_COLOR[Mode(mode)])) for mode in boosted.tolist()]
     yield line
     posture = _marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
     joints = kinematics.joint_positions(

@@ -1,6 +1,7 @@
 """The life of goals, event by event: each is answered once, and nothing unconfirmed counts."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from mhsb_planner.online.plan_request import Settings
 from mhsb_planner.planner import PlanOptions
 
 UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)
+STRETCHED = (0.95, 0.30)
 
 
 def under_way(world, goal=UP, seconds=1.0) -> int:
@@ -369,6 +371,17 @@ def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
     world.life.change(changed)
     assert world.verdict(stamp).code is Verdict.OK
     assert [request.settings for request in world.planned] == [old, changed]
+
+
+def test_a_goal_that_nothing_is_left_to_lift_to_is_refused_for_what_is_lost(world):
+    old = world.life._settings
+    without = old.machine.changed(module_count=0)
+    world.life.change(replace(old, machine=without, lost_servo_pumps=(1, 2, 3, 4)))
+    verdict = world.verdict(world.goal(*STRETCHED))
+    assert verdict.code is Verdict.INFEASIBLE
+    assert verdict.sentence.endswith("; the arm does without servo pump 1, 2, 3, 4")
+    world.life.change(old)
+    assert world.verdict(world.goal(*STRETCHED)).code is Verdict.OK
 
 
 def test_the_same_goal_again_goes_on_without_a_new_plan(world):

@@ -10,7 +10,7 @@ from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import IntArray
 from mhsb_sim.circuit.elements import spool_transition
-from mhsb_sim.circuit.quantities import CONSTANTS, CYLINDER, MODULE
+from mhsb_sim.circuit.quantities import ACTUATOR, CONSTANTS, CYLINDER, MODULE
 from mhsb_sim.records import Records
 
 RATED_BLEED_PRESSURE = 1e7
@@ -40,10 +40,19 @@ def cylinders_of(machine: Machine) -> Records:
     return cylinders
 
 
+def actuators_of(machine: Machine) -> Records:
+    """ACTUATOR[n] at rest and healthy, valves closed."""
+    actuators = np.zeros(machine.joint_count, ACTUATOR)
+    actuators["relief"] = machine.config.circuit.chamber_relief_pressure
+    actuators["obeys"] = actuators["leakage"] = 1.0
+    return actuators
+
+
 def modules_of(home: IntArray) -> Records:
-    """MODULE[m] at rest; home: int64[m], −1 where a module has no line of its own."""
+    """MODULE[m] at rest and healthy; home: int64[m], −1 where a module has no line of its own."""
     modules = np.zeros(len(home), MODULE)
     modules["to_rail"] = home < 0
+    modules["strength"] = modules["slowness"] = 1.0
     return modules
 
 

@@ -7,7 +7,8 @@ manifold; the tank (constant). Between them:
     manifold → each line, manifold → rail    check valves
     manifold → own line or rail              servo pump of each module, through its diverter
     rail ↔ each line                         join valve
-    line, p_A, p_B, tank                     servo valve: four metering edges, one spool
+    line, p_A, p_B, tank                     servo valve: four metering edges, one spool, and
+                                             isolating valves between them and the chambers
     line → tank                              the servo valve's leakage
     manifold, each line, rail, p_A, p_B → tank    relief valves
     tank → p_A, tank → p_B                   anti-cavitation valves
@@ -32,7 +33,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, ON_RAIL
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.audit import audit, audit_drag, audit_main_pump, audit_node
-from mhsb_sim.circuit.constants import constants_of, cylinders_of, modules_of
+from mhsb_sim.circuit.constants import actuators_of, constants_of, cylinders_of, modules_of
 from mhsb_sim.circuit.elements import (
     accumulator_capacity,
     bristle_bend,
@@ -52,7 +53,6 @@ from mhsb_sim.circuit.elements import (
 )
 from mhsb_sim.circuit.nodal_analysis import solve_in_place, stamp
 from mhsb_sim.circuit.quantities import (
-    ACTUATOR,
     ANTI_CAVITATION,
     BLEED,
     CHECK,
@@ -114,15 +114,13 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     home[home >= actuator_count] = -1
     pressure = np.full(nodes, arrays.supply_pressure)
     pressure[-1] = arrays.tank_pressure
-    actuators = np.zeros(actuator_count, ACTUATOR)
-    actuators["relief"] = machine.config.circuit.chamber_relief_pressure
     return Circuit(
         cylinders=cylinders_of(machine),
         constants=constants_of(machine, substep),
         module_home=home,
         pressure=pressure,
         cavity=np.zeros(nodes),
-        actuators=actuators,
+        actuators=actuators_of(machine),
         modules=modules_of(home),
         energy=np.zeros(1, ENERGY),
         volume=np.zeros(1, VOLUME),
@@ -181,7 +179,11 @@ def move_spool(actuator: Record, c: Record) -> None:
 
     u is the command beyond the hysteresis, and |ẋ| stays within the spool's rate.
     """
-    actuator.pilot = play(actuator.pilot, actuator.valve_command, c.valve_hysteresis)
+    if actuator.seized > 0.0:
+        actuator.spool_speed = 0.0
+        return
+    told = actuator.valve_command if actuator.obeys > 0.0 else actuator.runaway
+    actuator.pilot = play(actuator.pilot, told, c.valve_hysteresis)
     before = actuator.spool
     away, rate = before - actuator.pilot, actuator.spool_speed
     spool = actuator.pilot + c.spool_00 * away + c.spool_01 * rate
@@ -275,12 +277,14 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             module.to_rail = first_order_lag(module.to_rail, goal, switch_decay)
             outlet = pressure[home] + module.to_rail * (pressure[rail] - pressure[home])
             boost = max(0.0, outlet - pressure[manifold])
-            largest = c.servo_pump_flow
+            largest = module.strength * c.servo_pump_flow
             if boost * largest > c.servo_pump_efficiency * c.servo_pump_power:
                 largest = c.servo_pump_efficiency * c.servo_pump_power / boost
-            module.flow = servo_pump_flow(
-                module.flow, module.flow_command, largest, pump_decay, pump_change
-            )
+            told = largest if module.runs_on > 0.0 else module.flow_command
+            decay = pump_decay
+            if module.slowness != 1.0:
+                decay = pump_decay ** (1.0 / module.slowness)
+            module.flow = servo_pump_flow(module.flow, told, largest, decay, pump_change)
             module.delivered = filled * module.flow
             to_rail, slope = module.delivered * module.to_rail, filling * module.flow
             count = enter(
@@ -306,7 +310,10 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             # The servo valve: line to one chamber, the other chamber to tank.
             opening = metered_opening(actuator.spool, c.valve_overlap)
             fed, emptied = (a, b) if opening >= 0.0 else (b, a)
-            k_edge = c.valve_coefficient * abs(opening)
+            actuator.isolated = first_order_lag(
+                actuator.isolated, actuator.isolating_command, switch_decay
+            )
+            k_edge = c.valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
             flow, slope = orifice(k_edge, pressure[line] - pressure[fed], laminar)
             count = enter(net, count, SERVO_VALVE, line, fed, flow, slope)
             actuator.supply_flow = flow
@@ -315,7 +322,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             actuator.return_flow = flow
 
             drop = pressure[line] - pressure[tank]
-            flow, slope = orifice(c.leakage_coefficient, drop, laminar)
+            flow, slope = orifice(actuator.leakage * c.leakage_coefficient, drop, laminar)
             count = enter(net, count, LEAKAGE, line, tank, flow, slope)
             flow, slope = relief_valve(c.relief_gain, drop, c.line_relief)
             count = enter(net, count, RELIEF, line, tank, flow, slope)

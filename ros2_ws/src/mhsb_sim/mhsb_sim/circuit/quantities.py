@@ -84,6 +84,12 @@ ACTUATOR = np.dtype(
         ("bend", "f8"),  # m, of the bristles that stick and slip
         ("supply_flow", "f8"),  # m³/s, line to chambers
         ("return_flow", "f8"),  # m³/s, chambers to tank
+        ("isolated", "f8"),  # 0 … 1, how far its isolating valve has shut both chambers off
+        ("isolating_command", "f8"),
+        ("obeys", "f8"),  # 1, or 0 where the spool goes to `runaway` whatever it is told
+        ("runaway", "f8"),  # −1 … 1
+        ("seized", "f8"),  # 1 where the spool does not move
+        ("leakage", "f8"),  # of its line, over that of a healthy one
     ]
 )
 
@@ -94,6 +100,9 @@ MODULE = np.dtype(
         ("flow", "f8"),  # m³/s, displacement times speed
         ("delivered", "f8"),  # m³/s, less where its inlet does not fill it
         ("to_rail", "f8"),  # share of the flow that the diverter sends to the rail
+        ("slowness", "f8"),  # the pump's lag over that of a healthy one
+        ("strength", "f8"),  # share of the flow of a healthy pump that it can give
+        ("runs_on", "f8"),  # 1 where it gives all it can, whatever it is told
     ]
 )
 

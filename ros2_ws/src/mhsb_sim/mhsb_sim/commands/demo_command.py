@@ -6,6 +6,8 @@ import math
 import shutil
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -58,6 +60,7 @@ def demo(
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     goals: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    view: bool = False,
 ) -> int:
     """Replan an arm online over ROS 2, record it and report on it.
 
@@ -72,6 +75,7 @@ def demo(
             when left out.
         plant: Plant file (YAML), such as config/realistic_plant.yaml: what the simulated arm has
             other than the machine that planner and servo know.
+        view: Show the arm in a browser meanwhile, at the address that is printed.
     """
     file = goals or config_file(GOALS_FILE)
     wanted = read_goals(file)
@@ -86,7 +90,8 @@ def demo(
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
             refuse_company(sender, executor)
-            _run(sender, executor, wanted, ((*settings, *of_plant), settings), output)
+            with _shown(machine) if view else nullcontext():
+                _run(sender, executor, wanted, ((*settings, *of_plant), settings), output)
     except ExternalShutdownException:
         return command_line.INTERRUPTED
     print("writing the report")
@@ -97,6 +102,15 @@ def demo(
     if problem := shortfall(summary):
         raise MhsbError(problem)
     return 0
+
+
+@contextmanager
+def _shown(machine: Path | None) -> Iterator[None]:
+    """A viewer on any free port, for the length of a block."""
+    arguments = ["--machine", str(machine.resolve())] if machine else []
+    with ChildProcess("mhsb_sim", "viewer", "--port", "0", *arguments) as viewer:
+        print(f"the arm can be seen at {viewer.wait_for('http://', ANSWER_TIMEOUT)}", flush=True)
+        yield
 
 
 def shortfall(summary: dict[str, Any]) -> str | None:

@@ -99,7 +99,7 @@ def simulate(
     compile_simulator()
     replanner = Replanner(arm, table_for(arm))
     replanner.change(arm.changed(zones=arm.zones.with_more(zone_box, zone_circle)))
-    replanner.warm_up()
+    replanner.warm_up([planner])
     simulator = Simulator(arm, controller, seed, plant=real)
     simulator.step()  # loads kernels, which is not to be timed
     simulator.reset()

@@ -59,8 +59,8 @@ class ChildProcess:
     ) -> None:
         self.end()
 
-    def wait_for(self, word: str, timeout: float) -> None:
-        """Wait until a line with `word` was printed; ChildEndedError where it is not, in time."""
+    def wait_for(self, word: str, timeout: float) -> str:
+        """What was printed from `word` on in its line; ChildEndedError where it is not, in time."""
         with self._said:
             found = self._said.wait_for(
                 lambda: self.said(word) or self._process.poll() is not None, timeout
@@ -68,6 +68,8 @@ class ChildProcess:
         self.check()
         if not found:
             raise ChildEndedError(f"{self.name} did not say '{word}' within {timeout:g} s")
+        line = next(line for line in list(self._lines) if word in line)
+        return line[line.index(word) :]
 
     def said(self, word: str) -> bool:
         """Whether `word` is in one of the last lines that were printed."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_model import kinematics
 from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.machine import Machine
-from mhsb_model.schema import FourBar
+from mhsb_model.schema import FourBar, Pin
 from mhsb_model.types import FloatArray
 
 BARREL_SHARE = 0.85
@@ -19,6 +20,8 @@ ROD_PAINT = (0.80, 0.82, 0.85, 1.0)
 BAR_RADIUS = 0.009  # m, of rocker and coupler
 ROCKER_PAINT = (0.10, 0.72, 0.45, 1.0)
 COUPLER_PAINT = (0.86, 0.40, 0.62, 1.0)
+BESIDE = -0.05
+"""y of the linkages [m]: next to the links, of no effect in the plane."""
 
 
 class Bar(NamedTuple):
@@ -30,22 +33,35 @@ class Bar(NamedTuple):
     paint: tuple[float, float, float, float]
 
 
-def linkage_bars(machine: Machine, data: Any) -> list[Bar]:
-    """Bars of all linkages in the posture of a MuJoCo state of `build_model(machine)`."""
+def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
+    """Bars of all linkages in the posture q[n] [rad], actuator by actuator, its barrel last."""
+    joints = kinematics.joint_positions(machine.arrays.link_length, np.array(q, dtype=np.float64))
+    angle = np.concatenate(([0.0], np.cumsum(q)))  # of the link before each joint, and of the last
     bars = []
-    for j, name in enumerate(machine.actuator_names):
-        parent_pin = data.site(f"{name}_parent_pin").xpos.copy()
-        rod_end = child_pin = data.site(f"{name}_child_pin").xpos.copy()
-        if isinstance(machine.config.joints[j].linkage, FourBar):
-            pivot = data.site(f"{name}_rocker_pivot").xpos.copy()
-            frame = data.site(f"{name}_rocker_pivot").xmat.reshape(3, 3)
-            x, z, *_ = four_bar.motion(machine.arrays.linkage[j], data.qpos[j])
-            rod_end = pivot + frame @ np.array([x, 0.0, z])
+    for j, joint in enumerate(machine.config.joints):
+        parent_pin = _pin(joints[j], angle[j], joint.linkage.parent_pin)
+        rod_end = child_pin = _pin(joints[j], angle[j + 1], joint.linkage.child_pin)
+        if isinstance(joint.linkage, FourBar):
+            pivot = _pin(joints[j], angle[j], joint.linkage.rocker_pivot)
+            x, z, *_ = four_bar.motion(machine.arrays.linkage[j], float(q[j]))
+            rod_end = pivot + _turned(x, z, angle[j])
             bars.append(Bar(pivot, rod_end, BAR_RADIUS, ROCKER_PAINT))
             bars.append(Bar(rod_end, child_pin, BAR_RADIUS, COUPLER_PAINT))
         bars.append(Bar(parent_pin, rod_end, ROD_RADIUS, ROD_PAINT))
         bars.append(_barrel(machine, j, parent_pin, rod_end))
     return bars
+
+
+def _pin(joint: FloatArray, angle: float, pin: Pin) -> FloatArray:
+    """Place of a pin in a link that goes through a joint (x, z) [m] at an angle [rad]."""
+    beside = np.array([joint[0], BESIDE, joint[1]])
+    return beside + _turned(pin.radius * np.cos(pin.angle), pin.radius * np.sin(pin.angle), angle)
+
+
+def _turned(x: float, z: float, angle: float) -> FloatArray:
+    """(x, 0, z) turned upwards by an angle [rad]."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([cosine * x - sine * z, 0.0, sine * x + cosine * z])
 
 
 def _barrel(machine: Machine, j: int, parent_pin: FloatArray, rod_end: FloatArray) -> Bar:

@@ -14,6 +14,7 @@ import mujoco
 
 from mhsb_model.machine import Machine
 from mhsb_model.schema import FourBar, Joint, Linkage, Pin
+from mhsb_sim.mechanics.linkage_shapes import BESIDE
 
 RAISING_AXIS = (0.0, -1.0, 0.0)
 SLENDER = 1e-6
@@ -25,7 +26,6 @@ LOAD = (0.55, 0.16, 0.14, 1.0)
 FLOOR = (0.80, 0.82, 0.84, 1.0)
 SKY = ((0.93, 0.95, 0.97), (0.72, 0.79, 0.87))
 FLOOR_HEIGHT = -1.2  # m
-BESIDE = -0.05  # m, y of the linkages: next to the links, of no effect in the plane
 
 
 def build_model(machine: Machine) -> mujoco.MjModel:
@@ -129,7 +129,7 @@ def _add_link(parent: mujoco.MjsBody, offset: float, index: int, joint: Joint) -
 def _add_pins(
     parent: mujoco.MjsBody, body: mujoco.MjsBody, offset: float, index: int, linkage: Linkage
 ) -> None:
-    """Pins that are fixed in a link, as sites `actuator_k_…`; pictures draw the rest by them."""
+    """Pins that are fixed in a link, as sites `actuator_k_…`."""
     pins = [
         ("parent_pin", parent, offset, linkage.parent_pin),
         ("child_pin", body, 0.0, linkage.child_pin),

@@ -90,7 +90,7 @@ def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: 
             data.qpos[:] = posture
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, camera)
-            for bar in linkage_bars(machine, data):
+            for bar in linkage_bars(machine, np.asarray(posture)):
                 _add_bar(renderer.scene, bar)
             layers.append(renderer.render().astype(np.float64))
     picture = layers[-1]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tqdm import tqdm
+
 from mhsb_planner.evaluation.operating_regions import OperatingRegions
 from mhsb_sim.report.hydraulic_figures import draw_energy, draw_modes, draw_pressures
 from mhsb_sim.report.motion_figures import draw_joints, draw_tip_error
@@ -22,7 +24,10 @@ WORKSPACE_FIGURE = "workspace.png"
 
 def draw_all(run: RecordedRun, regions: OperatingRegions, folder: Path) -> list[Path]:
     """Draw every figure of a run into a folder that is there; returns the files."""
-    draw_workspace(run, regions, folder / WORKSPACE_FIGURE)
-    for name, draw in FIGURES.items():
-        draw(run, folder / name)
+    with tqdm(total=1 + len(FIGURES), desc="figures", leave=False, disable=None) as bar:
+        draw_workspace(run, regions, folder / WORKSPACE_FIGURE)
+        bar.update()
+        for name, draw in FIGURES.items():
+            draw(run, folder / name)
+            bar.update()
     return [folder / name for name in (WORKSPACE_FIGURE, *FIGURES)]

@@ -29,6 +29,7 @@ def report(
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     namespace: str = "",
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Draw figures (PNG) from a recording and sum it up in summary.json.
 
@@ -42,8 +43,12 @@ def report(
         table: Posture table (npz), for the regions where boost is needed; built and kept in the
             user's cache when left out.
         namespace: Namespace of the recorded topics, such as /left.
+        json_: Print the summary as one JSON object instead of text.
     """
     content = write_report(bag, output, load_machine(machine), table, namespace)
+    if json_:
+        print(json.dumps(content))
+        return
     print("\n".join(summary_lines(content)))
     print(f"written to {output}")
 

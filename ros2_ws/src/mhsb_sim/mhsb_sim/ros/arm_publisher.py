@@ -133,6 +133,7 @@ class ArmPublisher:
             self._arm.last_stop_ns,
             self._delay_ns / SECOND_NS,
             self._simulator.guard.interventions.count,
+            tuple(k + 1 for k in self._simulator.lost_modules),
         )
         self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
 

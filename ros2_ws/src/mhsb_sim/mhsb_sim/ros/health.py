@@ -62,7 +62,8 @@ class Health:
         phase = arm.supervision.phase
         closed = arm.simulator.valves_closed
         *warnings, duplicates = self._warnings()  # the graph shows one after the other
-        return arm.halted, phase, arm.last_stop_ns, closed, *map(bool, warnings), duplicates
+        lost = arm.simulator.lost_modules
+        return arm.halted, phase, arm.last_stop_ns, closed, lost, *map(bool, warnings), duplicates
 
     def _warnings(self) -> tuple[str, str, str, str, str]:
         arm = self._arm

@@ -27,7 +27,7 @@ from mhsb_sim.ros import sim_parameters
 from mhsb_sim.ros.arm_publisher import ArmPublisher
 from mhsb_sim.ros.health import Health
 from mhsb_sim.ros.pacing import Pacer
-from mhsb_sim.simulation.faults import Fault
+from mhsb_sim.simulation.faults import NONE, parse_faults
 from mhsb_sim.simulation.kernel_parts import compile_simulator, rehearse
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
@@ -67,7 +67,9 @@ class SimNode(Node):
         self._messages_first = False
         self._health = Health(self._arm, self._pacer, self._settings.publish_clock)
         self._make_interfaces()
-        self.add_on_set_parameters_callback(lambda changes: sim_parameters.check(self, changes))
+        self.add_on_set_parameters_callback(
+            lambda changes: sim_parameters.check(self, plant, changes)
+        )
         self.add_post_set_parameters_callback(self._apply_parameters)
         gc.collect()
         gc.freeze()  # what has been loaded stays: later collections need not look at it
@@ -117,7 +119,7 @@ class SimNode(Node):
         """Rest in the start posture from now on; forget plans and faults."""
         time_ns = 0 if self._settings.publish_clock else time.time_ns()
         self._arm.reset(time_ns)
-        self._arm.simulator.inject(self._settings.fault)
+        self._inject_faults()
         self._go_on_from_here()
 
     def _go_on_from_here(self) -> None:
@@ -188,10 +190,14 @@ class SimNode(Node):
     def _heal(self) -> str:
         """Take back an injected fault; tells of it, if there was one."""
         failing = self._settings.fault
-        if failing is Fault.NONE:
+        if failing == NONE:
             return ""
-        self.set_parameters([Parameter("fault", value=Fault.NONE.value)])
-        return f"the fault {failing.value} is healed; "
+        self.set_parameters([Parameter("fault", value=NONE)])
+        return f"the fault {failing} is healed; "
+
+    def _inject_faults(self) -> None:
+        simulator = self._arm.simulator
+        simulator.inject(parse_faults(self._settings.fault, simulator.plant))
 
     def _apply_parameters(self, changes: list[Parameter]) -> None:
         before = self._settings
@@ -201,7 +207,7 @@ class SimNode(Node):
         if self._settings.payload != before.payload:
             arm.set_payload(self._settings.payload)
         if self._settings.fault != before.fault and not arm.halted:
-            arm.simulator.inject(self._settings.fault)
+            self._inject_faults()
         if self._settings.real_time_factor != before.real_time_factor:
             self._pacer.factor = self._settings.real_time_factor
             self._pacer.restart(time.monotonic_ns(), arm.simulator.time_ns)

@@ -18,8 +18,9 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
+from mhsb_sim.errors import FaultError
 from mhsb_sim.servo import CONTROLLERS
-from mhsb_sim.simulation.faults import Fault
+from mhsb_sim.simulation.faults import KINDS, NONE, parse_faults
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.simulation.symptoms import SupervisionLimits
 
@@ -32,6 +33,12 @@ SUPERVISED = {
     "overpressure": ("of a chamber or line, share of its relief valve's setting", (0.1, 10.0)),
     "supply_loss": ("of a line, share of the main pump's pressure that it lacks", (0.05, 2.0)),
     "held": ("time for which the guard holds the plan [s]", (0.01, 1e4)),
+    "silent_sensor": ("time for which a sensor tells no number [s]", (1e-3, 1e4)),
+    "frozen_pressure": ("time for which a pressure sensor tells the very same [s]", (0.02, 1e4)),
+    "frozen_length": ("way of a piston while its sensor tells the very same [m]", (1e-5, 1e3)),
+    "jumping_sensor": ("by how much a length leaps, over what a piston goes", (0.1, 1e4)),
+    "disagreeing_line": ("pressure by which a line is off all others [Pa]", (1e4, 1e9)),
+    "disagreeing_valve": ("way of a piston that its opening does not explain [m]", (1e-5, 1e3)),
     "saturation": ("time with a valve fully open or a servo pump at full speed [s]", (0.01, 1e4)),
 }
 """What supervision watches: meaning and range of the limits of each symptom."""
@@ -54,7 +61,7 @@ class SimParameters:
     real_time_factor  simulated seconds per second
     publish_clock     whether the simulator is the source of /clock
     payload           at the tip, kg
-    fault             what fails
+    fault             what fails, as `simulation.faults` has it
     limits            of supervision
     """
 
@@ -63,7 +70,7 @@ class SimParameters:
     real_time_factor: float
     publish_clock: bool
     payload: float
-    fault: Fault
+    fault: str
     limits: SupervisionLimits
 
 
@@ -123,15 +130,18 @@ def declare(node: Node, plant: Machine) -> SimParameters:
     )
     node.declare_parameter(
         "fault",
-        Fault.NONE.value,
-        ParameterDescriptor(description=f"injected fault, one of {', '.join(Fault)}"),
+        NONE,
+        ParameterDescriptor(
+            description=f"what fails: KIND, KIND:PLACE or KIND:PLACE:VALUE, several separated by "
+            f"commas; {NONE}, {', '.join(KINDS)}"
+        ),
     )
     for symptom, (text, limits) in SUPERVISED.items():
         warning, stop = getattr(SupervisionLimits(), symptom)
         name, unit = f"{symptom}_warning", f"{text}: beyond it the arm"
         node.declare_parameter(name, warning, _ranged(f"{unit} warns", *limits))
         node.declare_parameter(f"{symptom}_limit", stop, _ranged(f"{unit} is stopped", *limits))
-    result = check(node, node.get_parameters(list(CHECKED)))
+    result = check(node, plant, node.get_parameters(list(CHECKED)))
     if not result.successful:
         raise MhsbError(result.reason)
     return read(node)
@@ -149,20 +159,20 @@ def read(node: Node) -> SimParameters:
         value("real_time_factor"),
         value("publish_clock"),
         value("payload"),
-        Fault(value("fault")),
+        value("fault"),
         SupervisionLimits(
             **{name: (value(f"{name}_warning"), value(f"{name}_limit")) for name in SUPERVISED}
         ),
     )
 
 
-def check(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
+def check(node: Node, plant: Machine, changes: Sequence[Parameter]) -> SetParametersResult:
     """Whether a set of changes can be made, and the reason where not."""
     after = {name: node.get_parameter(name).value for name in CHECKED}
     after |= {change.name: change.value for change in changes}
     reasons = (
         _not_the_systems_time(after["real_time_factor"], after["publish_clock"]),
-        _unknown_fault(after["fault"]),
+        _unknown_fault(after["fault"], plant),
         *(_disordered(name, after) for name in SUPERVISED),
     )
     reason = next(filter(None, reasons), None)
@@ -178,10 +188,12 @@ def _not_the_systems_time(factor: float, publish_clock: bool) -> str | None:
     return None
 
 
-def _unknown_fault(name: str) -> str | None:
-    if name in list(Fault):
-        return None
-    return f"there is no fault {name!r}; valid are {', '.join(Fault)}"
+def _unknown_fault(text: str, plant: Machine) -> str | None:
+    try:
+        parse_faults(text, plant)
+    except FaultError as error:
+        return str(error)
+    return None
 
 
 def _disordered(symptom: str, after: Mapping[str, float]) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mhsb_model.modes import BOOSTED, Mode, modules_in_use, stronger
+from mhsb_model.modes import BOOSTED, RANK, Mode, modules_in_use, stronger
 from mhsb_model.types import FloatArray, ModeArray
 
 
@@ -21,6 +21,7 @@ def guarded_modes(
     reserve float64[n] Pa: what each actuator would have in N. Where modules are too few, those
     come from actuators that share boost, which keep their own pump, and from those whose reserve is
     more than `enough` [Pa], the most first; then the actuators that lack most are boosted alone.
+    Where they do not suffice for the schedule, some being lost, who has most reserve gets less.
     """
     modes = stronger(scheduled, asked)
     spare_first = sorted(range(len(modes)), key=lambda j: -reserve[j])
@@ -39,4 +40,11 @@ def guarded_modes(
             return modes
         if asked[j] and not BOOSTED[scheduled[j]]:
             modes[j] = Mode.N
-    return scheduled
+    modes = scheduled.copy()
+    for weaker in (Mode.DB, Mode.N):
+        for j in spare_first:
+            if modules_in_use(modes, per_mode) <= modules:
+                return modes
+            if RANK[modes[j]] > RANK[weaker]:
+                modes[j] = weaker
+    return modes

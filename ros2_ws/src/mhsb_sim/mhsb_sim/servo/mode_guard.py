@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.machine import Machine
-from mhsb_model.modes import pattern_name
+from mhsb_model.modes import modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import ModeArray
 from mhsb_sim.bound_kernel import bind
@@ -46,7 +46,7 @@ class ModeGuard:
         self, machine: Machine, signals: ServoSignals, reference: Reference, usual_error: float
     ) -> None:
         modules = machine.config.hydraulics.modules
-        self._budget = modules.count, modules.per_mode
+        self._per_mode = modules.per_mode
         self._names = machine.actuator_names
         self._state = guard_of(machine, signals, reference, usual_error)
         self._boosts = 0
@@ -62,13 +62,14 @@ class ModeGuard:
         self._state.pace["rate"] = 1.0
         self._state.pace["change"] = 0.0
 
-    def modes(self, scheduled: ModeArray) -> ModeArray:
-        """What is in force where these are scheduled, uint8[n]."""
-        actuators = self._state.actuators
+    def modes(self, scheduled: ModeArray, modules: int) -> ModeArray:
+        """What is in force where these are scheduled and so many modules work, uint8[n]."""
+        actuators, per_mode = self._state.actuators, self._per_mode
         asked = actuators["wanted"].astype(np.uint8)
-        if not asked.any():
+        if not asked.any() and modules_in_use(scheduled, per_mode) <= modules:
             return scheduled
-        return guarded_modes(scheduled, asked, actuators["unboosted"], RELEASE_ABOVE, *self._budget)
+        reserve = actuators["unboosted"]
+        return guarded_modes(scheduled, asked, reserve, RELEASE_ABOVE, modules, per_mode)
 
     def note(self, scheduled: ModeArray, prepared: ModeArray, in_force: ModeArray) -> None:
         """Keep in mind what the plan has now or prepares, and what is in force, to tell it."""

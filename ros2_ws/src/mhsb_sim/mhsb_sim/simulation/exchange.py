@@ -11,7 +11,7 @@ from mhsb_model.linkages.linkage import motion
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.circuit.elements import first_order_lag
 from mhsb_sim.circuit.network import Circuit, advance
-from mhsb_sim.records import Records
+from mhsb_sim.records import Record, Records
 
 
 class Believed(NamedTuple):
@@ -58,6 +58,21 @@ def rounded(value: float, resolution: float) -> float:
     return resolution * np.rint(value / resolution)
 
 
+@kernel(inline="always")
+def told(channel: Record, reading: float, before: float, step: float) -> float:
+    """What a sensor tells where a healthy one would give `reading`.
+
+    One that tells no number is silent, and its last one stays.
+    """
+    if channel.frozen == 0.0:
+        channel.told = reading + channel.error
+    if channel.dead > 0.0:
+        channel.silent += step
+        return before
+    channel.silent = 0.0
+    return channel.told
+
+
 @kernel
 def measure(
     noises: FloatArray,
@@ -68,39 +83,41 @@ def measure(
     rail_pressure: FloatArray,
     believed: Records,
     channels: Records,
+    step: FloatArray,
     row: int,
-) -> bool:
+) -> None:
     """What all sensors tell, with this row of the noise; pistons as `move_pistons` has them.
 
     noises: float64[NOISE_ROWS, 4 n + 1 + m], in the order of `channels` (`sensors.channels_of`).
-    The servo pumps' speeds, MODULE[m], are measured into `believed`. False where a sensor gives
-    what is not finite.
+    The servo pumps' speeds, MODULE[m], are measured into `believed`. step: float64[1], s.
     """
-    noise = noises[row]
+    noise, h = noises[row], step[0]
     n = len(sensors)
-    total = 0.0
     for i in range(len(channels)):
         channels[i].offset += channels[i].drift
+        channels[i].error += channels[i].error_rate * h
         noise[i] += channels[i].offset
     for j in range(n):
         sensor = sensors[j]
         q = pistons[ANGLE, j]
         turned = rounded(q, channels[j].resolution) - q
-        sensor.length = pistons[LENGTH, j] + pistons[ARM, j] * turned + noise[j]
+        length = pistons[LENGTH, j] + pistons[ARM, j] * turned + noise[j]
+        sensor.length = told(channels[j], length, sensor.length, h)
         i = n + 3 * j
-        sensor.cap_pressure = rounded(pressure[3 * j] + noise[i], channels[i].resolution)
-        sensor.rod_pressure = rounded(
-            pressure[3 * j + 1] + noise[i + 1], channels[i + 1].resolution
-        )
-        sensor.line_pressure = rounded(
-            pressure[3 * j + 2] + noise[i + 2], channels[i + 2].resolution
-        )
-        total += sensor.length + sensor.cap_pressure + sensor.rod_pressure + sensor.line_pressure
-    rail_pressure[0] = rounded(pressure[3 * n] + noise[4 * n], channels[4 * n].resolution)
+        cap, rod, line = channels[i], channels[i + 1], channels[i + 2]
+        reading = rounded(pressure[3 * j] + noise[i], cap.resolution)
+        sensor.cap_pressure = told(cap, reading, sensor.cap_pressure, h)
+        reading = rounded(pressure[3 * j + 1] + noise[i + 1], rod.resolution)
+        sensor.rod_pressure = told(rod, reading, sensor.rod_pressure, h)
+        reading = rounded(pressure[3 * j + 2] + noise[i + 2], line.resolution)
+        sensor.line_pressure = told(line, reading, sensor.line_pressure, h)
+    rail = channels[4 * n]
+    reading = rounded(pressure[3 * n] + noise[4 * n], rail.resolution)
+    rail_pressure[0] = told(rail, reading, rail_pressure[0], h)
     for k in range(len(modules)):
         i = 4 * n + 1 + k
-        believed[k].flow = rounded(modules[k].flow + noise[i], channels[i].resolution)
-    return abs(total + rail_pressure[0]) < np.inf
+        reading = rounded(modules[k].flow + noise[i], channels[i].resolution)
+        believed[k].flow = told(channels[i], reading, believed[k].flow, h)
 
 
 @kernel

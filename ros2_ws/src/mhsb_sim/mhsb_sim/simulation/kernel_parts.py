@@ -10,6 +10,7 @@ from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_sim.mechanics.linkage_shapes import linkage_bars
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
@@ -31,6 +32,7 @@ def rehearse() -> None:
         simulator.close_valves()
         arm.step(0.0)
         arm.reset(0)
+    linkage_bars(load_machine(), start)  # for pictures and the viewer
 
 
 PARTS = (f"{__name__}:{rehearse.__name__}",)

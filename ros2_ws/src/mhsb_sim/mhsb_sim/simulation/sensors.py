@@ -21,6 +21,12 @@ CHANNEL = np.dtype(
         ("offset", "f8"),  # at present
         ("drift", "f8"),  # of the offset, a step
         ("resolution", "f8"),  # 0 where a reading is not rounded
+        ("error", "f8"),  # of one that fails, likewise the three below
+        ("error_rate", "f8"),  # a second
+        ("frozen", "f8"),  # 1 where it always tells `told`
+        ("dead", "f8"),  # 1 where it tells no number
+        ("told", "f8"),  # what it told last
+        ("silent", "f8"),  # s, for which it has told no number
     ]
 )
 

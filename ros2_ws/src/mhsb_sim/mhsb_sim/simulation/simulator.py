@@ -10,7 +10,7 @@ circuit may take several steps in one of the servo.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import mujoco
@@ -45,8 +45,9 @@ from mhsb_sim.simulation.exchange import (
     move_pistons,
     push,
 )
-from mhsb_sim.simulation.faults import Fault, set_fault
+from mhsb_sim.simulation.faults import Fault, Plant, set_faults
 from mhsb_sim.simulation.plant_check import check_plant
+from mhsb_sim.simulation.sensed import Sensed
 from mhsb_sim.simulation.sensors import channels_of
 from mhsb_sim.simulation.supply_sag import sagging_pressure
 
@@ -65,6 +66,7 @@ class Simulator:
     machine  what servo, supervision and receiver of plans believe the arm to be
     plant    what is simulated; the same where left out
     guard    what boosts and slows down beyond the plan; a new one after a reset
+    lost_modules  booster modules that it does without
 
     They know of the plant what sensors tell. seed decides the sensor noise; the same seed and the
     same calls give the same bits. posture [rad] replaces the machine's start, payload [kg] the
@@ -121,6 +123,7 @@ class Simulator:
         self._believed = build_circuit(self.machine, self.machine.config.simulation.step)
         self._believed.actuators["join"] = self._circuit.actuators["join"]
         self._healthy = self._circuit.constants.copy()
+        self.lost_modules: tuple[int, ...] = ()
         self._reset_mechanics(q)
         self._reset_noise()
         self._reset_servo(q, modes)
@@ -152,7 +155,6 @@ class Simulator:
         own = np.random.default_rng((self._seed, 1))
         self._channels, self._noise_scale = channels_of(self.plant, own)
         self._noise = np.zeros((NOISE_ROWS, len(self._channels)))
-        self._healthy_noise = self._noise_scale.copy()
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
         n = self.machine.joint_count
@@ -175,6 +177,7 @@ class Simulator:
             self._signals.rail_pressure,
             believed.modules,
             self._channels,
+            np.full(1, 1e-9 * self._step_ns),
             integers=1,
         )
         self._measure(0)
@@ -295,6 +298,21 @@ class Simulator:
         modes[:] = self._in_force
 
     @property
+    def sensed(self) -> Sensed:
+        """What the servo is told now, and what it asks for."""
+        signals, believed = self._signals, self._believed
+        sensors = signals.sensors
+        return Sensed(
+            length=sensors["length"].copy(),
+            pressure=np.stack([sensors[f"{each}_pressure"] for each in ("cap", "rod", "line")], 1),
+            silent=self._channels["silent"].copy(),
+            valve_command=believed.actuators["valve_command"].copy(),
+            pump_flow=believed.modules["flow"].copy(),
+            pump_command=believed.modules["flow_command"].copy(),
+            modes=signals.modes.copy(),
+        )
+
+    @property
     def energies(self) -> dict[str, float]:
         """Energies [J] since the start, by name.
 
@@ -337,10 +355,12 @@ class Simulator:
         self._follow(braking, ModeSchedule(now, rows, np.array(modes[-len(rows) :])))
 
     def close_valves(self) -> None:
-        """Shut all valves and stop the servo pumps until the next plan, or a reset."""
+        """Shut all valves, the isolating ones too, and stop the servo pumps until the next plan, or
+        a reset."""
         actuators, modules = self._believed.actuators, self._believed.modules
         actuators["valve_command"] = actuators["join_command"] = 0.0
         modules["flow_command"] = modules["lend"] = 0.0
+        self._circuit.actuators["isolating_command"] = 1.0  # hard-wired, without the servo's delay
         self.guard.forget()
         self._prepare_modes()
         self._control = _leave_commands
@@ -377,13 +397,14 @@ class Simulator:
         self._payload = mass
         set_payload(self._model, mass)
 
-    def inject(self, fault: Fault) -> None:
-        """Let something fail from now on, or with `Fault.NONE` nothing; a reset heals all."""
-        self._noise_scale[:] = self._healthy_noise
-        set_fault(fault, self._circuit, self._healthy, self._noise_scale)
-        row = self._steps % NOISE_ROWS
-        self._noise[row:] = self._random.standard_normal(self._noise[row:].shape)
-        self._noise[row:] *= self._noise_scale
+    def inject(self, faults: Sequence[Fault]) -> None:
+        """Let these fail from now on and nothing else; a reset heals all."""
+        set_faults(faults, Plant(self._circuit, self._channels), self._healthy)
+
+    def lose_modules(self, lost: Collection[int]) -> None:
+        """Do without these booster modules from now on, the first being 0."""
+        self.lost_modules = tuple(sorted(lost))
+        self._prepare_modes()
 
     def advance(self, duration: float) -> None:
         """Run for `duration` [s], rounded to whole steps."""
@@ -419,8 +440,7 @@ class Simulator:
         if row == 0:
             self._random.standard_normal(out=self._noise)
             self._noise *= self._noise_scale
-        if not self._measure(row):
-            raise self._diverged()
+        self._measure(row)
         if not self.valves_closed and self._watch():
             self._prepare_modes()
         self._control()
@@ -429,6 +449,7 @@ class Simulator:
         """Let the servo act, a new one that remembers nothing."""
         relief = self.plant.config.circuit.chamber_relief_pressure
         self._circuit.actuators["relief"] = relief
+        self._circuit.actuators["isolating_command"] = 0.0
         self._controller = self._make_controller(self.machine, self._signals)
         self._control = self._controller.update
 
@@ -457,18 +478,19 @@ class Simulator:
         But nobody joins the rail early, where its pressure would reach one who is about to leave:
         the line is charged by its own pump until then.
         """
-        modules = self.machine.config.hydraulics.modules
+        modules, lost = self.machine.config.hydraulics.modules, self.lost_modules
         planned, planned_ahead = self._reference.modes, self._reference.modes_ahead
-        now, ahead = self.guard.modes(planned), self.guard.modes(planned_ahead)
+        count = modules.count - len(lost)
+        now, ahead = (self.guard.modes(each, count) for each in (planned, planned_ahead))
         self.guard.note(planned, stronger(planned, planned_ahead), now)
         self._in_force = now
         prepared = stronger(now, ahead)
         if np.any(ON_RAIL[now] & ~ON_RAIL[ahead]):
             prepared[~ON_RAIL[now] & ON_RAIL[ahead]] = Mode.DB
-        if modules_in_use(prepared, modules.per_mode) > modules.count:
+        if modules_in_use(prepared, modules.per_mode) > count:
             prepared = now
         self._signals.modes[:] = prepared
-        self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode)
+        self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode, lost)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
         """Modes in which to come to rest at q [rad]."""
@@ -486,15 +508,13 @@ class Simulator:
 
     def _diverged(self) -> SimulationDivergedError:
         """The error that names what is not finite, causes before effects."""
-        sensors = self._signals.sensors
         candidates: list[tuple[str, Any]] = [
             ("the joint position", self._data.qpos),
             ("the joint velocity", self._data.qvel),
             ("the reference", self._signals.reference),
+            ("a pressure", self._circuit.pressure),
             ("the servo's valve command", self._believed.actuators["valve_command"]),
             ("the servo's pump command", self._believed.modules["flow_command"]),
-            ("a pressure", self._circuit.pressure),
-            *((f"the sensor of a {name}", sensors[name]) for name in sensors.dtype.names or ()),
         ]
         for text, values in candidates:
             if not np.all(np.isfinite(values)) or np.any(np.abs(values) > LARGEST_VALUE):

@@ -10,9 +10,10 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_sim.errors import SimulationDivergedError
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervision import Phase, Supervision
-from mhsb_sim.simulation.symptoms import WATCH_PERIOD_NS, SupervisionLimits
+from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 30.0
 """A lighter payload is approached with this time constant [s], at least this fast [kg/s]. Oil that
@@ -149,7 +150,8 @@ class SupervisedArm:
             self._restart_where_it_is(time_ns)
             return "the fault is cleared and the simulation starts anew from where the arm was"
         if self.supervision.phase is Phase.WATCHING:
-            return "there is no fault"
+            failed = self.supervision.trust_servo_pumps()
+            return f"{failed}: used again" if failed else "there is no fault"
         self._clearing = True
         self._go_on_clearing()
         return "the fault is cleared as soon as the arm rests with its payload"

@@ -3,10 +3,11 @@
     watching → stopping → closed → held → venting → watching
 
 Beyond a limit the reference decelerates along its path. Where the following error still grows, or
-rest does not come, the valves close at once, else when the arm rests. At rest the reference is set
-to the measured posture; nowhere else does it step. So the arm stays where it is, whatever heals,
-and once it is released the valves remain closed until the next plan opens them, to a servo that
-remembers nothing of what was before.
+rest does not come, or a part has failed without which nobody can brake, the valves close at once,
+else when the arm rests. A servo pump that fails stops nothing: the servo does without it. At rest
+the reference is set to the measured posture; nowhere else does it step. So the arm stays where it
+is, whatever heals, and once it is released the valves remain closed until the next plan opens them,
+to a servo that remembers nothing of what was before.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
+from mhsb_sim.simulation.diagnosis import ServoPumpWatch
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, Sample
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.symptoms import (
     SYMPTOMS,
-    WATCH_PERIOD_NS,
     FollowingError,
-    Sample,
     SupervisionLimits,
     Symptom,
 )
@@ -76,6 +77,8 @@ class Supervision:
         """Watch an arm that rests and has no history."""
         self._symptoms: list[Symptom] = [kind(self._simulator.machine) for kind in SYMPTOMS]
         self._following = FollowingError(self._simulator.machine)
+        self._pumps = ServoPumpWatch(self._simulator.machine)
+        self._simulator.lose_modules(())
         self.phase = Phase.WATCHING
         self.fault = self.warning = ""
         self._since_ns = self._simulator.time_ns
@@ -109,6 +112,13 @@ class Supervision:
             return False
         return float(np.ptp(self._stayed, axis=0).max()) < REST_SWAY
 
+    def trust_servo_pumps(self) -> str:
+        """Use all servo pumps again; which had been found to fail, in words, empty if none."""
+        failed = ", ".join(self._pumps.failures.values())
+        self._pumps = ServoPumpWatch(self._simulator.machine)
+        self._simulator.lose_modules(())
+        return failed
+
     def release(self) -> None:
         """Let an arm that is held go on, as soon as no oil is trapped; with the next plan."""
         if self.phase is Phase.HELD:
@@ -120,21 +130,30 @@ class Supervision:
         self.restart()
 
     def _judge(self, sample: Sample) -> None:
+        if self._pumps.look(sample.sensed):
+            self._simulator.lose_modules(self._pumps.failures)
         self.warning = ""
         for symptom in self._symptoms:
             finding = symptom.look(sample)
             warning, limit = getattr(self.limits, symptom.name)
             allowed = f"{limit:g} {symptom.unit}".rstrip()
             if finding.value > limit:
-                self._trip(f"{finding.text}, at most {allowed} is allowed")
+                why = filter(None, [self._pumps.suspicion(sample.sensed), finding.text])
+                self._trip(f"{'; '.join(why)}, at most {allowed} is allowed", symptom.closes)
                 return
             if finding.value > warning and not self.warning:
                 self.warning = f"{finding.text}, beyond {allowed} the arm is stopped"
+        if self._pumps.failures:
+            without = f"{', '.join(self._pumps.failures.values())}; the arm does without"
+            self.warning = "; ".join(filter(None, [without, self.warning]))
 
-    def _trip(self, fault: str) -> None:
+    def _trip(self, fault: str, closes: bool) -> None:
         self.fault, self.warning = fault, ""
         self._simulator.stop()
         self._enter(Phase.STOPPING)
+        if closes:
+            self._simulator.close_valves()
+            self._enter(Phase.CLOSED)
 
     def _enter(self, phase: Phase) -> None:
         self.phase = phase

@@ -14,16 +14,23 @@ from typing import Protocol
 import numpy as np
 
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
-from mhsb_sim.simulation.actuator_states import ActuatorStates
-from mhsb_sim.simulation.simulator import Simulator
-
-WATCH_PERIOD_NS = SECOND_NS // 100
-"""Simulated time from one look to the next."""
+from mhsb_sim.simulation.diagnosis import (
+    DisagreeingLine,
+    DisagreeingValve,
+    FrozenLength,
+    FrozenPressure,
+    JumpingSensor,
+    SilentSensor,
+)
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, Finding, Sample
 
 LASTING = 5
 """Looks that a pressure has to last for; shorter peaks and dips count for nothing."""
+
+ALL_LACK = 0.1
+"""Share of P_S that every line lacks where the main pump is to blame."""
 
 FULL = 0.99
 """Share from which on a command counts as all that there is."""
@@ -38,6 +45,15 @@ class SupervisionLimits:
     supply_loss      of a line, share of the main pump's pressure that it lacks
     saturation       time for which a valve is fully open or a servo pump at full speed, s
     held             time for which the guard holds the plan, s
+
+    And what names a part that has failed, see `diagnosis`:
+
+    silent_sensor       time for which it tells no number, s
+    frozen_pressure     time for which its sensor tells the very same, s
+    frozen_length       way of a piston during which its sensor does, m
+    jumping_sensor      by how much a length leaps, over what a piston goes
+    disagreeing_line    how far one in N is off all others, Pa
+    disagreeing_valve   way of a piston that its opening does not explain, m
     """
 
     following_error: tuple[float, float] = (0.03, 0.06)
@@ -45,44 +61,23 @@ class SupervisionLimits:
     supply_loss: tuple[float, float] = (0.6, 0.8)
     saturation: tuple[float, float] = (0.3, 1.0)
     held: tuple[float, float] = (1.0, 3.0)
-
-
-@dataclass(frozen=True)
-class Sample:
-    """The arm at one look."""
-
-    reference: MotionState
-    measured: MotionState
-    actuators: ActuatorStates
-    held: float
-    why_held: str
-
-    @classmethod
-    def of(cls, simulator: Simulator) -> Sample:
-        """The arm as it is now."""
-        guard = simulator.guard
-        return cls(
-            simulator.reference,
-            simulator.joint_state,
-            simulator.actuator_states,
-            guard.held,
-            guard.sentence if guard.held > 0.0 else "",
-        )
-
-
-@dataclass(frozen=True)
-class Finding:
-    """How large a symptom is, in the unit of its limits, and where, in words."""
-
-    value: float
-    text: str
+    silent_sensor: tuple[float, float] = (0.005, 0.01)
+    frozen_pressure: tuple[float, float] = (0.12, 0.2)
+    frozen_length: tuple[float, float] = (3e-4, 6e-4)
+    jumping_sensor: tuple[float, float] = (0.8, 1.0)
+    disagreeing_line: tuple[float, float] = (2.5e5, 5e5)
+    disagreeing_valve: tuple[float, float] = (5e-4, 8e-4)
 
 
 class Symptom(Protocol):
-    """Something that is looked at every `WATCH_PERIOD_NS`."""
+    """Something that is looked at every `WATCH_PERIOD_NS`.
+
+    closes  whether valves are closed at once where it stops the arm: nobody can brake it
+    """
 
     name: str
     unit: str
+    closes: bool
 
     def __init__(self, machine: Machine) -> None:
         """Begin anew: nothing has lasted yet."""
@@ -97,6 +92,7 @@ class FollowingError:
     """max |q_ref − q| over the joints."""
 
     name, unit = "following_error", "rad"
+    closes = False
 
     def __init__(self, machine: Machine) -> None:
         self._names = machine.joint_names
@@ -112,6 +108,7 @@ class Overpressure:
     """max p/p_relief over chambers and lines, each the least of the last looks."""
 
     name, unit = "overpressure", ""
+    closes = False
 
     def __init__(self, machine: Machine) -> None:
         circuit, actuators = machine.config.circuit, machine.actuator_names
@@ -138,6 +135,7 @@ class SupplyLoss:
     """max 1 − p_line/P_S over the lines, each the least of the last looks."""
 
     name, unit = "supply_loss", ""
+    closes = False
 
     def __init__(self, machine: Machine) -> None:
         self._names = machine.actuator_names
@@ -148,16 +146,17 @@ class SupplyLoss:
         """The line that lacks most."""
         lacking = self._lasting.least(1.0 - sample.actuators.supply_pressure / self._supply)
         j = int(np.argmax(lacking))
-        return Finding(
-            float(lacking[j]),
-            f"the line of {self._names[j]} lacks {lacking[j]:.2f} of the main pump's pressure",
-        )
+        where = f"the line of {self._names[j]} lacks"
+        if np.min(lacking) > ALL_LACK:
+            where = "all lines lack"
+        return Finding(float(lacking[j]), f"{where} {lacking[j]:.2f} of the main pump's pressure")
 
 
 class Saturation:
     """Time for which a valve's or servo pump's command has been all that there is."""
 
     name, unit = "saturation", "s"
+    closes = False
 
     def __init__(self, machine: Machine) -> None:
         pumps = range(1, machine.arrays.module_count + 1)
@@ -181,6 +180,7 @@ class Held:
     """Time for which the guard has held the plan, since nothing else keeps the arm from sagging."""
 
     name, unit = "held", "s"
+    closes = False
 
     def __init__(self, machine: Machine) -> None:
         pass
@@ -206,6 +206,12 @@ class Lasting:
 
 
 SYMPTOMS: tuple[type[Symptom], ...] = (
+    SilentSensor,
+    FrozenPressure,
+    FrozenLength,
+    JumpingSensor,
+    DisagreeingLine,
+    DisagreeingValve,
     FollowingError,
     Overpressure,
     SupplyLoss,

@@ -25,6 +25,9 @@ from mhsb_sim.study.draws import as_text as draws_as_text
 from mhsb_sim.study.draws import run_draws
 from mhsb_sim.study.energy_comparison import Element, total
 from mhsb_sim.study.energy_comparison import as_text as energy_text
+from mhsb_sim.study.fault_figures import draw_faults
+from mhsb_sim.study.fault_study import FAULTS, run_faults
+from mhsb_sim.study.fault_study import as_text as faults_as_text
 from mhsb_sim.study.scenarios import load_scenarios
 from mhsb_sim.study.servo_study import ScenarioResult, StudyRecord, as_dicts, run_study
 from mhsb_sim.study.study_figures import draw_study
@@ -47,6 +50,7 @@ def study(
     seed: int = 0,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: int | None = None,
+    faults: Annotated[list[str] | None, tyro.conf.arg(metavar="FAULT")] = None,
 ) -> None:
     """Run every servo controller through every scenario and compare them.
 
@@ -54,7 +58,8 @@ def study(
     pressures in MPa, energies in J), DIR/comparison.json and figures. Same files, same numbers.
     With --variations or --draws the runs are draws instead: in each the arm is not as the machine
     file says, and goes after six random goals, 0.4 to 5 s apart; DIR/summary.json alone is
-    written, one record for each draw and controller.
+    written, one record for each draw and controller. With --faults something fails during a lift
+    in boost; DIR/summary.json has one record for each fault, and there is a figure of each.
 
     Args:
         output: Folder for summary, comparison and figures.
@@ -65,10 +70,14 @@ def study(
         seed: Of the draws.
         plant: Plant file (YAML) of what is varied, where that is not the machine itself.
         jobs: Processes; as many as there are processors when left out.
+        faults: What fails, as in the simulator's parameter `fault`; without any, all kinds.
     """
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     arm = load_machine(machine)
+    if faults is not None:
+        study_faults(arm, faults or FAULTS, jobs, output)
+        return
     if variations is not None or draws is not None:
         if scenarios is not None:
             raise command_line.UsageError(
@@ -121,6 +130,23 @@ def study_draws(
     text = json.dumps(draws_as_dicts(records), indent=2)
     (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
     print("\n".join(draws_as_text(records)))
+
+
+def study_faults(
+    machine: Machine, faults: Sequence[str], jobs: int | None, output: Path
+) -> None:
+    """Run all faults; writes summary.json and figures in the folder `output`, prints a table."""
+    compile_planner()
+    compile_simulator()
+    bar = tqdm(
+        run_faults(machine, faults, SIDES[0], jobs), total=len(faults), unit="fault", disable=None
+    )
+    results = list(bar)
+    output.mkdir(parents=True, exist_ok=True)
+    text = json.dumps([asdict(result.record) for result in results], indent=2)
+    (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
+    draw_faults(results, output)
+    print("\n".join(faults_as_text([result.record for result in results])))
 
 
 def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:

@@ -11,11 +11,23 @@ from mhsb_sim.mechanics.mujoco_model import build_model
 def drawn(machine: Machine, share: float) -> tuple[np.ndarray, list[linkage_shapes.Bar]]:
     """A posture at that share of all joints' ranges, and what is drawn of its linkages."""
     lower, upper = machine.arrays.joint_min, machine.arrays.joint_max
-    model = build_model(machine)
+    q = lower + share * (upper - lower)
+    return q, linkage_bars(machine, q)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_bars_end_in_the_pins_that_mujoco_moves(four_bar_machine: Machine, share: float) -> None:
+    q, bars = drawn(four_bar_machine, share)
+    model = build_model(four_bar_machine)
     data = mujoco.MjData(model)
-    data.qpos[:] = lower + share * (upper - lower)
+    data.qpos[:] = q
     mujoco.mj_forward(model, data)
-    return data.qpos.copy(), linkage_bars(machine, data)
+    for j, name in enumerate(four_bar_machine.actuator_names):
+        rocker, coupler, _, barrel = bars[4 * j : 4 * j + 4]
+        for pin, place in (
+            ("rocker_pivot", rocker.start), ("child_pin", coupler.end), ("parent_pin", barrel.start)
+        ):  # fmt: skip
+            np.testing.assert_allclose(place, data.site(f"{name}_{pin}").xpos, atol=1e-12)
 
 
 def lengths(bars: list[linkage_shapes.Bar], paint: tuple[float, ...]) -> list[float]:

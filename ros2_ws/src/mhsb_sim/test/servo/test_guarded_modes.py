@@ -49,3 +49,11 @@ def test_where_there_are_too_few_those_that_lack_most_are_boosted() -> None:
     reserve = np.array([-1e5, -4e5, -3e5])
     modes = guarded_modes(nobody, everybody, reserve, ENOUGH, 2, PER_MODE)
     np.testing.assert_array_equal(modes, [0, 1, 1])
+
+
+def test_where_modules_are_lost_those_with_most_reserve_get_less() -> None:
+    boosted, nobody = np.array([2, 1, 1], np.uint8), np.zeros(3, np.uint8)
+    reserve = np.array([-3e5, -1e5, -2e5])
+    for modules, left in ((4, [2, 1, 1]), (3, [1, 1, 1]), (2, [1, 0, 1]), (1, [1, 0, 0])):
+        modes = guarded_modes(boosted, nobody, reserve, ENOUGH, modules, PER_MODE)
+        np.testing.assert_array_equal(modes, left)

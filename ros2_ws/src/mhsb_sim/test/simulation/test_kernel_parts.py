@@ -6,7 +6,7 @@ import sys
 SCRIPT = """
 import sys
 import numpy as np
-from numba.core.dispatcher import Dispatcher
+from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
@@ -23,7 +23,7 @@ def compiled():
         for name, module in sys.modules.items()
         if name.startswith("mhsb_")
         for key, value in vars(module).items()
-        if isinstance(value, Dispatcher)
+        if isinstance(value, Kernel)
     }
 
 def steps(arm, seconds):
@@ -49,7 +49,7 @@ for controller in CONTROLLERS:
     arm.set_payload(12.0)
     arm.stop()
     steps(arm, 1.0)
-    arm.simulator.inject(Fault.MAIN_PUMP)
+    arm.simulator.inject([Fault("main_pump")])
     steps(arm, 2.0)
     arm.clear_fault(arm.simulator.time_ns)
     steps(arm, 1.0)

@@ -208,8 +208,7 @@ def heals_gently(events: Events) -> Kept:
         end_ns = min(later, default=events.end_ns)
         braked_ns = rests_ns[rests_ns >= heal.begin_ns].min(initial=end_ns)
         rows = np.flatnonzero((table.recorded_ns > braked_ns) & (table.recorded_ns < end_ns))
-        anew = heal.value in ("", "sensor")  # nothing failed, or a diverged simulation starts anew
-        if anew or len(rows) < 2 or _plan_in_force(events, heal.begin_ns) != 0:
+        if not heal.value or len(rows) < 2 or _plan_in_force(events, heal.begin_ns) != 0:
             continue
         tested += 1
         speed = _measured_speed(table, rows)

@@ -37,6 +37,16 @@ from mhsb_sim.live.soak.promises import PROMISES
 from mhsb_sim.live.watcher import Watcher
 
 GOALS = 100
+FAULTS = (
+    "main_pump",
+    "servo_pumps",
+    "servo_pump_dead:2",
+    "servo_pump_slow:1",
+    "valve_stuck:actuator_2",
+    "valve_hard_over:actuator_3",
+    "sensor_dead:actuator_1.line_pressure",
+    "sensor_frozen:actuator_2.cap_pressure",
+)
 """Different goals, sent again and again."""
 
 MORTAL_SHARE = 1 / 3
@@ -165,7 +175,7 @@ class Soak:
 
     def fail(self) -> None:
         """Let something fail for a while, in which goals may come."""
-        fault = self.one_of(["sensor", "servo_pumps", "main_pump"])
+        fault = self.one_of(FAULTS)
         self.actor.parameter(DeedKind.FAULT, SIM, "fault", fault)
         self.actor.wait(self.random.uniform(0.5, 2.0))
         if self.random.random() < 0.7:

@@ -1,0 +1,114 @@
+"""The controls beside the scene: goal, stop, the planner's settings, and what has been said."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from viser import GuiApi, ViserServer
+
+MOST_SAID = 6
+"""Sentences that are shown, the newest first."""
+
+GIZMO_SIZE = 0.2  # m
+FIRST_GOAL = (0.55, 0.30)  # m
+STEP = 0.01  # m
+
+
+class Deeds(Protocol):
+    """What the controls ask for; called from the threads of the server."""
+
+    def go(self, x: float, z: float) -> None:
+        """Send a goal [m]."""
+
+    def stop(self) -> None:
+        """Have the arm stop."""
+
+    def set_planner(self, changes: dict[str, Any]) -> None:
+        """Set parameters of the planner."""
+
+
+class Said:
+    """Sentences, the newest first and bold."""
+
+    def __init__(self, gui: GuiApi) -> None:
+        self._text: Any = gui.add_markdown("")
+
+    def show(self, sentences: Sequence[str]) -> None:
+        """The last ones of these, given in their order."""
+        newest = [f"**{sentence}**" for sentence in sentences[-1:]]
+        others = reversed(sentences[-MOST_SAID:-1])
+        text = "\n\n".join([*newest, *others])
+        if text != self._text.content:
+            self._text.content = text
+
+
+class Panel:
+    """Goal, stop and settings; a goal can also be dragged in the scene."""
+
+    def __init__(self, server: ViserServer, planners: Sequence[str], deeds: Deeds) -> None:
+        gui, (x, z) = server.gui, FIRST_GOAL
+        self._sentences: deque[str] = deque(maxlen=MOST_SAID)
+        self._deeds = deeds
+        self._state: Any = gui.add_markdown("waiting for the arm …")
+        with gui.add_folder("Goal"):
+            self._x: Any = gui.add_number("x [m]", x, step=STEP, hint="forward, from the base")
+            self._z: Any = gui.add_number("z [m]", z, step=STEP, hint="up, from the base")
+            go = gui.add_button("Go")
+            stop = gui.add_button("Stop", color="red")
+        self._said = Said(gui)
+        with gui.add_folder("Planner", expand_by_default=False):
+            self._planner: Any = gui.add_dropdown("planner", tuple(planners))
+            self._weights: Any = gui.add_vector3(
+                "weights", (0.5, 0.0, 2.0), min=(0.0, 0.0, 0.0), step=0.1,
+                hint="of energy [1/J], time [1/s] and mode switches",
+            )  # fmt: skip
+            self._payload: Any = gui.add_number("payload [kg]", 10.0, min=0.0, step=0.5)
+            apply = gui.add_button("Apply")
+        self._gizmo: Any = server.scene.add_transform_controls(
+            "/goal", scale=GIZMO_SIZE, active_axes=(True, False, True), disable_rotations=True,
+            position=(x, 0.0, z),
+        )  # fmt: skip
+        go.on_click(lambda _: self._go())
+        stop.on_click(lambda _: deeds.stop())
+        apply.on_click(lambda _: deeds.set_planner(self._settings()))
+        self._gizmo.on_update(lambda _: self._dragged())
+        self._gizmo.on_drag_end(lambda _: self._go())
+        for number in (self._x, self._z):
+            number.on_update(lambda event: self._typed() if event.client else None)
+
+    def show_state(self, sentence: str) -> None:
+        """What the arm is at, in one sentence."""
+        if sentence != self._state.content:
+            self._state.content = sentence
+
+    def show_settings(self, values: dict[str, Any]) -> None:
+        """What the planner's parameters are."""
+        self._planner.value = values["planner"]
+        self._weights.value = tuple(values["weights"])
+        self._payload.value = values["payload"]
+
+    def say(self, sentence: str) -> None:
+        """Add a sentence to those that are shown."""
+        self._sentences.append(sentence)
+        self._said.show(list(self._sentences))
+
+    def _settings(self) -> dict[str, Any]:
+        return {
+            "planner": self._planner.value,
+            "weights": [float(weight) for weight in self._weights.value],
+            "payload": float(self._payload.value),
+        }
+
+    def _go(self) -> None:
+        self._deeds.go(float(self._x.value), float(self._z.value))
+
+    def _dragged(self) -> None:
+        x, _, z = self._gizmo.position
+        self._x.value, self._z.value = round(float(x), 3), round(float(z), 3)
+
+    def _typed(self) -> None:
+        self._gizmo.position = (float(self._x.value), 0.0, float(self._z.value))
+
+

@@ -1,0 +1,65 @@
+"""`viewer`: the arm live in a browser, or a recording played back."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from mhsb_model import command_line
+from mhsb_model.machine import load_machine
+from mhsb_sim.recording.bag_reader import read_recording
+
+DEFAULT_PORT = 8080
+HIGHEST_PORT = 65535
+
+
+def viewer(
+    bag: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[BAG]")] = None,
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    port: int = DEFAULT_PORT,
+    host: str = "127.0.0.1",
+) -> int:
+    """Show the arm in a browser: live, or a recording with a time slider.
+
+    Live: the arm with its cylinders in the colour of their mode, the planned path, zones,
+    pressures [MPa], modes and energy [J]; a goal is typed [m] or dragged, planner, weights and
+    payload are set, verdicts told. Open the address that is printed in any browser on this machine.
+
+    Args:
+        bag: Folder of a recording (rosbag2) to play back; live when left out.
+        machine: Machine file (YAML) of the arm; the suite's own when left out.
+        port: Of the page on this machine; 0 takes any that is free.
+        host: Address to listen at; 0.0.0.0 lets everybody in the network move the arm.
+    """
+    if not 0 <= port <= HIGHEST_PORT:
+        raise command_line.UsageError(f"--port: {port} is not within 0 … {HIGHEST_PORT}")
+    arm = load_machine(machine)
+    recording = read_recording(bag) if bag else None
+    try:
+        from mhsb_sim.viewer.server import open_server
+    except ModuleNotFoundError as error:
+        raise command_line.UsageError(
+            f"{error.name} is not installed; pip install 'viser>=1.1', or source scripts/env.sh"
+        ) from error
+    server = open_server(host, port)
+    print(f"ready: http://{host}:{server.get_port()}", flush=True)
+    if recording is not None:
+        from mhsb_sim.viewer.playback import play
+
+        return play(server, arm, recording)
+    from mhsb_msgs_py.node_process import spin_node
+    from mhsb_sim.viewer.viewer_node import ViewerNode
+
+    return spin_node(lambda: ViewerNode(server, arm))
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_sim viewer`."""
+    return command_line.run(viewer, name="viewer", node=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

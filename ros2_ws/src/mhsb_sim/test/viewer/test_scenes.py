@@ -1,0 +1,42 @@
+"""What the scenes are told, by a server without a browser."""
+
+import numpy as np
+import pytest
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mhsb_model.figure_style import MODE_COLOR, rgb
+from mhsb_model.machine import load_machine
+from mhsb_model.modes import Mode
+from mhsb_sim.viewer.arm_scene import ArmScene
+from mhsb_sim.viewer.marker_scene import MarkerScene
+from mhsb_sim.viewer.server import open_server
+from mhsb_sim.viewer.shapes import bytes_of
+
+
+@pytest.fixture(scope="module")
+def server():
+    opened = open_server("127.0.0.1", 0)
+    yield opened
+    opened.stop()
+
+
+def test_the_load_hangs_at_the_tip_and_barrels_have_the_colour_of_their_mode(server):
+    machine = load_machine()
+    arm = ArmScene(server.scene, machine)
+    posture = machine.arrays.joint_min + 0.3 * (machine.arrays.joint_max - machine.arrays.joint_min)
+    arm.show(posture, np.array([Mode.N, Mode.DB, Mode.SB], dtype=np.uint8))
+    x, z = machine.tip_position(posture)
+    np.testing.assert_allclose(arm._load.position, [x, 0.0, z])
+    shown = [tuple(arm._bars[barrel].color) for barrel in arm._barrels]
+    assert shown == [bytes_of(rgb(MODE_COLOR[mode])) for mode in Mode]
+
+
+def test_markers_of_the_arms_frame_are_shown_until_they_are_deleted(server):
+    scene = MarkerScene(server.scene, "base_link")
+    cube = Marker(header=Header(frame_id="base_link"), ns="zones", id=3, type=Marker.CUBE)
+    flat = Marker(header=Header(frame_id="work_plane"), ns="zones", id=4, type=Marker.CUBE)
+    scene.show(MarkerArray(markers=[cube, flat]))
+    assert list(scene._shown) == ["/plan/zones/3"]
+    scene.show(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+    assert scene._shown == {}
