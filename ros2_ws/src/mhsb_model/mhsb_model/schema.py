@@ -231,6 +231,9 @@ class CascadeGains(Section):
     position_gain: Positive = Field(
         description="piston speed per position error, in the joint's natural frequencies [-]"
     )
+    integral_gain: NonNegative = Field(
+        default=0.0, description="of the position loop, in squares of its gain [-]"
+    )
     force_bandwidth: Positive = Field(
         description="of the cylinder force loop, at most, in natural frequencies of the servo "
         "valve [-]"

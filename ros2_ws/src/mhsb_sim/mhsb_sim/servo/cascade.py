@@ -4,19 +4,22 @@ In cylinder coordinates, with error e = L_ref − L and F = p_A A − p_B a (pos
 
     F_ff  = (M q̈ + C q̇ + g)/r + friction(v_ref) + d     feed-forward
     F_ref = F_ff + (k_p k_h/ω_F) e                         position loop
-    u     = v_ref + ω_F (F_ref − F)/k_h                    force loop, limited at rest
+    u     = v_ref + w + ω_F (F_ref − F)/k_h                force loop, limited at rest
+    ẇ     = k_i e                                          for flows that are not in the model
 
 u is the piston speed that the valve's flows are to amount to, k_h = β (A²/V_A + a²/V_B) the
 oil's stiffness [N/m], so that dF/dt = k_h (u − v). d takes unknown forces over in the time τ,
 hence the force loop damps oscillations without yielding to a load that is not in the model.
+Payload and friction are the file's, or learnt (`servo/load_estimate`); what feed-forward then says
+anew is taken out of d, so that nothing jumps.
 
 A joint that swings on its oil at ω obeys, with everything else ideal,
 
     τ s⁴ + (1 + ω_F τ) s³ + ω² τ s² + ω² (1 + k_p τ) s + ω² k_p = 0,
 
-which is stable, for ω_F τ well above 1, where ω² (1 + k_p τ) > ω_F k_p: slow swings bear neither
-fast gains nor a fast bias, and where k_p < ω_F. So k_p and ω_F go by each joint's own lowest ω,
-τ ≥ 3 ω_F/ω² and k_p ≤ ⅔ ω_F.
+without w, which is stable, for ω_F τ well above 1, where ω² (1 + k_p τ) > ω_F k_p: slow swings
+bear neither fast gains nor a fast bias, and where k_p < ω_F. So k_p and ω_F go by each joint's own
+lowest ω, τ ≥ 3 ω_F/ω² and k_p ≤ ⅔ ω_F; k_i is a small share of k_p².
 Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback).
 """
 
@@ -33,11 +36,13 @@ from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
 from mhsb_model.schema import CascadeGains
-from mhsb_model.statics import MOTION_WORK, Chain, chain_of, moving_torques
+from mhsb_model.statics import INERTIA_WORK, MOTION_WORK, Chain, chain_of, moving_torques
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.elements import friction_force
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.controller import ServoSignals
+from mhsb_sim.servo.load_estimate import MOST_INERTIA, Load, load_of, weigh
+from mhsb_sim.servo.load_estimate import SLOWEST as STEADY
 from mhsb_sim.servo.natural_frequency import lowest_joint_frequencies
 from mhsb_sim.servo.reference import AHEAD
 
@@ -56,6 +61,9 @@ GAINS = np.dtype(
 SCRATCH = MOTION_WORK + 2
 """Rows of working memory: that of the dynamics, torque and weight."""
 
+COSINES = INERTIA_WORK
+"""The row of it in which the dynamics leave the cosines of the links' angles."""
+
 BIAS_RESERVE = 3.0
 """τ ω²/ω_F, at least: with 1 the slowest swing would be at the limit of stability."""
 
@@ -66,12 +74,20 @@ REST_SPEED = 0.02
 """u is at most this of a joint whose reference rests [rad/s], so that an arm which has sagged comes
 back below 0.05 rad/s when it is healed. Nearly closed, a valve holds by the oil's stiffness."""
 
+REST_BAND, REST_SWING = 1e-4, 1e-3
+"""Errors of a joint [rad] between which its integral acts while the reference rests: below, it is
+not worth the valve's wear, above, it is a swing or a sag that the force loop brings back."""
+
+LARGEST_INTEGRAL = 2e-3
+"""w is at most this [m/s]."""
+
 AXIS = np.dtype(
     [
         ("position_gain", "f8"),  # 1/s, k_p
         ("force_bandwidth", "f8"),  # rad/s, ω_F
         ("bias_time", "f8"),  # s, in which d follows
         ("length", "f8"),  # m, of the cylinder in the reference now
+        ("arm", "f8"),  # m, moment arm there
         ("speed", "f8"),  # m/s, of its piston
         ("fastest", "f8"),  # m/s, largest |u|
         ("force", "f8"),  # N, feed-forward now
@@ -82,6 +98,11 @@ AXIS = np.dtype(
         ("arm_ahead", "f8"),  # m, moment arm
         ("arm_slope_ahead", "f8"),  # m/rad, its derivative
         ("bias", "f8"),  # N, d; NaN until the first step takes it over
+        ("integral_gain", "f8"),  # 1/s², k_i
+        ("integral", "f8"),  # m/s, w
+        ("friction", "f8"),  # N, by the machine file
+        ("friction_share", "f8"),  # of it, that feed-forward reckons with
+        ("bound", "f8"),  # 1 where the valve cannot do what is demanded
         ("stiffness", "f8"),  # N/m, k_h
         ("cap_stiffness", "f8"),  # Pa/m³, β/V_A
         ("rod_stiffness", "f8"),  # Pa/m³, β/V_B
@@ -111,7 +132,8 @@ class Servo(NamedTuple):
     actuators: Records
     modules: Records
     linkage: FloatArray  # [n, LINKAGE_WIDTH]
-    chain: Chain  # links and payload as the servo knows them
+    chain: Chain  # links and payload as the machine file has them
+    load: Load  # what is known of payload and friction
     gains: Records  # GAINS[1]
     axes: Records  # AXIS[n]
     scratch: FloatArray  # [SCRATCH, n]
@@ -147,17 +169,27 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     axes["position_gain"] = np.minimum(
         own.position_gain * frequency, POSITION_SHARE * axes["force_bandwidth"]
     )
+    axes["integral_gain"] = own.integral_gain * axes["position_gain"] ** 2
     axes["bias_time"] = np.maximum(
         config.servo.force_bias_time, BIAS_RESERVE * axes["force_bandwidth"] / frequency**2
     )
     axes["bias"] = np.nan
+    axes["friction_share"] = 1.0
     return axes
 
 
 def servo_of(
-    machine: Machine, signals: ServoSignals, own: CascadeGains, supply_margin: float = 0.0
+    machine: Machine,
+    signals: ServoSignals,
+    own: CascadeGains,
+    supply_margin: float = 0.0,
+    *,
+    learns: bool = False,
 ) -> Servo:
-    """The servo of a machine at its start; gains as in `axis_records` and `gain_record`."""
+    """The servo of a machine at its start; gains as in `axis_records` and `gain_record`.
+
+    learns: whether payload and friction are learnt.
+    """
     circuit = signals.circuit
     return Servo(
         reference=signals.reference,
@@ -172,6 +204,7 @@ def servo_of(
         modules=circuit.modules,
         linkage=machine.arrays.linkage,
         chain=chain_of(machine.arrays),
+        load=load_of(machine.arrays.payload, machine.joint_count, learns=learns),
         gains=gain_record(machine, supply_margin),
         axes=axis_records(machine, own),
         scratch=np.zeros((SCRATCH, machine.joint_count)),
@@ -180,21 +213,58 @@ def servo_of(
 
 @kernel(inline="always")
 def piston_demands(s: Servo) -> None:
-    """Write the cascade's quantities of all axes, up to the speed demand u.
+    """Write the cascade's quantities of all axes, up to the speed demand u, and learn the load."""
+    axes, load, cylinders, sensors = s.axes, s.load, s.cylinders, s.sensors
+    c, g = s.constants[0], s.gains[0]
+    torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
+    payload = load.believed[0]
+    reference_forces(s, payload)
+    distance = 0.0
+    for j in range(len(axes) - 1, -1, -1):
+        axis, cylinder, sensor = axes[j], cylinders[j], sensors[j]
+        distance += s.chain.length[j] * s.scratch[COSINES, j]
+        load.weight[j] = s.chain.gravity * distance
+        stiffen(axis, cylinder, sensor, c)
+        friction = friction_force(
+            c.coulomb_friction, c.viscous_friction, c.friction_speed, axis.speed
+        )
+        axis.friction = friction
+        known = axis.force + load.believed[1 + j] * friction
+        force = sensor.cap_pressure * cylinder.cap_area - sensor.rod_pressure * cylinder.rod_area
+        if math.isnan(axis.bias):
+            axis.bias = force - known
+        if load.covariance[0, 0] > 0.0:
+            steady = min(axis.speed_ahead, axis.speed) > STEADY
+            steady = steady or max(axis.speed_ahead, axis.speed) < -STEADY
+            calm = abs(torque[j] - weight[j]) < MOST_INERTIA * abs(weight[j])
+            weighs = steady and calm and axis.bound == 0.0
+            weigh(load, j, weighs, axis.arm * (force - known), axis.arm * friction)
+        axis.bias += (force - known - axis.bias) * g.step / axis.bias_time
+        demand_speed(axis, known, force, axis.length - sensor.length, g.step)
+    for j in range(len(axes)):
+        axis = axes[j]
+        known_anew = load.weight[j] / axis.arm * (load.believed[0] - payload)
+        known_anew += (load.believed[1 + j] - axis.friction_share) * axis.friction
+        axis.bias -= known_anew
+        axis.friction_share = load.believed[1 + j]
+
+
+@kernel(inline="always")
+def reference_forces(s: Servo, payload: float) -> None:
+    """Write what the reference asks of all axes, now and ahead, under that payload [kg].
 
     A closed valve would have to hold what the posture weighs, or the whole force where that is
     less.
     """
-    reference, sensors, cylinders, axes = s.reference, s.sensors, s.cylinders, s.axes
-    linkage, chain, scratch = s.linkage, s.chain, s.scratch
-    c, g = s.constants[0], s.gains[0]
-    torque, weight = scratch[MOTION_WORK], scratch[MOTION_WORK + 1]
+    axes, links = s.axes, s.chain
+    chain = Chain(links.length, links.mass, links.center, links.inertia, payload, links.gravity)
+    torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
     for k in (AHEAD, 0):
-        q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
-        moving_torques(chain, q, qd, qdd, scratch, weight, torque)
+        q, qd, qdd = s.reference[k, 0], s.reference[k, 1], s.reference[k, 2]
+        moving_torques(chain, q, qd, qdd, s.scratch, weight, torque)
         for j in range(len(axes)):
             axis = axes[j]
-            length, arm, slope = motion(linkage[j], q[j])
+            length, arm, slope = motion(s.linkage[j], q[j])
             held = weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]
             if k == AHEAD:
                 axis.speed_ahead = arm * qd[j]
@@ -202,35 +272,42 @@ def piston_demands(s: Servo) -> None:
                 axis.hold_ahead = held / arm
                 axis.arm_ahead, axis.arm_slope_ahead = arm, slope
             else:
-                axis.length = length
+                axis.length, axis.arm = length, arm
                 axis.speed = arm * qd[j]
                 rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
                 axis.fastest = REST_SPEED * abs(arm) if rests else math.inf
                 axis.force = torque[j] / arm
                 axis.hold = held / arm
-    for j in range(len(axes)):
-        axis, cylinder, sensor = axes[j], cylinders[j], sensors[j]
-        cap, rod = cylinder.cap_area, cylinder.rod_area
-        axis.cap_stiffness = c.bulk_modulus / (
-            c.dead_volume + cap * (sensor.length - cylinder.min_length)
-        )
-        axis.rod_stiffness = c.bulk_modulus / (
-            c.dead_volume + rod * (cylinder.max_length - sensor.length)
-        )
-        axis.stiffness = cap * cap * axis.cap_stiffness + rod * rod * axis.rod_stiffness
-        friction = friction_force(
-            c.coulomb_friction, c.viscous_friction, c.friction_speed, axis.speed
-        )
-        known = axis.force + friction
-        force = sensor.cap_pressure * cap - sensor.rod_pressure * rod
-        if math.isnan(axis.bias):
-            axis.bias = force - known
-        axis.bias += (force - known - axis.bias) * g.step / axis.bias_time
-        error = axis.length - sensor.length
-        pull = axis.force_bandwidth / axis.stiffness
-        force_reference = known + axis.bias + axis.position_gain / pull * error
-        demand = axis.speed + pull * (force_reference - force)
-        axis.demand = min(max(demand, -axis.fastest), axis.fastest)
+
+
+@kernel(inline="always")
+def stiffen(axis: Record, cylinder: Record, sensor: Record, constants: Record) -> None:
+    """Write how stiff the oil of a cylinder is where its piston is now."""
+    cap, rod = cylinder.cap_area, cylinder.rod_area
+    axis.cap_stiffness = constants.bulk_modulus / (
+        constants.dead_volume + cap * (sensor.length - cylinder.min_length)
+    )
+    axis.rod_stiffness = constants.bulk_modulus / (
+        constants.dead_volume + rod * (cylinder.max_length - sensor.length)
+    )
+    axis.stiffness = cap * cap * axis.cap_stiffness + rod * rod * axis.rod_stiffness
+
+
+@kernel(inline="always")
+def demand_speed(axis: Record, known: float, force: float, error: float, step: float) -> None:
+    """Write u; known: feed-forward without d, force: measured [N], error: e [m].
+
+    w waits where the valve cannot do what is demanded, and at rest for errors that are its own.
+    """
+    pull = axis.force_bandwidth / axis.stiffness
+    force_reference = known + axis.bias + axis.position_gain / pull * error
+    off = abs(error / axis.arm)
+    acts = axis.fastest == math.inf or REST_BAND < off < REST_SWING
+    if axis.bound == 0.0 and acts:
+        w = axis.integral + axis.integral_gain * error * step
+        axis.integral = min(max(w, -LARGEST_INTEGRAL), LARGEST_INTEGRAL)
+    demand = axis.speed + pull * (force_reference - force) + axis.integral
+    axis.demand = min(max(demand, -axis.fastest), axis.fastest)
 
 
 @kernel

@@ -8,8 +8,8 @@ goes by what is measured. Of each actuator
 
 with p̂, ṗ̂ the filtered pressure of its line and how fast it falls. Where the reserve that the main
 pump leaves it in N is too small, it is boosted until there has been plenty of it for a while. What
-boosting cannot give, or not yet, slowing does: the pace falls with the smallest reserve, and with
-the tip's distance from its reference, down to a hold.
+boosting cannot give, or not yet, slowing does: the pace falls with the smallest reserve, with a
+valve that stays nearly open, and with the tip's distance from its reference, down to a hold.
 """
 
 from __future__ import annotations
@@ -39,25 +39,30 @@ BOOSTED_SMOOTHING = 0.03
 FORESIGHT = 0.04
 """T, about what a pump takes to charge a line [s]."""
 
-BOOST_BELOW, BOOST_AFTER = 0.0, 0.01
-"""Reserve in N [Pa] below which an actuator is boosted, once it has lasted [s]."""
+BOOST_BELOW, BOOST_AFTER = -3e4, 0.01
+"""Reserve in N [Pa] below which an actuator is boosted, once it has lasted [s]: a plan may use all
+of P_S, of which the main pump's droop and the check valve take 0.025 MPa."""
 
 RELEASE_ABOVE, RELEASE_AFTER = 4.5e5, 0.3
 """Reserve in N [Pa] above which it is let go, once it has lasted [s]."""
 
-FULL_PACE_ABOVE, HOLD_BELOW = 0.0, -2.0e5
+FULL_PACE_ABOVE, HOLD_BELOW = -3e4, -2.0e5
 """Reserve in N [Pa]: full pace above, none below, linear in between."""
 
 BOOSTED_FULL_ABOVE, BOOSTED_HOLD_BELOW = -0.5e5, -2.5e5
 """The same of a boosted line, which is kept at what is needed."""
 
-ERROR_HOLDS = 2.0
+WIDE, WIDE_OPEN, OPENING_SMOOTHING = 0.7, 0.9, 0.1
+"""Opening of a valve: full pace below, none above, linear in between, and the time constant of its
+filter [s]. A valve that stays nearly open has no flow left to catch up with."""
+
+ERROR_HOLDS = 1.7
 """Distance of the tip from its reference, in usual ones: full pace up to one, none from here on."""
 
 HELD = 0.02
 """Rate below which a plan counts as held."""
 
-ERROR_LIFTS = 0.6
+ERROR_LIFTS = 0.9
 """Distance of the tip from its reference, in usual ones, beyond which a load that has sagged counts
 as held, also where it is let down: it has to be lifted back."""
 
@@ -72,6 +77,7 @@ GUARDED = np.dtype(
         ("line", "f8"),  # Pa, filtered pressure of its line
         ("force", "f8"),  # N, filtered
         ("off", "f8"),  # rad, of the joint from its reference
+        ("opening", "f8"),  # of its valve, as commanded, filtered
         ("reserve", "f8"),  # Pa, of its line
         ("share", "f8"),  # of the full pace that this allows
         ("unboosted", "f8"),  # Pa, what it would be in N
@@ -106,6 +112,7 @@ class Guard(NamedTuple):
     wanted: FloatArray
     cylinders: Records  # of the circuit as the servo knows it, likewise the one below
     constants: Records
+    commands: Records  # of the circuit's actuators
     linkage: FloatArray  # [n, LINKAGE_WIDTH]
     length: FloatArray  # [n] m, of the links
     actuators: Records  # GUARDED[n]
@@ -128,6 +135,7 @@ def guard_of(
         wanted=reference.wanted,
         cylinders=signals.circuit.cylinders,
         constants=signals.circuit.constants,
+        commands=signals.circuit.actuators,
         linkage=machine.arrays.linkage,
         length=machine.arrays.link_length,
         actuators=np.zeros(machine.joint_count, GUARDED),
@@ -147,6 +155,9 @@ def watch(g: Guard) -> bool:
     for j in range(len(g.actuators)):
         actuator = g.actuators[j]
         changed = ask(actuator, BOOSTED[g.scheduled[j]], o.step) or changed
+        actuator.opening += o.step / OPENING_SMOOTHING * (
+            abs(g.commands[j].valve_command) - actuator.opening
+        )
         actuator.share = share_of(actuator, BOOSTED[g.modes[j]])
         share = min(share, actuator.share)
     before = pace.rate
@@ -233,10 +244,12 @@ def ask(actuator: Record, scheduled: bool, step: float) -> bool:
 
 @kernel
 def share_of(actuator: Record, boosted: bool) -> float:
-    """Share of the full pace that an actuator's reserve allows, 0 … 1."""
+    """Share of the full pace that an actuator's reserve and its valve allow, 0 … 1."""
     full = BOOSTED_FULL_ABOVE if boosted else FULL_PACE_ABOVE
     none = BOOSTED_HOLD_BELOW if boosted else HOLD_BELOW
-    return min(max((actuator.reserve - none) / (full - none), 0.0), 1.0)
+    pressure = (actuator.reserve - none) / (full - none)
+    opening = (WIDE_OPEN - actuator.opening) / (WIDE_OPEN - WIDE)
+    return min(max(min(pressure, opening), 0.0), 1.0)
 
 
 @kernel

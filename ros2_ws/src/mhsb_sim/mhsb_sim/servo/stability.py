@@ -18,25 +18,27 @@ SEED = 1
 def closed_loop(axes: Records, loaded: Machine, q: FloatArray) -> FloatArray:
     """Matrix of the cascade on a machine at q [rad], linear and with ideal valves and supply.
 
-    States: errors e of the cylinder lengths, ė, excess forces f, biases d:
-    R⁻¹ M R⁻¹ ë = −f, ḟ = k_h ė + ω_F (d + k_p k_h/ω_F e − f), τ ḋ = f − d.
+    States: errors e of the cylinder lengths, ė, excess forces f, biases d, integrals w:
+    R⁻¹ M R⁻¹ ë = −f, ḟ = k_h (ė + w) + ω_F (d + k_p k_h/ω_F e − f), τ ḋ = f − d, ẇ = k_i e.
     """
     inverse_arms = np.diag(1.0 / loaded.moment_arms(q))
     mass = inverse_arms @ loaded.mass_matrix(q) @ inverse_arms
     oil = np.diag(oil_stiffness(loaded, q))
-    position, force, bias = (
-        np.diag(axes[name]) for name in ("position_gain", "force_bandwidth", "bias_time")
-    )
+    names = ("position_gain", "force_bandwidth", "bias_time", "integral_gain")
+    position, force, bias, integral = (np.diag(axes[name]) for name in names)
     forget = np.linalg.inv(bias)
     one, none = np.eye(len(q)), np.zeros((len(q), len(q)))
-    return np.block(
+    loop = np.block(
         [
-            [none, one, none, none],
-            [none, none, -np.linalg.inv(mass), none],
-            [position @ oil, oil, -force, force],
-            [none, none, forget, -forget],
+            [none, one, none, none, none],
+            [none, none, -np.linalg.inv(mass), none, none],
+            [position @ oil, oil, -force, force, oil],
+            [none, none, forget, -forget, none],
+            [integral, none, none, none, none],
         ]
     )
+    there = np.concatenate([np.ones(4 * len(q), dtype=bool), axes["integral_gain"] > 0.0])
+    return np.asarray(loop[np.ix_(there, there)])
 
 
 def slowest_decay(machine: Machine, gains: CascadeGains, payload: float) -> float:

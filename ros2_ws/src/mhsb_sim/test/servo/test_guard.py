@@ -87,3 +87,15 @@ def test_the_pace_falls_with_the_reserve() -> None:
         assert shares[0] == 0.0
         assert shares[-1] == 1.0
         assert np.all(np.diff(shares) >= 0.0)
+
+
+def test_the_pace_falls_while_a_valve_stays_nearly_open() -> None:
+    actuators = np.zeros(1, GUARDED)
+    actuators["reserve"] = 1e6
+    shares = []
+    for opening in np.linspace(0.0, 1.0, 51):
+        actuators["opening"] = opening
+        shares.append(share_of(actuators[0], False))
+    assert shares[round(50 * guard.WIDE)] == pytest.approx(1.0)
+    assert shares[-1] == 0.0
+    assert np.all(np.diff(shares) <= 0.0)

@@ -1,0 +1,70 @@
+"""What a servo has learnt of its machine: values, uncertainty, and whether they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_sim.records import Records
+from mhsb_sim.servo import leakage_estimate, valve_estimate
+from mhsb_sim.servo.load_estimate import FRICTION_DEVIATION, SHARE_OF_PAYLOAD, Load
+from mhsb_sim.servo.valve_estimate import Valves
+
+KNOWN_BELOW = 0.5
+"""Standard deviation, as a share of what it was at first, from which on a value counts as known."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One value that is learnt.
+
+    quantity   payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine file's];
+               overlap [share of the stroke]
+    actuator   whose it is, empty for what is the whole arm's
+    deviation  standard deviation
+    known      False: not to be told from the motion so far
+    """
+
+    quantity: str
+    actuator: str
+    value: float
+    deviation: float
+    known: bool
+
+
+def estimates_of(
+    names: Sequence[str], load: Load, valves: Valves, leaks: Records
+) -> list[Estimate]:
+    """All that is learnt of the actuators of these names."""
+    spread = np.sqrt(np.diag(load.covariance))
+    first = SHARE_OF_PAYLOAD * float(load.file[0])
+    found = [_estimate("payload", "", load.believed[0], spread[0], first)]
+    for j, name in enumerate(names):
+        gain, overlap, squeeze = valves.estimate[j]
+        own = valves.covariance[j]
+        lap = overlap / gain
+        # of o = b/a and g = a (1 − o) = a − b, to first order
+        lap_variance = (own[1, 1] - 2.0 * lap * own[0, 1] + lap**2 * own[0, 0]) / gain**2
+        gain_variance = own[0, 0] - 2.0 * own[0, 1] + own[1, 1]
+        of_gain, of_overlap, of_squeeze = valve_estimate.DEVIATION
+        of_bulk = np.sqrt(own[2, 2]) / squeeze**2
+        found += [
+            _estimate("friction", name, load.believed[1 + j], spread[1 + j], FRICTION_DEVIATION),
+            _estimate("valve_gain", name, gain - overlap, np.sqrt(gain_variance), of_gain),
+            _estimate("overlap", name, lap, np.sqrt(lap_variance), of_overlap),
+            _estimate("bulk_modulus", name, 1.0 / squeeze, of_bulk, of_squeeze),
+            _estimate(
+                "leakage", name, leaks[j]["share"], np.sqrt(leaks[j]["variance"]),
+                leakage_estimate.DEVIATION,
+            ),
+        ]  # fmt: skip
+    return found
+
+
+def _estimate(
+    quantity: str, actuator: str, value: float, deviation: float, first: float
+) -> Estimate:
+    known = bool(deviation < KNOWN_BELOW * first)
+    return Estimate(quantity, actuator, float(value), float(deviation), known)

@@ -1,0 +1,371 @@
+"""The servo pumps of coordinated control: how much each is to deliver.
+
+They deliver the very flow that the valves are about to take; the pressure error only trims. No
+pump runs faster than it can be stopped before its oil would overfill the line, judged by the
+reference ahead: where it gives no more than what is drawn, by the machine file's lag and what is
+known of the leakage, and where it charges a line beyond that, by a slower pump, a stiffer line and
+less leakage. On the rail, pumps that are no longer needed count until they have come to rest.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.hydraulics import inlet_area, pressure_against
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_sim.circuit.elements import orifice
+from mhsb_sim.records import Record, Records
+from mhsb_sim.servo.cascade import Servo
+from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
+from mhsb_sim.servo.leakage_estimate import balance, leaks_of
+from mhsb_sim.servo.reference import AHEAD
+
+FINE = 4
+"""Looks that a coasting pump is given up to the first point of the reference ahead."""
+
+SLOWER, LATER, STIFFER = 2.0, 4e-3, 1.3
+"""Lag [times the file's], delay [s] and stiffness of a line [times] that charging reckons with."""
+
+AT_LEAST = 0.3
+"""Share of what a line lacks that is charged however little is known of it."""
+
+DOUBTS = 1.5
+"""Standard deviations of its leakage by which a line may leak less than charging reckons with."""
+
+GAINS = np.dtype(
+    [
+        ("preview", "f8"),  # s
+        ("pump_lead", "f8"),  # λ
+        ("pressure_gain", "f8"),  # k, 1/s
+        ("pump_rise", "f8"),  # share of the way to the next point for a pump's response
+        ("allowed_rise", "f8"),  # Pa, above the target while a pump coasts
+    ]
+)
+
+MANIFOLD_LEFT = 0.94
+"""Share of P_S in the manifold down to which lines are charged from what is pent up there."""
+
+KEPT = 2e5
+"""Pressure beyond p_L + m(v) that is left in the manifold to what moves in N [Pa]: friction, and a
+reserve at which the guard does not act."""
+
+SHUT, CLEAR = 0.02, 2e5
+"""Opening of join valve and diverter up to which a line counts as its own pump's alone, and
+pressure above P_S [Pa] from which on its check valve counts as closed."""
+
+SWITCHED_OVER = 0.9
+"""Share of a lent pump's flow that has to reach the rail before it counts as feeding it."""
+
+
+class Pumps(NamedTuple):
+    """What the servo pumps are driven by, beside the cascade."""
+
+    gains: Records  # GAINS[1]
+    rail_target: FloatArray  # [2] pressure targets of the rail [Pa], as those of an axis
+    volume: FloatArray  # [n + 1, REFERENCE_POINTS] as in `look_ahead`; the last row is the rail's
+    coasting: FloatArray  # [FINE + REFERENCE_POINTS − 1] as in `coasting_limit`
+    slow: FloatArray  # likewise, of pumps that stop later than the machine file's
+    spare: FloatArray  # [1] m³/s, what is left for charging lines
+    leaks: Records  # LEAK[n]
+    doubt: FloatArray  # [n + 1] m³/s, of what lines leak; the last one is the rail's
+
+
+def pumps_of(machine: Machine, signals: ServoSignals) -> Pumps:
+    """The pumps of a machine at rest."""
+    servo, oil, n = machine.config.servo.coordinated, machine.config.circuit, machine.joint_count
+    lag, preview = oil.servo_pump_lag, servo.preview
+    gains = np.zeros(1, GAINS)
+    gains["preview"] = preview
+    spin_up = signals.circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
+    gains["pump_lead"] = np.maximum(1.0, lag / (servo.pump_response * spin_up))
+    gains["pump_rise"] = np.minimum(1.0, AHEAD * lag / (gains["pump_lead"] * preview))
+    gains["pressure_gain"] = servo.pressure_gain / lag
+    gains["allowed_rise"] = servo.allowed_rise
+    points = np.concatenate([np.arange(FINE) / FINE, np.arange(1, REFERENCE_POINTS)])
+    time = points * preview / AHEAD
+    return Pumps(
+        gains=gains,
+        rail_target=np.full(2, signals.rail_pressure[0]),
+        volume=np.zeros((n + 1, REFERENCE_POINTS)),
+        coasting=coasting_volumes(lag, 0.0, time),
+        slow=coasting_volumes(SLOWER * lag, LATER, time),
+        spare=np.zeros(1),
+        leaks=leaks_of(n),
+        doubt=np.zeros(n + 1),
+    )
+
+
+def coasting_volumes(lag: float, delay: float, time: FloatArray) -> FloatArray:
+    """What a pump delivers up to each time [s] after it is told to stop, per flow that it had [s].
+
+    t up to the delay [s], τ (1 − e^(−t/τ)) with its lag τ [s] from then on.
+    """
+    late = np.minimum(time, delay)
+    return np.asarray(late - lag * np.expm1(-(time - late) / lag))
+
+
+@kernel
+def is_served(j: int, serves: IntArray) -> bool:
+    """Whether any module is in use for actuator j."""
+    found = False
+    for user in serves:
+        found = found or user == j
+    return found
+
+
+@kernel(inline="always")
+def weigh_leakage(s: Servo, p: Pumps) -> None:
+    """Learn what the lines leak that one pump feeds alone."""
+    c = s.constants[0]
+    for j in range(len(s.axes)):
+        flow = 0.0
+        alone = s.axes[j].joined == 0.0 and s.actuators[j].join < SHUT
+        alone = alone and s.sensors[j].line_pressure > c.supply_pressure + CLEAR
+        served = False
+        for k in range(len(s.modules)):
+            if s.module_home[k] == j and s.serves[k] == j:
+                flow, served = s.modules[k].flow, True
+                alone = alone and s.modules[k].to_rail < SHUT
+        drop = s.sensors[j].line_pressure - c.tank_pressure
+        leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
+        balance(
+            p.leaks[j],
+            alone and served,
+            flow,
+            leakage,
+            s.sensors[j].line_pressure,
+            s.sensors[j].length,
+            s.cylinders[j],
+            c.line_capacity,
+            s.gains[0].step,
+        )
+
+
+@kernel(inline="always")
+def look_ahead(s: Servo, p: Pumps) -> None:
+    """Flow that boosted lines are about to give, and the oil they give up to each point ahead.
+
+    Flow: A_dir |u| of the demanded speed, leakage, and what the next point of the reference adds
+    while the pump follows. Oil, p.volume [m³]: ∫ (A_dir |v| + leakage) dt of the reference, by the
+    trapezoidal rule, with moment arms linear about point `AHEAD`.
+    """
+    reference, sensors, cylinders, axes = s.reference, s.sensors, s.cylinders, s.axes
+    volume, c, g = p.volume, s.constants[0], p.gains[0]
+    spacing = g.preview / AHEAD
+    for j in range(len(axes)):
+        axis, cylinder = axes[j], cylinders[j]
+        if axis.joined == 0.0 and not is_served(j, s.serves):
+            axis.line_flow = 0.0
+            volume[j] = 0.0
+            continue
+        drop = sensors[j].line_pressure - c.tank_pressure
+        by_file, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
+        leakage = p.leaks[j].share * by_file
+        p.doubt[j] = DOUBTS * math.sqrt(p.leaks[j].variance) * by_file
+        cap, rod = cylinder.cap_area, cylinder.rod_area
+        axis.line_flow = inlet_area(cap, rod, axis.demand) * abs(axis.demand) + leakage
+        before = 0.0
+        for k in range(len(reference)):
+            if k == 0:
+                speed = axis.speed
+            elif k == AHEAD:
+                speed = axis.speed_ahead
+            else:
+                way = reference[k, 0, j] - reference[AHEAD, 0, j]
+                speed = (axis.arm_ahead + axis.arm_slope_ahead * way) * reference[k, 1, j]
+            flow = leakage + abs(speed) * inlet_area(cap, rod, speed)
+            if k == 0:
+                volume[j, k] = 0.0
+            else:
+                volume[j, k] = volume[j, k - 1] + 0.5 * spacing * (before + flow)
+            if k == 1:
+                axis.line_flow += max(0.0, flow - before) * g.pump_rise
+            before = flow
+
+
+@kernel
+def coasting_limit(
+    volume: FloatArray,
+    coasting: FloatArray,
+    capacity: float,
+    rise: float,
+    rise_ahead: float,
+    doubt: float,
+    spacing: float,
+) -> float:
+    """Largest flow [m³/s] from which a pump can be stopped without filling its line too far.
+
+    From Q it delivers at least Q τ (1 − e^(−t/τ)) up to t. That is not to exceed what is drawn by
+    then and what the pressure may rise by, V(t) + C Δp(t), at each point ahead, and `FINE` times up
+    to the first: pressure is highest when the pump has slowed down to what is drawn, soon after.
+    volume float64[REFERENCE_POINTS] m³, V at the points; coasting
+    float64[FINE + REFERENCE_POINTS − 1] s, τ (1 − e^(−t/τ)) at all these times from 0 on;
+    rise: Δp [Pa] now, rise_ahead from point `AHEAD` on, linear in between; doubt: flow
+    [m³/s] that may not be drawn after all; spacing: from point to point [s].
+    """
+    limit = np.inf
+    for k in range(1, FINE):
+        share = k / FINE
+        room = capacity * (rise + share / AHEAD * (rise_ahead - rise))
+        drawn = share * (volume[1] - doubt * spacing)
+        limit = min(limit, (drawn + room) / coasting[k])
+    for k in range(1, len(volume)):
+        way = min(k / AHEAD, 1.0)
+        room = capacity * (rise + way * (rise_ahead - rise))
+        drawn = volume[k] - doubt * spacing * k
+        limit = min(limit, (drawn + room) / coasting[FINE - 1 + k])
+    return limit
+
+
+@kernel(inline="always")
+def pump_demand(
+    drawn: float,
+    pressure: float,
+    target: float,
+    target_ahead: float,
+    capacity: float,
+    volume: FloatArray,
+    doubt: float,
+    p: Pumps,
+) -> float:
+    """Flow [m³/s] into a line or the rail: what is drawn + k C (p_ref − p), within the limit.
+
+    What is more than drawn is within that of a slow pump on a stiff line that leaks less, too.
+
+    What charges it is taken from p.spare. Arguments as in `coasting_limit`, and Pa, m³/s, m³/Pa.
+    """
+    g = p.gains[0]
+    rise = g.allowed_rise + target - pressure
+    rise_ahead = g.allowed_rise + target_ahead - pressure
+    spacing = g.preview / AHEAD
+    limit = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead, 0.0, spacing)
+    stiff = capacity / STIFFER
+    cautious = coasting_limit(volume, p.slow, stiff, rise, rise_ahead, doubt, spacing)
+    charge = min(capacity * g.pressure_gain * (target - pressure), p.spare[0])
+    charge = min(charge, max(cautious - drawn, AT_LEAST * charge))
+    p.spare[0] -= max(charge, 0.0)
+    return min(drawn + charge, limit)
+
+
+@kernel
+def spare_flow(s: Servo, p: Pumps) -> float:
+    """Flow [m³/s] that lines may be charged with; 0 while no pump is in use.
+
+    What cylinders and valves leave of the main pump's, Q_MP − Σ (A_dir |v_ref| + leakage), and
+    k C (p − p_kept) of the manifold's own oil, down to MANIFOLD_LEFT P_S and not below what moves
+    in N needs. Its pressure p is that of the lowest line: in N they do not hold theirs above it.
+    """
+    in_use = False
+    for user in s.serves:
+        in_use = in_use or user >= 0
+    if not in_use:
+        return 0.0
+    c, g = s.constants[0], p.gains[0]
+    left, lowest, kept = c.main_pump_flow, np.inf, MANIFOLD_LEFT * c.supply_pressure
+    for j in range(len(s.axes)):
+        axis, cylinder, line = s.axes[j], s.cylinders[j], s.sensors[j].line_pressure
+        leakage, _ = orifice(c.leakage_coefficient, line - c.tank_pressure, c.laminar_pressure)
+        area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed)
+        left -= area * abs(axis.speed) + leakage
+        lowest = min(lowest, line)
+        if not BOOSTED[s.modes[j]] and axis.speed != 0.0:
+            force = axis.force + axis.bias
+            needed = pressure_against(
+                c.valve_coefficient, cylinder.cap_area, cylinder.rod_area, c.tank_pressure,
+                force, axis.speed,
+            )  # fmt: skip
+            kept = max(kept, min(needed + KEPT, c.supply_pressure))
+    pent_up = c.manifold_capacity * (lowest - kept)
+    return max(0.0, left) + max(0.0, g.pressure_gain * pent_up)
+
+
+@kernel
+def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
+    """Whether a module in use feeds the rail: lent and switched over, or its line joined."""
+    if home == user:
+        return axes[user].joined > 0.0
+    return module.to_rail > SWITCHED_OVER
+
+
+@kernel(inline="always")
+def rail_demand(s: Servo, p: Pumps) -> float:
+    """Flow [m³/s] into the rail, of all pumps together: as `pump_demand` for what is joined to it.
+
+    It also feeds what still passes join valves that are closing or throttled.
+    """
+    axes, volume, rail_pressure = s.axes, p.volume, s.rail_pressure[0]
+    c = s.constants[0]
+    drawn, capacity = 0.0, c.rail_capacity
+    rail_volume = volume[len(axes)]
+    rail_volume[:] = 0.0
+    p.doubt[len(axes)] = 0.0
+    for j in range(len(axes)):
+        axis = axes[j]
+        if axis.joined > 0.0:
+            drawn += axis.line_flow
+            rail_volume += volume[j]
+            p.doubt[len(axes)] += p.doubt[j]
+            capacity += c.line_capacity
+        else:
+            through, _ = orifice(
+                c.switching_coefficient * s.actuators[j].join,
+                rail_pressure - s.sensors[j].line_pressure,
+                c.laminar_pressure,
+            )
+            drawn += through
+    target, ahead = p.rail_target[0], p.rail_target[1]
+    return pump_demand(
+        drawn, rail_pressure, target, ahead, capacity, rail_volume, p.doubt[len(axes)], p
+    )
+
+
+@kernel(inline="always")
+def drive_pumps(s: Servo, p: Pumps) -> None:
+    """Flow command of every servo pump, driven ahead of the pump's lag.
+
+    Alone on its line: Q_cmd = Q + λ (Q_ref − Q). The n modules that feed the rail together:
+    Q_cmd = Q̄ + λ (Q_ref − ΣQ)/n, with Q̄ their mean flow and ΣQ all that reaches the rail, also
+    from pumps that are no longer needed and coast. So they come to share the flow equally at the
+    pace of their lag, and the sum does not suffer from it.
+    """
+    axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
+    c, g = s.constants[0], p.gains[0]
+    sharing, shared, reaching = 0, 0.0, 0.0
+    for k in range(len(modules)):
+        module, user = modules[k], serves[k]
+        if user < 0:
+            reaching += module.flow * module.to_rail
+        elif feeds_rail(module, module_home[k], user, axes):
+            sharing += 1
+            shared += module.flow
+    p.spare[0] = spare_flow(s, p)
+    rail_command = 0.0
+    if sharing > 0:
+        demand = rail_demand(s, p)
+        rail_command = (shared + g.pump_lead * (demand - shared - reaching)) / sharing
+    for k in range(len(modules)):
+        module, user = modules[k], serves[k]
+        module.lend = 1.0 if user >= 0 and module_home[k] != user else 0.0
+        command = 0.0
+        if user >= 0 and feeds_rail(module, module_home[k], user, axes):
+            command = rail_command
+        elif user >= 0 and module.lend == 0.0:
+            axis = axes[user]
+            demand = pump_demand(
+                axis.line_flow,
+                s.sensors[user].line_pressure,
+                axis.supply_target,
+                axis.target_ahead,
+                c.line_capacity,
+                p.volume[user],
+                p.doubt[user],
+                p,
+            )
+            command = module.flow + g.pump_lead * (demand - module.flow)
+        module.flow_command = min(max(command, 0.0), c.servo_pump_flow)

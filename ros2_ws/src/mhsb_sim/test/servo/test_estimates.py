@@ -1,0 +1,62 @@
+from collections.abc import Callable
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_sim.servo.coordinated import CoordinatedController
+from mhsb_sim.servo.estimates import Estimate
+from mhsb_sim.simulation.simulator import Simulator
+
+Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
+WAYS = [np.array(q) for q in ([0.5, -1.1, -1.2], [0.2, -1.7, -0.6], [0.6, -1.0, -1.5])]
+TRUTH = {"payload": 8.0, "friction": 1.6, "valve_gain": 0.85, "overlap": 0.02, "leakage": 0.7}
+
+
+def plant_of(machine: Machine) -> Machine:
+    """What is true of another machine."""
+    oil, valve = "circuit.", "hydraulics.valve."
+    return machine.with_values(
+        {
+            "payload.mass": TRUTH["payload"],
+            f"{oil}coulomb_friction": TRUTH["friction"] * machine.value(f"{oil}coulomb_friction"),
+            f"{oil}viscous_friction": TRUTH["friction"] * machine.value(f"{oil}viscous_friction"),
+            f"{valve}rated_flow": TRUTH["valve_gain"] * machine.value(f"{valve}rated_flow"),
+            f"{valve}leakage_flow": TRUTH["leakage"] * machine.value(f"{valve}leakage_flow"),
+            "imperfections.valve_overlap": TRUTH["overlap"],
+        }
+    )
+
+
+def estimates(simulator: Simulator) -> list[Estimate]:
+    controller = simulator._controller
+    assert isinstance(controller, CoordinatedController)
+    return controller.estimates
+
+
+def test_at_rest_nothing_is_known(machine: Machine) -> None:
+    simulator = Simulator(machine, plant=plant_of(machine))
+    simulator.advance(1.0)
+    moving = [each for each in estimates(simulator) if each.quantity != "leakage"]
+    assert not any(each.known for each in moving)
+
+
+def test_a_few_motions_tell_what_the_plant_is_like_and_the_arm_rests_where_it_should(
+    machine: Machine, motion: Motion
+) -> None:
+    simulator = Simulator(machine, plant=plant_of(machine))
+    for goal in WAYS * 3:
+        plan = motion(simulator.reference, goal, simulator.time_ns)
+        simulator.set_plan(*plan)
+        while simulator.plan_time_ns < plan[0].end_ns + SECOND_NS // 2:
+            simulator.step()
+    known = [each for each in estimates(simulator) if each.known and each.quantity in TRUTH]
+    assert {"payload", "friction", "valve_gain", "overlap"} <= {each.quantity for each in known}
+    for each in known:
+        assert abs(each.value - TRUTH[each.quantity]) < 4.0 * each.deviation, each
+    tips = [
+        machine.tip_position(q)
+        for q in (simulator.joint_state.position, simulator.reference.position)
+    ]
+    assert np.hypot(*(tips[0] - tips[1])) < 1e-3
