@@ -41,6 +41,9 @@ FASTER = (0.72, 0.85)
 """Factors on the duration of the shortest ramps that are tried as well: these leave half of the
 acceleration and of the jerk to another ramp, which may not be going on."""
 
+NEARLY = 1.03
+"""Cost of a motion over the best one's up to which other ways along its path may be cheaper."""
+
 SLOWER = (1.5, 2.2, 3.4)
 """Factors on the duration of ramps that are compared with the shortest."""
 
@@ -144,8 +147,19 @@ class PlanMaking:
             followed = self._made(candidate, _followed(rules))
             rules = replace(rules, alone=followed is not None)
         motion = self._made(candidate, rules) or followed
-        for other in () if motion is None else self._others(path, motion, rules):
-            self._made(candidate, other)
+        if motion is None:
+            return
+        for other in self._others(path, motion, rules):
+            before = self._best
+            if self._made(candidate, other) is not None and self._best is not before:
+                self._refused_before(motion)
+
+    def _refused_before(self, motion: FittedMotion) -> None:
+        """The best is another motion along the path of this one: what was refused before stays."""
+        best = self._best
+        if best is not None:
+            refused = motion.refused + best.motion.refused
+            self._best = replace(best, motion=replace(best.motion, refused=refused))
 
     def _may_follow(self, path: DiscretePath, rules: FitRules) -> bool:
         """Whether a path's motion may be a polynomial, and following it instead."""
@@ -157,7 +171,7 @@ class PlanMaking:
         return isinstance(self._task.brake, Steering)
 
     def _made(self, candidate: Candidate, rules: FitRules) -> FittedMotion | None:
-        """Make the path a motion; it, if it is the best so far, or None.
+        """Make the path a motion; it, if it is the best so far or NEARLY, or None.
 
         A polynomial that V_max lets last as long as the path is taken for any other motion along
         it, as published; where none keeps the limits, what is taken says why.
@@ -183,10 +197,11 @@ class PlanMaking:
             self.time.found = True
             self.time.reserve = max(self.time.reserve, self._since - began)
         published = rules.alone and motion.stretch <= 1.0
-        if best is not None and not published and not self._takes_over(plan, best):
-            return None
-        self._best = plan
-        return motion
+        if best is None or published or self._takes_over(plan, best):
+            self._best = plan
+            return motion
+        options = self._task.options
+        return motion if plan.cost(options) <= NEARLY * best.cost(options) else None
 
     def _takes_over(self, plan: Plan, best: Plan) -> bool:
         """Whether a plan is better than the best so far, and by enough."""

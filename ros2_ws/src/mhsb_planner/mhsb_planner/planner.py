@@ -39,6 +39,7 @@ from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
     ONLINE_PLANNER,
     PLANNER_KINDS,
+    PLANNERS,
     PlannerKind,
     planner_named,
     weighing_area,
@@ -225,16 +226,16 @@ class Planner:
         return Task(goal, start, modes, brake, departure, options, area)
 
 
-def warm_up(planner: Planner, kinds: Iterable[str] = PLANNER_KINDS) -> None:
+def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile everything that a plan runs through, and load it, with nothing in its way.
 
-    kinds  planners that plans will be asked of
+    kinds  planners that plans will be asked of; all that there are where it is left out
     """
     compile_planner()
     graph = planner.graph
     planner.change(planner.machine.without_obstacles())
     goal_clearance.warm_up(planner.machine)
-    for kind in kinds:
+    for kind in PLANNERS if kinds is None else kinds:
         planner_named(kind).warm_up(planner.graph)
     area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
