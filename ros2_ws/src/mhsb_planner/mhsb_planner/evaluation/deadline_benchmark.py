@@ -44,7 +44,7 @@ OFF_GRID = (0.013, -0.011)
 """From a node to a goal that is none [m]."""
 
 RUNS = 5
-LONG_ENOUGH = 0.2
+LONG_ENOUGH = 0.1
 """For a first motion [s]."""
 
 PERCENTILES = (50, 90, 99)

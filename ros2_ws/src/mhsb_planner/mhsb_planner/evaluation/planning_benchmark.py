@@ -72,13 +72,14 @@ Result = TypeVar("Result")
 class Effort:
     """How much is measured.
 
-    Plans, plans with a deadline in each condition, SLSQP entries, ground truths, plans for each
-    spacing, and the spacings [m]; moves to a goal that comes again, and lines on which one moves;
-    moves with ground truth on each machine that boosts much, scenes with obstacles; and
-    plans whose duration is compared with a collocation's.
+    Plans, first motions, plans with a deadline in each condition, SLSQP entries, ground truths,
+    plans for each spacing, and the spacings [m]; moves to a goal that comes again, and lines on
+    which one moves; moves with ground truth on each machine that boosts much, scenes with
+    obstacles; and plans whose duration is compared with a collocation's.
     """
 
     moves: int = 500
+    first_motions: int = 100
     deadlines: int = 150
     entries: int = 200
     truths: int = 20
@@ -107,7 +108,9 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
             "integrated": integrated_figures(planner, moves, effort.truths, effort.runs),
         },
         "scipy_dijkstra": other,
-        "first_motion_ms": first_motion_figures(planner, moves, other["p50_ms"]),
+        "first_motion_ms": first_motion_figures(
+            planner, moves[: effort.first_motions], other["p50_ms"]
+        ),
         "overrun_ms": overrun_figures(planner, moves[: effort.deadlines]),
         "stream": stream_figures(planner, moves[: effort.repeated]),
         "moving_goal": moving_goal_figures(planner, effort.lines),
