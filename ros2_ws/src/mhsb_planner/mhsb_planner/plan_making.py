@@ -223,14 +223,15 @@ class PlanMaking:
         slower ones.
         """
         followed = _followed(rules)
-        if motion.method == FitMethod.RAMPED and not motion.braked:
+        stays = self._task.options.period == 0.0  # a goal that moves does not wait for more
+        if stays and motion.method == FitMethod.RAMPED and not motion.braked:
             for faster in FASTER:
                 yield replace(followed, slowness=(faster,))
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and not rules.alone and self._may_follow(path, rules):
                 yield followed
-        elif self._task.options.period == 0.0 and motion.schedule.switches > path.switches:
-            for slower in SLOWER:  # they would fall behind a goal that moves
+        elif stays and motion.schedule.switches > path.switches:
+            for slower in SLOWER:
                 yield replace(followed, slowness=(slower,))
 
     def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
