@@ -82,7 +82,8 @@ def none_lost(events: Events) -> Kept:
             ended.get(fate.goal.stamp_ns, events.end_ns),
             begin_ns + LONGEST_MOTION_NS,
         )
-        if overlapping(disturbances, begin_ns, end_ns, after=SETTLED) or _faulty(events, begin_ns):
+        disturbed = overlapping(disturbances, begin_ns, end_ns, after=SETTLED)
+        if disturbed or _faulty(events, begin_ns) or _something_fails(events, begin_ns, end_ns):
             continue
         tested += 1
         if fate.fate is Fate.LOST:
@@ -149,6 +150,16 @@ def _faulty(events: Events, time_ns: int) -> bool:
         begin_ns - SETTLED * SECOND_NS < time_ns < end_ns + SETTLED * SECOND_NS
         for begin_ns, end_ns in _reported_faults(events)
     )
+
+
+def _something_fails(events: Events, begin_ns: int, end_ns: int) -> bool:
+    """Whether something fails between these times that may not be found, as a stuck valve."""
+    heals = events.deeds_of(DeedKind.HEAL, DeedKind.RESET)
+    for fault in events.deeds_of(DeedKind.FAULT):
+        later = (heal.end_ns for heal in heals if heal.begin_ns >= fault.begin_ns)
+        if fault.begin_ns < end_ns and begin_ns < next(later, events.end_ns):
+            return True
+    return False
 
 
 def _reported_faults(events: Events) -> list[tuple[int, int]]:

@@ -59,6 +59,18 @@ def test_a_goal_lost_without_a_disturbance_is_told_with_its_reason(spoilt, make)
     assert goal_promises.none_lost(spoilt(recording=never, deeds=disturbed)).held
 
 
+@pytest.mark.parametrize(("healed", "counts"), [(6.0, True), (12.0, False)])
+def test_a_goal_counts_only_where_nothing_fails_be_it_found_or_not(spoilt, make, healed, counts):
+    deeds = (
+        make.deed(DeedKind.FAULT, SIM, 4.0, 4.1, "valve_stuck:actuator_1"),
+        make.deed(DeedKind.GOAL, PLANNER, 10.4, 10.4, 1),
+        make.deed(DeedKind.HEAL, SIM, healed, healed + 0.1, "valve_stuck:actuator_1"),
+    )
+    never = {"plans_in_force": (make.heard(0.0, 0),)}
+    kept = goal_promises.none_lost(spoilt(recording=never, deeds=deeds))
+    assert kept.held is not counts
+
+
 def test_a_plan_of_which_nothing_or_too_much_is_told(events, spoilt):
     assert not goal_promises.told_once(spoilt(recording={"hand_overs": ()})).held
     twice = {"hand_overs": 2 * events.recording.hand_overs}

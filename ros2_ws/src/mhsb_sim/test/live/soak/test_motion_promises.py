@@ -50,6 +50,17 @@ def test_a_reference_beside_the_plan_in_force_is_told(events, spoilt):
     assert motion_promises.follows_the_plan(spoilt(recording={"references": unnoticed})).held
 
 
+def test_a_plan_that_is_slowed_may_be_left_and_may_bend_but_not_step(events, spoilt, make):
+    report = events.recording.simulator_reports[0].value
+    late = (make.heard(12.5, replace(report, plan_delay=0.1)),)
+    table = events.recording.references
+    for offset, held in ((1e-5, True), (1e-4, False)):
+        beside = moved(table, slice(1200, 1300), offset)
+        slowed = spoilt(recording={"references": beside, "simulator_reports": late})
+        assert motion_promises.follows_the_plan(slowed).held
+        assert motion_promises.continuous_reference(slowed).held is held
+
+
 def test_a_joint_beyond_its_limit_is_told_with_the_worst_of_it(events, spoilt):
     upper = events.machine.arrays.joint_max[0]
     beyond = moved(events.recording.references, slice(700, 710), [upper - 0.3 + 0.01, 0.0, 0.0])
