@@ -128,6 +128,7 @@ def _parse(
             for name, kind in get_type_hints(command, include_extras=True).items()
         }
         signature = inspect.signature(command)
+        # inspect, and tyro by it, looks for this name; mypy's functions do not have it.
         target.__signature__ = signature.replace(  # type: ignore[attr-defined]
             parameters=[
                 each.replace(annotation=hints[name]) for name, each in signature.parameters.items()

@@ -15,8 +15,9 @@ from typing import Any
 
 from mhsb_model.kernels.cache_folder import use_kernel_cache
 
-use_kernel_cache()  # numba reads its settings when it is imported
+use_kernel_cache()
 
+# Below and not at the top (E402): numba reads its settings when it is imported.
 from numba import config, types  # noqa: E402
 from numba.core.registry import CPUDispatcher  # noqa: E402
 

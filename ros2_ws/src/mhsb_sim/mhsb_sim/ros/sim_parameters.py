@@ -36,7 +36,7 @@ SUPERVISED = {
     "silent_sensor": ("time for which a sensor tells no number [s]", (1e-3, 1e4)),
     "frozen_pressure": ("time for which a pressure sensor tells the very same [s]", (0.02, 1e4)),
     "frozen_length": ("way of a piston while its sensor tells the very same [m]", (1e-5, 1e3)),
-    "jumping_sensor": ("by how much a length leaps, over what a piston goes", (0.1, 1e4)),
+    "jumping_length": ("by how much a length leaps, over what a piston goes", (0.1, 1e4)),
     "disagreeing_line": ("pressure by which a line is off all others [Pa]", (1e4, 1e9)),
     "disagreeing_valve": ("way of a piston that its opening does not explain [m]", (1e-5, 1e3)),
     "saturation": ("time with a valve fully open or a servo pump at full speed [s]", (0.01, 1e4)),

@@ -16,6 +16,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
+from mhsb_sim.circuit.constants import cylinders_of
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, Finding, Sample
 from mhsb_sim.simulation.sensed import Sensed
 
@@ -99,10 +100,10 @@ class FrozenLength:
         )
 
 
-class JumpingSensor:
+class JumpingLength:
     """By how much a length has leapt in a look, over what a piston goes at most."""
 
-    name, unit = "jumping_sensor", ""
+    name, unit = "jumping_length", ""
     closes = True
 
     FARTHEST: ClassVar = 3e-3
@@ -146,8 +147,8 @@ class DisagreeingLine:
 
     def look(self, sample: Sample) -> Finding:
         """The line that is furthest from all others."""
-        line = sample.sensed.pressure[:, LINE]
-        sensed, pumps = sample.sensed, min(len(line), len(sample.sensed.pump_flow))
+        sensed = sample.sensed
+        line, pumps = sensed.pressure[:, LINE], min(len(sensed.modes), len(sensed.pump_flow))
         feeds = np.zeros(len(line), dtype=bool)
         feeds[:pumps] = sensed.pump_flow[:pumps] > STILL * self._full
         unboosted = (sensed.modes == Mode.N) & ~feeds
@@ -191,10 +192,10 @@ class DisagreeingValve:
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self._names = machine.actuator_names
-        n = machine.joint_count
-        self._unexplained = np.zeros(n)
+        self._cylinders = cylinders_of(machine)
+        self._unexplained = np.zeros(machine.joint_count)
         self._before: Sensed | None = None
-        self._opened = np.zeros(n)
+        self._opened = np.zeros(machine.joint_count)
 
     def look(self, sample: Sample) -> Finding:
         """The piston that has gone furthest."""
@@ -224,10 +225,9 @@ class DisagreeingValve:
         pressure = 0.5 * (before.pressure + now.pressure)
         rate = (now.pressure - before.pressure) / PERIOD
         length = 0.5 * (before.length + now.length)
-        least, most = self._ends
         chambers = (
-            (arrays.cap_area, CAP, length - least, 1.0),
-            (arrays.rod_area, ROD, most - length, -1.0),
+            (arrays.cap_area, CAP, length - self._cylinders["min_length"], 1.0),
+            (arrays.rod_area, ROD, self._cylinders["max_length"] - length, -1.0),
         )
         slack = np.array([-self.OPENING, 0.0, self.OPENING])
         speeds = []
@@ -242,12 +242,6 @@ class DisagreeingValve:
         explained = np.array(speeds)
         lowest, highest = explained.min(axis=0), explained.max(axis=0)
         return lowest - self.GAIN * np.abs(lowest), highest + self.GAIN * np.abs(highest)
-
-    @property
-    def _ends(self) -> FloatArray:
-        arrays = self._machine.arrays
-        ends = [self._machine.cylinder_lengths(q) for q in (arrays.joint_min, arrays.joint_max)]
-        return np.sort(ends, axis=0)
 
 
 class ServoPumpWatch:

@@ -21,7 +21,7 @@ from mhsb_sim.simulation.diagnosis import (
     DisagreeingValve,
     FrozenLength,
     FrozenPressure,
-    JumpingSensor,
+    JumpingLength,
     SilentSensor,
 )
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, Finding, Sample
@@ -51,7 +51,7 @@ class SupervisionLimits:
     silent_sensor       time for which it tells no number, s
     frozen_pressure     time for which its sensor tells the very same, s
     frozen_length       way of a piston during which its sensor does, m
-    jumping_sensor      by how much a length leaps, over what a piston goes
+    jumping_length      by how much a length leaps, over what a piston goes
     disagreeing_line    how far one in N is off all others, Pa
     disagreeing_valve   way of a piston that its opening does not explain, m
     """
@@ -64,7 +64,7 @@ class SupervisionLimits:
     silent_sensor: tuple[float, float] = (0.005, 0.01)
     frozen_pressure: tuple[float, float] = (0.12, 0.2)
     frozen_length: tuple[float, float] = (3e-4, 6e-4)
-    jumping_sensor: tuple[float, float] = (0.8, 1.0)
+    jumping_length: tuple[float, float] = (0.8, 1.0)
     disagreeing_line: tuple[float, float] = (2.5e5, 5e5)
     disagreeing_valve: tuple[float, float] = (5e-4, 8e-4)
 
@@ -209,7 +209,7 @@ SYMPTOMS: tuple[type[Symptom], ...] = (
     SilentSensor,
     FrozenPressure,
     FrozenLength,
-    JumpingSensor,
+    JumpingLength,
     DisagreeingLine,
     DisagreeingValve,
     FollowingError,
