@@ -37,7 +37,7 @@ from mhsb_planner.posture.s1_polytope import (
 )
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
-from mhsb_planner.threads import over_ranges
+from mhsb_planner.workers import over_ranges
 
 SAMPLES_PER_TURN = 720
 """Where flow limits change places the area has ridges; with four-bars some are 5 mrad wide."""

@@ -21,12 +21,12 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.workers import processes, results_of
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.servo_study import supply_overshoot
 from mhsb_sim.study.variations import Variations, varied
-from mhsb_sim.study.workers import processes, results_of
 
 GOALS = 6
 SHORTEST, LONGEST = 0.4, 5.0

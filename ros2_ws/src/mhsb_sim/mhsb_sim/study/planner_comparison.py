@@ -24,9 +24,9 @@ from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.workers import processes, results_of
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import replay
-from mhsb_sim.study.workers import processes, results_of
 
 BASELINE = "table"
 GROUND_TRUTH = "ground truth"
