@@ -126,7 +126,7 @@ def as_text(title: str, found: Mapping[str, Any]) -> list[str]:
         f"{'':38s}{'to the oil':>13s}{'at shafts':>13s}{'no leakage: oil':>19s}{'shafts':>13s}",
     ]
     for name, numbers in found["systems"].items():
-        cells = [_cell(numbers.get(kind, {}), each) for kind in LEAKAGE for each in BOUNDARIES]
+        cells = _cells(name, numbers)
         if any(cell.strip() for cell in cells):
             lines.append(f"{name:38s}" + "".join(f"{cell:>14s}" for cell in cells))
     return lines
@@ -144,16 +144,23 @@ def as_markdown(sets: Mapping[str, Mapping[str, Any]]) -> list[str]:
             "|---|---|---|---|---|",
         ]
         for name, numbers in found["systems"].items():
-            cells = [_cell(numbers.get(kind, {}), each) for kind in LEAKAGE for each in BOUNDARIES]
+            cells = _cells(name, numbers)
             lines.append(f"| {name} | " + " | ".join(cell or "–" for cell in cells) + " |")
         lines.append("")
     return lines
 
 
-def _cell(numbers: Mapping[str, float], boundary: str) -> str:
-    if boundary not in numbers:
-        return ""
-    return f"{numbers[boundary] / 1e3:.2f} ({numbers[f'cheaper_than_mhsb_{boundary[:-2]}']})"
+def _cells(name: str, systems: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """kJ by leakage and boundary; of rivals in how many moves they take less than MHSB."""
+    cells = []
+    for kind in LEAKAGE:
+        for boundary in BOUNDARIES:
+            numbers = systems.get(kind, {})
+            cell = f"{numbers[boundary] / 1e3:.2f}" if boundary in numbers else ""
+            if cell and name not in (MHSB, SIMULATED):
+                cell += f" ({numbers[f'cheaper_than_mhsb_{boundary[:-2]}']})"
+            cells.append(cell)
+    return cells
 
 
 def by_case(names: Sequence[str], moves: Sequence[Motions], machine: Machine) -> list[str]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -127,14 +128,19 @@ def load_sensing(machine: Machine, loads: Loads, margin: float) -> Taken:
     return _from_one_pump(machine, loads, supply * (loads.inflow(machine) + leaks))
 
 
-def pump_controlled(
-    machine: Machine, loads: Loads, efficiency: float, recovering: bool
-) -> Taken:
+class PumpMap(NamedTuple):
+    """Efficiency map of the pumps of all cylinders together: P/η + P_d at the shafts [W]."""
+
+    efficiency: float
+    drag_power: float
+
+
+def pump_controlled(machine: Machine, loads: Loads, pumps: PumpMap, recovering: bool) -> Taken:
     """P_j = (F_j − (A − a) p_T) v_j: a pump of its own for each cylinder, no valve in between.
 
     The pump lies between the chambers; pilot-operated check valves keep that with less load at
     p_T and take the difference (A − a) v from the reservoir. F > (A − a) p_T loads the cap side:
-    (p_A − p_T) A v; less loads the rod side: (p_T − p_B) a v; both are P. At the shaft P/η;
+    (p_A − p_T) A v; less loads the rod side: (p_T − p_B) a v; both are P. At the shafts P/η + P_d;
     lowering gives back η |P| where that is recovering, and is braked for nothing where not. Loads
     are held by lock valves; nothing leaks but within η. Source: R. Rahmfeld, M. Ivantysynova,
     Displacement controlled linear actuator with differential cylinder, 5th ICFP 2001; P. Casoli
@@ -144,8 +150,20 @@ def pump_controlled(
     power = (loads.force - (m.cap_area - m.rod_area) * m.tank_pressure) * loads.speed
     given, back = np.maximum(0.0, power), np.minimum(0.0, power) * recovering
     hydraulic = (given + back).sum(axis=1)
-    shaft = (given / efficiency + back * efficiency).sum(axis=1)
-    return Taken(loads.integral(hydraulic), loads.integral(shaft))
+    shaft = (given / pumps.efficiency + back * pumps.efficiency).sum(axis=1)
+    drag = pumps.drag_power * loads.duration
+    return Taken(loads.integral(hydraulic), loads.integral(shaft) + drag)
+
+
+def pump_maps(machine: Machine) -> Mapping[str, PumpMap]:
+    """Pumps like the machine's servo pumps, and pumps like its main one, together of its size."""
+    oil, n = machine.config.circuit, machine.joint_count
+    return {
+        "servo pumps": PumpMap(
+            machine.arrays.servo_pump_efficiency, n * oil.servo_pump_drag_power
+        ),
+        "piston pumps": PumpMap(oil.main_pump_efficiency, oil.main_pump_drag_power),
+    }
 
 
 def boosted(machine: Machine, trajectory: Trajectory, schedule: ModeSchedule) -> Taken:
@@ -176,18 +194,14 @@ System = Callable[[Machine, Loads], Taken]
 
 
 def rivals(machine: Machine) -> Mapping[str, System]:
-    """The other supplies by name, each a function of a machine, which may be `tight`, and loads.
-
-    Pump control has the efficiency of the machine's servo pumps, and that of its main pump.
-    """
+    """The other supplies by name, each a function of a machine, which may be `tight`, and loads."""
     systems: dict[str, System] = {"constant pressure": at_own_need}
     for margin in MARGINS:
         name = f"load sensing, {margin / 1e6:g} MPa"
         systems[name] = partial(load_sensing, margin=margin)
-    own, main = machine.arrays.servo_pump_efficiency, machine.config.circuit.main_pump_efficiency
-    for efficiency in (own, main):
-        for kind, recovering in (("", False), (", recovering", True)):
-            systems[f"pump control, η {efficiency:g}{kind}"] = partial(
-                pump_controlled, efficiency=efficiency, recovering=recovering
+    for kind, pumps in pump_maps(machine).items():
+        for ending, recovering in (("", False), (", recovering", True)):
+            systems[f"pump control, {kind}{ending}"] = partial(
+                pump_controlled, pumps=pumps, recovering=recovering
             )
     return systems

@@ -10,6 +10,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_sim.study.supply_systems import (
     Loads,
+    PumpMap,
     at_own_need,
     boosted,
     constant_pressure,
@@ -154,7 +155,7 @@ def test_pumps_without_losses_take_what_the_arm_gains(machine: Machine, lift) ->
     friction += oil.viscous_friction * speed**2
     gained = _potential(machine, end) - _potential(machine, start)
     expected = gained + loads.integral(friction.sum(axis=1)) - rods @ stroke
-    found = pump_controlled(machine, loads, 1.0, True)
+    found = pump_controlled(machine, loads, PumpMap(1.0, 0.0), True)
     assert found.hydraulic_j == pytest.approx(expected, rel=1e-3)
     assert found.shaft_j == pytest.approx(found.hydraulic_j)
 
@@ -171,10 +172,12 @@ def test_pump_power_is_that_of_both_chambers_in_all_four_quadrants(
     else:
         power = (TANK - (cap * TANK - force) / rod) * rod * speed
     loads = steady((speed, 0.0, 0.0), (force, 0.0, 0.0))
-    found = pump_controlled(machine, loads, 0.8, True)
+    found = pump_controlled(machine, loads, PumpMap(0.8, 5.0), True)
     assert found.hydraulic_j == pytest.approx(3.0 * power)
-    assert found.shaft_j == pytest.approx(3.0 * (power / 0.8 if power > 0.0 else power * 0.8))
-    braked = pump_controlled(machine, loads, 0.8, False)
+    assert found.shaft_j == pytest.approx(
+        3.0 * ((power / 0.8 if power > 0.0 else power * 0.8) + 5.0)
+    )
+    braked = pump_controlled(machine, loads, PumpMap(0.8, 5.0), False)
     assert braked.hydraulic_j == pytest.approx(3.0 * max(0.0, power))
 
 
