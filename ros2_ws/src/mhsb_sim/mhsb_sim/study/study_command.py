@@ -29,8 +29,13 @@ from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.fault_figures import draw_faults
 from mhsb_sim.study.fault_study import FAULTS, run_faults
 from mhsb_sim.study.fault_study import as_text as faults_as_text
+from mhsb_sim.study.mismatch_benchmark import (
+    Protocol,
+    load_protocol,
+    run_benchmark,
+    summarize,
+)
 from mhsb_sim.study.mismatch_benchmark import as_markdown as benchmark_as_markdown
-from mhsb_sim.study.mismatch_benchmark import load_protocol, run_benchmark, summarize
 from mhsb_sim.study.scenarios import load_scenarios
 from mhsb_sim.study.servo_study import ScenarioResult, StudyRecord, as_dicts, run_study
 from mhsb_sim.study.study_figures import draw_study
@@ -82,16 +87,16 @@ def study(
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     arm = load_machine(machine)
-    if faults is not None:
-        study_faults(arm, faults or FAULTS, jobs, output)
-        return
     if benchmark:
-        if scenarios is not None or variations is not None or plant is not None or seed:
+        if seed or any(each is not None for each in (scenarios, variations, plant, faults)):
             raise command_line.UsageError(
                 "--benchmark: its file is the protocol; leave out --scenarios, --variations, "
-                "--plant and --seed"
+                "--plant, --seed and --faults"
             )
-        study_benchmark(arm, draws, jobs, output)
+        study_benchmark(arm, load_protocol(arm), draws, jobs, output)
+        return
+    if faults is not None:
+        study_faults(arm, faults or FAULTS, jobs, output)
         return
     if variations is not None or draws is not None:
         if scenarios is not None:
@@ -148,10 +153,9 @@ def study_draws(
 
 
 def study_benchmark(
-    machine: Machine, draws: int | None, jobs: int | None, output: Path
+    machine: Machine, protocol: Protocol, draws: int | None, jobs: int | None, output: Path
 ) -> None:
     """Run the mismatch benchmark; writes all records, their summary and a table, and prints it."""
-    protocol = load_protocol(machine)
     count = protocol.file.draws if draws is None else draws
     if count < 1:
         raise command_line.UsageError(f"--draws: {count} is below 1")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from mhsb_sim.study.mismatch_benchmark import (
     run_benchmark,
     summarize,
 )
+from mhsb_sim.study.study_command import study_benchmark
 
 
 @pytest.fixture
@@ -80,6 +82,20 @@ def test_the_same_bits_come_from_one_process_and_from_two(
         assert 1e-3 * record["tip_error_max_mm"] < record["rho_s"] < 0.1 * record[
             "tip_error_max_mm"
         ]
+
+
+def test_the_command_writes_records_summary_and_the_table(
+    machine: Machine, short: Protocol, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study_benchmark(machine, short, 1, 1, tmp_path)
+    records = json.loads((tmp_path / "records.json").read_text(encoding="utf-8"))
+    assert [len(records[part]) for part in ("exact", "draws")] == [len(CONTROLLERS)] * 2
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert summary["version"] == short.file.version
+    assert summary["draws"]["coordinated"]["runs"] == 1
+    table = (tmp_path / "results.md").read_text(encoding="utf-8")
+    assert "| ρ [ms] | " in table
+    assert table.strip() in capsys.readouterr().out
 
 
 def test_summaries_count_what_is_lost_and_fails_and_tell_quantiles() -> None:
