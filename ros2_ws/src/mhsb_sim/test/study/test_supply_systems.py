@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_sim.study.replay import replay
 from mhsb_sim.study.supply_systems import (
     Loads,
     PumpMap,
@@ -74,6 +77,27 @@ def test_a_supply_at_the_need_of_a_motion_lets_every_piston_move(machine: Machin
     assert supply == pytest.approx(highest)
     own = at_own_need(machine, loads).hydraulic_j
     assert own == pytest.approx(constant_pressure(machine, loads, supply).hydraulic_j)
+
+
+def test_a_constant_pressure_takes_what_the_simulator_takes_with_such_a_pump(
+    machine: Machine, motion
+) -> None:
+    """Motion in N alone at 8 MPa, friction, compression and check valves included."""
+    supply = 8e6
+    leaked = machine.arrays.leakage_flow * np.sqrt((supply - TANK) / (4e6 - TANK))
+    strong = machine.with_values(
+        {"hydraulics.main_pump.pressure": supply, "hydraulics.valve.leakage_flow": leaked}
+    )
+    start = np.array([-0.2, -1.2, -0.3])
+    trajectory, schedule = motion(MotionState.at_rest(start), [0.4, -0.7, -0.1], of=strong)
+    assert not schedule.modes.any()
+    simulator = Simulator(strong, posture=start)
+    command = Command(trajectory, schedule)
+    run = replay(simulator, [command], trajectory.duration_ns / SECOND_NS)
+    assert run.tip_error(strong).max() < 2e-3
+    found = constant_pressure(machine, loads_of(machine, trajectory), supply)
+    assert found.hydraulic_j == pytest.approx(run.energies["main_pump"], rel=0.01)
+    assert found.shaft_j == pytest.approx(run.energies["main_pump_shaft"], rel=0.01)
 
 
 def test_load_sensing_agrees_with_quadrature_over_the_motion(machine: Machine, lift) -> None:
