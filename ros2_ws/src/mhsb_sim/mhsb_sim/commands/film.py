@@ -224,7 +224,7 @@ class _Film:
         self._path.set_color([PATH_COLOR[mode] for *_, mode in stretches])
         sent = [goal.place for goal in self._goals if goal.time <= time]
         self._goal.set_data(*([[each] for each in sent[-1]] if sent else ([], [])))
-        self._clock.set_text(f"{time - move.time[0]:.1f} s")
+        self._clock.set_text(f"{time:.1f} s")
         for cursor in self._moving[-2:]:
             cursor.set_xdata([time, time])
 
