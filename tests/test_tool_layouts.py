@@ -177,3 +177,17 @@ def test_launch_arguments_are_parameters_of_the_nodes():
     for name in set(both["ARGUMENTS"]) - of_ros:
         assert re.search(rf'"{name}"', sources), name
     assert set(demo["ARGUMENTS"]) & set(both["ARGUMENTS"]) == {"namespace"}
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
+def test_launch_reads_its_files(file):
+    pytest.importorskip("launch_ros", reason="launch is not installed")
+    from launch.actions import DeclareLaunchArgument
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    from launch import LaunchContext
+
+    description = PythonLaunchDescriptionSource(str(file)).get_launch_description(LaunchContext())
+    told = [each for each in description.entities if isinstance(each, DeclareLaunchArgument)]
+    assert {each.name for each in told} == set(literals(file)["ARGUMENTS"])
+    assert all(each.description for each in told)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 MOST_PROBLEMS = 30
 """That one sentence lists."""
@@ -10,6 +11,19 @@ MOST_PROBLEMS = 30
 
 class MhsbError(Exception):
     """Base of all errors of the suite; its text is one sentence for the user."""
+
+    def __reduce__(self) -> tuple[Callable[..., MhsbError], tuple[Any, ...]]:
+        """Another process gets sentence and data, whatever an error is made of."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(
+    kind: type[MhsbError], args: tuple[object, ...], data: Mapping[str, object]
+) -> MhsbError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(data)
+    return error
 
 
 class MachineFileError(MhsbError):

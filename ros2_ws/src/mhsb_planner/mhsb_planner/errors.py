@@ -95,3 +95,15 @@ class TableError(MhsbError):
         self.path = path
         self.reason = reason
         super().__init__(f"posture table {path}: {reason}")
+
+
+class EmptyTableError(MhsbError):
+    """No node of a machine's grid has a posture within the joint limits: nothing can be planned."""
+
+    def __init__(self, machine: str, nodes: int) -> None:
+        self.machine = machine
+        self.nodes = nodes
+        super().__init__(
+            f"posture table of {machine}: none of its {nodes} nodes has a posture within the joint "
+            "limits; widen joints.*.limits or workspace in the machine file, `check` shows both"
+        )

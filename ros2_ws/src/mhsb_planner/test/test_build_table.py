@@ -4,9 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from mhsb_model import command_line
+from mhsb_model.machine import load_machine
 from mhsb_planner.build_table import build_table
+from mhsb_planner.errors import TableError
 from mhsb_planner.posture.posture_table_cache import cached_table_path
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
@@ -70,3 +73,28 @@ def test_bad_arguments_give_one_sentence(arguments, code, sentence, capsys):
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert sentence in last
     assert last.startswith("build_table: ")
+
+
+def test_a_machine_that_reaches_no_node_is_refused_and_nothing_is_written(
+    machine, tmp_path, capsys
+):
+    content = machine.config.model_dump(mode="json")
+    content["workspace"]["min_radius"] = 1.0
+    content["joints"][1]["limits"] = {"lower": -2.5, "upper": -1.3}
+    folded = tmp_path / "folded.yaml"
+    folded.write_text(yaml.safe_dump(content))
+    path = tmp_path / "table.npz"
+    assert run("--machine", folded, "--output", path) == 1
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "none of its 39 nodes has a posture within the joint limits" in last
+    assert not path.exists()
+
+    arm = load_machine(folded)
+    shape = (1, *arm.patterns.shape)
+    empty = PostureTable(
+        arm.name, arm.hash, 0.05, [[20, 0]], arm.patterns, np.full(shape, np.nan),
+        np.full(shape[:2], np.nan),
+    )  # fmt: skip
+    empty.save(path)
+    with pytest.raises(TableError, match="holds no posture at all"):
+        PostureTable.load(path, arm)

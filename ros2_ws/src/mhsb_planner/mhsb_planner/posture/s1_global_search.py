@@ -21,7 +21,11 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.errors import InfeasibleGoalError, PlanningCancelledError
+from mhsb_planner.errors import (
+    EmptyTableError,
+    InfeasibleGoalError,
+    PlanningCancelledError,
+)
 from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
 from mhsb_planner.posture.s1_polytope import (
     cross_products,
@@ -33,7 +37,7 @@ from mhsb_planner.posture.s1_polytope import (
 )
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
-from mhsb_planner.threads import over_ranges
+from mhsb_planner.workers import over_ranges
 
 SAMPLES_PER_TURN = 720
 """Where flow limits change places the area has ridges; with four-bars some are 5 mrad wide."""
@@ -280,7 +284,8 @@ def build_posture_table(
 
     jobs is the number of threads (default: one for each processor); the result does not depend
     on it. progress(done, total) is told the nodes, cancelled() is asked between tasks.
-    Raises RequestError for a useless spacing, PlanningCancelledError.
+    Raises RequestError for a useless spacing, PlanningCancelledError, and EmptyTableError where no
+    node has a posture.
     """
     nodes = grid_nodes(machine, spacing)
     position = nodes.astype(np.float64) * spacing
@@ -298,7 +303,7 @@ def build_posture_table(
                 progress(done, len(nodes))
             if cancelled is not None and cancelled():
                 raise PlanningCancelledError("building the posture table")
-    return PostureTable(
+    table = PostureTable(
         machine_name=machine.name,
         machine_hash=machine.hash,
         spacing=spacing,
@@ -307,6 +312,9 @@ def build_posture_table(
         posture=posture,
         area=area,
     )
+    if not table.feasible.any():
+        raise EmptyTableError(machine.name, len(nodes))
+    return table
 
 
 def warm_up(machine: Machine) -> None:

@@ -140,6 +140,8 @@ class PostureTable:
             found = getattr(self, name)
             if found.shape != shape:
                 raise TableError(path, f"has {name} of shape {found.shape}, not {shape}")
+        if not self.feasible.any():
+            raise TableError(path, "holds no posture at all")
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -31,7 +31,7 @@ from mhsb_planner.search.s2_step import (
     new_scratch,
     steps_to_node,
 )
-from mhsb_planner.threads import Result, over_ranges
+from mhsb_planner.workers import Result, over_ranges
 
 POSTURES_PER_TASK = 128
 

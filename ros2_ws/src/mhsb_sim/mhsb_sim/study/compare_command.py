@@ -29,9 +29,12 @@ from mhsb_sim.study.planner_comparison import (
     Comparison,
     Ratios,
     Request,
+    at_highest_pressure,
     compare_all,
     ratios,
 )
+from mhsb_sim.study.supply_comparison import as_markdown, by_case, totals
+from mhsb_sim.study.supply_comparison import as_text as supplies_as_text
 
 
 def compare(
@@ -48,8 +51,10 @@ def compare(
 ) -> None:
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
 
-    Every motion follows its path, whichever planner found that. Writes DIR/records.json (energies
-    in J, times in s, errors in mm), DIR/summary.json and DIR/proportions.png.
+    Every motion follows its path, whichever planner found that. Beside it, what the same moves
+    would take with other supplies: constant pressure, load sensing, pump control, by energy models
+    (docs/supplies.md). Writes DIR/records.json (energies in J, times in s, errors in mm),
+    DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
 
     Args:
         output: Folder for records, summary and figure.
@@ -74,16 +79,26 @@ def compare(
     found = list(bar)
     cases, others = found[: len(found) - moves], found[len(found) - moves :]
     summary = {"weights": weights, "cases": summarize(cases), "random moves": summarize(others)}
+    supplies = {
+        title: totals(arm, [each.motions for each in moves])
+        for title, moves in (("cases", cases), ("random moves", others))
+    }
+    summary["supplies"] = supplies
     write_json(output / "records.json", [asdict(each) for each in found])
     write_json(output / "summary.json", summary)
     draw_proportions(cases, others, output / "proportions.png")
+    (output / "supplies.md").write_text("\n".join(as_markdown(supplies)), encoding="utf-8")
     print("\n".join(as_text(cases, summary)))
+    print("\n".join(by_case([c.name for c in cases], [c.motions for c in cases], arm)))
+    for title, found_there in supplies.items():
+        print("\n".join(supplies_as_text(title, found_there)))
     print(f"written to {output}")
 
 
 def requests(machine: Machine, moves: int, truths: int) -> list[Request]:
     """The moves of the cases by name, then random ones by number."""
     planner = Planner(machine, table_for(machine))
+    table_for(at_highest_pressure(machine))
     warm_up(planner)  # so that the processes find compiled kernels
     compile_simulator()
     cases = [Request(name, move, True) for name, move in case_moves(machine).items()]

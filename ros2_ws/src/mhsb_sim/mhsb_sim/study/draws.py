@@ -21,12 +21,15 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.workers import processes, results_of
+from mhsb_sim.circuit.audit import energy_by_source
+from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
+from mhsb_sim.study.headless import TimedGoal
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.servo_study import supply_overshoot
 from mhsb_sim.study.variations import Variations, varied
-from mhsb_sim.study.workers import processes, results_of
 
 GOALS = 6
 SHORTEST, LONGEST = 0.4, 5.0
@@ -34,6 +37,9 @@ SHORTEST, LONGEST = 0.4, 5.0
 
 TAIL = 2.0
 """How long a run goes on after the last motion [s]."""
+
+LOWEST_SPEED = 1e-6
+"""Of the reference's tip, that errors are related to [m/s]."""
 
 OPTIONS = PlanOptions(planner=ONLINE_PLANNER)
 REACHING = PlanOptions(planner="table")
@@ -50,6 +56,8 @@ class DrawRecord:
     relief_opened         whether any relief valve let oil through
     time_lost             by which the reference arrived later than the last plan says [s]
     interventions         times that the guard boosted or slowed beyond the plan
+    rho_s                 largest tip error over the largest speed of the reference's tip [s]
+    energy_…              of all pumps, given to the oil and taken at their shafts [J]
     failure               why the draw failed, empty where it did not
     """
 
@@ -62,6 +70,9 @@ class DrawRecord:
     relief_opened: bool | None = None
     time_lost: float | None = None
     interventions: int | None = None
+    rho_s: float | None = None
+    energy_hydraulic_j: float | None = None
+    energy_shaft_j: float | None = None
     failure: str = ""
 
 
@@ -103,6 +114,8 @@ class DrawStudy:
         self._variations = variations
         self._seed = seed
         self._replanner = Replanner(machine, table_for(machine))
+        start = np.array(machine.config.simulation.start_posture)
+        self._rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
 
     def records(self, draw: int) -> list[DrawRecord]:
         """Every controller in a draw; nothing that goes wrong there is left out."""
@@ -113,22 +126,26 @@ class DrawStudy:
             plant, drawn = varied(self._plant, self._variations, random, sequence.moment)
         except Exception as error:  # whatever it is, it is this draw's result
             return [DrawRecord(name, draw, drawn, failure=_reason(error)) for name in CONTROLLERS]
-        return [self._record(name, draw, drawn, plant, sequence) for name in CONTROLLERS]
+        return [self.record(name, draw, drawn, plant, sequence) for name in CONTROLLERS]
 
     def sequence(self, random: np.random.Generator) -> GoalSequence:
         """Goals anywhere that the arm could go to from its start, planned one after the other."""
-        machine = self._machine
-        start = np.array(machine.config.simulation.start_posture)
-        rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
-        command, commands, refused, now = rest, [], [], 0.0
-        for _ in range(GOALS):
-            goal = self._goal(random, rest)
+        return self.planned([self._goal(random) for _ in range(GOALS)])
+
+    def planned(
+        self, goals: Sequence[TimedGoal], options: PlanOptions = OPTIONS
+    ) -> GoalSequence:
+        """Plans from the start posture on, each from the one before; planning takes no time."""
+        command, commands, refused, now = self._rest, [], [], 0.0
+        for goal in goals:
             now_ns = round(now * SECOND_NS)
-            now += random.uniform(SHORTEST, LONGEST)
+            now += goal.time
             try:
-                replan = self._replanner.replan(command, now_ns, goal, OFFLINE_LEAD, OPTIONS)
+                replan = self._replanner.replan(
+                    command, now_ns, (goal.x, goal.z), OFFLINE_LEAD, options
+                )
             except MhsbError as error:
-                refused.append(f"goal ({goal[0]:.3f}, {goal[1]:.3f}) m is refused: {error}")
+                refused.append(f"goal ({goal.x:.3f}, {goal.z:.3f}) m is refused: {error}")
                 continue
             if replan is not None:
                 command = replan.command
@@ -136,7 +153,7 @@ class DrawStudy:
         end = max([now, *(command.trajectory.end_ns / SECOND_NS for command in commands)])
         return GoalSequence(tuple(commands), end + TAIL, "; ".join(refused))
 
-    def _goal(self, random: np.random.Generator, rest: Command) -> tuple[float, float]:
+    def _goal(self, random: np.random.Generator) -> TimedGoal:
         """A point of the workspace, all areas alike, that there is a plan to from the start."""
         area = self._machine.config.workspace
         while True:
@@ -145,12 +162,12 @@ class DrawStudy:
             if not area.min_radius <= np.hypot(x, z) <= area.max_radius:
                 continue
             try:
-                self._replanner.replan(rest, 0, (x, z), OFFLINE_LEAD, REACHING)
+                self._replanner.replan(self._rest, 0, (x, z), OFFLINE_LEAD, REACHING)
             except MhsbError:
                 continue
-            return x, z
+            return TimedGoal(x, z, random.uniform(SHORTEST, LONGEST))
 
-    def _record(
+    def record(
         self,
         controller: str,
         draw: int,
@@ -158,10 +175,12 @@ class DrawStudy:
         plant: Machine,
         sequence: GoalSequence,
     ) -> DrawRecord:
+        """A controller on a plant that was drawn; whatever goes wrong is told there."""
         try:
             simulator = Simulator(self._machine, controller, seed=draw, plant=plant)
             run = replay(simulator, sequence.commands, sequence.duration)
             error = 1e3 * run.tip_error(plant)
+            sources = energy_by_source(run.energies).values()
             return DrawRecord(
                 controller,
                 draw,
@@ -172,10 +191,19 @@ class DrawStudy:
                 relief_opened=run.energies["relief_valves"] > 0.0,
                 time_lost=time_lost(sequence.commands, run),
                 interventions=run.interventions,
+                rho_s=float(1e-3 * error.max() / max(highest_tip_speed(plant, run), LOWEST_SPEED)),
+                energy_hydraulic_j=sum(source["hydraulic"] for source in sources),
+                energy_shaft_j=sum(source["shaft"] for source in sources),
                 failure=sequence.refused,
             )
         except Exception as error:  # as above
             return DrawRecord(controller, draw, drawn, failure=_reason(error))
+
+
+def highest_tip_speed(machine: Machine, run: Replay) -> float:
+    """Of the reference that was followed [m/s]."""
+    tips = tip_positions(machine, run.reference[:, 0])
+    return float(np.hypot(*np.diff(tips, axis=0).T).max(initial=0.0)) / run.step
 
 
 def time_lost(commands: Sequence[Command], run: Replay) -> float:

@@ -22,12 +22,12 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.workers import processes, results_of
 from mhsb_sim.errors import ScenarioError
 from mhsb_sim.simulation.faults import parse_faults
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 from mhsb_sim.simulation.symptoms import SupervisionLimits
-from mhsb_sim.study.workers import processes, results_of
 
 GOAL = 0.95, 0.30
 """Stretched out [m], so that joint 1 lifts in boost."""

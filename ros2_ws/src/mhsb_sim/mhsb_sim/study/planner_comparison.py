@@ -1,4 +1,4 @@
-"""Planners side by side: the same moves, planned by each and then simulated.
+"""Planners and supplies side by side: the same moves, planned by each and then simulated.
 
 Every motion follows its path (S3 `followed`), so that what differs is path, posture and modes. The
 simulated energy is what all pumps deliver from the motion's first to its last instant.
@@ -7,7 +7,8 @@ simulated energy is what all pumps deliver from the motion's first to its last i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -16,17 +17,21 @@ from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.evaluation.ground_truth import ground_truth
 from mhsb_planner.evaluation.moves import Move
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions
+from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.workers import processes, results_of
+from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_sim.study.replay import replay
-from mhsb_sim.study.workers import processes, results_of
+from mhsb_sim.study.replay import Replay, replay
+from mhsb_sim.study.supply_comparison import DIRECT, SIMULATED, Motions, Supplied, supplied
+from mhsb_sim.study.supply_systems import Taken, tight
 
 BASELINE = "table"
 GROUND_TRUTH = "ground truth"
@@ -70,11 +75,15 @@ class Record:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A move's records by planner, and why planners have none."""
+    """A move's records by planner, and why planners have none.
+
+    motions  what each of the planners' motions, and `DIRECT`, takes with every supply
+    """
 
     name: str
     records: Mapping[str, Record]
     failures: Mapping[str, str]
+    motions: Motions = field(default_factory=dict)
 
 
 class Comparer:
@@ -82,12 +91,16 @@ class Comparer:
 
     def __init__(self, machine: Machine, weights: Weights) -> None:
         self._planner = Planner(machine, table_for(machine))
+        strong = at_highest_pressure(machine)
+        self._direct = Planner(strong, table_for(strong))
+        self._sealed = tight(machine)
         self._weights = weights
 
     def compare(self, request: Request) -> Comparison:
         """One move by all planners, and by the ground truth where that is asked for."""
         records: dict[str, Record] = {}
         failures: dict[str, str] = {}
+        motions: dict[str, Supplied] = {}
         plans: dict[str, Callable[[Move, StartModes], Plan]] = {
             kind: partial(self._planned, kind) for kind in PLANNER_KINDS
         }
@@ -98,10 +111,26 @@ class Comparer:
                 machine = self._planner.machine
                 modes = holding_modes(machine, machine.piston_forces(request.move.start))
                 made = plan(request.move, StartModes.settled(modes))
-                records[kind] = self._simulated(request.move.start, made)
+                motion = made.motion
+                taken = self._supplied(motion.trajectory, motion.schedule)
+                run = self._run(request.move.start, made)
+                records[kind] = self._record(made, run)
             except MhsbError as error:
                 failures[kind] = str(error)
-        return Comparison(request.name, records, failures)
+                continue
+            taken.leaking[SIMULATED] = _simulated(run)
+            motions[kind] = taken
+        with suppress(MhsbError):  # what it would have been compared with has failed, too
+            motions[DIRECT] = self._supplied(self._direct_motion(request.move), None)
+        return Comparison(request.name, records, failures, motions)
+
+    def _supplied(self, trajectory: Trajectory, schedule: ModeSchedule | None) -> Supplied:
+        return supplied(self._planner.machine, self._sealed, trajectory, schedule)
+
+    def _direct_motion(self, move: Move) -> Trajectory:
+        options = PlanOptions(self._weights, planner=ONLINE_PLANNER, trajectory="followed")
+        plan = self._direct.plan(move.goal, MotionState.at_rest(move.start), options=options)
+        return plan.motion.trajectory
 
     def _planned(self, kind: str, move: Move, modes: StartModes) -> Plan:
         start = MotionState.at_rest(move.start)
@@ -115,11 +144,14 @@ class Comparer:
         options = PlanOptions(self._weights, trajectory="followed")
         return self._planner.follow(path, modes, options)
 
-    def _simulated(self, start: FloatArray, plan: Plan) -> Record:
-        machine, path, motion = self._planner.machine, plan.path, plan.motion
-        duration = motion.trajectory.duration_ns / SECOND_NS
-        simulator = Simulator(machine, posture=start)
-        run = replay(simulator, [Command(motion.trajectory, motion.schedule)], duration)
+    def _run(self, start: FloatArray, plan: Plan) -> Replay:
+        motion = plan.motion
+        simulator = Simulator(self._planner.machine, posture=start)
+        command = Command(motion.trajectory, motion.schedule)
+        return replay(simulator, [command], plan.duration)
+
+    def _record(self, plan: Plan, run: Replay) -> Record:
+        machine, path = self._planner.machine, plan.path
         error = 1e3 * run.tip_error(machine)
         steps = np.abs(np.diff(path.posture, axis=0))
         return Record(
@@ -128,14 +160,25 @@ class Comparer:
             energy_series_j=plan.energy.series,
             energy_simulated_j=run.energies["main_pump"] + run.energies["servo_pumps"],
             lower_bound_j=plan.lower_bound,
-            duration_s=duration,
-            switches=motion.schedule.switches,
+            duration_s=plan.duration,
+            switches=plan.motion.schedule.switches,
             largest_step_rad=float(steps.max(initial=0.0)),
             joint_travel_rad=float(steps.sum()),
             tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
             tip_error_max_mm=float(error.max()),
             plan_ms=1e3 * plan.took,
         )
+
+
+def _simulated(run: Replay) -> Taken:
+    """What the simulated pumps gave to the oil, and took at their shafts."""
+    sources = energy_by_source(run.energies).values()
+    return Taken(*(sum(each[kind] for each in sources) for kind in ("hydraulic", "shaft")))
+
+
+def at_highest_pressure(machine: Machine) -> Machine:
+    """The machine with a main pump at the highest boost pressure, which never needs boost."""
+    return machine.changed(supply_pressure=machine.arrays.max_boost_pressure)
 
 
 def compare_all(

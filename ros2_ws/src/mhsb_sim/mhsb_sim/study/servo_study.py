@@ -23,6 +23,7 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.workers import processes, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
@@ -30,7 +31,6 @@ from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.needed_pressure import needed_pressure
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.scenarios import Scenario
-from mhsb_sim.study.workers import processes, results_of
 
 WINDOW = 0.1
 """What is needed within this time ahead may be there now: lines are charged in time [s]."""

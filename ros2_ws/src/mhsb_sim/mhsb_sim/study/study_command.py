@@ -1,5 +1,5 @@
 """`study`: both servo controllers over all scenarios of config/study_scenarios.yaml, or over draws
-of plants that are not as the machine file says, config/variations.yaml."""
+of plants that are not as the machine file says, config/variations.yaml, also as a benchmark."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.result_files import write_json
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.study.draws import as_dicts as draws_as_dicts
@@ -28,6 +29,13 @@ from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.fault_figures import draw_faults
 from mhsb_sim.study.fault_study import FAULTS, run_faults
 from mhsb_sim.study.fault_study import as_text as faults_as_text
+from mhsb_sim.study.mismatch_benchmark import (
+    Protocol,
+    load_protocol,
+    run_benchmark,
+    summarize,
+)
+from mhsb_sim.study.mismatch_benchmark import as_markdown as benchmark_as_markdown
 from mhsb_sim.study.scenarios import load_scenarios
 from mhsb_sim.study.servo_study import ScenarioResult, StudyRecord, as_dicts, run_study
 from mhsb_sim.study.study_figures import draw_study
@@ -51,6 +59,7 @@ def study(
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: int | None = None,
     faults: Annotated[list[str] | None, tyro.conf.arg(metavar="FAULT")] = None,
+    benchmark: bool = False,
 ) -> None:
     """Run every servo controller through every scenario and compare them.
 
@@ -59,22 +68,33 @@ def study(
     With --variations or --draws the runs are draws instead: in each the arm is not as the machine
     file says, and goes after six random goals, 0.4 to 5 s apart; DIR/summary.json alone is
     written, one record for each draw and controller. With --faults something fails during a lift
-    in boost; DIR/summary.json has one record for each fault, and there is a figure of each.
+    in boost; DIR/summary.json has one record for each fault, and there is a figure of each. With
+    --benchmark the moves and plants are those of config/mismatch_benchmark.yaml
+    (docs/benchmark.md): DIR/records.json, DIR/summary.json and the table DIR/results.md.
 
     Args:
         output: Folder for summary, comparison and figures.
         machine: Machine file (YAML); the suite's own arm when left out.
         scenarios: Scenario file (YAML); the suite's own when left out.
         variations: File (YAML) of what plants may be like; the suite's own when left out.
-        draws: Number of draws; 100 with --variations when left out.
+        draws: Number of draws; when left out 100 with --variations, the file's with --benchmark.
         seed: Of the draws.
         plant: Plant file (YAML) of what is varied, where that is not the machine itself.
         jobs: Processes; as many as there are processors when left out.
         faults: What fails, as in the simulator's parameter `fault`; without any, all kinds.
+        benchmark: Run the mismatch benchmark.
     """
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     arm = load_machine(machine)
+    if benchmark:
+        if seed or any(each is not None for each in (scenarios, variations, plant, faults)):
+            raise command_line.UsageError(
+                "--benchmark: its file is the protocol; leave out --scenarios, --variations, "
+                "--plant, --seed and --faults"
+            )
+        study_benchmark(arm, load_protocol(arm), draws, jobs, output)
+        return
     if faults is not None:
         study_faults(arm, faults or FAULTS, jobs, output)
         return
@@ -130,6 +150,36 @@ def study_draws(
     text = json.dumps(draws_as_dicts(records), indent=2)
     (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
     print("\n".join(draws_as_text(records)))
+
+
+def study_benchmark(
+    machine: Machine, protocol: Protocol, draws: int | None, jobs: int | None, output: Path
+) -> None:
+    """Run the mismatch benchmark; writes all records, their summary and a table, and prints it."""
+    count = protocol.file.draws if draws is None else draws
+    if count < 1:
+        raise command_line.UsageError(f"--draws: {count} is below 1")
+    compile_planner()
+    compile_simulator()
+    table_for(machine)
+    total = len(protocol.file.sequences) + count
+    runs = run_benchmark(machine, protocol, count, jobs)
+    found = list(tqdm(runs, total=total, unit="run", disable=None))
+    parts = {
+        title: [record for each in found if each.exact is exact for record in each.records]
+        for title, exact in (("exact", True), ("draws", False))
+    }
+    summary = {
+        title: summarize(records, protocol.file.lost) for title, records in parts.items()
+    }
+    write_json(
+        output / "records.json", {title: draws_as_dicts(part) for title, part in parts.items()}
+    )
+    write_json(output / "summary.json", {"version": protocol.file.version} | summary)
+    lines = benchmark_as_markdown(summary)
+    (output / "results.md").write_text("\n".join(lines), encoding="utf-8")
+    failures = {f"{r.controller}, {r.draw}: {r.failure}" for part in parts.values() for r in part}
+    print("\n".join([*lines, *sorted(line for line in failures if not line.endswith(": "))]))
 
 
 def study_faults(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +19,10 @@ import numpy as np
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
+from mhsb_planner.workers import processes
 from mhsb_sim.errors import TuningError
 from mhsb_sim.servo.stability import slowest_decay
 from mhsb_sim.study.servo_study import Script, judge, perform
-from mhsb_sim.study.workers import processes
 
 Gains = dict[str, float]
 
@@ -158,22 +158,15 @@ def tune(
 def _evaluator(
     scripts: Sequence[Script], controller: str, jobs: int | None
 ) -> Iterator[Callable[[Sequence[Gains]], list[float]]]:
-    """Mean cost of each gains over all scripts, in `jobs` processes; in this one where it is 1."""
+    """Mean cost of each gains over all scripts, in `jobs` processes."""
 
-    def means(costs: Iterable[float], size: int) -> list[float]:
-        rows = np.reshape(list(costs), (size, len(scripts)))
-        return [float(mean) for mean in rows.mean(axis=1)]
+    def means(batch: Sequence[Gains]) -> list[float]:
+        tasks = [(gains, number) for gains in batch for number in range(len(scripts))]
+        costs = np.reshape(list(pool.map(_cost_in_process, tasks)), (len(batch), len(scripts)))
+        return [float(mean) for mean in costs.mean(axis=1)]
 
-    numbers = range(len(scripts))
-    if jobs == 1:
-        yield lambda batch: means(
-            (cost_of(scripts[k], controller, gains) for gains in batch for k in numbers), len(batch)
-        )
-        return
     with processes(jobs, _set_scripts, (list(scripts), controller)) as pool:
-        yield lambda batch: means(
-            pool.map(_cost_in_process, [(gains, k) for gains in batch for k in numbers]), len(batch)
-        )
+        yield means
 
 
 def write_gains(file: Path, controller: str, gains: Gains) -> None:

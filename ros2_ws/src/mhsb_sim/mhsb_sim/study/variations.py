@@ -58,8 +58,13 @@ def load_variations(machine: Machine, file: Path | None = None) -> Variations:
         content = read_yaml(file)
     except YamlFileError as error:
         raise VariationError(str(error)) from None
+    return variations_of(machine, content, str(file))
+
+
+def variations_of(machine: Machine, content: Any, source: str) -> Variations:
+    """Variations as a file has them, for a machine; raises VariationError, which names source."""
     if not isinstance(content, dict) or not content:
-        raise VariationError(f"{file}: names no variation; see config/{VARIATIONS_FILE}")
+        raise VariationError(f"{source}: names no variation; see config/{VARIATIONS_FILE}")
     variations, problems = {}, []
     for name, given in content.items():
         try:
@@ -70,7 +75,7 @@ def load_variations(machine: Machine, file: Path | None = None) -> Variations:
                 for item in error.errors()
             ]
     if problems:
-        raise VariationError(f"{file}: {'; '.join(problems)}")
+        raise VariationError(f"{source}: {'; '.join(problems)}")
     varied(machine, variations, np.random.default_rng(0), float)  # whether all keys are known
     return variations
 

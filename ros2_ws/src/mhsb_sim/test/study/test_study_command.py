@@ -27,6 +27,9 @@ def test_draws_are_written_as_a_list_of_records(machine: Machine, tmp_path: Path
         ({"draws": 3, "scenarios": Path("x.yaml")}, "draws make their own goals"),
         ({"jobs": 0}, "--jobs: 0 is below 1"),
         ({"plant": Path("x.yaml")}, "--plant: goes with --draws"),
+        ({"benchmark": True, "seed": 3}, "--benchmark: its file is the protocol"),
+        ({"benchmark": True, "faults": []}, "leave out .* --faults"),
+        ({"benchmark": True, "draws": 0}, "--draws: 0 is below 1"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(

@@ -30,7 +30,7 @@ from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_joining import postures_by_rule
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import SearchMethod, Weights, search
-from mhsb_planner.threads import over_ranges
+from mhsb_planner.workers import over_ranges
 
 ENERGY_WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 TIME_WEIGHTS = (0.0, 5.0, 10.0, 15.0, 20.0)
