@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from llvmlite.binding import parse_assembly
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
 LONGEST_WAIT = 120.0
@@ -26,8 +27,26 @@ DIGEST = 32  # bytes
 _log = logging.getLogger(__name__)
 
 
+class _MachineCode(CompileResultCacheImpl):
+    """Files of what is called from Python.
+
+    numba keeps a kernel's bitcode beside its machine code, to link it into others, and whoever
+    loads it reads all of that. Others are linked with the inner kernel: here the names will do by
+    which the machine code is found.
+    """
+
+    def reduce(self, compiled: Any) -> tuple:
+        """What is kept of it."""
+        (name, kind, (code, _)), *others = super().reduce(compiled)
+        names = compiled.fndesc.llvm_func_name, compiled.fndesc.llvm_cpython_wrapper_name
+        empty = "".join(f'define void @"{each}"() {{ ret void }}\n' for each in names)
+        return ((name, kind, (code, parse_assembly(empty).as_bitcode())), *others)
+
+
 class SharedCache(FunctionCache):
     """What is there of one kernel, by signature."""
+
+    _impl_class = _MachineCode
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
