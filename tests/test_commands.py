@@ -24,6 +24,7 @@ COMMANDS = {
     ("mhsb_sim", "record"): "[s",
     ("mhsb_sim", "report"): "BAG",
     ("mhsb_sim", "viewer"): "[MPa]",
+    ("mhsb_sim", "animate"): "[MPa]",
     ("mhsb_sim", "demo"): "[m]",
 }
 
@@ -40,6 +41,7 @@ BAD_ARGUMENTS = [
     (("mhsb_planner", "plan", "--case", "4-2", "--initial-j3", "9"), "initial J3 must be"),
     (("mhsb_planner", "plan", "--case", "1-1", "--weights", "-1", "0", "2"), "not negative"),
     (("mhsb_planner", "plan", "--case", "1-1", "--payload", "-1"), "payload.mass"),
+    (("mhsb_planner", "plan", "--case", "1-1", "--plot", "page.jpg"), "must end in .png"),
     (("mhsb_planner", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
     (("mhsb_planner", "plan", "--case", "4-1", "--area-weight", "-1"), "area weight must be"),
     (
@@ -84,6 +86,13 @@ BAD_ARGUMENTS = [
     (("mhsb_sim", "viewer", "nowhere", "--port", "0"), "nowhere is not a folder"),
     (("mhsb_sim", "viewer", "--machine", "nowhere.yaml"), "nowhere.yaml"),
     (("mhsb_sim", "viewer", "--port", "99999"), "--port"),
+    (("mhsb_sim", "animate", "--output", "x.mp4"), "must end in .gif"),
+    (("mhsb_sim", "animate", "--output", "x.gif"), "give a recording, or"),
+    (("mhsb_sim", "animate", "bag", "--case", "1-1", "--output", "x.gif"), "give a recording, or"),
+    (("mhsb_sim", "animate", "nowhere", "--output", "x.gif"), "nowhere is not a folder"),
+    (("mhsb_sim", "animate", "--case", "1-1", "--output", "x.gif", "--speed", "0"), "above 0"),
+    (("mhsb_sim", "animate", "--case", "1-1", "--output", "x.gif", "--rate", "99"), "at most 50"),
+    (("mhsb_sim", "animate", "--case", "1-1", "--output", "x.gif", "--width", "9"), "200 … 4000"),
     (("mhsb_sim", "demo"), "--output"),
     (("mhsb_sim", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
 ]
@@ -133,11 +142,14 @@ def test_a_bad_argument_is_one_sentence_and_a_failure(
     assert len(output.strip().splitlines()) == 1, output
 
 
-def test_plan_takes_negative_numbers_and_prints_json(start):
+def test_plan_takes_negative_numbers_and_prints_json_and_a_page(start, tmp_path):
+    page = tmp_path / "new" / "page.png"
     child = start(
-        "mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60", "--json"
+        *("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60"),
+        *("--plot", page, "--json"),
     )
     assert child.wait(180) == 0, child.output
+    assert page.read_bytes().startswith(b"\x89PNG")
     plan = json.loads(child.output)
     assert plan["path"][0] == pytest.approx([0.55, -0.05])
     assert plan["path"][-1] == pytest.approx([0.55, -0.60])
@@ -217,4 +229,5 @@ def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
     energy_gap, volume_gap = re.findall(r"unaccounted for.*\((\S+) % of delivered", first.output)
     assert abs(float(energy_gap)) < 0.1
     assert abs(float(volume_gap)) < 0.1
+    assert (tmp_path / "move.png").stat().st_size > 10_000
     assert (tmp_path / "samples.csv").read_text().startswith("time,reference_1,reference_2")

@@ -37,6 +37,7 @@ setup(
             "tune = mhsb_sim.executables:tune",
             "record = mhsb_sim.executables:record",
             "report = mhsb_sim.executables:report",
+            "animate = mhsb_sim.executables:animate",
             "demo = mhsb_sim.executables:demo",
             "viewer = mhsb_sim.executables:viewer",
         ],

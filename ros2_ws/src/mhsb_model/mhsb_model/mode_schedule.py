@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.modes import Mode
-from mhsb_model.types import IntArray, ModeArray, frozen
+from mhsb_model.types import IntArray, ModeArray, as_frozen, frozen
 
 LONG_AGO_NS = -(2**62)
 """When modes were switched of which nothing is known: as good as never."""
@@ -36,15 +36,16 @@ class ModeSchedule:
         modes = np.asarray(self.modes)
         if offset.ndim != 1 or len(offset) == 0:
             raise ValueError("a mode schedule needs at least one row")
-        if offset[0] != 0 or np.any(np.diff(offset) <= 0):
+        if offset[0] != 0 or (offset[1:] <= offset[:-1]).any():
             raise ValueError("row times must start at 0 and increase strictly")
         if modes.ndim != 2 or len(modes) != len(offset):
             raise ValueError("modes must have one row of actuators for each time")
-        if not np.all((modes == Mode.N) | (modes == Mode.DB) | (modes == Mode.SB)):
+        codes = modes.astype(np.uint8)
+        if not (codes == modes).all() or codes.max(initial=0) > Mode.SB:
             raise ValueError("modes must be 0 (N), 1 (DB) or 2 (SB)")
         object.__setattr__(self, "stamp_ns", int(self.stamp_ns))
         object.__setattr__(self, "offset_ns", frozen(offset))
-        object.__setattr__(self, "modes", frozen(modes.astype(np.uint8)))
+        object.__setattr__(self, "modes", as_frozen(codes))
         if self.before_ns is not None:
             before = np.asarray(self.before_ns, dtype=np.int64)
             if before.shape != modes.shape[1:]:

@@ -62,7 +62,7 @@ class Trajectory:
         offset = np.asarray(self.offset_ns, dtype=np.int64)
         if offset.ndim != 1 or len(offset) == 0:
             raise ValueError("a trajectory needs at least one point")
-        if offset[0] != 0 or np.any(np.diff(offset) <= 0):
+        if offset[0] != 0 or (offset[1:] <= offset[:-1]).any():
             raise ValueError("point times must start at 0 and increase strictly")
         object.__setattr__(self, "stamp_ns", int(self.stamp_ns))
         object.__setattr__(self, "offset_ns", frozen(offset))
@@ -72,7 +72,7 @@ class Trajectory:
                 raise ValueError(f"{name} must have one row of joints for each point")
             if values.shape != np.shape(self.position):
                 raise ValueError(f"{name} must have as many joints as position")
-            if not np.all(np.isfinite(values)):
+            if not np.isfinite(values).all():
                 raise ValueError(f"{name} must be finite everywhere")
             object.__setattr__(self, name, frozen(values))
 

@@ -168,7 +168,7 @@ class Planner:
             raise RequestError("goal", tuple(goal), "must be two finite numbers [m]")
         for name in ("position", "velocity", "acceleration"):
             value = np.asarray(getattr(start, name))
-            if value.shape != (n,) or not np.all(np.isfinite(value)):
+            if value.shape != (n,) or not np.isfinite(value).all():
                 rule = f"must be {n} finite numbers, one for each joint"
                 raise RequestError(f"start {name}", value.tolist(), rule)
         if options.area_weight > 0.0 and not planner_named(options.planner).weighs_area:

@@ -10,6 +10,7 @@ compare = command("mhsb_sim.study.compare_command")
 study = command("mhsb_sim.study.study_command")
 tune = command("mhsb_sim.study.tune_command")
 report = command("mhsb_sim.report.report_command")
+animate = command("mhsb_sim.commands.animate_command")
 demo = command("mhsb_sim.commands.demo_command")
 
 if __name__ == "__main__":

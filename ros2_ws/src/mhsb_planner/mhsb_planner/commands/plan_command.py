@@ -19,6 +19,8 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.errors import RequestError
+from mhsb_planner.evaluation.move import planned_move
+from mhsb_planner.evaluation.move_page import draw_move_page
 from mhsb_planner.evaluation.operating_point import (
     OperatingPoint,
     Range,
@@ -92,6 +94,7 @@ def plan(
     zone_circle: Annotated[
         tuple[Circle, ...], tyro.conf.arg(metavar="X Z RADIUS"), tyro.conf.UseAppendAction
     ] = (),
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Plan a motion from rest and print it: path, modes, energy, time.
@@ -135,9 +138,13 @@ def plan(
         zone_box: Two opposite corners [m] of a box that the arm keeps out of, beside the machine
             file's zones; may be given several times.
         zone_circle: Centre and radius [m] of a circle that the arm keeps out of, likewise.
+        plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
+            pressures, energy.
         json_: Print one JSON object instead of text.
     """
-    asked = _request(start, goal, case, weights, planner, initial_j3)
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
+    asked = request(start, goal, case, weights, planner, initial_j3)
     ranges = (
         _range("supply-pressure", supply_pressure_range, supply_pressure),
         _range("v-max", v_max_range, v_max),
@@ -181,6 +188,9 @@ def plan(
             made = suite.plan(asked.goal, at_rest, options=options)
     seconds = {**made.seconds, "total": time.perf_counter() - began}
     area = polytope_areas_of(suite, made)
+    if plot is not None:
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        draw_move_page(planned_move(suite.machine, made, asked.goal, _title(case, asked)), plot)
     if json_:
         print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))
     else:
@@ -222,7 +232,7 @@ def _region(
         raise command_line.UsageError(str(error)) from error
 
 
-def _request(
+def request(
     start: Point | None,
     goal: Point | None,
     case: str | None,
@@ -249,6 +259,14 @@ def _request(
         planner=planner or base.planner,
         initial_j3=base.initial_j3 if initial_j3 is None else initial_j3,
     )
+
+
+def _title(case: str | None, asked: PaperCase) -> str:
+    """Of the picture: which motion, and by which planner."""
+    (x, z), (goal_x, goal_z) = asked.start, asked.goal
+    of_case = f"Case {case}: " if case else ""
+    way = f"({x:g}, {z:g}) m to ({goal_x:g}, {goal_z:g}) m"
+    return f"{of_case}{way}, planned by {asked.options.planner}"
 
 
 def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str, Any]:

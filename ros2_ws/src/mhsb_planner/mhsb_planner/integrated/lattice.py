@@ -486,7 +486,7 @@ class LatticeSearch:
 
     def _found(self) -> tuple[FloatArray, int]:
         lattice, way = self._lattice, way_to_goal(self._frontier)
-        rows = [state // len(self._terms.patterns) for state in way[:-1]]
+        rows = way[:-1] // len(self._terms.patterns)
         points = np.append(lattice.start, self._known.point[rows])
         index = (points[:, None] // lattice.stride) % lattice.shape
         corners = lattice.length[np.arange(len(lattice.shape)), index]

@@ -82,19 +82,15 @@ def motion_energy(
     By the trapezoidal rule over halves of intervals: power jumps where a boosted load begins to
     move, and a rule of higher order gains nothing there.
 
-    known  the trajectory's profiles at its points, at which alone modes then change, and between
+    known  the trajectory's profiles at its points, at which alone modes then change
     """
     edges = trajectory.offset_ns if known is not None else _edges(trajectory, schedule)
     if len(edges) < 2:
         return NOTHING
-    points, middles = known or (
-        motion_profile(machine, *trajectory.at_offsets(at)[:2])
-        for at in (edges, (edges[1:] + edges[:-1]) // 2)
-    )
-    modes = schedule.modes_at_many(trajectory.stamp_ns + edges[:-1])
+    points, middles, modes = known or _profiles(machine, trajectory, schedule, edges)
     energy = _energy(
         machine.arrays,
-        np.diff(edges) / SECOND_NS,
+        (edges[1:] - edges[:-1]) / SECOND_NS,
         points.speed,
         points.force,
         middles.speed,
@@ -102,6 +98,17 @@ def motion_energy(
         modes,
     )
     return Energy(*energy.tolist())
+
+
+def _profiles(
+    machine: Machine, trajectory: Trajectory, schedule: ModeSchedule, edges: IntArray
+) -> Profiles:
+    """Of a motion between offsets at which alone modes change."""
+    points, middles = (
+        motion_profile(machine, *trajectory.at_offsets(at)[:2])
+        for at in (edges, (edges[1:] + edges[:-1]) // 2)
+    )
+    return Profiles(points, middles, schedule.modes_at_many(trajectory.stamp_ns + edges[:-1]))
 
 
 def _edges(trajectory: Trajectory, schedule: ModeSchedule) -> IntArray:

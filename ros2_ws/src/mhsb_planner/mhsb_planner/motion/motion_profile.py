@@ -13,7 +13,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import motion_at
 from mhsb_model.machine import Machine
 from mhsb_model.statics import INERTIA_WORK, chain_of, gravity_torques, inertia_torques
-from mhsb_model.types import FloatArray, as_frozen
+from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +39,14 @@ class MotionProfile:
 
 
 class Profiles(NamedTuple):
-    """Profiles of a motion at instants, and half-way between each of them and the next."""
+    """Profiles of a motion at k instants, and half-way between each of them and the next.
+
+    modes  uint8[k - 1, n], in force between the instants
+    """
 
     points: MotionProfile
     middles: MotionProfile
+    modes: ModeArray
 
 
 def motion_profile(

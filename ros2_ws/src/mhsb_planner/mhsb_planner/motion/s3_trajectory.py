@@ -174,10 +174,10 @@ def fit_trajectory(
     for kind in candidates(machine, path, start, brake, coast, modes, rules):
         if kind.for_thrust and not lacked:
             continue
-        candidate = replace(kind, stretch=max(kind.stretch, least))
+        candidate = kind if kind.stretch >= least else replace(kind, stretch=least)
         outcome = _stretched(machine, limits, path, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
-            return replace(outcome, refused=tuple(refused))
+            return replace(outcome, refused=tuple(refused)) if refused else outcome
         refused.append(f"{candidate.name}: {outcome}")
         lacked = isinstance(outcome, Violation) and outcome.limit == Limit.THRUST
     raise FitError(tuple(refused))
@@ -361,7 +361,7 @@ def _stretched(
             middles = middle_profile(machine, trajectory)
             violation = first_violation(machine, trajectory, schedule, ends, deadline, middles)
             if violation is None:
-                profiles = Profiles(profile, middles)
+                profiles = Profiles(profile, middles, scheduled.intervals)
                 return _fitted(
                     machine, path, candidate, curve, trajectory, schedule, profiles, stretch
                 )
@@ -433,4 +433,5 @@ def _fitted(
 
 
 def _speed_excess(machine: Machine, profile: MotionProfile) -> float:
-    return float(np.max(np.abs(profile.speed))) / machine.arrays.max_piston_speed - 1.0
+    fastest = max(float(profile.speed.max()), -float(profile.speed.min()))
+    return fastest / machine.arrays.max_piston_speed - 1.0

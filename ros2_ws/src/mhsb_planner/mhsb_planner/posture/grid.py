@@ -74,18 +74,17 @@ class Grid:
         `rings` adds that many rings of nodes around these.
         """
         here = self.node_at(x, z)
-        found = [
-            self._index[corner]
-            for corner in ((i, k) for i in self._lines(x, rings) for k in self._lines(z, rings))
-            if corner in self._index
-        ]
+        rows, columns = self._lines(z, rings), self._lines(x, rings)
+        found = [self._index.get((i, k), here) for i in columns for k in rows]
         return np.array([node for node in found if node != here], dtype=np.int64)
 
     def share_cell(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
         """Whether two points (x, z) m lie in one closed cell."""
-        return all(
-            len(set(self._lines(p)) & set(self._lines(q))) > 1 for p, q in zip(a, b, strict=True)
-        )
+        for p, q in zip(a, b, strict=True):
+            one, other = self._lines(p), self._lines(q)
+            if min(one.stop, other.stop) - max(one.start, other.start) < 2:
+                return False
+        return True
 
     def _lines(self, coordinate: float, rings: int = 0) -> range:
         """Grid lines that bound the cells in which a coordinate lies, and so many beyond."""

@@ -14,6 +14,8 @@ from mhsb_planner.online.arm_view import NO_PLAN, ArmView
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 from mhsb_planner.ros.outbox import RosOutbox
 
+PLANNER_STATUS = f"{PLANNER_NODE}: planner"
+
 
 def message(
     node: Node, wall: float, lifecycle: GoalLifecycle, outbox: RosOutbox
@@ -29,7 +31,7 @@ def message(
     known = view.knows_state(wall)
     status = DiagnosticStatus(
         level=bytes([Level.OK if known and not doubles else Level.WARN]),
-        name=f"{PLANNER_NODE}: planner",
+        name=PLANNER_STATUS,
         message=doubles or ("ready" if known else "nobody says where the arm is"),
         hardware_id=PLANNER_NODE,
         values=[

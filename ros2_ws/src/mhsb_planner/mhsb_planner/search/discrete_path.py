@@ -83,8 +83,8 @@ class DiscretePath:
     @property
     def switches(self) -> int:
         """How often an actuator changes its mode, from the modes in force at the start on."""
-        sequence = np.vstack([self.start_modes[None, :], self.modes]).astype(np.int64)
-        return int(np.count_nonzero(np.diff(sequence, axis=0)))
+        first = np.count_nonzero(self.modes[:1] != self.start_modes)
+        return int(first + np.count_nonzero(self.modes[1:] != self.modes[:-1]))
 
     @property
     def time(self) -> FloatArray:

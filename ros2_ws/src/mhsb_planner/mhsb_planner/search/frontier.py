@@ -92,11 +92,20 @@ def reach(f: Frontier, target: int, state: int, steps: int, cost: float, least: 
     sift_up(f.estimate, f.depth, f.heap, f.place, slot, target)
 
 
-def way_to_goal(f: Frontier) -> list[int]:
+def way_to_goal(f: Frontier) -> IntArray:
     """The states of the path found, from the first after the start to the goal."""
-    state = len(f.cost) - 1
-    way = []
-    while state != NOWHERE:
-        way.append(state)
-        state = int(f.parent[state])
-    return way[::-1]
+    return _way_to(len(f.parent) - 1, f.parent)
+
+
+@kernel
+def _way_to(state: int, parent: IntArray) -> IntArray:
+    """A state's forebears, the first first, and itself."""
+    before, count = state, 0
+    while before != NOWHERE:
+        before = parent[before]
+        count += 1
+    way = np.empty(count, dtype=np.int64)
+    for k in range(count - 1, -1, -1):
+        way[k] = state
+        state = parent[state]
+    return way

@@ -35,7 +35,7 @@ from mhsb_planner.search.frontier import (
 from mhsb_planner.search.lower_bound import least_cost
 from mhsb_planner.search.s2_joining import Steps
 from mhsb_planner.search.s2_pricing import NOT_PRICED, Edges, Terms, largest_number, price
-from mhsb_planner.search.s2_query import Link, Query
+from mhsb_planner.search.s2_query import Query
 from mhsb_planner.search.s2_step import DURATION, new_scratch
 
 
@@ -238,9 +238,7 @@ class ExactSearch:
             expand(self._frontier, self._known, steps.terms, steps.edges, self._asked, limit)
         )
 
-    def links(self) -> list[Link]:
-        """The path found, from the start on."""
+    def way(self) -> tuple[IntArray, IntArray]:
+        """The path found: the states between start and goal, and the numbers of its steps."""
         way = way_to_goal(self._frontier)
-        steps = self._known.edge[way].tolist()
-        left, reached = [None, *way[:-1]], [*way[:-1], None]
-        return [Link(*link) for link in zip(left, reached, steps, strict=True)]
+        return way[:-1], self._known.edge[way]

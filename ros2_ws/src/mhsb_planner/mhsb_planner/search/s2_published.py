@@ -15,17 +15,29 @@ from __future__ import annotations
 
 import heapq
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.errors import RequestError
 from mhsb_planner.search.frontier import EXHAUSTED, FOUND, NOWHERE, PAUSED
-from mhsb_planner.search.s2_query import Link, Query
+from mhsb_planner.search.s2_query import Query
 from mhsb_planner.search.s2_step import DURATION
 
 DEFAULT_HEURISTIC_SCALE = 1.0
 """Cost per distance from the goal [1/m]; the paper gives none and adds metres to the rest."""
+
+
+class Link(NamedTuple):
+    """One step: the state it leaves (None: start), the one it reaches (None: goal), its number.
+
+    The number is as of `Search.way`.
+    """
+
+    parent: int | None
+    state: int | None
+    step: int
 
 
 class PublishedSearch:
@@ -74,12 +86,15 @@ class PublishedSearch:
             self.expanded += 1
         return PAUSED
 
-    def links(self) -> list[Link]:
-        """The path found, from the start on."""
-        links = [self._link[self._goal]]
-        while links[-1].parent is not None:
-            links.append(self._link[links[-1].parent // self._patterns])
-        return links[::-1]
+    def way(self) -> tuple[IntArray, IntArray]:
+        """The path found: the states between start and goal, and the numbers of its steps."""
+        link = self._link[self._goal]
+        states, steps = [], [link.step]
+        while link.parent is not None:
+            states.append(link.parent)
+            link = self._link[link.parent // self._patterns]
+            steps.append(link.step)
+        return np.array(states[::-1], dtype=np.int64), np.array(steps[::-1])
 
     def _next_label(self) -> int | None:
         """The node whose label comes first, final from now on; None where there is none."""

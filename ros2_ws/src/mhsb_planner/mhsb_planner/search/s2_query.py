@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -15,18 +14,6 @@ from mhsb_planner.search.lower_bound import energy_bound_between
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_joining import Goal, Start, Steps, steps_from_start, steps_to_goal
 from mhsb_planner.search.s2_step import DURATION, ENERGY_PAPER, ENERGY_SERIES
-
-
-class Link(NamedTuple):
-    """One step of an answer: state left (None: start), state reached (None: goal), its number.
-
-    The number is that of the step in the graph's edges, in `Query.from_start` or in
-    `Query.to_goal`, whichever the two states imply.
-    """
-
-    parent: int | None
-    state: int | None
-    step: int
 
 
 class Search(Protocol):
@@ -54,8 +41,12 @@ class Search(Protocol):
     def expand(self, limit: int) -> int:
         """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED."""
 
-    def links(self) -> Sequence[Link]:
-        """The path found, from the start on."""
+    def way(self) -> tuple[IntArray, IntArray]:
+        """The path found: the states between start and goal, and the numbers of its steps.
+
+        A number is that of the step in `Query.from_start`, in the graph's edges or in
+        `Query.to_goal`, whichever the states before and behind it imply.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +104,10 @@ class Query:
 
     def path(self, found: Search, seconds: float) -> DiscretePath:
         """The path that a search has found, `seconds` after it was asked for."""
-        graph, table, links = self.graph, self.graph.table, found.links()
-        step = np.array([link.step for link in links])
-        state = np.array([link.state for link in links[:-1]], dtype=np.int64)
-        node, pattern = state // len(table.patterns), state % len(table.patterns)
-        first, last = self.from_start, self.to_goal if len(links) > 1 else self.from_start
+        graph, table = self.graph, self.graph.table
+        state, step = found.way()
+        node, pattern = np.divmod(state, len(table.patterns))
+        first, last = self.from_start, self.to_goal if len(step) > 1 else self.from_start
         end, final = last.end[step[-1]], last.pattern[step[-1]]
         cost = np.concatenate([
             first.cost[step[:-1][:1]], graph.steps.edges.cost[step[1:-1]], last.cost[step[-1:]]

@@ -38,4 +38,4 @@ def test_the_way_to_the_goal_leads_back_over_the_parents():
     reach(frontier, 2, NOWHERE, 1, 1.0, 0.0)
     reach(frontier, 0, 2, 2, 2.0, 0.0)
     reach(frontier, 4, 0, 3, 3.0, 0.0)
-    assert way_to_goal(frontier) == [2, 0, 4]
+    assert way_to_goal(frontier).tolist() == [2, 0, 4]

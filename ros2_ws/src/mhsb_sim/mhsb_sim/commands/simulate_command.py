@@ -19,6 +19,7 @@ from mhsb_model import command_line
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.commands.plan_command import Box, Circle
+from mhsb_planner.evaluation.move_page import draw_move_page
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, energy_of_states
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
@@ -33,9 +34,11 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.energy_comparison import Element, energy_elements
 from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
+from mhsb_sim.study.simulated_move import simulated_move
 from mhsb_sim.study.variations import load_variations, scaled
 
 LONGEST_TIME = 3600.0  # s
+PICTURE = "move.png"
 
 
 def simulate(
@@ -85,7 +88,8 @@ def simulate(
         zone_box: Two opposite corners [m] of a box that plans keep out of, beside the machine
             file's zones; may be given several times.
         zone_circle: Centre and radius [m] of a circle that plans keep out of, likewise.
-        output: Folder for samples.csv (100 Hz, SI units) and summary.json.
+        output: Folder for samples.csv (100 Hz, SI units), summary.json and move.png: path, joints,
+            modes, operating regions, pressures and energy on one page.
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went, and what the plans had expected.
     """
@@ -112,6 +116,7 @@ def simulate(
     summary = summarize(results, samples, simulator.energies, seconds, elements)
     if output is not None:
         write(output, samples, summary)
+        draw_move_page(simulated_move(arm, samples, goals, elements), output / PICTURE)
     if json_:
         print(json.dumps(summary))
     else:

@@ -2,7 +2,7 @@
 
 A screen is not needed, but one of the OpenGL variants EGL or OSMesa is (Debian packages libegl1,
 libegl-mesa0, libgl1-mesa-dri or libosmesa6). `python -m mhsb_sim.mechanics.render docs/arm.png`
-draws the picture of the README.
+draws the picture of docs/index.md.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def _add_bar(scene: Any, bar: Bar) -> None:
 
 
 def main() -> None:
-    """Draw the picture of the README to the file named on the command line."""
+    """Draw the picture of docs/index.md to the file named on the command line."""
     file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/arm.png")
     drawn = save_arm_picture(load_machine(), [np.array(q) for q in README_POSTURES], file)
     sys.exit(0 if drawn else 1)

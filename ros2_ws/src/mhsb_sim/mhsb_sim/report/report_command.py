@@ -29,6 +29,7 @@ def report(
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     namespace: str = "",
+    moves: bool = False,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Draw figures (PNG) from a recording and sum it up in summary.json.
@@ -43,9 +44,11 @@ def report(
         table: Posture table (npz), for the regions where boost is needed; built and kept in the
             user's cache when left out.
         namespace: Namespace of the recorded topics, such as /left.
+        moves: Also draw a page for each move: path, joints, modes, operating regions, pressures,
+            energy.
         json_: Print the summary as one JSON object instead of text.
     """
-    content = write_report(bag, output, load_machine(machine), table, namespace)
+    content = write_report(bag, output, load_machine(machine), table, namespace, moves=moves)
     if json_:
         print(json.dumps(content))
         return
@@ -59,6 +62,8 @@ def write_report(
     machine: Machine,
     table: Path | None = None,
     namespace: str = "",
+    *,
+    moves: bool = False,
 ) -> dict[str, Any]:
     """Write the figures and summary.json of a recording into a folder; returns the summary.
 
@@ -70,6 +75,8 @@ def write_report(
     content = summary(run)
     _make_folder(output)
     figures.draw_all(run, regions, output)
+    if moves:
+        figures.draw_moves(run, output)
     part = output / f"{SUMMARY_FILE}.part"
     part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     os.replace(part, output / SUMMARY_FILE)

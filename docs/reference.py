@@ -1,0 +1,201 @@
+"""Writes the pages that follow from the code: the nodes' parameters, and the machine file.
+
+    python docs/reference.py
+
+A test compares them with what they would be now.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+
+from mhsb_model import schema
+from mhsb_planner.ros import planner_parameters
+from mhsb_sim.ros import sim_parameters
+
+FOLDER = Path(__file__).resolve().parent
+GENERATED = "<!-- written by docs/reference.py -->\n"
+
+
+# --- Parameters of the nodes ---------------------------------------------------------------------
+
+
+def parameters_page() -> str:
+    """What both nodes declare, with defaults and ranges."""
+    return f"""# Parameters of the nodes
+
+{GENERATED}
+`ros2 run mhsb_planner planner_node --ros-args -p NAME:=VALUE` sets one at the start,
+`ros2 param set mhsb_planner NAME VALUE` later; a change applies to the next plan, one that cannot
+be is refused with a reason. *Fixed* ones are read at the start alone. Defaults that depend on the
+machine are those of the suite's own arm.
+
+## `mhsb_planner planner_node`
+
+{_table(_planner_parameters)}
+
+## `mhsb_sim sim_node`
+
+{_table(_simulator_parameters)}
+"""
+
+
+def _planner_parameters(node: Node) -> None:
+    machine = planner_parameters.declare_machine(node)
+    planner_parameters.declare_table_path(node)
+    planner_parameters.declare_frame_prefix(node)
+    planner_parameters.declare(node, machine)
+
+
+def _simulator_parameters(node: Node) -> None:
+    machine = sim_parameters.declare_machine(node)
+    sim_parameters.declare(node, sim_parameters.declare_plant(node, machine))
+
+
+def _table(declare: Callable[[Node], None]) -> str:
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = Node("mhsb_reference", context=context, start_parameter_services=False)
+    try:
+        inherited = set(node.get_parameters_by_prefix("")) | {"use_sim_time"}
+        declare(node)
+        own = [name for name in node.get_parameters_by_prefix("") if name not in inherited]
+        rows = "\n".join(_parameter_row(node, name) for name in own)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+    return f"| name | default | range | meaning |\n|---|---|---|---|\n{rows}"
+
+
+def _parameter_row(node: Node, name: str) -> str:
+    told = node.describe_parameter(name)
+    ranges = [*told.floating_point_range, *told.integer_range]
+    limits = [f"{_text(each.from_value)} … {_text(each.to_value)}" for each in ranges]
+    limits += ["fixed"] * told.read_only
+    default, meaning = _code(node.get_parameter(name).value), _cell(told.description)
+    return f"| `{name}` | {default} | {'; '.join(limits)} | {meaning} |"
+
+
+# --- The machine file ----------------------------------------------------------------------------
+
+
+def machine_file_page() -> str:
+    """Every key of a machine file, with range, unit and meaning."""
+    sections = "\n\n".join(_sections("", schema.MachineConfig))
+    return f"""# The machine file
+
+{GENERATED}
+[`config/mhsb_arm3.yaml`](../config/mhsb_arm3.yaml) is one; how to write your own is told in
+[your_machine.md](your_machine.md). All values are in SI units. Keys that are not here are refused,
+as are numbers that are not finite; everything that is wrong is told at once, by its path. Keys with
+a default may be left out.
+
+{sections}
+"""
+
+
+def _sections(path: str, model: type[schema.Section]) -> Iterator[str]:
+    """A chapter for a section and each of those in it."""
+    rows, below = [], []
+    for name, field in model.model_json_schema()["properties"].items():
+        inner = _models(model.model_fields[name].annotation)
+        place = f"{path}.{name}" if path else name
+        many = field.get("type") == "array" and bool(inner)
+        rows.append(_key_row(name, field, bool(inner), place))
+        below += [(place + (".0" if many else ""), each) for each in inner]
+    title = f"`{path}`" if path else "Top level"
+    kinds = f" ({model.__name__})" if path.endswith("linkage") else ""
+    text = _cell(inspect.cleandoc(model.__doc__ or "").replace("\n\n", " "))
+    header = "| key | values | default | meaning |\n|---|---|---|---|\n"
+    yield f"## {title}{kinds}\n\n{text}\n\n{header}" + "\n".join(rows)
+    for place, each in below:
+        yield from _sections(place, each)
+
+
+def _models(annotation: Any) -> list[type[schema.Section]]:
+    """Sections that a type is made of."""
+    if inspect.isclass(annotation) and issubclass(annotation, schema.Section):
+        return [annotation]
+    found: list[type[schema.Section]] = []
+    for argument in getattr(annotation, "__args__", ()):
+        found += _models(argument)
+    return found
+
+
+def _key_row(name: str, field: dict[str, Any], is_section: bool, place: str) -> str:
+    default = _code(field["default"]) if "default" in field and not is_section else ""
+    if is_section:
+        values = f"section `{place}`" + (", one for each" if field.get("type") == "array" else "")
+        default = "empty" if "default" in field else ""
+    else:
+        values = _values(field)
+    return f"| `{name}` | {values} | {default} | {_cell(field.get('description', ''))} |"
+
+
+def _values(field: dict[str, Any]) -> str:
+    """What a key takes."""
+    options = [option for option in field.get("anyOf", ()) if option.get("type") != "null"]
+    if options:
+        return _values(options[0])
+    if "const" in field:
+        return _code(field["const"])
+    if "enum" in field:
+        return ", ".join(_code(each) for each in field["enum"])
+    if field.get("type") == "array":
+        return f"list of: {_values(field.get('items') or field['prefixItems'][0])}"
+    low, high = field.get("minimum"), field.get("maximum")
+    bounds = []
+    if "exclusiveMinimum" in field:
+        bounds.append(f"> {_text(field['exclusiveMinimum'])}")
+    if low is not None:
+        bounds.append(f"≥ {_text(low)}")
+    if high is not None:
+        bounds.append(f"≤ {_text(high)}")
+    kind = {"integer": "integer", "boolean": "true, false", "string": "text"}.get(
+        field.get("type", ""), "number"
+    )
+    return f"{kind} {', '.join(bounds)}".strip()
+
+
+# --- Text ----------------------------------------------------------------------------------------
+
+
+def _code(value: Any) -> str:
+    if value in ("", None) or value == [] or (hasattr(value, "__len__") and len(value) == 0):
+        return "empty"
+    if isinstance(value, (list, tuple)) or hasattr(value, "tolist"):
+        return f"`[{', '.join(_text(each) for each in value)}]`"
+    return f"`{_text(value)}`"
+
+
+def _text(value: Any) -> str:
+    """A value as YAML has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return ".nan" if math.isnan(value) else f"{value:.6g}"
+    return str(value)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+PAGES = {"parameters.md": parameters_page, "machine_file.md": machine_file_page}
+
+
+def main() -> None:
+    """Write all of them."""
+    for name, page in PAGES.items():
+        (FOLDER / name).write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

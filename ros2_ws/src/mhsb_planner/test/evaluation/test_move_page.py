@@ -1,0 +1,80 @@
+"""The page of a move is drawn, and its regions end where valve and pumps do."""
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from mhsb_model.figure_style import RESOLUTION
+from mhsb_model.modes import Mode
+from mhsb_planner.evaluation import energy_flow, move_page
+from mhsb_planner.evaluation.move import Move
+from mhsb_planner.evaluation.move_page import mode_limits, spans
+
+
+@pytest.fixture(scope="module")
+def move(machine):
+    """Joint 1 goes up and stands, a third of the time in each mode."""
+    time = np.linspace(0.0, 3.0, 91)
+    position = np.tile(machine.config.simulation.start_posture, (91, 1))
+    position[:, 0] += 0.1 * np.minimum(time, 2.0)
+    modes = np.zeros((91, 3), dtype=np.uint8)
+    modes[30:60, 0], modes[60:, 1] = Mode.DB, Mode.SB
+    pressure = np.full((91, 3), 4e6)
+    return Move(
+        machine, "A move", (0.5, 0.2), time, position, position, modes,
+        np.full((91, 3), 0.005), np.full((91, 3), 900.0), pressure, {"cap side": pressure / 2},
+        {"main pump": -90.0, "throttling": 60.0, "leakage": 30.0}, "a test",
+    )  # fmt: skip
+
+
+def test_the_page_is_drawn_in_the_colours_of_the_modes(move, tmp_path):
+    move_page.draw_move_page(move, tmp_path / "page.png")
+    assert [file.name for file in tmp_path.iterdir()] == ["page.png"]
+    picture = (255 * matplotlib.image.imread(tmp_path / "page.png")[..., :3]).round().astype(int)
+    width = move_page.LEFT + 3 * move_page.COLUMN
+    assert picture.shape[1] == round(width * RESOLUTION)
+    for color in move_page.MODE_COLOR.values():
+        wanted = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
+        assert np.sum(np.all(picture == wanted, axis=2)) > 500
+
+
+def test_spans_cover_all_instants_once():
+    mode = np.array([0, 0, 1, 1, 1, 0, 2], dtype=np.uint8)
+    assert list(spans(mode)) == [(0, 2, Mode.N), (2, 5, Mode.DB), (5, 6, Mode.N)]
+
+
+def test_servo_pumps_bound_the_speed_of_boosted_modes(machine):
+    m = machine.arrays
+    for mode, pumps in ((Mode.DB, 1), (Mode.SB, 2)):
+        slow, fast = mode_limits(machine, 0, mode, np.array([1000.0]))
+        assert fast[0] == pytest.approx(pumps * m.servo_pump_flow / m.cap_area[0])
+        assert slow[0] == pytest.approx(-pumps * m.servo_pump_flow / m.rod_area[0])
+
+
+def test_the_valve_bounds_normal_mode_and_pressure_its_force(machine):
+    m = machine.arrays
+    areas = m.cap_area[0] ** 3 + m.rod_area[0] ** 3
+    force = 1200.0
+    drive = m.cap_area[0] * (m.supply_pressure - m.boost_margin) - m.rod_area[0] * m.tank_pressure
+    _, fast = mode_limits(machine, 0, Mode.N, np.array([force, 4000.0]))
+    assert fast[0] == pytest.approx(m.valve_coefficient * np.sqrt((drive - force) / areas))
+    assert fast[1] == 0.0  # more than P_S carries
+
+
+def test_bands_are_as_high_as_their_share_and_small_ones_are_left_out():
+    axes = Figure().subplots()
+    energy = {"main pump": -80.0, "work on the loads": -20.0, "throttling": 75.0, "leakage": 24.9}
+    energy_flow.draw_energy_flow(energy | {"friction": 0.1}, axes)
+    heights = [patch.get_height() for patch in axes.patches]
+    shares = np.array(heights) / heights[0]
+    np.testing.assert_allclose(shares, np.array([80.0, 20.0, 75.0, 24.9]) / 80.0)
+    words = [text.get_text() for text in axes.texts]
+    assert words[0] == "main pump\n80 J, 80 %"
+    assert not any("friction" in each for each in words)
+
+
+def test_without_energy_the_diagram_says_so():
+    axes = Figure().subplots()
+    energy_flow.draw_energy_flow({"main pump": 0.0}, axes)
+    assert [text.get_text() for text in axes.texts] == ["no energy"]

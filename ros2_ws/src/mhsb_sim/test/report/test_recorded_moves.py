@@ -1,0 +1,44 @@
+"""The moves of a recording: when they begin and end, and what their pages are drawn from."""
+
+import numpy as np
+
+from mhsb_model.modes import Mode
+from mhsb_sim.report import figures
+from mhsb_sim.report.recorded_moves import recorded_moves, whole_run
+
+
+def test_a_move_lasts_from_its_take_over_to_the_next_or_to_its_rest(run):
+    moves = recorded_moves(run)
+    taken_over = sorted(goal.taken_over_ns for goal in run.goals if goal.taken_over_ns)
+    assert len(moves) == len(taken_over) > 1
+    for move, begin, end in zip(moves[:-1], taken_over, taken_over[1:], strict=False):
+        assert move.duration <= (end - begin) / 1e9 + 1e-9
+    for move, goal in zip(moves, [each for each in run.goals if each.taken_over_ns], strict=True):
+        assert move.goal == (goal.verdict.goal_x, goal.verdict.goal_z)
+        assert f"({goal.verdict.goal_x:.4g}, {goal.verdict.goal_z:.4g}) m" in move.title
+
+
+def test_a_move_has_what_was_recorded_at_its_instants(run):
+    whole = whole_run(run, "all")
+    table = run.recording.actuators
+    rows = np.isin(table.time_ns, table.time_ns[0] + (1e9 * whole.time).round().astype(np.int64))
+    assert len(whole.time) > 1000
+    np.testing.assert_array_equal(whole.force[-1], table.quantity["force"][rows][-1])
+    np.testing.assert_allclose(
+        whole.reference[-1], run.recording.references.position[-1], atol=1e-9
+    )
+    assert whole.modes[-1, 0] == Mode.DB
+    assert np.abs(whole.position - whole.reference).max() < 3e-3
+
+
+def test_the_energy_of_a_move_closes(run):
+    energy = whole_run(run, "all").energy
+    given = -sum(value for value in energy.values() if value < 0.0)
+    assert abs(sum(energy.values())) < 1e-6 * given
+
+
+def test_each_move_gets_its_page(run, tmp_path):
+    files = figures.draw_moves(run, tmp_path)
+    assert [file.name for file in files] == [f"move_{k + 1}.png" for k in range(len(files))]
+    assert all(file.stat().st_size > 10_000 for file in files)
+    assert len(files) == len(recorded_moves(run))
