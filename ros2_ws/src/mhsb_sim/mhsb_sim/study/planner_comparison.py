@@ -111,15 +111,9 @@ class Comparer:
                 machine = self._planner.machine
                 modes = holding_modes(machine, machine.piston_forces(request.move.start))
                 made = plan(request.move, StartModes.settled(modes))
-                motion = made.motion
-                taken = self._supplied(motion.trajectory, motion.schedule)
-                run = self._run(request.move.start, made)
-                records[kind] = self._record(made, run)
+                records[kind], motions[kind] = self._judged(request.move.start, made)
             except MhsbError as error:
                 failures[kind] = str(error)
-                continue
-            taken.leaking[SIMULATED] = _simulated(run)
-            motions[kind] = taken
         with suppress(MhsbError):  # what it would have been compared with has failed, too
             motions[DIRECT] = self._supplied(self._direct_motion(request.move), None)
         return Comparison(request.name, records, failures, motions)
@@ -144,11 +138,13 @@ class Comparer:
         options = PlanOptions(self._weights, trajectory="followed")
         return self._planner.follow(path, modes, options)
 
-    def _run(self, start: FloatArray, plan: Plan) -> Replay:
-        motion = plan.motion
-        simulator = Simulator(self._planner.machine, posture=start)
-        command = Command(motion.trajectory, motion.schedule)
-        return replay(simulator, [command], plan.duration)
+    def _judged(self, start: FloatArray, plan: Plan) -> tuple[Record, Supplied]:
+        """A plan's record, its simulation included, and what its motion takes."""
+        command = Command(plan.motion.trajectory, plan.motion.schedule)
+        run = replay(Simulator(self._planner.machine, posture=start), [command], plan.duration)
+        taken = self._supplied(command.trajectory, command.schedule)
+        taken.leaking[SIMULATED] = _simulated(run)
+        return self._record(plan, run), taken
 
     def _record(self, plan: Plan, run: Replay) -> Record:
         machine, path = self._planner.machine, plan.path
