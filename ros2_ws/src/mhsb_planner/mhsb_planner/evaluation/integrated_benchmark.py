@@ -24,20 +24,19 @@ TABLE = PlanOptions(ENERGY_OPTIMAL, planner="table", trajectory="followed")
 INTEGRATED = PlanOptions(ENERGY_OPTIMAL, planner="integrated")
 
 
-def integrated_figures(
-    planner: Planner, moves: Sequence[Move], truths: int, runs: int
-) -> dict[str, Any]:
+def integrated_figures(planner: Planner, moves: Sequence[Move], truths: int) -> dict[str, Any]:
     """Times over the moves; energies over cases and moves; ratios to `truths` ground truths.
 
     energy_ratio_geomean of the cases alone, worst_energy_ratio of cases and moves, both to the
     table planner's motions; ground_truth_ratio_… of the paths of the cases and of the first moves.
     """
     cases = list(case_moves(planner.machine).values())
-    of_cases = [_energy_ratio(planner, move) for move in cases]
-    of_moves = [_energy_ratio(planner, move) for move in tqdm(moves, desc="against the table")]
+    of_cases = [_compared(planner, move)[0] for move in cases]
+    compared = [_compared(planner, move) for move in tqdm(moves, desc="against the table")]
+    of_moves, times = zip(*compared, strict=True)
     measured = [*cases, *moves[:truths]]
     of_truths = [_truth_ratio(planner, move) for move in tqdm(measured, desc="ground truth")]
-    p50, p99 = _percentiles(planner, moves, runs)
+    p50, p99 = np.percentile(times, [50, 99]).tolist()
     return {
         "p50_ms": p50,
         "p99_ms": p99,
@@ -52,10 +51,13 @@ def _plan(planner: Planner, move: Move, options: PlanOptions) -> Plan:
     return planner.plan(move.goal, MotionState.at_rest(move.start), options=options)
 
 
-def _energy_ratio(planner: Planner, move: Move) -> float:
-    """Energy of the integrated planner's motion over that of the table planner's."""
-    table, integrated = (_plan(planner, move, options) for options in (TABLE, INTEGRATED))
-    return integrated.energy.paper / table.energy.paper
+def _compared(planner: Planner, move: Move) -> tuple[float, float]:
+    """Energy of the integrated planner's motion over the table planner's; time of its plan [ms]."""
+    table = _plan(planner, move, TABLE)
+    began = time.perf_counter()
+    integrated = _plan(planner, move, INTEGRATED)
+    took = MILLI * (time.perf_counter() - began)
+    return integrated.energy.paper / table.energy.paper, took
 
 
 def _truth_ratio(planner: Planner, move: Move) -> float:
@@ -66,14 +68,3 @@ def _truth_ratio(planner: Planner, move: Move) -> float:
     path = _plan(planner, move, INTEGRATED).path
     return float(path.energy.sum() / truth.energy.sum())
 
-
-def _percentiles(planner: Planner, moves: Sequence[Move], runs: int) -> tuple[float, float]:
-    """Median of the runs' 50th and 99th percentiles of the time of a whole plan [ms]."""
-    times = np.empty((runs, len(moves)))
-    for row in tqdm(times, desc="integrated plans", unit="run"):
-        for i, move in enumerate(moves):
-            began = time.perf_counter()
-            _plan(planner, move, INTEGRATED)
-            row[i] = MILLI * (time.perf_counter() - began)
-    p50, p99 = np.median(np.percentile(times, [50, 99], axis=1), axis=1)
-    return float(p50), float(p99)

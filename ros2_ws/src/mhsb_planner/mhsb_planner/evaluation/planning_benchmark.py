@@ -2,8 +2,8 @@
 
     scripts/bench planning
 
-Times are medians of `RUNS` runs, on whatever else the machine does meanwhile; ratios are of
-times taken one after the other.
+Times are medians of `RUNS` runs, those of whole integrated plans single ones, on whatever else the
+machine does meanwhile; ratios are of times taken one after the other.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Effort:
     first_motions: int = 100
     deadlines: int = 150
     entries: int = 200
-    truths: int = 20
+    truths: int = 10
     growth_moves: int = 100
     spacings: tuple[float, ...] = SPACINGS
     runs: int = RUNS
@@ -105,7 +105,7 @@ def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figure
         "table": table_figures,
         "plan": {
             "table": _plan_figures(planner, moves, effort),
-            "integrated": integrated_figures(planner, moves, effort.truths, effort.runs),
+            "integrated": integrated_figures(planner, moves, effort.truths),
         },
         "scipy_dijkstra": other,
         "first_motion_ms": first_motion_figures(
