@@ -121,6 +121,9 @@ def test_plotjuggler_draws_series_that_a_recording_has():
     assert len(curves) == 26
     assert set(curves) <= series
     assert all(re.fullmatch("#[0-9A-Fa-f]{6}", each.get("color")) for each in root.iter("curve"))
+    for splitter in root.iter("DockSplitter"):  # read by these numbers, unchecked
+        sizes = splitter.get("sizes").split(";")
+        assert len(sizes) == int(splitter.get("count")) == len(list(splitter))
 
 
 def test_every_status_of_the_nodes_has_one_group():

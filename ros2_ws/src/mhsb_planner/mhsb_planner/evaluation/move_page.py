@@ -27,7 +27,11 @@ from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.evaluation.energy_flow import draw_energy_flow
 from mhsb_planner.evaluation.move import Move
-from mhsb_planner.evaluation.workspace_drawing import draw_arm, draw_workspace_axes
+from mhsb_planner.evaluation.workspace_drawing import (
+    draw_arm,
+    draw_obstacles,
+    draw_workspace_axes,
+)
 from mhsb_planner.motion.s3_limits import speed_limit
 
 if TYPE_CHECKING:
@@ -67,6 +71,7 @@ def draw_move_page(move: Move, file: Path) -> None:
 
 def _draw_path(move: Move, axes: Axes) -> None:
     draw_workspace_axes(move.machine, axes)
+    draw_obstacles(move.machine, axes)
     for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
         draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
     tip = move.tip

@@ -20,6 +20,7 @@ from mhsb_model.figure_style import (
 )
 from mhsb_model.kinematics import joint_positions
 from mhsb_model.machine import Machine
+from mhsb_model.obstacles.zones import CIRCLE, KIND, LINK, NUMBER, PART, RADIUS, SHAPE
 from mhsb_model.types import FloatArray
 from mhsb_planner.evaluation.operating_regions import OperatingRegions
 
@@ -99,6 +100,29 @@ def draw_outline(machine: Machine, axes: Axes) -> None:
     low, high = outline.min(axis=0) - BORDER, outline.max(axis=0) + BORDER
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
+
+
+def draw_obstacles(machine: Machine, axes: Axes) -> None:
+    """Zones, ground and base: what the whole arm keeps out of, and paler what its tip does."""
+    from matplotlib.patches import Circle, Rectangle
+
+    labels = {False: "keep-out", True: "keep-out of the tip"}
+    of_tip: dict[int, bool] = {}
+    for row in machine.obstacles.rows:
+        number = int(row[NUMBER])
+        if row[KIND] == LINK or number in of_tip:
+            continue
+        of_tip[number] = row[PART] == machine.joint_count
+        look: dict[str, Any] = {
+            "facecolor": VERMILION,
+            "alpha": 0.15 if of_tip[number] else 0.35,
+            "label": labels.pop(of_tip[number], None),
+        }
+        first, second, third, fourth = row[SHAPE:RADIUS]
+        if row[KIND] == CIRCLE:
+            axes.add_patch(Circle((first, second), third, **look))
+        else:
+            axes.add_patch(Rectangle((first, second), third - first, fourth - second, **look))
 
 
 def draw_arm(machine: Machine, q: FloatArray, axes: Axes, **style: Any) -> None:

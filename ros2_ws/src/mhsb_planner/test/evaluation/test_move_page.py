@@ -7,9 +7,11 @@ from matplotlib.figure import Figure
 
 from mhsb_model.figure_style import RESOLUTION
 from mhsb_model.modes import Mode
+from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.evaluation import energy_flow, move_page
 from mhsb_planner.evaluation.move import Move
 from mhsb_planner.evaluation.move_page import mode_limits, spans
+from mhsb_planner.evaluation.workspace_drawing import draw_obstacles
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +80,15 @@ def test_without_energy_the_diagram_says_so():
     axes = Figure().subplots()
     energy_flow.draw_energy_flow({"main pump": 0.0}, axes)
     assert [text.get_text() for text in axes.texts] == ["no energy"]
+
+
+def test_zones_are_drawn_where_they_are_once_each(machine):
+    axes = Figure().subplots()
+    with_zones = machine.changed(
+        zones=Zones(boxes=((0.6, 0.1, 0.9, 0.3),), tip_circles=((0.4, -0.5, 0.1),))
+    )
+    draw_obstacles(with_zones, axes)
+    box, circle = axes.patches
+    assert (*box.get_xy(), box.get_width(), box.get_height()) == pytest.approx((0.6, 0.1, 0.3, 0.2))
+    assert (*circle.center, circle.radius) == pytest.approx((0.4, -0.5, 0.1))
+    assert [box.get_label(), circle.get_label()] == ["keep-out", "keep-out of the tip"]

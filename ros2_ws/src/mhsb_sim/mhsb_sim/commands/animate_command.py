@@ -100,8 +100,7 @@ def _check(
 
 def _recorded(machine: Machine, bag: Path, namespace: str) -> tuple[Move, list[Sent]]:
     run = recorded_run(read_recording(bag, namespace), machine)
-    move = whole_run(run, f"{'/'.join(bag.resolve().parts[-2:])}, as recorded")
-    first_ns = run.recording.actuators.time_ns[0]
+    move, first_ns = whole_run(run, f"{'/'.join(bag.resolve().parts[-2:])}, as recorded")
     goals = []
     for each in run.goals:
         if each.taken_over_ns is not None:

@@ -26,7 +26,7 @@ from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray
 from mhsb_planner.evaluation.move import Move
 from mhsb_planner.evaluation.move_page import spans
-from mhsb_planner.evaluation.workspace_drawing import draw_workspace_axes
+from mhsb_planner.evaluation.workspace_drawing import draw_obstacles, draw_workspace_axes
 from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, linkage_bars
 
 if TYPE_CHECKING:
@@ -147,6 +147,7 @@ class _Film:
     def _draw_stage(self) -> None:
         axes = self._stage
         draw_workspace_axes(self._move.machine, axes)
+        draw_obstacles(self._move.machine, axes)
         axes.plot(*self._move.tip.T, color=PALE, linewidth=3.0)
         rows = self._move.position[::EVERY]
         places = np.array([_flat(bar) for q in rows for bar in linkage_bars(self._move.machine, q)])

@@ -102,7 +102,8 @@ def simulate(
     compile_planner()
     compile_simulator()
     replanner = Replanner(arm, table_for(arm))
-    replanner.change(arm.changed(zones=arm.zones.with_more(zone_box, zone_circle)))
+    kept_out = arm.changed(zones=arm.zones.with_more(zone_box, zone_circle))
+    replanner.change(kept_out)
     replanner.warm_up([planner])
     simulator = Simulator(arm, controller, seed, plant=real)
     simulator.step()  # loads kernels, which is not to be timed
@@ -116,7 +117,7 @@ def simulate(
     summary = summarize(results, samples, simulator.energies, seconds, elements)
     if output is not None:
         write(output, samples, summary)
-        draw_move_page(simulated_move(arm, samples, goals, elements), output / PICTURE)
+        draw_move_page(simulated_move(kept_out, samples, goals, elements), output / PICTURE)
     if json_:
         print(json.dumps(summary))
     else:

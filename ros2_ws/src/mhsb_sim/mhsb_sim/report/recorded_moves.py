@@ -8,6 +8,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.evaluation.move import Move, energy_of_plan
 from mhsb_planner.motion.energy import motion_energy
+from mhsb_sim.recording.bag_format import BagError
 from mhsb_sim.report.recorded_goals import GoalRecord
 from mhsb_sim.report.recorded_motion import STANDSTILL, part
 from mhsb_sim.report.recorded_run import RecordedRun
@@ -29,9 +30,15 @@ def recorded_moves(run: RecordedRun) -> list[Move]:
     return moves
 
 
-def whole_run(run: RecordedRun, title: str) -> Move:
-    """All that was recorded, as one move without a goal."""
-    return _measured(run, title, None, _instants(run, run.followed.stamp_ns, run.followed.end_ns))
+def whole_run(run: RecordedRun, title: str) -> tuple[Move, int]:
+    """All that was recorded, as one move without a goal, and the ROS time of its beginning [ns].
+
+    Raises BagError where no hydraulic states were recorded.
+    """
+    time_ns = _instants(run, run.followed.stamp_ns, run.followed.end_ns)
+    if len(time_ns) < 2:
+        raise BagError("the recording has no actuator_states; was the simulator running?")
+    return _measured(run, title, None, time_ns), int(time_ns[0])
 
 
 def _until_rest(run: RecordedRun, goal: GoalRecord, end_ns: int) -> int:

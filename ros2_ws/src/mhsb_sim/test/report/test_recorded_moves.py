@@ -1,8 +1,13 @@
 """The moves of a recording: when they begin and end, and what their pages are drawn from."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from mhsb_model.modes import Mode
+from mhsb_sim.recording.bag_format import BagError
+from mhsb_sim.recording.recording import ActuatorTable
 from mhsb_sim.report import figures
 from mhsb_sim.report.recorded_moves import recorded_moves, whole_run
 
@@ -19,9 +24,9 @@ def test_a_move_lasts_from_its_take_over_to_the_next_or_to_its_rest(run):
 
 
 def test_a_move_has_what_was_recorded_at_its_instants(run):
-    whole = whole_run(run, "all")
+    whole, begin_ns = whole_run(run, "all")
     table = run.recording.actuators
-    rows = np.isin(table.time_ns, table.time_ns[0] + (1e9 * whole.time).round().astype(np.int64))
+    rows = np.isin(table.time_ns, begin_ns + (1e9 * whole.time).round().astype(np.int64))
     assert len(whole.time) > 1000
     np.testing.assert_array_equal(whole.force[-1], table.quantity["force"][rows][-1])
     np.testing.assert_allclose(
@@ -32,9 +37,17 @@ def test_a_move_has_what_was_recorded_at_its_instants(run):
 
 
 def test_the_energy_of_a_move_closes(run):
-    energy = whole_run(run, "all").energy
+    energy = whole_run(run, "all")[0].energy
     given = -sum(value for value in energy.values() if value < 0.0)
     assert abs(sum(energy.values())) < 1e-6 * given
+
+
+def test_a_recording_without_hydraulic_states_says_so(run):
+    nothing = ActuatorTable(np.empty(0, dtype=np.int64), {})
+    without = replace(run, recording=replace(run.recording, actuators=nothing))
+    assert recorded_moves(without) == []
+    with pytest.raises(BagError, match="no actuator_states"):
+        whole_run(without, "all")
 
 
 def test_each_move_gets_its_page(run, tmp_path):
