@@ -43,7 +43,20 @@ ALL = "20.0 ['square', 'sum_of_both', 'twice']\n"
 NOTHING = "20.0 []\n"
 
 
-def started(source: Path, cache: Path) -> subprocess.Popen[str]:
+LINK = """
+from kernels import kernel, sum_of_both, twice
+
+print(sum_of_both(2.0))
+
+@kernel
+def four_times(x):
+    return twice(x, 1) * twice(2.0, 1)
+
+print(four_times(3.0))
+"""
+
+
+def started(source: Path, cache: Path, program: str = CALL) -> subprocess.Popen[str]:
     """A process that calls a kernel and tells what it compiled."""
     environment = {
         **os.environ,
@@ -51,7 +64,7 @@ def started(source: Path, cache: Path) -> subprocess.Popen[str]:
         "PYTHONPATH": f"{source}{os.pathsep}{os.environ['PYTHONPATH']}",
     }
     return subprocess.Popen(
-        [sys.executable, "-c", CALL],
+        [sys.executable, "-c", program],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -90,6 +103,12 @@ def files(folder: Path, ending: str) -> list[Path]:
 
 def test_a_kernel_is_compiled_once_for_all_constants_and_found_by_the_next_process(source, kept):
     assert started(source, kept).communicate() == (NOTHING, "")
+
+
+def test_a_kernel_that_was_found_can_be_linked_into_a_new_one(source, kept, tmp_path):
+    cache = tmp_path / "cache"
+    shutil.copytree(kept, cache)
+    assert started(source, cache, LINK).communicate() == ("20.0\n36.0\n", "")
 
 
 def test_processes_that_need_a_kernel_at_once_compile_it_once(start):
