@@ -121,10 +121,11 @@ class Servo(NamedTuple):
     Those are inlined: handing it over costs as much as some of them do.
     """
 
-    reference: FloatArray  # as in ServoSignals, likewise the four below
+    reference: FloatArray  # as in ServoSignals, likewise the five below
     sensors: Records
     rail_pressure: FloatArray
     modes: ModeArray
+    modes_ahead: ModeArray
     serves: IntArray
     cylinders: Records  # of the circuit, likewise the four below
     constants: Records
@@ -196,6 +197,7 @@ def servo_of(
         sensors=signals.sensors,
         rail_pressure=signals.rail_pressure,
         modes=signals.modes,
+        modes_ahead=signals.modes_ahead,
         serves=signals.serves,
         cylinders=circuit.cylinders,
         constants=circuit.constants,

@@ -34,6 +34,7 @@ class ServoSignals:
     sensors        SENSOR[n]
     rail_pressure  float64[1], Pa, measured
     modes          uint8[n], prepared modes: in force, or about to be where modules are free
+    modes_ahead    uint8[n], in force `preview` later
     serves         int64[m], actuator that each module serves, −1 where idle
     circuit        as the controller knows it, not the one that is simulated: its actuators'
                    `valve_command`, `join_command` and its modules' `flow_command`, `lend` are
@@ -45,6 +46,7 @@ class ServoSignals:
     sensors: Records
     rail_pressure: FloatArray
     modes: ModeArray
+    modes_ahead: ModeArray
     serves: IntArray
     circuit: Circuit
 

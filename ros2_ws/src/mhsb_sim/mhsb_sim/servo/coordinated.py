@@ -15,7 +15,7 @@ from __future__ import annotations
 from mhsb_model.hydraulics import load_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.modes import BOOSTED
+from mhsb_model.modes import BOOSTED, ON_RAIL
 from mhsb_model.types import FloatArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
@@ -23,7 +23,8 @@ from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, set_targets
 from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.estimates import Estimate, estimates_of
-from mhsb_sim.servo.servo_pumps import Pumps, drive_pumps, look_ahead, pumps_of, weigh_leakage
+from mhsb_sim.servo.line_estimate import weigh_lines
+from mhsb_sim.servo.servo_pumps import Pumps, drive_pumps, look_ahead, pumps_of
 from mhsb_sim.servo.valve_estimate import Valves, inverse, learn, valves_of
 
 SMALLEST_DROP = 2e4
@@ -35,6 +36,9 @@ JOINED_DROP = 1e5
 DAMPED = 4.0
 """Time in which a throttled join charges its line, in time constants of the join valve: the
 shortest without overshoot."""
+
+ONE_PUMP = 0.8
+"""Share of a pump's flow up to which a line can do without the rail before its mode ends."""
 
 IDLE_SHARE = 0.02
 """Share of a pump's flow below which its rail may be shut off: the rest bursts into it."""
@@ -53,7 +57,7 @@ class CoordinatedController:
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
         pumps = pumps_of(machine, signals)
         valves = valves_of(machine.joint_count)
-        self._learnt = machine.actuator_names, cascade.load, valves, pumps.leaks
+        self._learnt = machine.actuator_names, cascade.load, valves, pumps.lines, pumps.drives
         self._control = bind(control, cascade, valves, pumps)
 
     def update(self) -> None:
@@ -76,7 +80,7 @@ def control(s: Servo, v: Valves, p: Pumps) -> None:
         learn(v, j, axis.speed, sensor.length, force, axis.stiffness, s.gains[0].step)
         open_valve(axis, sensor, cylinder, s.constants, s.actuators[j], v.records[j])
         set_target(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
-    weigh_leakage(s, p)
+    weigh_lines(s, p.lines)
     look_ahead(s, p)
     join_lines(s, p.rail_target)
     drive_pumps(s, p)
@@ -146,7 +150,9 @@ def join_lines(s: Servo, rail_target: FloatArray) -> None:
     """Open, throttle or shut the join valves, and set the rail's target.
 
     The rail's target is the greatest of the lines that draw on it. The last line to leave shared
-    boost stays joined while the rail's pumps coast, which would else burst into a shut rail.
+    boost stays joined while the rail's pumps coast, which would else burst into a shut rail. One
+    that needs less pressure than others is shut off as soon as it is known to leave, if one pump
+    suffices for it, so that none of theirs is left in it.
     """
     axes, sensors, actuators, modules = s.axes, s.sensors, s.actuators, s.modules
     modes, serves, module_home = s.modes, s.serves, s.module_home
@@ -154,15 +160,20 @@ def join_lines(s: Servo, rail_target: FloatArray) -> None:
     rail_flow = 0.0
     for k in range(len(modules)):
         rail_flow += modules[k].flow * modules[k].to_rail
-    coasting = rail_flow >= IDLE_SHARE * c.servo_pump_flow
+    coasting, highest = rail_flow >= IDLE_SHARE * c.servo_pump_flow, 0.0
     for j in range(len(axes)):
         if joins_rail(j, modes, module_home, serves):
             coasting = False
+        if axes[j].joined > 0.0 and BOOSTED[modes[j]]:
+            highest = max(highest, axes[j].supply_target)
     rail_target[:] = 0.0
     for j in range(len(axes)):
         axis = axes[j]
         leaves = not joins_rail(j, modes, module_home, serves)
-        if leaves and not coasting:
+        shed = axis.supply_target < highest - JOINED_DROP and not ON_RAIL[s.modes_ahead[j]]
+        shed = shed and axis.line_flow < ONE_PUMP * c.servo_pump_flow
+        leaves = leaves or shed
+        if leaves and (shed or not coasting):
             axis.joined = 0.0
         if axis.joined > 0.0 or not leaves:
             rail_target[0] = max(rail_target[0], axis.supply_target)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_sim.records import Records
-from mhsb_sim.servo import leakage_estimate, valve_estimate
+from mhsb_sim.servo import line_estimate, pump_estimate, valve_estimate
+from mhsb_sim.servo.line_estimate import Lines
 from mhsb_sim.servo.load_estimate import FRICTION_DEVIATION, SHARE_OF_PAYLOAD, Load
+from mhsb_sim.servo.pump_estimate import Drives
 from mhsb_sim.servo.valve_estimate import Valves
 
 KNOWN_BELOW = 0.5
@@ -21,7 +22,7 @@ class Estimate:
     """One value that is learnt.
 
     quantity   payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine file's];
-               overlap [share of the stroke]
+               overlap [share of the stroke]; pump_lag, delay [s]
     actuator   whose it is, empty for what is the whole arm's
     deviation  standard deviation
     known      False: not to be told from the motion so far
@@ -35,31 +36,41 @@ class Estimate:
 
 
 def estimates_of(
-    names: Sequence[str], load: Load, valves: Valves, leaks: Records
+    names: Sequence[str], load: Load, valves: Valves, lines: Lines, drives: Drives
 ) -> list[Estimate]:
     """All that is learnt of the actuators of these names."""
-    spread = np.sqrt(np.diag(load.covariance))
+    spread, oil = np.sqrt(np.diag(load.covariance)), np.sqrt(np.diag(lines.covariance))
     first = SHARE_OF_PAYLOAD * float(load.file[0])
-    found = [_estimate("payload", "", load.believed[0], spread[0], first)]
+    drive, squeeze = drives.record[0], lines.believed[0]
+    late = (drive["latest"] - drive["delay"]) * drive["step"]
+    of_bulk = oil[0] / squeeze**2
+    found = [
+        _estimate("payload", "", load.believed[0], spread[0], first),
+        _estimate("bulk_modulus", "", 1.0 / squeeze, of_bulk, line_estimate.SQUEEZE_DEVIATION),
+        _estimate(
+            "pump_lag", "", drive["lag"], drive["deviation"] * drive["lag"],
+            pump_estimate.DEVIATION * drive["lag"],
+        ),
+        _estimate(
+            "delay", "", drive["delay"] * drive["step"], late, pump_estimate.LATEST * drive["step"]
+        ),
+    ]  # fmt: skip
     for j, name in enumerate(names):
-        gain, overlap, squeeze = valves.estimate[j]
+        gain, overlap, _ = valves.estimate[j]
         own = valves.covariance[j]
         lap = overlap / gain
         # of o = b/a and g = a (1 − o) = a − b, to first order
         lap_variance = (own[1, 1] - 2.0 * lap * own[0, 1] + lap**2 * own[0, 0]) / gain**2
         gain_variance = own[0, 0] - 2.0 * own[0, 1] + own[1, 1]
-        of_gain, of_overlap, of_squeeze = valve_estimate.DEVIATION
-        of_bulk = np.sqrt(own[2, 2]) / squeeze**2
+        of_gain, of_overlap, _ = valve_estimate.DEVIATION
         found += [
             _estimate("friction", name, load.believed[1 + j], spread[1 + j], FRICTION_DEVIATION),
             _estimate("valve_gain", name, gain - overlap, np.sqrt(gain_variance), of_gain),
             _estimate("overlap", name, lap, np.sqrt(lap_variance), of_overlap),
-            _estimate("bulk_modulus", name, 1.0 / squeeze, of_bulk, of_squeeze),
             _estimate(
-                "leakage", name, leaks[j]["share"], np.sqrt(leaks[j]["variance"]),
-                leakage_estimate.DEVIATION,
+                "leakage", name, lines.believed[1 + j], oil[1 + j], line_estimate.LEAKAGE_DEVIATION
             ),
-        ]  # fmt: skip
+        ]
     return found
 
 

@@ -2,9 +2,10 @@
 
 They deliver the very flow that the valves are about to take; the pressure error only trims. No
 pump runs faster than it can be stopped before its oil would overfill the line, judged by the
-reference ahead: where it gives no more than what is drawn, by the machine file's lag and what is
-known of the leakage, and where it charges a line beyond that, by a slower pump, a stiffer line and
-less leakage. On the rail, pumps that are no longer needed count until they have come to rest.
+reference ahead: where it gives no more than what is drawn, by what is known of its lag and of the
+leakage, and where it charges a line beyond that, by a pump that may be slower and later, a stiffer
+line and less leakage. What is told now acts late: all goes by the flow and the oil that are there
+by then. On the rail, pumps that are no longer needed count until they have come to rest.
 """
 
 from __future__ import annotations
@@ -23,30 +24,32 @@ from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo
 from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
-from mhsb_sim.servo.leakage_estimate import balance, leaks_of
+from mhsb_sim.servo.line_estimate import Lines, lines_of
+from mhsb_sim.servo.pump_estimate import Drives, drives_of, follow_drives
 from mhsb_sim.servo.reference import AHEAD
 
 FINE = 4
 """Looks that a coasting pump is given up to the first point of the reference ahead."""
 
-SLOWER, LATER, STIFFER = 2.0, 4e-3, 1.3
-"""Lag [times the file's], delay [s] and stiffness of a line [times] that charging reckons with."""
-
-AT_LEAST = 0.3
+AT_LEAST = 0.15
 """Share of what a line lacks that is charged however little is known of it."""
 
 DOUBTS = 1.5
-"""Standard deviations of its leakage by which a line may leak less than charging reckons with."""
+"""Standard deviations by which charging reckons with less leakage, stiffer oil and a longer lag of
+pumps."""
 
 GAINS = np.dtype(
     [
         ("preview", "f8"),  # s
-        ("pump_lead", "f8"),  # λ
+        ("bandwidth", "f8"),  # 1/s, λ/τ
         ("pressure_gain", "f8"),  # k, 1/s
         ("pump_rise", "f8"),  # share of the way to the next point for a pump's response
         ("allowed_rise", "f8"),  # Pa, above the target while a pump coasts
     ]
 )
+
+LEAST_SOFT = 0.3
+"""Share of what a line takes to be compressed that charging reckons with at least."""
 
 MANIFOLD_LEFT = 0.94
 """Share of P_S in the manifold down to which lines are charged from what is pent up there."""
@@ -54,10 +57,6 @@ MANIFOLD_LEFT = 0.94
 KEPT = 2e5
 """Pressure beyond p_L + m(v) that is left in the manifold to what moves in N [Pa]: friction, and a
 reserve at which the guard does not act."""
-
-SHUT, CLEAR = 0.02, 2e5
-"""Opening of join valve and diverter up to which a line counts as its own pump's alone, and
-pressure above P_S [Pa] from which on its check valve counts as closed."""
 
 SWITCHED_OVER = 0.9
 """Share of a lent pump's flow that has to reach the rail before it counts as feeding it."""
@@ -72,8 +71,10 @@ class Pumps(NamedTuple):
     coasting: FloatArray  # [FINE + REFERENCE_POINTS − 1] as in `coasting_limit`
     slow: FloatArray  # likewise, of pumps that stop later than the machine file's
     spare: FloatArray  # [1] m³/s, what is left for charging lines
-    leaks: Records  # LEAK[n]
+    lines: Lines
     doubt: FloatArray  # [n + 1] m³/s, of what lines leak; the last one is the rail's
+    drives: Drives
+    looks: FloatArray  # [FINE + REFERENCE_POINTS − 1] s, times ahead of `coasting`
 
 
 def pumps_of(machine: Machine, signals: ServoSignals) -> Pumps:
@@ -83,31 +84,53 @@ def pumps_of(machine: Machine, signals: ServoSignals) -> Pumps:
     gains = np.zeros(1, GAINS)
     gains["preview"] = preview
     spin_up = signals.circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
-    gains["pump_lead"] = np.maximum(1.0, lag / (servo.pump_response * spin_up))
-    gains["pump_rise"] = np.minimum(1.0, AHEAD * lag / (gains["pump_lead"] * preview))
+    gains["bandwidth"] = 1.0 / (servo.pump_response * spin_up)
+    gains["pump_rise"] = np.minimum(
+        1.0, AHEAD / (np.maximum(1.0 / lag, gains["bandwidth"]) * preview)
+    )
     gains["pressure_gain"] = servo.pressure_gain / lag
     gains["allowed_rise"] = servo.allowed_rise
     points = np.concatenate([np.arange(FINE) / FINE, np.arange(1, REFERENCE_POINTS)])
-    time = points * preview / AHEAD
-    return Pumps(
+    full_flow = float(signals.circuit.constants["servo_pump_flow"][0])
+    step, count = machine.config.simulation.step, len(signals.circuit.modules)
+    pumps = Pumps(
         gains=gains,
         rail_target=np.full(2, signals.rail_pressure[0]),
         volume=np.zeros((n + 1, REFERENCE_POINTS)),
-        coasting=coasting_volumes(lag, 0.0, time),
-        slow=coasting_volumes(SLOWER * lag, LATER, time),
+        coasting=np.zeros(len(points)),
+        slow=np.zeros(len(points)),
         spare=np.zeros(1),
-        leaks=leaks_of(n),
+        lines=lines_of(n),
         doubt=np.zeros(n + 1),
+        drives=drives_of(lag, step, full_flow, oil.servo_pump_slew, count),
+        looks=points * preview / AHEAD,
     )
+    foresee(pumps)
+    return pumps
 
 
-def coasting_volumes(lag: float, delay: float, time: FloatArray) -> FloatArray:
-    """What a pump delivers up to each time [s] after it is told to stop, per flow that it had [s].
+@kernel
+def foresee(p: Pumps) -> None:
+    """Write how pumps coast, by what is known of their lag and their commands' delay."""
+    own = p.drives.record[0]
+    delay, later = own.delay * own.step, (own.latest - own.delay) * own.step
+    coasting_volumes(own.lag, delay, 0.0, p.looks, p.coasting)
+    coasting_volumes((1.0 + DOUBTS * own.deviation) * own.lag, delay, later, p.looks, p.slow)
 
-    t up to the delay [s], τ (1 − e^(−t/τ)) with its lag τ [s] from then on.
+
+@kernel
+def coasting_volumes(
+    lag: float, delay: float, later: float, time: FloatArray, volumes: FloatArray
+) -> None:
+    """What a pump delivers up to each time [s] once told to stop, per flow that it has then [s].
+
+    It is told at time 0, and nothing counts of what it does before that can act, at its delay [s].
+    From then on t where that comes `later` [s], and τ (1 − e^(−t/τ)) with its lag τ [s] after that.
     """
-    late = np.minimum(time, delay)
-    return np.asarray(late - lag * np.expm1(-(time - late) / lag))
+    for k in range(len(time)):
+        left = max(time[k] - delay, 0.0)
+        late = min(left, later)
+        volumes[k] = late - lag * math.expm1(-(left - late) / lag)
 
 
 @kernel
@@ -120,40 +143,13 @@ def is_served(j: int, serves: IntArray) -> bool:
 
 
 @kernel(inline="always")
-def weigh_leakage(s: Servo, p: Pumps) -> None:
-    """Learn what the lines leak that one pump feeds alone."""
-    c = s.constants[0]
-    for j in range(len(s.axes)):
-        flow = 0.0
-        alone = s.axes[j].joined == 0.0 and s.actuators[j].join < SHUT
-        alone = alone and s.sensors[j].line_pressure > c.supply_pressure + CLEAR
-        served = False
-        for k in range(len(s.modules)):
-            if s.module_home[k] == j and s.serves[k] == j:
-                flow, served = s.modules[k].flow, True
-                alone = alone and s.modules[k].to_rail < SHUT
-        drop = s.sensors[j].line_pressure - c.tank_pressure
-        leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
-        balance(
-            p.leaks[j],
-            alone and served,
-            flow,
-            leakage,
-            s.sensors[j].line_pressure,
-            s.sensors[j].length,
-            s.cylinders[j],
-            c.line_capacity,
-            s.gains[0].step,
-        )
-
-
-@kernel(inline="always")
 def look_ahead(s: Servo, p: Pumps) -> None:
     """Flow that boosted lines are about to give, and the oil they give up to each point ahead.
 
     Flow: A_dir |u| of the demanded speed, leakage, and what the next point of the reference adds
-    while the pump follows. Oil, p.volume [m³]: ∫ (A_dir |v| + leakage) dt of the reference, by the
-    trapezoidal rule, with moment arms linear about point `AHEAD`.
+    while the pump follows. Oil, p.volume [m³]: ∫ (A_dir |v| + leakage) dt + A_dir ΔF/k_h of the
+    reference, by the trapezoidal rule, with moment arms linear about point `AHEAD`; ΔF compresses
+    the chamber.
     """
     reference, sensors, cylinders, axes = s.reference, s.sensors, s.cylinders, s.axes
     volume, c, g = p.volume, s.constants[0], p.gains[0]
@@ -166,9 +162,11 @@ def look_ahead(s: Servo, p: Pumps) -> None:
             continue
         drop = sensors[j].line_pressure - c.tank_pressure
         by_file, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
-        leakage = p.leaks[j].share * by_file
-        p.doubt[j] = DOUBTS * math.sqrt(p.leaks[j].variance) * by_file
+        leakage = p.lines.believed[1 + j] * by_file
+        p.doubt[j] = DOUBTS * math.sqrt(p.lines.covariance[1 + j, 1 + j]) * by_file
         cap, rod = cylinder.cap_area, cylinder.rod_area
+        pressed = (axis.force_ahead - axis.force) / axis.stiffness
+        pressed *= cap if axis.speed_ahead > 0.0 else -rod
         axis.line_flow = inlet_area(cap, rod, axis.demand) * abs(axis.demand) + leakage
         before = 0.0
         for k in range(len(reference)):
@@ -184,6 +182,7 @@ def look_ahead(s: Servo, p: Pumps) -> None:
                 volume[j, k] = 0.0
             else:
                 volume[j, k] = volume[j, k - 1] + 0.5 * spacing * (before + flow)
+                volume[j, k] += pressed / AHEAD if k <= AHEAD else 0.0
             if k == 1:
                 axis.line_flow += max(0.0, flow - before) * g.pump_rise
             before = flow
@@ -196,28 +195,31 @@ def coasting_limit(
     capacity: float,
     rise: float,
     rise_ahead: float,
+    pending: float,
     doubt: float,
     spacing: float,
 ) -> float:
     """Largest flow [m³/s] from which a pump can be stopped without filling its line too far.
 
-    From Q it delivers at least Q τ (1 − e^(−t/τ)) up to t. That is not to exceed what is drawn by
-    then and what the pressure may rise by, V(t) + C Δp(t), at each point ahead, and `FINE` times up
-    to the first: pressure is highest when the pump has slowed down to what is drawn, soon after.
+    From Q it delivers at least Q τ (1 − e^(−t/τ)) up to t, beyond what is on its way. That is not
+    to exceed what is drawn by then and what the pressure may rise by, V(t) + C Δp(t), at each point
+    ahead, and `FINE` times up to the first: pressure is highest when the pump has slowed down to
+    what is drawn, soon after.
     volume float64[REFERENCE_POINTS] m³, V at the points; coasting
     float64[FINE + REFERENCE_POINTS − 1] s, τ (1 − e^(−t/τ)) at all these times from 0 on;
-    rise: Δp [Pa] now, rise_ahead from point `AHEAD` on, linear in between; doubt: flow
-    [m³/s] that may not be drawn after all; spacing: from point to point [s].
+    rise: Δp [Pa] now, rise_ahead from point `AHEAD` on, linear in between; pending: oil [m³] that
+    comes whatever is told now; doubt: flow [m³/s] that may not be drawn after all; spacing: from
+    point to point [s].
     """
     limit = np.inf
     for k in range(1, FINE):
         share = k / FINE
-        room = capacity * (rise + share / AHEAD * (rise_ahead - rise))
+        room = capacity * (rise + share / AHEAD * (rise_ahead - rise)) - pending
         drawn = share * (volume[1] - doubt * spacing)
         limit = min(limit, (drawn + room) / coasting[k])
     for k in range(1, len(volume)):
         way = min(k / AHEAD, 1.0)
-        room = capacity * (rise + way * (rise_ahead - rise))
+        room = capacity * (rise + way * (rise_ahead - rise)) - pending
         drawn = volume[k] - doubt * spacing * k
         limit = min(limit, (drawn + room) / coasting[FINE - 1 + k])
     return limit
@@ -231,23 +233,27 @@ def pump_demand(
     target_ahead: float,
     capacity: float,
     volume: FloatArray,
+    pending: float,
     doubt: float,
     p: Pumps,
 ) -> float:
     """Flow [m³/s] into a line or the rail: what is drawn + k C (p_ref − p), within the limit.
 
-    What is more than drawn is within that of a slow pump on a stiff line that leaks less, too.
-
+    p is the pressure when what is told now begins to act. What is more than drawn is within the
+    limit of a slow pump on a stiff line that leaks less, too.
     What charges it is taken from p.spare. Arguments as in `coasting_limit`, and Pa, m³/s, m³/Pa.
     """
     g = p.gains[0]
     rise = g.allowed_rise + target - pressure
     rise_ahead = g.allowed_rise + target_ahead - pressure
     spacing = g.preview / AHEAD
-    limit = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead, 0.0, spacing)
-    stiff = capacity / STIFFER
-    cautious = coasting_limit(volume, p.slow, stiff, rise, rise_ahead, doubt, spacing)
-    charge = min(capacity * g.pressure_gain * (target - pressure), p.spare[0])
+    limit = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead, pending, 0.0, spacing)
+    squeeze = p.lines.believed[0]
+    stiff = capacity * max(1.0 - DOUBTS * math.sqrt(p.lines.covariance[0, 0]) / squeeze, LEAST_SOFT)
+    cautious = coasting_limit(volume, p.slow, stiff, rise, rise_ahead, pending, doubt, spacing)
+    own = p.drives.record[0]
+    filled = pending - drawn * own.delay * own.step
+    charge = min(g.pressure_gain * (capacity * (target - pressure) - filled), p.spare[0])
     charge = min(charge, max(cautious - drawn, AT_LEAST * charge))
     p.spare[0] -= max(charge, 0.0)
     return min(drawn + charge, limit)
@@ -294,10 +300,11 @@ def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
 
 
 @kernel(inline="always")
-def rail_demand(s: Servo, p: Pumps) -> float:
+def rail_demand(s: Servo, p: Pumps, pending: float) -> float:
     """Flow [m³/s] into the rail, of all pumps together: as `pump_demand` for what is joined to it.
 
-    It also feeds what still passes join valves that are closing or throttled.
+    It also feeds what still passes join valves that are closing or throttled. pending: oil [m³]
+    that comes whatever is told now.
     """
     axes, volume, rail_pressure = s.axes, p.volume, s.rail_pressure[0]
     c = s.constants[0]
@@ -321,7 +328,15 @@ def rail_demand(s: Servo, p: Pumps) -> float:
             drawn += through
     target, ahead = p.rail_target[0], p.rail_target[1]
     return pump_demand(
-        drawn, rail_pressure, target, ahead, capacity, rail_volume, p.doubt[len(axes)], p
+        drawn,
+        rail_pressure,
+        target,
+        ahead,
+        p.lines.believed[0] * capacity,
+        rail_volume,
+        pending,
+        p.doubt[len(axes)],
+        p,
     )
 
 
@@ -332,23 +347,28 @@ def drive_pumps(s: Servo, p: Pumps) -> None:
     Alone on its line: Q_cmd = Q + λ (Q_ref − Q). The n modules that feed the rail together:
     Q_cmd = Q̄ + λ (Q_ref − ΣQ)/n, with Q̄ their mean flow and ΣQ all that reaches the rail, also
     from pumps that are no longer needed and coast. So they come to share the flow equally at the
-    pace of their lag, and the sum does not suffer from it.
+    pace of their lag, and the sum does not suffer from it. Q are the flows when the command acts.
     """
     axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
-    c, g = s.constants[0], p.gains[0]
-    sharing, shared, reaching = 0, 0.0, 0.0
+    c, g, drives = s.constants[0], p.gains[0], p.drives
+    if follow_drives(drives, modules):
+        foresee(p)
+    lead = max(1.0, g.bandwidth * drives.record[0].lag)
+    sharing, shared, reaching, pending = 0, 0.0, 0.0, 0.0
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
         if user < 0:
-            reaching += module.flow * module.to_rail
+            reaching += drives.flow[k] * module.to_rail
+            pending += drives.pending[k] * module.to_rail
         elif feeds_rail(module, module_home[k], user, axes):
             sharing += 1
-            shared += module.flow
+            shared += drives.flow[k]
+            pending += drives.pending[k]
     p.spare[0] = spare_flow(s, p)
     rail_command = 0.0
     if sharing > 0:
-        demand = rail_demand(s, p)
-        rail_command = (shared + g.pump_lead * (demand - shared - reaching)) / sharing
+        demand = rail_demand(s, p, pending)
+        rail_command = (shared + lead * (demand - shared - reaching)) / sharing
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
         module.lend = 1.0 if user >= 0 and module_home[k] != user else 0.0
@@ -362,10 +382,11 @@ def drive_pumps(s: Servo, p: Pumps) -> None:
                 s.sensors[user].line_pressure,
                 axis.supply_target,
                 axis.target_ahead,
-                c.line_capacity,
+                p.lines.believed[0] * c.line_capacity,
                 p.volume[user],
+                drives.pending[k],
                 p.doubt[user],
                 p,
             )
-            command = module.flow + g.pump_lead * (demand - module.flow)
+            command = drives.flow[k] + lead * (demand - drives.flow[k])
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)

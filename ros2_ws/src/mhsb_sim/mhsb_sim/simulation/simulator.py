@@ -164,6 +164,7 @@ class Simulator:
             sensors=np.zeros(n, SENSOR),
             rail_pressure=np.zeros(1),
             modes=modes.copy(),
+            modes_ahead=modes.copy(),
             serves=np.full(len(circuit.modules), -1, dtype=np.int64),
             circuit=believed,
         )
@@ -490,6 +491,7 @@ class Simulator:
         if modules_in_use(prepared, modules.per_mode) > count:
             prepared = now
         self._signals.modes[:] = prepared
+        self._signals.modes_ahead[:] = ahead
         self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode, lost)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
