@@ -76,3 +76,21 @@ class SimulatorReport:
     plan_delay: float = 0.0
     interventions: int = 0
     lost_servo_pumps: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One value that an arm has learnt of itself.
+
+    quantity   payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine file's];
+               overlap [share of the stroke]; pump_lag, delay [s]
+    actuator   whose it is, empty for what is the whole arm's
+    deviation  standard deviation
+    known      False: not to be told from the motion so far
+    """
+
+    quantity: str
+    actuator: str
+    value: float
+    deviation: float
+    known: bool

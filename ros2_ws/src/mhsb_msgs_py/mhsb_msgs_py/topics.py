@@ -43,6 +43,7 @@ JOINT_TRAJECTORY = Topic(names.JOINT_TRAJECTORY, JointTrajectory, qos.DEFAULT)
 MODE_COMMANDS = Topic(names.MODE_COMMANDS, JointTrajectory, qos.DEFAULT)
 MODES = Topic(names.MODES, UInt8MultiArray, qos.LATCHED)
 ACTUATOR_STATES = Topic(names.ACTUATOR_STATES, JointState, qos.DEFAULT)
+ESTIMATES = Topic(names.ESTIMATES, JointState, qos.DEFAULT)
 PLANNED_PATH = Topic(names.PLANNED_PATH, Path, qos.LATCHED)
 PLANNED_PATH_FLAT = Topic(names.PLANNED_PATH_FLAT, Path, qos.LATCHED)
 MARKERS = Topic(names.MARKERS, MarkerArray, qos.LATCHED)
@@ -60,6 +61,7 @@ SUITE_TOPICS = (
     MODE_COMMANDS,
     MODES,
     ACTUATOR_STATES,
+    ESTIMATES,
     PLANNED_PATH,
     PLANNED_PATH_FLAT,
     MARKERS,

@@ -18,6 +18,7 @@ CONTRACT = {
     "mode_commands": ("JointTrajectory", False, 10),
     "modes": ("UInt8MultiArray", True, 1),
     "actuator_states": ("JointState", False, 10),
+    "estimates": ("JointState", False, 10),
     "planned_path": ("Path", True, 1),
     "work_plane/planned_path": ("Path", True, 1),
     "markers": ("MarkerArray", True, 1),

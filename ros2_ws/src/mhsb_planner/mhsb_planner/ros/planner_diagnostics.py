@@ -18,11 +18,12 @@ PLANNER_STATUS = f"{PLANNER_NODE}: planner"
 
 
 def message(
-    node: Node, wall: float, lifecycle: GoalLifecycle, outbox: RosOutbox
+    node: Node, wall: float, lifecycle: GoalLifecycle, outbox: RosOutbox, payload: float
 ) -> DiagnosticArray:
     """One status: whether the planner knows the arm's state, and what it has done so far.
 
-    wall: by the steady clock [s]. What is there twice is also written to the log.
+    wall: by the steady clock [s]; payload: that plans are made for
+    [kg]. What is there twice is also written to the log.
     """
     doubles = duplicate_problem(node, outbox.own)
     if doubles:
@@ -38,6 +39,7 @@ def message(
             KeyValue(key="verdicts_given", value=str(outbox.verdicts)),
             KeyValue(key="plan_in_force", value=_plan_in_force(view)),
             KeyValue(key="lead_s", value=f"{lifecycle.lead.lead:.4f}"),
+            KeyValue(key="payload_kg", value=f"{payload:.3f}"),
         ],
     )
     header = Header(stamp=node.get_clock().now().to_msg())

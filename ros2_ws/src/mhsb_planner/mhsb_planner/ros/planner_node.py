@@ -28,11 +28,13 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model import command_line
+from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.verdict import GoalVerdict, Verdict
 from mhsb_msgs_py import (
     endpoints,
+    estimates,
     goal_pose,
     joint_state,
     modes_in_force,
@@ -48,6 +50,7 @@ from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.online.goal_lifecycle import LONGEST_WAIT, GoalLifecycle
+from mhsb_planner.online.learnt_payload import payload_to_plan_with
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.ros import planner_diagnostics, planner_parameters
@@ -69,6 +72,7 @@ class PlannerNode(Node):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
         self._lost_pumps: tuple[int, ...] = ()
+        self._learnt_payload: float | None = None
         self._settings = planner_parameters.read(self).settings(self._machine)
 
         self._outbox = RosOutbox(self, self._machine, self._frame_prefix)
@@ -107,6 +111,7 @@ class PlannerNode(Node):
             (topics.PLAN_IN_FORCE, self._on_plan_in_force),
             (topics.MODES, self._on_modes),
             (topics.DIAGNOSTICS, self._on_diagnostics),
+            (topics.ESTIMATES, self._on_estimates),
         ):
             endpoints.subscription(self, topic, callback)
         goals = topics.GOAL_POSE
@@ -137,8 +142,10 @@ class PlannerNode(Node):
             self._show_markers()
 
     def _take_settings(self) -> None:
-        """Plan by the parameters, with the servo pumps that work."""
-        self._settings = planner_parameters.read(self).settings(self._machine, self._lost_pumps)
+        """Plan by the parameters, with the servo pumps that work and what the arm has learnt."""
+        self._settings = planner_parameters.read(self).settings(
+            self._machine, self._lost_pumps, self._learnt_payload
+        )
         self._lifecycle.change(self._settings)
 
     # --- What is heard ---------------------------------------------------------------------------
@@ -204,6 +211,26 @@ class PlannerNode(Node):
             elif report.reason:
                 self._lifecycle.heard_refusal(report.plan_stamp_ns, report.reason, report.sentence)
 
+    def _on_estimates(self, message: JointState) -> None:
+        """What the arm has learnt: of that, plans may be made for its payload."""
+        try:
+            heard = estimates.decode(message)
+        except MessageError as error:
+            self._warn(f"estimates are not used: {error}")
+            return
+        payload = payload_to_plan_with(heard, self._learnt_payload)
+        if payload == self._learnt_payload:
+            return
+        self._learnt_payload = payload
+        if planner_parameters.read(self).payload_from != "estimate":
+            return
+        try:
+            self._take_settings()
+        except MhsbError as error:
+            self._warn(f"the payload of {payload:.2f} kg that the arm has learnt: {error}")
+        else:
+            self.get_logger().info(f"plans are made for {payload:.2f} kg, as the arm has learnt")
+
     def _received(self, info: dict[str, int]) -> float:
         """When a message came, by the steady clock [s]; the node may have been busy since."""
         waited = (time.time_ns() - info["received_timestamp"]) / SECOND_NS
@@ -230,7 +257,9 @@ class PlannerNode(Node):
         return response
 
     def _publish_diagnostics(self) -> None:
-        message = planner_diagnostics.message(self, self.wall(), self._lifecycle, self._outbox)
+        message = planner_diagnostics.message(
+            self, self.wall(), self._lifecycle, self._outbox, self._settings.machine.arrays.payload
+        )
         self._outbox.publish(topics.DIAGNOSTICS, message)
 
     def _show_markers(self) -> None:

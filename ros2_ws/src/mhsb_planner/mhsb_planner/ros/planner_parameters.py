@@ -29,6 +29,7 @@ from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
 READINGS = ("paper", "series")
+PAYLOAD_FROM = ("file", "estimate")
 FREE_PSI = math.nan
 FREE_ANGLES = "goal_psi", "goal_psi_min", "goal_psi_max"
 HIGHEST_PRESSURE = 5e7  # Pa
@@ -59,6 +60,7 @@ class PlannerParameters:
     weights          (w1, w2, w3) of energy, time and mode switches
     energy_reading   price of boosted oil, `paper` or `series`
     payload          kg
+    payload_from     whether that is planned with, or what the arm has learnt, one of `PAYLOAD_FROM`
     supply_pressure  Pa
     v_max            m/s, piston speed
     lead_min, lead_max  s, between which the time adapts from a plan's stamp to where it leaves the
@@ -78,6 +80,7 @@ class PlannerParameters:
     weights: tuple[float, float, float]
     energy_reading: EnergyReading
     payload: float
+    payload_from: str
     supply_pressure: float
     v_max: float
     lead_min: float
@@ -106,11 +109,22 @@ class PlannerParameters:
             max_speed_excess=self.max_speed_excess,
         )
 
-    def settings(self, base: Machine, lost_servo_pumps: tuple[int, ...] = ()) -> Settings:
-        """How plans are made, by the machine of the file, some of whose servo pumps may be lost."""
+    def settings(
+        self,
+        base: Machine,
+        lost_servo_pumps: tuple[int, ...] = (),
+        learnt_payload: float | None = None,
+    ) -> Settings:
+        """How plans are made, by the machine of the file, some of whose servo pumps may be lost.
+
+        learnt_payload: kg, planned with where `payload_from` asks for it.
+        """
         modules = max(base.arrays.module_count - len(lost_servo_pumps), 0)
+        machine = self.machine(base)
+        if self.payload_from == "estimate" and learnt_payload is not None:
+            machine = machine.changed(payload=learnt_payload)
         return Settings(
-            self.machine(base).changed(module_count=modules),
+            machine.changed(module_count=modules),
             self.options,
             self.lead_min,
             self.lead_max,
@@ -173,6 +187,14 @@ def declare(node: Node, machine: Machine) -> None:
     )
     node.declare_parameter(
         "payload", arrays.payload, _described("at the tip [kg]", (0.0, HEAVIEST_PAYLOAD))
+    )
+    node.declare_parameter(
+        "payload_from",
+        PAYLOAD_FROM[0],
+        _described(
+            "file: plans are made for the parameter payload; estimate: for what the arm has learnt "
+            "on `estimates`, once that is known well, until then for the parameter"
+        ),
     )
     node.declare_parameter(
         "supply_pressure",
@@ -280,7 +302,11 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
     """Why a set of changes cannot be made, in one sentence, or None where it can."""
     values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
     values |= {change.name: change.value for change in changes if change.name in values}
-    for name, allowed in (("planner", tuple(PLANNERS)), ("energy_reading", READINGS)):
+    for name, allowed in (
+        ("planner", tuple(PLANNERS)),
+        ("energy_reading", READINGS),
+        ("payload_from", PAYLOAD_FROM),
+    ):
         if values[name] not in allowed:
             return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
     weights = list(values["weights"])
@@ -322,6 +348,7 @@ _CHANGEABLE = (
     "weights",
     "energy_reading",
     "payload",
+    "payload_from",
     "supply_pressure",
     "v_max",
     "lead_min",
@@ -346,6 +373,7 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
         weights=(first, second, third),
         energy_reading=values["energy_reading"],
         payload=values["payload"],
+        payload_from=values["payload_from"],
         supply_pressure=values["supply_pressure"],
         v_max=values["v_max"],
         lead_min=values["lead_min"],

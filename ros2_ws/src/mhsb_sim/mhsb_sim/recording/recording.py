@@ -19,6 +19,7 @@ from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_msgs_py import (
     actuator_states,
+    estimates,
     goal_pose,
     joint_state,
     mode_schedule,
@@ -99,6 +100,7 @@ class Recording:
     reports            verdicts and execution reports, each with its time
     hand_overs         `HandOverReport` of each plan that reached the simulator, with its time
     simulator_reports  `SimulatorReport` of every second, with its time
+    estimates          lists of `Estimate`, what the servo has learnt, each with its time
     unreadable         one sentence for each message that breaks its contract
     """
 
@@ -117,6 +119,7 @@ class Recording:
     hand_overs: tuple[Timed, ...]
     simulator_reports: tuple[Timed, ...]
     unreadable: tuple[str, ...] = field(default=())
+    estimates: tuple[Timed, ...] = field(default=())
 
 
 def decoded(raw: RawMessages, what: str, namespace: str = "") -> Recording:
@@ -176,6 +179,7 @@ class _Messages:
             reports=self._statuses(topics.PLAN_STATUS, plan_status.decode),
             hand_overs=_of_kind(HandOverReport, diagnostics),
             simulator_reports=_of_kind(SimulatorReport, diagnostics),
+            estimates=tuple(self._decoded(topics.ESTIMATES, estimates.decode)),
             unreadable=tuple(self._unreadable),
         )
 

@@ -8,6 +8,7 @@ from tqdm import tqdm
 
 from mhsb_planner.evaluation.move_page import draw_move_page
 from mhsb_planner.evaluation.operating_regions import OperatingRegions
+from mhsb_sim.report.estimate_figure import draw_estimates
 from mhsb_sim.report.hydraulic_figures import draw_energy, draw_modes, draw_pressures
 from mhsb_sim.report.motion_figures import draw_joints, draw_tip_error
 from mhsb_sim.report.recorded_moves import recorded_moves
@@ -21,18 +22,25 @@ FIGURES = {
     "energy.png": draw_energy,
     "tip_error.png": draw_tip_error,
 }
+LEARNT_FIGURE = "estimates.png"
 WORKSPACE_FIGURE = "workspace.png"
 
 
 def draw_all(run: RecordedRun, regions: OperatingRegions, folder: Path) -> list[Path]:
-    """Draw every figure of a run into a folder that is there; returns the files."""
-    with tqdm(total=1 + len(FIGURES), desc="figures", leave=False, disable=None) as bar:
+    """Draw every figure of a run into a folder that is there; returns the files.
+
+    What was learnt is drawn where the servo has told it.
+    """
+    figures = dict(FIGURES)
+    if run.recording.estimates:
+        figures[LEARNT_FIGURE] = draw_estimates
+    with tqdm(total=1 + len(figures), desc="figures", leave=False, disable=None) as bar:
         draw_workspace(run, regions, folder / WORKSPACE_FIGURE)
         bar.update()
-        for name, draw in FIGURES.items():
+        for name, draw in figures.items():
             draw(run, folder / name)
             bar.update()
-    return [folder / name for name in (WORKSPACE_FIGURE, *FIGURES)]
+    return [folder / name for name in (WORKSPACE_FIGURE, *figures)]
 
 
 def draw_moves(run: RecordedRun, folder: Path) -> list[Path]:

@@ -19,6 +19,7 @@ from mhsb_model.verdict import Level
 from mhsb_msgs_py import (
     actuator_states,
     endpoints,
+    estimates,
     joint_state,
     modes_in_force,
     reference,
@@ -55,6 +56,7 @@ class ArmPublisher:
                 topics.PLAN_IN_FORCE,
                 topics.MODES,
                 topics.ACTUATOR_STATES,
+                topics.ESTIMATES,
                 topics.DIAGNOSTICS,
                 topics.ROBOT_DESCRIPTION,
                 *([topics.CLOCK] if with_clock else []),
@@ -88,6 +90,8 @@ class ArmPublisher:
         if now_ns >= self._next_modes_ns:
             self._next_modes_ns += MODES_PERIOD_NS
             self._modes = None  # at this rate also where nothing changes
+            if learnt := self._simulator.estimates:
+                self._publish(topics.ESTIMATES, estimates.encode(learnt, now_ns))
         self.publish_changes()
         return due
 

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mhsb_model.arm_reports import Estimate
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.network import Circuit
@@ -62,6 +63,11 @@ class Controller(Protocol):
 
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
         """Bind to the signals that `update` will work on."""
+        ...
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """What it has learnt of its machine; nothing where it does not learn."""
         ...
 
     def update(self) -> None:

@@ -12,6 +12,7 @@ measured, no pressure is kept in reserve beyond the plan's.
 
 from __future__ import annotations
 
+from mhsb_model.arm_reports import Estimate
 from mhsb_model.hydraulics import load_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
@@ -22,7 +23,7 @@ from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, set_targets
 from mhsb_sim.servo.controller import ServoSignals
-from mhsb_sim.servo.estimates import Estimate, estimates_of
+from mhsb_sim.servo.estimates import estimates_of
 from mhsb_sim.servo.line_estimate import weigh_lines
 from mhsb_sim.servo.servo_pumps import Pumps, drive_pumps, look_ahead, pumps_of
 from mhsb_sim.servo.valve_estimate import Valves, inverse, learn, valves_of

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_model.arm_reports import Estimate
 from mhsb_sim.servo import line_estimate, pump_estimate, valve_estimate
 from mhsb_sim.servo.line_estimate import Lines
 from mhsb_sim.servo.load_estimate import FRICTION_DEVIATION, SHARE_OF_PAYLOAD, Load
@@ -15,24 +15,6 @@ from mhsb_sim.servo.valve_estimate import Valves
 
 KNOWN_BELOW = 0.5
 """Standard deviation, as a share of what it was at first, from which on a value counts as known."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One value that is learnt.
-
-    quantity   payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine file's];
-               overlap [share of the stroke]; pump_lag, delay [s]
-    actuator   whose it is, empty for what is the whole arm's
-    deviation  standard deviation
-    known      False: not to be told from the motion so far
-    """
-
-    quantity: str
-    actuator: str
-    value: float
-    deviation: float
-    known: bool
 
 
 def estimates_of(

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from mhsb_model.arm_reports import Estimate
 from mhsb_model.hydraulics import inlet_area
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
@@ -45,6 +46,11 @@ class IndependentController:
         integrals = np.zeros(len(signals.circuit.modules))
         cascade = servo_of(machine, signals, servo, servo.supply_margin)
         self._control = bind(control, cascade, own_gains, integrals)
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """It learns nothing."""
+        return []
 
     def update(self) -> None:
         """Write all commands for the next step."""

@@ -16,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mhsb_model.arm_reports import Estimate
 from mhsb_model.braking import brake_along
 from mhsb_model.holding import holding_modes, modes_to_stop
 from mhsb_model.machine import Machine
@@ -312,6 +313,11 @@ class Simulator:
             pump_command=believed.modules["flow_command"].copy(),
             modes=signals.modes.copy(),
         )
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """What the servo has learnt of its machine since the valves opened."""
+        return self._controller.estimates
 
     @property
     def energies(self) -> dict[str, float]:

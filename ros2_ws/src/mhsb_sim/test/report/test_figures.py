@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import matplotlib.image
 import numpy as np
 import pytest
 
+from mhsb_model.arm_reports import Estimate
 from mhsb_model.figure_style import RESOLUTION, WIDTH, telling_rows
 from mhsb_model.modes import Mode
 from mhsb_planner.evaluation.operating_regions import operating_regions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.recording.bag_reader import read_recording
+from mhsb_sim.recording.recording import Timed
 from mhsb_sim.report import figures
 from mhsb_sim.report.recorded_run import recorded_run
 from mhsb_sim.report.run_axes import mode_spans
@@ -45,6 +49,32 @@ def test_a_recording_without_plans_and_reports_is_drawn_all_the_same(idle_bag, m
     idle = recorded_run(read_recording(idle_bag), machine)
     regions = operating_regions(machine, table_for(machine))
     assert len(figures.draw_all(idle, regions, tmp_path)) == len(NAMES)
+
+
+def learnt_in(run):
+    """The run with estimates that become known on the way."""
+    times = np.linspace(*run.recording.joint_states.time_ns[[0, -1]], 20).astype(np.int64)
+    heard = []
+    for k, time_ns in enumerate(times):
+        spread, known = 2.0 / (1 + k), k > 4
+        values = [Estimate("payload", "", 10.0 + spread, spread, known)]
+        for actuator in run.machine.actuator_names:
+            values += [
+                Estimate(quantity, actuator, 1.0 - 0.1 * spread, 0.1 * spread, known)
+                for quantity in ("friction", "leakage", "valve_gain")
+            ]
+            values.append(Estimate("overlap", actuator, 0.02, 0.01 * spread, known))
+        heard.append(Timed(int(time_ns), values))
+    return replace(run, recording=replace(run.recording, estimates=tuple(heard)))
+
+
+def test_what_the_servo_has_learnt_is_drawn_where_it_has_told_it(run, tmp_path):
+    regions = operating_regions(run.machine, table_for(run.machine))
+    names = [path.name for path in figures.draw_all(learnt_in(run), regions, tmp_path)]
+    assert sorted(names) == sorted([*NAMES, "estimates.png"])
+    picture = matplotlib.image.imread(tmp_path / "estimates.png")[..., :3]
+    assert picture.shape[1] == WIDTH * RESOLUTION
+    assert len(np.unique((255 * picture).astype(np.uint8).reshape(-1, 3), axis=0)) > 50
 
 
 def test_thinning_keeps_every_peak():

@@ -2,11 +2,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mhsb_model.arm_reports import Estimate
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_sim.servo.coordinated import CoordinatedController
-from mhsb_sim.servo.estimates import Estimate
 from mhsb_sim.simulation.simulator import Simulator
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
@@ -30,9 +29,7 @@ def plant_of(machine: Machine) -> Machine:
 
 
 def estimates(simulator: Simulator) -> list[Estimate]:
-    controller = simulator._controller
-    assert isinstance(controller, CoordinatedController)
-    return controller.estimates
+    return simulator.estimates
 
 
 def test_at_rest_nothing_is_known(machine: Machine) -> None:
