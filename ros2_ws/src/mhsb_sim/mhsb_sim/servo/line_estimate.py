@@ -9,8 +9,9 @@ with Q the pumps' measured flow, C what lines, rail and the chambers behind open
 machine file, A_dir the area of a cylinder's inlet, and q_leak a valve's leakage by the file. c is
 the file's bulk modulus in the true one, of all oil alike; λ_j is each valve's own. A line alone
 gives one such balance, the rail and all that is joined to it another. A Kalman filter of c and λ,
-which wander slowly, takes up window after window; what none has told of keeps its standard
-deviation. Source: the line's balance of oil (H. E. Merritt, Hydraulic Control Systems).
+which wander slowly, takes up window after window; what none has told of standard deviation. Where lines are
+at the manifold's pressure although pumps feed them, they take at least what these deliver: the
+balance is learnt from only where it tells of more leakage. Source: the line's balance of oil (H. E. Merritt, Hydraulic Control Systems).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ FLOW, READING, MODEL = 1.5e-7, 3e-9, 0.1
 """Standard deviations of a window's oil: flow [m³/s] that is not in the balance, a moving piston's
 way [m³], and a share of what is compressed."""
 
-LEAST, MOST = 0.2, 3.0
+LEAST_SQUEEZE, LEAST_LEAKAGE, MOST = 0.4, 0.2, 3.0
 """c and λ that are taken for an estimate."""
 
 SHUT, WIDE = 0.02, 0.9
@@ -54,6 +55,7 @@ BALANCE = np.dtype(
     [
         ("steps", "i8"),  # of the window so far
         ("members", "i8"),  # bit j: line j is of it
+        ("open", "i8"),  # 1 where the manifold may feed it, too
         ("supplied", "f8"),  # m³, by pumps
         ("moved", "f8"),  # m³, taken by pistons
         ("moving", "f8"),  # 1 where any moved
@@ -102,14 +104,14 @@ def weigh_lines(s: Servo, lines: Lines) -> None:
     for j in range(n):
         alone = s.actuators[j].join < SHUT
         flow, feeds = fed(s, 1 << j, False)
-        alone = alone and feeds and s.sensors[j].line_pressure > c.supply_pressure + CLEAR
-        balance(s, lines, j, 1 << j if alone else 0, flow)
+        clear = s.sensors[j].line_pressure > c.supply_pressure + CLEAR
+        balance(s, lines, j, 1 << j if alone and feeds else 0, 0 if clear else 1, flow)
     flow, feeds = fed(s, joined, True)
-    if broken or not feeds or s.rail_pressure[0] < c.supply_pressure + CLEAR:
+    if broken or not feeds:
         joined = 0
-    balance(
-        s, lines, n, joined, flow - c.bleed_conductance * (s.rail_pressure[0] - c.tank_pressure)
-    )
+    clear = s.rail_pressure[0] > c.supply_pressure + CLEAR
+    flow -= c.bleed_conductance * (s.rail_pressure[0] - c.tank_pressure)
+    balance(s, lines, n, joined, 0 if clear else 1, flow)
     for j in range(n):
         sensor, before = s.sensors[j], lines.before[j]
         before[0], before[1] = sensor.line_pressure, sensor.cap_pressure
@@ -132,11 +134,14 @@ def fed(s: Servo, members: int, rail: bool) -> tuple[float, bool]:
 
 
 @kernel
-def balance(s: Servo, lines: Lines, g: int, members: int, flow: float) -> None:
-    """Take a step into balance g, of these lines; flow: of pumps into them [m³/s]."""
+def balance(s: Servo, lines: Lines, g: int, members: int, fed_too: int, flow: float) -> None:
+    """Take a step into balance g, of these lines.
+
+    fed_too: 1 where the manifold may feed them as well; flow: of pumps into them [m³/s].
+    """
     own, row, c, step = lines.balances[g], lines.row[g], s.constants[0], s.gains[0].step
-    if members == 0 or own.members != members:
-        own.members, own.steps = members, 0
+    if members == 0 or own.members != members or own.open != fed_too:
+        own.members, own.open, own.steps = members, fed_too, 0
         if members == 0:
             return
     if own.steps == 0:
@@ -157,7 +162,9 @@ def balance(s: Servo, lines: Lines, g: int, members: int, flow: float) -> None:
         return
     own.steps = 0
     spread = (FLOW * WINDOW * step) ** 2 + own.moving * READING**2 + (MODEL * row[0]) ** 2
-    update(lines, row, own.supplied - own.moved, spread)
+    oil = own.supplied - own.moved
+    if own.open == 0 or (own.moving == 0.0 and oil > np.dot(row, lines.believed)):
+        update(lines, row, oil, spread)
 
 
 @kernel
@@ -198,6 +205,7 @@ def update(lines: Lines, row: FloatArray, oil: float, spread: float) -> None:
         spread += row[i] * carried[i]
         away -= row[i] * believed[i]
     for i in range(n):
-        believed[i] = min(max(believed[i] + carried[i] / spread * away, LEAST), MOST)
+        least = LEAST_SQUEEZE if i == 0 else LEAST_LEAKAGE
+        believed[i] = min(max(believed[i] + carried[i] / spread * away, least), MOST)
         for k in range(n):
             covariance[i, k] -= carried[i] * carried[k] / spread

@@ -68,6 +68,27 @@ def test_a_line_that_is_half_joined_tells_nothing(machine: Machine) -> None:
     np.testing.assert_array_equal(lines.believed, 1.0)
 
 
+def test_a_line_that_stays_at_the_manifold_leaks_at_least_what_its_pump_delivers(
+    machine: Machine,
+) -> None:
+    signals = Simulator(machine)._signals
+    lines = lines_of(machine.joint_count)
+    servo = servo_of(machine, signals, machine.config.servo.coordinated)
+    servo.modules["flow"] = servo.modules["to_rail"] = 0.0
+    servo.actuators["join"] = 0.0
+    servo.axes["speed"] = 0.0
+    servo.serves[0] = 0
+    pressure = machine.arrays.supply_pressure
+    servo.sensors["line_pressure"] = pressure
+    lines.believed[1] = 0.4  # wrongly
+    lines.covariance[1, 1] = 1e-3
+    for flow, least, most in ((0.2, 0.39, 0.41), (0.9, 0.85, 0.91)):
+        servo.modules["flow"][0] = flow * leakage_at(servo.constants[0], pressure)
+        for _ in range(1500):
+            weigh_lines(servo, lines)
+        assert least < lines.believed[1] < most
+
+
 def test_the_filter_comes_to_what_least_squares_give() -> None:
     random = np.random.default_rng(0)
     rows = random.uniform(0.5e-8, 2e-8, (60, 3))
