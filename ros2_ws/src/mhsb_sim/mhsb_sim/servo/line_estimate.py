@@ -11,7 +11,7 @@ the file's bulk modulus in the true one, of all oil alike; λ_j is each valve's 
 gives one such balance, the rail and all that is joined to it another. A Kalman filter of c and λ,
 which wander slowly, takes up window after window; what none has told of keeps its standard
 deviation. Where lines are at the manifold's pressure although pumps feed them, they take at least
-what these deliver: the balance is learnt from only where it tells of more leakage. Source: the
+what these deliver: at rest the balance is learnt from where it tells of more leakage. Source: the
 line's balance of oil (H. E. Merritt, Hydraulic Control Systems).
 """
 
