@@ -105,6 +105,14 @@ def _draw_joints(move: Move, axes: Axes) -> None:
 
 
 def _draw_modes(move: Move, axes: Axes) -> None:
+    draw_mode_bars(move, axes)
+    axes.set_xlim(move.time[0], move.time[-1])
+    axes.set_xlabel("time [s]")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, title="mode")
+
+
+def draw_mode_bars(move: Move, axes: Axes) -> None:
+    """A bar for each actuator in the colours of its modes over time, which have their labels."""
     n = move.machine.joint_count
     for j in range(n):
         for begin, end, mode in spans(move.modes[:, j]):
@@ -115,9 +123,6 @@ def _draw_modes(move: Move, axes: Axes) -> None:
     axes.set_yticks(range(n), [f"actuator {j + 1}" for j in range(n)])
     axes.set_ylim(n - 0.4, -0.6)
     axes.grid(visible=False)
-    axes.set_xlim(move.time[0], move.time[-1])
-    axes.set_xlabel("time [s]")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, title="mode")
 
 
 def spans(mode: ModeArray) -> Iterator[tuple[int, int, Mode]]:

@@ -25,7 +25,7 @@ from mhsb_model.kinematics import joint_positions
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray
 from mhsb_planner.evaluation.move import Move
-from mhsb_planner.evaluation.move_page import spans
+from mhsb_planner.evaluation.move_page import draw_mode_bars, spans
 from mhsb_planner.evaluation.workspace_drawing import draw_obstacles, draw_workspace_axes
 from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, linkage_bars
 
@@ -161,16 +161,7 @@ class _Film:
         axes.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
     def _draw_modes(self, axes: Axes) -> None:
-        n = self._move.machine.joint_count
-        for j in range(n):
-            for begin, end, mode in spans(self._move.modes[:, j]):
-                since, until = self._move.time[begin], self._move.time[end]
-                axes.broken_barh([(since, until - since)], (j - 0.4, 0.8), color=MODE_COLOR[mode])
-        for mode in Mode:
-            axes.broken_barh([], (0, 0), color=MODE_COLOR[mode], label=mode.name)
-        axes.set_yticks(range(n), [f"actuator {j + 1}" for j in range(n)])
-        axes.set_ylim(n - 0.4, -0.6)
-        axes.grid(visible=False)
+        draw_mode_bars(self._move, axes)
         axes.set_title("modes")
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=7.5)
 
