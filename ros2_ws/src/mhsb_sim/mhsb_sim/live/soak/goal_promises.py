@@ -77,11 +77,8 @@ def none_lost(events: Events) -> Kept:
     for fate in goal_fates(events.recording):
         begin_ns = fate.sent.recorded_ns
         later = (time_ns for time_ns in sent if time_ns > begin_ns + SECOND_NS)
-        end_ns = min(
-            next(later, events.end_ns),
-            ended.get(fate.goal.stamp_ns, events.end_ns),
-            begin_ns + LONGEST_MOTION_NS,
-        )
+        end_ns = ended.get(fate.goal.stamp_ns, next(later, events.end_ns))
+        end_ns = min(end_ns, begin_ns + LONGEST_MOTION_NS)
         disturbed = overlapping(disturbances, begin_ns, end_ns, after=SETTLED)
         if disturbed or _faulty(events, begin_ns) or _something_fails(events, begin_ns, end_ns):
             continue

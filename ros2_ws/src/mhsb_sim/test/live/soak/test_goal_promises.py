@@ -59,6 +59,17 @@ def test_a_goal_lost_without_a_disturbance_is_told_with_its_reason(spoilt, make)
     assert goal_promises.none_lost(spoilt(recording=never, deeds=disturbed)).held
 
 
+def test_a_goal_is_disturbed_until_it_ends_whatever_goals_are_sent_meanwhile(spoilt, make):
+    deeds = (
+        make.deed(DeedKind.GOAL, PLANNER, 10.4, 10.4, 1),
+        make.deed(DeedKind.GOAL, PLANNER, 12.0, 12.0, 2),
+        make.deed(DeedKind.STOP, SIM, 14.0, 14.1),
+    )
+    never = {"plans_in_force": (make.heard(0.0, 0),)}
+    assert goal_promises.none_lost(spoilt(recording=never, deeds=deeds)).held
+    assert not goal_promises.none_lost(spoilt(recording=never, deeds=deeds[:2])).held
+
+
 @pytest.mark.parametrize(("healed", "counts"), [(6.0, True), (12.0, False)])
 def test_a_goal_counts_only_where_nothing_fails_be_it_found_or_not(spoilt, make, healed, counts):
     deeds = (
