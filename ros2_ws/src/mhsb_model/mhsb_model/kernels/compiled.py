@@ -58,7 +58,7 @@ def compiled(function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
     if config.DISABLE_JIT:
         return function
     # Nobody takes a kernel as a C function, which numba would wrap each as.
-    fixed = {"nopython": True, "nogil": True, "no_cfunc_wrapper": True}
+    fixed = {"nopython": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
     made = CompiledKernel(function, targetoptions={**options, **fixed})
     made.enable_caching()
     return made
