@@ -260,17 +260,17 @@ def _relax(
     """
     patterns = len(t.patterns)
     row, p = target // patterns, target % patterns
-    if target < len(f.cost) - 1:
+    if target < len(f.states) - 1:
         best = known.best[row]
         if best == NOWHERE:
             known.best[row] = target
-        elif cost >= f.cost[best] + t.weight[2] * t.switches[best % patterns, p]:
+        elif cost >= f.states[best].cost + t.weight[2] * t.switches[best % patterns, p]:
             return False
-        elif cost < f.cost[best]:
+        elif cost < f.states[best].cost:
             known.best[row] = target
-    if cost >= f.cost[target]:
+    if cost >= f.states[target].cost:
         return False
-    reach(f, target, state, 1 if state == NOWHERE else f.depth[state] + 1, cost, least)
+    reach(f, target, state, 1 if state == NOWHERE else f.states[state].depth + 1, cost, least)
     return True
 
 
@@ -332,7 +332,7 @@ def expand(
     Oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
     """
     patterns, w_switch = len(t.patterns), t.weight[2]
-    sink = len(f.cost) - 1
+    sink = len(f.states) - 1
     n = len(lattice.shape)
     at = np.empty(n, dtype=np.int64)
     none, after = np.zeros(patterns, dtype=np.int64), np.empty(patterns, dtype=np.int64)
@@ -348,9 +348,9 @@ def expand(
                 return EXHAUSTED
             if state == sink:
                 return FOUND
-            here, own, so_far = state // patterns, state % patterns, f.cost[state]
+            here, own, so_far = state // patterns, state % patterns, f.states[state].cost
             best = known.best[here]
-            if so_far > f.cost[best] + w_switch * t.switches[best % patterns, own]:
+            if so_far > f.states[best].cost + w_switch * t.switches[best % patterns, own]:
                 continue
         origin = Origin(state, own, so_far)
         f.counts[EXPANDED] += 1
@@ -382,7 +382,7 @@ def expand(
             if there + least >= enough:
                 continue
             best = known.best[target]
-            if best != NOWHERE and there >= f.cost[best] + w_switch * n:
+            if best != NOWHERE and there >= f.states[best].cost + w_switch * n:
                 continue
             _load(t, known, target, w.points, 1)
             f.counts[GENERATED] += 1
@@ -446,7 +446,7 @@ class LatticeSearch:
     @property
     def cost(self) -> float:
         """Cost of the route found."""
-        return float(self._frontier.cost[-1])
+        return self._frontier.goal_cost
 
     def search(
         self,

@@ -42,7 +42,6 @@ from mhsb_planner.search.s2_step import DURATION, new_scratch
 class Known(NamedTuple):
     """What this search notes beside its frontier."""
 
-    edge: IntArray  # [states + 1] step by which it was reached, in the list its parent implies
     remaining: FloatArray  # [postures] least cost to the goal, NaN where not yet computed
     cheapest: IntArray  # [postures] pattern of its state with the least cost so far, or NOWHERE
 
@@ -81,8 +80,8 @@ def expand(
     Steps that are not in `edges` yet are priced by `terms`. Oracle:
     scipy.sparse.csgraph.dijkstra on the same graph.
     """
-    so_far, depth, heap, counts = f.cost, f.depth, f.heap, f.counts
-    edge, remaining, cheapest = known
+    states, heap, counts = f.states, f.heap, f.counts
+    remaining, cheapest = known
     edge_first, edge_last, edge_used, edge_state, edge_pattern, edge_cost = edges
     start_state, start_pattern = asked.from_start.state, asked.from_start.pattern
     start_cost, start_switches = asked.from_start.cost, asked.start_switches
@@ -96,7 +95,7 @@ def expand(
     room = largest_number(terms.layout, terms.patterns)
     leakage = len(area) * c.leakage_flow
     w_energy, w_time, w_switch = asked.weight
-    sink = len(so_far) - 1
+    sink = len(states) - 1
     fresh = counts[EXPANDED] == 0
     for _ in range(limit):
         if fresh:
@@ -110,10 +109,9 @@ def expand(
             own = state % len(switches)  # a posture's states are those of its node in some patterns
             if state != sink:
                 pattern = cheapest[owner[state]]
-                other, switching = state - own + pattern, w_switch * switches[pattern, own]
-                if _is_passed_over(
-                    so_far[state], depth[state], so_far[other], depth[other], switching
-                ):
+                here, other = states[state], states[state - own + pattern]
+                switching = w_switch * switches[pattern, own]
+                if _is_passed_over(here.cost, here.depth, other.cost, other.depth, switching):
                     take_first(f)
                     continue
             if state != sink and edge_first[owner[state]] == NOT_PRICED:
@@ -128,7 +126,7 @@ def expand(
             if state == sink:
                 return FOUND
             posture = owner[state]
-            so, steps = so_far[state], depth[state] + 1
+            so, steps = states[state].cost, states[state].depth + 1
             begin, grid_end = edge_first[posture], edge_last[posture]
             end = grid_end + goal_first[posture + 1] - goal_first[posture]
         counts[EXPANDED] += 1
@@ -149,18 +147,19 @@ def expand(
                 cost = w_energy * goal_cost[e, column] + w_time * goal_cost[e, DURATION]
                 cost += w_switch * switches[own, goal_pattern[e]]
             cost += so
-            if cost > so_far[target] or (cost == so_far[target] and steps >= depth[target]):
+            there = states[target]
+            if cost > there.cost or (cost == there.cost and steps >= there.depth):
                 continue
             least = 0.0
             if target != sink:
                 at, arrival = owner[target], start_pattern[e] if fresh else edge_pattern[e]
                 pattern = cheapest[at]
-                other = target - arrival + pattern
-                if pattern == NOWHERE or cost < so_far[other]:
+                other = states[target - arrival + pattern]
+                if pattern == NOWHERE or cost < other.cost:
                     cheapest[at] = arrival
                 else:
                     switching = w_switch * switches[pattern, arrival]
-                    if _is_passed_over(cost, steps, so_far[other], depth[other], switching):
+                    if _is_passed_over(cost, steps, other.cost, other.depth, switching):
                         continue
                 if math.isnan(remaining[at]):
                     remaining[at] = math.inf
@@ -177,7 +176,7 @@ def expand(
                         )
                         remaining[at] = min(remaining[at], bound)
                 least = remaining[at]
-            edge[target] = e
+            there.step = e
             reach(f, target, state, steps, cost, least)
         fresh = False
     return PAUSED
@@ -192,10 +191,9 @@ class ExactSearch:
         self._query = query
         layout = query.graph.layout
         self._frontier = empty_frontier(layout.owner.size)
-        edge = np.empty(layout.owner.size + 1, dtype=np.int64)
         postures, reached = len(layout.posture), np.zeros(len(query.goal.postures.length), bool)
         reached[query.to_goal.end] = True
-        self._known = Known(edge, np.full(postures, np.nan), np.full(postures, NOWHERE))
+        self._known = Known(np.full(postures, np.nan), np.full(postures, NOWHERE))
         self._asked = Asked(
             from_start=query.from_start,
             start_switches=query.start_switches,
@@ -220,7 +218,7 @@ class ExactSearch:
     @property
     def cost(self) -> float:
         """Cost of the path found."""
-        return float(self._frontier.cost[-1])
+        return self._frontier.goal_cost
 
     def expand(self, limit: int) -> int:
         """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED."""
@@ -241,4 +239,4 @@ class ExactSearch:
     def way(self) -> tuple[IntArray, IntArray]:
         """The path found: the states between start and goal, and the numbers of its steps."""
         way = way_to_goal(self._frontier)
-        return way[:-1], self._known.edge[way]
+        return way[:-1], self._frontier.states["step"][way].astype(np.int64)

@@ -18,8 +18,8 @@ def test_the_waiting_state_with_the_least_estimate_is_taken_first_and_then_none(
     reach(frontier, 1, NOWHERE, 1, 3.0, 1.0)
     assert frontier.counts[WAITING] == 2
     assert [take_first(frontier) for _ in range(3)] == [1, 0, NOWHERE]
-    assert frontier.cost[:2].tolist() == [1.0, 3.0]
-    assert np.isinf(frontier.cost[2])
+    assert frontier.states.cost[:2].tolist() == [1.0, 3.0]
+    assert np.isinf(frontier.states.cost[2])
 
 
 def test_a_state_reached_more_cheaply_moves_up_and_one_that_was_expanded_waits_again():
