@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = sorted(file.parent for file in ROOT.glob("ros2_ws/src/*/package.xml"))
+PACKAGES = sorted(file.parent for file in ROOT.glob("ros2_ws/src/*/setup.py"))
 KEYS = {
     "PIL": "python3-pil",
     "hypothesis": "python3-hypothesis",

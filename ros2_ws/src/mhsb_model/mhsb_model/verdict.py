@@ -26,6 +26,7 @@ class Verdict(StrEnum):
     FRAME = "FRAME"  # a frame that goals cannot be given in
     OUT_OF_WORKSPACE = "OUT_OF_WORKSPACE"
     INFEASIBLE = "INFEASIBLE"  # no path within the machine's limits
+    OPTIONS = "OPTIONS"  # options of the goal's own that the planner does not take
     ZONE = "ZONE"  # in a keep-out zone
     NOT_FOUND = "NOT_FOUND"  # no motion was found within the longest lead
     DEADLINE = "DEADLINE"  # motions were found, but none in time to be sent
@@ -130,3 +131,7 @@ class ExecutionReport:
     attempts: int = 1
     lead_ms: float = 0.0
     reason: Verdict | None = None
+
+
+Report = GoalVerdict | ExecutionReport
+"""What is told of goals."""

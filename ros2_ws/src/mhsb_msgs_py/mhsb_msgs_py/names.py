@@ -26,6 +26,7 @@ ROBOT_DESCRIPTION = "robot_description"
 DIAGNOSTICS = "/diagnostics"
 CLOCK = "/clock"
 
+MOVE_TIP_ACTION = "~/move_tip"
 STOP_SERVICE = "~/stop"
 RESET_SERVICE = "~/reset"
 CLEAR_FAULTS_SERVICE = "~/clear_faults"

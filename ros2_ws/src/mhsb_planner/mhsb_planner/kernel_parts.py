@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
+import numpy as np
+
 from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.motion import s3_trajectory
+from mhsb_planner.motion.energy import energy_of_states
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.search import area_shortfall, fixed_j3, goal_clearance, s2_search
 from mhsb_planner.search.s2_graph import StepGraph
@@ -49,8 +52,10 @@ def lattice() -> None:
 
 
 def motion() -> None:
-    """S3, S4 and the energy of a motion."""
+    """S3, S4 and the energy of a motion, and of a part of it."""
     s3_trajectory.warm_up(machine())
+    rest = np.zeros((1, machine().joint_count))
+    energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
 
 
 def refinement() -> None:

@@ -18,14 +18,14 @@ from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray
-from mhsb_model.verdict import ExecutionReport, GoalVerdict
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Report
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.online.arm_view import NO_PLAN
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
-from mhsb_planner.online.plan_request import PlanRequest, Settings
-from mhsb_planner.online.ports import Report
+from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.replanning import Replan, Replanner
+from mhsb_planner.online.settings import Settings
 
 BEGINNING = 1e9
 """By the world's clock [s]; far beyond the processor's, so that no deadline passes by itself."""

@@ -30,8 +30,8 @@ from mhsb_planner.evaluation.moves import Move
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import motion_profile
 from mhsb_planner.motion.s3_limits import Demand
-from mhsb_planner.online.plan_request import Settings
 from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 
 SEED = 0

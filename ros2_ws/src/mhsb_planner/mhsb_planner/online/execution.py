@@ -14,7 +14,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, PlanSummary
 from mhsb_planner.online.arm_view import NO_PLAN, ArmView
 from mhsb_planner.online.goal_in_hand import GoalInHand
-from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.online.settings import Settings
 
 REACHED_DISTANCE = 0.010
 """How near the measured tip must come to the goal [m]."""
@@ -43,6 +43,7 @@ class Execution:
     target   where the command leads: to the goal, or a little ahead of one that moves
     plan     what its verdict told of that command
     settings with which it was planned; a goal is the same only if these are
+    change_ns where the command leaves the one before, by the arm's clock
     """
 
     in_hand: GoalInHand
@@ -50,6 +51,7 @@ class Execution:
     target: Goal
     plan: PlanSummary
     settings: Settings
+    change_ns: int
 
     def ending(self, machine: Machine, view: ArmView, now_ns: int) -> Ending | None:
         """How it ends by what the arm reports, None while it goes on.

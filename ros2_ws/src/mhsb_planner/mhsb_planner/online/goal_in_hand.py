@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
+from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
-from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
+from mhsb_model.verdict import (
+    ExecutionReport,
+    GoalVerdict,
+    Outcome,
+    PlanSummary,
+    Report,
+    Verdict,
+)
 from mhsb_planner.online.replanning import Replan
+from mhsb_planner.online.settings import Settings
+
+Adjustment = Callable[[Settings], Settings]
+"""What a goal changes of the settings that hold for all."""
+
+
+def as_they_are(settings: Settings) -> Settings:
+    """Change nothing."""
+    return settings
+
+
+def nobody(report: Report) -> None:
+    """Tell nobody."""
 
 
 @dataclass
@@ -23,6 +45,9 @@ class GoalInHand:
     too_long       how often even the longest lead was too short
     exact          whether it is to be planned for where it is, also if it moves
     over           whether it has ended
+    unwanted       whether it has been cancelled
+    adjusted       settings for it alone, from those of all
+    told           who is told of it alone
     """
 
     goal: Goal
@@ -36,6 +61,26 @@ class GoalInHand:
     too_long: int = 0
     exact: bool = False
     over: bool = False
+    unwanted: bool = False
+    adjusted: Adjustment = as_they_are
+    told: Callable[[Report], None] = nobody
+    _settings: tuple[Settings, Settings] | None = field(default=None, repr=False)
+
+    def settings(self, of_all: Settings) -> Settings:
+        """With which it is planned: the same object as long as those of all are.
+
+        Raises what `adjusted` raises the first time; settings of all that do not go with the
+        goal's own are not taken over later.
+        """
+        before, own = self._settings or (None, None)
+        if own is None or before is not of_all:
+            try:
+                own = self.adjusted(of_all)
+            except MhsbError:
+                if own is None:
+                    raise
+            self._settings = of_all, own
+        return own
 
     def refused(self, code: Verdict, sentence: str) -> GoalVerdict:
         """Its verdict, where it is not accepted."""

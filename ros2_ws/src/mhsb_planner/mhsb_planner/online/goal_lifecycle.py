@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from mhsb_model.arm_reports import HandOverReason
 from mhsb_model.command import Command
@@ -21,20 +21,34 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import ModeArray
-from mhsb_model.verdict import Outcome, Verdict
+from mhsb_model.verdict import Outcome, Report, Verdict
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.motion.s3_clearance import contact_ahead
 from mhsb_planner.online.arm_view import NO_PLAN, ArmView, Heard
 from mhsb_planner.online.departure import MovingError, NoStateError, departure
 from mhsb_planner.online.execution import EARLY_NS, Execution
-from mhsb_planner.online.goal_in_hand import GoalInHand, summary_of
+from mhsb_planner.online.goal_in_hand import (
+    Adjustment,
+    GoalInHand,
+    as_they_are,
+    nobody,
+    summary_of,
+)
 from mhsb_planner.online.goal_reports import GoalReports
 from mhsb_planner.online.goal_stream import GoalStream
 from mhsb_planner.online.lead import LONGER, Lead, LeadEstimate
-from mhsb_planner.online.plan_request import PlanRequest, Sent, Settings
+from mhsb_planner.online.plan_request import PlanRequest, Sent
 from mhsb_planner.online.ports import Clock, Outbox
 from mhsb_planner.online.replanning import Replan
+from mhsb_planner.online.settings import Settings
+from mhsb_planner.online.stopping import (
+    ARM_STOPPED,
+    BRAKINGS,
+    STOP_ASKED,
+    STOP_TIMEOUT,
+    Stopping,
+)
 from mhsb_planner.online.verdicts import announcement, code_of
 from mhsb_planner.search import goal_clearance
 
@@ -51,37 +65,13 @@ SILENT = 0.1
 """An arm that tells its reference and has not for so long may not be where it should be [s]."""
 
 TRIES = 3
-"""Plans at the longest lead, or commands that brake, before it is given up."""
-
-STOP_TIMEOUT = 5.0
-"""How long an arm may take to confirm that it stops [s]."""
+"""Plans at the longest lead before it is given up."""
 
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
 
 OLD_STOP = 1.0
 """The arm's clock may be so much behind what is told of it, also when it told of a stop [s]."""
-
-STOP_ASKED = "the planner was asked to stop"
-ARM_STOPPED = "the arm was asked to stop"
-
-@dataclass
-class Stopping:
-    """The arm is being brought to rest.
-
-    reason  why, as executions are told
-    since   by the steady clock [s]
-    done    who is told when the arm can no longer do anything else: success, sentence
-    goals   that end with it
-    again   the goal to be planned for afterwards
-    """
-
-    reason: str
-    since: float
-    done: list[Callable[[bool, str], None]] = field(default_factory=list)
-    goals: list[GoalInHand] = field(default_factory=list)
-    again: GoalInHand | None = None
-    tries: int = 0
 
 
 class GoalLifecycle:
@@ -125,6 +115,16 @@ class GoalLifecycle:
         return None if self._unconfirmed is None else self._unconfirmed.command
 
     @property
+    def execution(self) -> Execution | None:
+        """Of the plan that the arm has confirmed, until it ends."""
+        return self._execution
+
+    @property
+    def stops(self) -> bool:
+        """Whether the arm is being brought to rest."""
+        return self._stopping is not None
+
+    @property
     def idle(self) -> bool:
         """Whether nothing waits, is made, is on its way, in force or being stopped."""
         return not (
@@ -137,29 +137,55 @@ class GoalLifecycle:
 
     # --- Goals -----------------------------------------------------------------------------------
 
-    def goal(self, goal: Goal, received: float | None = None) -> None:
-        """A goal has come: now, or at `received` by the steady clock [s]."""
+    def goal(
+        self,
+        goal: Goal,
+        received: float | None = None,
+        adjusted: Adjustment = as_they_are,
+        told: Callable[[Report], None] = nobody,
+    ) -> GoalInHand:
+        """A goal has come: now, or at `received` by the steady clock [s].
+
+        adjusted  settings for this goal, from those of all
+        told      who is told of this goal alone, besides the outbox
+        """
         wall = self._clock.wall()
-        in_hand = GoalInHand(goal, wall if received is None else received, wall)
-        machine = self._settings.machine
+        came = wall if received is None else received
+        in_hand = GoalInHand(goal, came, wall, adjusted=adjusted, told=told)
         if self.view.fault:
             self._tell.refuse(in_hand, Verdict.FAULT, self.view.fault)
-            return
+            return in_hand
         if in_hand.received <= self._void_until:
             self._tell.stop(in_hand, ARM_STOPPED)
-            return
+            return in_hand
         try:
-            machine.check_in_workspace(goal.x, goal.z)
-            goal_clearance.check_tip(machine, goal.x, goal.z)
+            self._check_place(in_hand)
         except MhsbError as error:
             self._tell.refuse(in_hand, code_of(error), str(error))
-            return
+            return in_hand
         self._stream.hear(goal, in_hand.received)
         if self._waiting is not None and not self._is_under_way(self._waiting):
             self._tell.pass_over(self._waiting)
         self._waiting = in_hand
         self._arm_asked = False
         self._begin()
+        return in_hand
+
+    def rehearsal(self, goal: Goal, adjusted: Adjustment, stretch: float = 1.0) -> PlanRequest:
+        """What would be asked for if this goal came now, its lead longer by `stretch`.
+
+        Nothing comes of the answer. Raises what a goal is refused for before it is planned.
+        """
+        wall, now_ns = self._clock.wall(), self._now_ns()
+        in_hand = GoalInHand(goal, wall, wall, stretch=stretch, exact=True, adjusted=adjusted)
+        self._check_place(in_hand)
+        start = departure(self.view, wall, now_ns)
+        return self._request_for(in_hand, start, wall, now_ns)
+
+    def _check_place(self, in_hand: GoalInHand) -> None:
+        machine, goal = in_hand.settings(self._settings).machine, in_hand.goal
+        machine.check_in_workspace(goal.x, goal.z)
+        goal_clearance.check_tip(machine, goal.x, goal.z)
 
     def tick(self) -> None:
         """Time has passed."""
@@ -168,6 +194,7 @@ class GoalLifecycle:
             self._not_taken(sent, HandOverReason.LATE, "the arm did not take the plan in time")
         self._go_to_where_the_stream_ended()
         self._judge_execution()
+        self._stop_the_unwanted()
         self._go_on_stopping()
         self._begin()
 
@@ -212,22 +239,22 @@ class GoalLifecycle:
             in_hand,
             target,
             period,
-            self._settings,
+            in_hand.settings(self._settings),
             start,
             self.view.in_force_ns,
             max(now_ns, self._last_stamp_ns + 1),
             self._in_arm_time(self._from_rest(lead) if at_rest else lead.total),
             wall,
             Deadline(wall + lead.total - lead.flight),
-            self._plan_of(start),
+            self._plan_of(start, in_hand.settings(self._settings)),
         )
 
-    def _plan_of(self, command: Command) -> Replan | None:
-        """Where a command comes from, if it was planned under the settings of now."""
+    def _plan_of(self, command: Command, settings: Settings) -> Replan | None:
+        """Where a command comes from, if it was planned under these settings."""
         sent = self._sent.get(command.stamp_ns)
         if sent is None or sent.command is not command or sent.request is None:
             return None
-        return sent.replan if sent.request.settings is self._settings else None
+        return sent.replan if sent.request.settings is settings else None
 
     def _target_of(self, in_hand: GoalInHand, wall: float, lead: float) -> tuple[Goal, float]:
         """Where a plan should lead, and when the goal comes again [s]; 0: never."""
@@ -276,7 +303,8 @@ class GoalLifecycle:
             return False
         if not goal.same_place(execution.target) or execution.command is not self.view.own:
             return False
-        if execution.settings is not self._settings or self._stream.moves(self._clock.wall()):
+        settings = in_hand.settings(self._settings)
+        if execution.settings is not settings or self._stream.moves(self._clock.wall()):
             return False
         if execution.in_hand is in_hand:
             return True
@@ -525,12 +553,17 @@ class GoalLifecycle:
         if not in_hand.over:
             plan = summary_of(sent.replan, 0.0, in_hand.lead_ms)
             self._execution = Execution(
-                in_hand, sent.command, sent.request.target, plan, sent.request.settings
+                in_hand,
+                sent.command,
+                sent.request.target,
+                plan,
+                sent.request.settings,
+                sent.change_ns,
             )
         if sent.void:
             self._stopping = self._stopping or Stopping(STOP_ASKED, wall)
             self._go_on_stopping()
-        elif sent.request.settings is not self._settings:
+        elif sent.request.settings is not in_hand.settings(self._settings):
             self._keep_clear(again=in_hand)
 
     def _no_further_plan(self, in_hand: GoalInHand) -> None:
@@ -598,6 +631,17 @@ class GoalLifecycle:
             stopping.again = None
         self._go_on_stopping()
 
+    def cancel(self, in_hand: GoalInHand) -> None:
+        """Stop, unless a newer goal has come: then only this one shall not be gone on with."""
+        in_hand.unwanted = True
+        self._stop_the_unwanted()
+
+    def _stop_the_unwanted(self) -> None:
+        """Where the newest goal has been cancelled; also after a newer one was refused."""
+        newest = next(iter(self._alive()), None)
+        if newest is not None and newest.unwanted and self._stopping is None:
+            self.stop(lambda success, sentence: None)
+
     def change(self, settings: Settings) -> None:
         """Plans are to be made otherwise from now on; the one being made is made anew."""
         zones = settings.machine.zones != self._settings.machine.zones
@@ -633,10 +677,10 @@ class GoalLifecycle:
             now_ns, own = self._now_ns(), self.view.own
             if own is None or not self.view.executes_own(now_ns):
                 self._stopped(True, "no plan of this planner is being executed")
-            elif stopping.tries < TRIES:
+            elif stopping.tries < BRAKINGS:
                 stopping.tries += 1
                 self._send_braking(own, now_ns, LONGER ** (stopping.tries - 1))
-            elif stopping.tries == TRIES:
+            elif stopping.tries == BRAKINGS:
                 stopping.tries += 1
                 self._stop_arm()
 
@@ -680,6 +724,11 @@ class GoalLifecycle:
         sent = self._unconfirmed
         request = None if sent is None else sent.request
         return self._before_sending() + ([] if request is None else [request.in_hand])
+
+    def _alive(self) -> list[GoalInHand]:
+        """Goals that have not ended, newest first."""
+        execution = self._execution
+        return self._before_confirmation() + ([] if execution is None else [execution.in_hand])
 
     def _judge_execution(self) -> None:
         execution = self._execution

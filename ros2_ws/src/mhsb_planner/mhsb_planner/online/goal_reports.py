@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mhsb_model.verdict import Outcome, PlanSummary, Verdict
+from mhsb_model.verdict import Outcome, PlanSummary, Report, Verdict
 from mhsb_planner.online.goal_in_hand import GoalInHand
 from mhsb_planner.online.ports import Clock, Outbox
 
@@ -22,7 +22,7 @@ class GoalReports:
     ) -> None:
         """Give a goal the verdict that it is accepted."""
         in_hand.answered = True
-        self._out.report(in_hand.accepted(code, sentence, plan))
+        self._report(in_hand, in_hand.accepted(code, sentence, plan))
 
     def at_goal(self, in_hand: GoalInHand) -> None:
         """The arm is there, and nothing has to be done."""
@@ -41,7 +41,7 @@ class GoalReports:
             self.end(in_hand, Outcome.ABORTED, sentence, code)
         elif not in_hand.over:
             in_hand.over = True
-            self._out.report(in_hand.refused(code, sentence))
+            self._report(in_hand, in_hand.refused(code, sentence))
 
     def pass_over(self, in_hand: GoalInHand) -> None:
         """A newer goal has come before the arm took a plan for this one."""
@@ -67,4 +67,8 @@ class GoalReports:
         """Report how the execution of an accepted goal ended."""
         if not in_hand.over:
             in_hand.over = True
-            self._out.report(in_hand.ended(outcome, sentence, reason))
+            self._report(in_hand, in_hand.ended(outcome, sentence, reason))
+
+    def _report(self, in_hand: GoalInHand, report: Report) -> None:
+        self._out.report(report)
+        in_hand.told(report)

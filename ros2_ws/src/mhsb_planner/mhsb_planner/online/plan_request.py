@@ -9,7 +9,6 @@ import numpy as np
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.kinematics import tip_positions
-from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
@@ -18,35 +17,10 @@ from mhsb_planner.motion.passing import still_ahead
 from mhsb_planner.online.goal_in_hand import GoalInHand
 from mhsb_planner.online.hand_over import change_over
 from mhsb_planner.online.replanning import Replan, Replanner
-from mhsb_planner.planner import PlanOptions
+from mhsb_planner.online.settings import Settings
 
 TRACED_NS = 5_000_000
 """How closely the tip's way is looked at for the points that it has passed."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How plans are made.
-
-    machine             with payload, supply pressure, V_max and zones as asked for
-    lead_min, lead_max  s, between which the lead adapts
-    planning_budget     s, the lead where it shall not adapt; 0 where it shall
-    lost_servo_pumps    numbers of those that fail, which the machine does not have any more
-    """
-
-    machine: Machine
-    options: PlanOptions
-    lead_min: float = 0.03
-    lead_max: float = 1.0
-    planning_budget: float = 0.0
-    lost_servo_pumps: tuple[int, ...] = ()
-
-    @property
-    def handicap(self) -> str:
-        """What is lost, as the end of a sentence about a goal that is refused."""
-        if not self.lost_servo_pumps:
-            return ""
-        return f"; the arm does without servo pump {', '.join(map(str, self.lost_servo_pumps))}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from mhsb_model.command import Command
-from mhsb_model.verdict import ExecutionReport, GoalVerdict
+from mhsb_model.verdict import Report
 from mhsb_planner.online.plan_request import PlanRequest
-
-Report = GoalVerdict | ExecutionReport
 
 
 class Clock(Protocol):

@@ -10,6 +10,7 @@ from mhsb_planner.errors import (
     ExpansionLimitError,
     InfeasibleGoalError,
     NoPathError,
+    RequestError,
     TableError,
     ZoneError,
 )
@@ -28,6 +29,7 @@ CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (TableError, Verdict.TABLE),
     (NoStateError, Verdict.NO_STATE),
     (MovingError, Verdict.MOVING),
+    (RequestError, Verdict.OPTIONS),
 )
 
 TOLD_EXCESS = 0.005

@@ -16,10 +16,9 @@ from std_srvs.srv import Trigger
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
-from mhsb_model.verdict import GoalVerdict
+from mhsb_model.verdict import GoalVerdict, Report
 from mhsb_msgs_py import endpoints, mode_schedule, names, plan_status, topics, trajectory
 from mhsb_planner.online.plan_request import PlanRequest
-from mhsb_planner.online.ports import Report
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.ros import views
 
@@ -71,7 +70,7 @@ class RosOutbox:
 
     def rehearse(self, example: Command, arm: Machine) -> None:
         """Encode what a plan sends, before anybody waits for it; loads the types' support."""
-        self._halves(example)
+        self.halves(example)
         for message in self._views(example, arm):
             serialize_message(message)
 
@@ -112,9 +111,16 @@ class RosOutbox:
     def send(self, command: Command) -> None:
         """Publish both halves of a plan; viewers are shown it by `show`."""
         halves = (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS)
-        for topic, message in zip(halves, self._halves(command), strict=True):
+        for topic, message in zip(halves, self.halves(command), strict=True):
             self.publish(topic, message)
         self._shown = command
+
+    def halves(self, command: Command) -> tuple[bytes, bytes]:
+        """Both messages as they go over the wire: an object for every point would take long."""
+        return (
+            trajectory.to_bytes(command.trajectory, self._machine.joint_names),
+            mode_schedule.to_bytes(command.schedule, self._machine.actuator_names),
+        )
 
     def show(self, arm: Machine) -> None:
         """Publish what viewers are shown of the last command that was sent, once."""
@@ -159,13 +165,6 @@ class RosOutbox:
     def publish(self, topic: topics.Topic, message: Any) -> None:
         """Publish a message on a topic."""
         self._publishers[topic.name].publish(message)
-
-    def _halves(self, command: Command) -> tuple[bytes, bytes]:
-        """Both messages as they go over the wire: an object for every point would take long."""
-        return (
-            trajectory.to_bytes(command.trajectory, self._machine.joint_names),
-            mode_schedule.to_bytes(command.schedule, self._machine.actuator_names),
-        )
 
     def _views(self, command: Command, arm: Machine) -> tuple[Any, ...]:
         return (

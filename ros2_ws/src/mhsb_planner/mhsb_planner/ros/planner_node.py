@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import sys
 import time
+from collections.abc import Sequence
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -51,9 +52,12 @@ from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.online.goal_lifecycle import LONGEST_WAIT, GoalLifecycle
 from mhsb_planner.online.learnt_payload import payload_to_plan_with
+from mhsb_planner.online.progress import energy_between
 from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.online.settings import Settings
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.ros import planner_diagnostics, planner_parameters
+from mhsb_planner.ros.move_tip_server import MoveTipServer
 from mhsb_planner.ros.outbox import RosOutbox
 
 TICK = 0.02  # s
@@ -73,17 +77,20 @@ class PlannerNode(Node):
         self.add_post_set_parameters_callback(self._take_parameters)
         self._lost_pumps: tuple[int, ...] = ()
         self._learnt_payload: float | None = None
-        self._settings = planner_parameters.read(self).settings(self._machine)
+        self._settings = self._settings_with()
 
         self._outbox = RosOutbox(self, self._machine, self._frame_prefix)
         compile_planner(self.get_logger().info)
         table = table_for(self._machine, table_path)
         replanner = Replanner(self._machine, table)
         replanner.change(self._settings.machine)
-        self._outbox.rehearse(replanner.warm_up(), self._settings.machine)
+        example = replanner.warm_up()
+        self._outbox.rehearse(example, self._settings.machine)
+        energy_between(self._machine, example, example.stamp_ns, example.trajectory.end_ns)
         self._outbox.serve(replanner, self._on_answers)
         self._lifecycle = GoalLifecycle(self._settings, replanner.stop, self, self._outbox)
         self._make_interfaces()
+        self._move_tip = self._serve_action()
         self._show_markers()
         gc.collect()
         gc.freeze()  # what has been loaded stays: later collections need not look at it
@@ -117,6 +124,28 @@ class PlannerNode(Node):
         goals = topics.GOAL_POSE
         self.create_subscription(goals.message, goals.name, self._on_goal, goals.qos)
 
+    def _serve_action(self) -> MoveTipServer | None:
+        """The action, where its interface was built; topics and services do without it."""
+        try:
+            from mhsb_interfaces.action import MoveTip
+        except ImportError:
+            self.get_logger().info(
+                "the action move_tip is not served: mhsb_interfaces was not built; goals come by "
+                f"{topics.GOAL_POSE.name}"
+            )
+            return None
+        try:
+            return MoveTipServer(
+                MoveTip, self, self._machine, self._frame_prefix, self._lifecycle, self._outbox,
+                self._settings_with,
+            )
+        except Exception as error:
+            self.get_logger().warning(
+                "the action move_tip cannot be served; build mhsb_interfaces anew (scripts/setup). "
+                f"Goals come by {topics.GOAL_POSE.name} all the same. ROS says: {error}"
+            )
+            return None
+
     # --- Clock of the lifecycle ------------------------------------------------------------------
 
     def wall(self) -> float:
@@ -143,10 +172,14 @@ class PlannerNode(Node):
 
     def _take_settings(self) -> None:
         """Plan by the parameters, with the servo pumps that work and what the arm has learnt."""
-        self._settings = planner_parameters.read(self).settings(
+        self._settings = self._settings_with()
+        self._lifecycle.change(self._settings)
+
+    def _settings_with(self, own: Sequence[Parameter] = ()) -> Settings:
+        """By the parameters of now, some of them replaced by a goal's own."""
+        return planner_parameters.read(self, own).settings(
             self._machine, self._lost_pumps, self._learnt_payload
         )
-        self._lifecycle.change(self._settings)
 
     # --- What is heard ---------------------------------------------------------------------------
 
@@ -240,11 +273,14 @@ class PlannerNode(Node):
 
     def _on_answers(self) -> None:
         for request, answer in self._outbox.answers():
-            self._lifecycle.planned(request, answer)
+            if self._move_tip is None or not self._move_tip.planned(request, answer):
+                self._lifecycle.planned(request, answer)
 
     def _on_timer(self) -> None:
         self._on_answers()  # a guard condition may be lost between two waits
         self._lifecycle.tick()
+        if self._move_tip is not None:
+            self._move_tip.tick()
         self._outbox.show(self._settings.machine)
 
     async def _on_stop(
@@ -274,6 +310,8 @@ class PlannerNode(Node):
     def destroy_node(self) -> None:
         """End the worker with the node."""
         self._outbox.close()
+        if self._move_tip is not None:
+            self._move_tip.close()
         super().destroy_node()
 
 

@@ -18,7 +18,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import Angle, Point, Region, check_angle, region_of
-from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.online.settings import Settings
 from mhsb_planner.planners.options import (
     DEFAULT_SPEED_EXCESS,
     HIGHEST_SPEED_EXCESS,
@@ -293,15 +293,14 @@ def _declare_array(node: Node, name: str, values: Sequence[float], text: str) ->
         node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
 
 
-def read(node: Node) -> PlannerParameters:
-    """The parameters as they are now."""
-    return _from_values({name: node.get_parameter(name).value for name in _CHANGEABLE})
+def read(node: Node, own: Sequence[Parameter] = ()) -> PlannerParameters:
+    """The parameters as they are now, some of them replaced by a goal's own."""
+    return _from_values(_values(node, own))
 
 
 def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
     """Why a set of changes cannot be made, in one sentence, or None where it can."""
-    values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
-    values |= {change.name: change.value for change in changes if change.name in values}
+    values = _values(node, changes)
     for name, allowed in (
         ("planner", tuple(PLANNERS)),
         ("energy_reading", READINGS),
@@ -341,6 +340,11 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
     except MhsbError as error:
         return str(error)
     return None
+
+
+def _values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
+    values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
+    return values | {change.name: change.value for change in changes if change.name in values}
 
 
 _CHANGEABLE = (

@@ -11,8 +11,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Verdict
 from mhsb_planner.evaluation.lock_step import World
-from mhsb_planner.online.plan_request import Settings
 from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.s1_posture_table import PostureTable
 

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_stat
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Verdict
-from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.online.settings import Settings
 
 POINTS = [(0.55, 0.60), (0.55, -0.60), (0.75, 0.55), (0.6, 0.1), (0.9, 0.0), (2.0, 0.0), (0.0, 0.3)]
 BOX = Zones(boxes=((0.70, 0.20, 0.95, 0.40),))

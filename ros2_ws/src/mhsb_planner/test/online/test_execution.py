@@ -11,7 +11,7 @@ from mhsb_model.verdict import Outcome, PlanSummary
 from mhsb_planner.online.arm_view import NO_PLAN, ArmView, Heard
 from mhsb_planner.online.execution import Execution
 from mhsb_planner.online.goal_in_hand import GoalInHand
-from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 
 START, END = np.array([0.2, -0.8, -0.3]), np.array([0.4, -0.6, -0.3])
@@ -29,7 +29,7 @@ def ending(machine):
     plan = PlanSummary(STAMP, 100.0, 90.0, 5.0, 0, 20.0, 80.0)
     settings = Settings(machine, PlanOptions())
     goal = Goal(1, x, z)
-    execution = Execution(GoalInHand(goal, 0.0, 0.0), command, goal, plan, settings)
+    execution = Execution(GoalInHand(goal, 0.0, 0.0), command, goal, plan, settings, 0)
     return lambda view, now_ns: execution.ending(machine, view, now_ns)
 
 

@@ -11,7 +11,7 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.arm_view import NO_PLAN
-from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 
 UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)

@@ -5,7 +5,7 @@ import pytest
 
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.motion.passing import first_missed
-from mhsb_planner.online.plan_request import Settings
+from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 
 VIA = (0.50, 0.00), (0.62, 0.15)

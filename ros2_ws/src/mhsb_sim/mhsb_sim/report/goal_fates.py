@@ -26,6 +26,7 @@ OF_THE_GOAL = frozenset(
     {
         Verdict.NOT_FINITE,
         Verdict.FRAME,
+        Verdict.OPTIONS,
         Verdict.OUT_OF_WORKSPACE,
         Verdict.INFEASIBLE,
         Verdict.ZONE,
