@@ -10,10 +10,11 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from mhsb_model import command_line, hydraulics, inverse_kinematics_3r
+from mhsb_model import command_line, hydraulics
 from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.clearance import clearances
+from mhsb_model.statics import piston_forces_in
 from mhsb_model.types import FloatArray
 
 GRID = 0.05
@@ -39,9 +40,8 @@ def report(machine: Machine) -> list[str]:
     lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.hash[:12]}"]
     lines += _joint_lines(machine)
     lines += _hydraulic_lines(machine)
-    if machine.joint_count == 3:
-        lines += _workspace_lines(machine)
-    if machine.joint_count == 3 and machine.obstacles.names:
+    lines += _workspace_lines(machine)
+    if machine.obstacles.names:
         lines += _keep_out_lines(machine)
     return lines
 
@@ -121,7 +121,7 @@ def _keep_out_lines(machine: Machine) -> list[str]:
     psi = np.linspace(-np.pi, np.pi, PSI_SAMPLES, endpoint=False)
     reached = left = 0
     for x, z in _nodes(machine):
-        postures = inverse_kinematics_3r.postures(machine.arrays, x, z, psi)
+        postures = machine.postures(x, z, psi)
         if len(postures) > 0:
             distance, _ = clearances(machine.arrays, machine.obstacles.path_rows, postures)
             reached += 1
@@ -149,10 +149,11 @@ def _nodes(machine: Machine) -> list[tuple[float, float]]:
 def _lightest_hold(machine: Machine, x: float, z: float) -> FloatArray | None:
     """Supply pressures [Pa] of all actuators in the posture whose greatest is the smallest."""
     psi = np.linspace(-np.pi, np.pi, PSI_SAMPLES, endpoint=False)
-    postures = inverse_kinematics_3r.postures(machine.arrays, x, z, psi)
+    postures = machine.postures(x, z, psi)
     if len(postures) == 0:
         return None
-    force = np.array([machine.piston_forces(q) for q in postures])
+    force = np.empty(postures.shape)
+    piston_forces_in(machine.arrays, postures, force)
     needed = hydraulics.required_pressures(machine.arrays, force, np.zeros(force.shape))
     return np.array(needed[np.argmin(needed.max(axis=1))])
 

@@ -2,13 +2,14 @@
 
 The tip position leaves one degree of freedom: the angle ψ = q₁+q₂+q₃ of the end link. For a
 given ψ the first two links form a triangle to the wrist, with two elbow branches.
+
+Of a chain with more joints it is its last three, seen from where they stand: tip and ψ relative to
+the end of the links before (`tip_postures.outer_tip`).
 """
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
@@ -29,13 +30,14 @@ def wrap_near(angle: float, center: float) -> float:
 def joint_angles(
     m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray
 ) -> bool:
-    """Joint angles that put the tip at (x, z) m with end-link angle ψ rad, written to q[3].
+    """Angles of the last three joints that put the tip at (x, z) m with end-link angle ψ rad.
 
     c = (wx² + wz² − L₁² − L₂²)/(2 L₁ L₂), q₂ = ±acos c, with the wrist w = tip − L₃(cos ψ, sin ψ).
-    Returns False where the wrist is out of reach; joint limits are not looked at, angles are
-    given by whole turns nearest to the middle of each joint's range.
+    Written to the last three of q[n]. Returns False where the wrist is out of reach; joint limits
+    are not looked at, angles are given by whole turns nearest to the middle of each joint's range.
     """
-    l1, l2, l3 = m.link_length[0], m.link_length[1], m.link_length[2]
+    k = len(q) - 3
+    l1, l2, l3 = m.link_length[k], m.link_length[k + 1], m.link_length[k + 2]
     wx = x - l3 * math.cos(psi)
     wz = z - l3 * math.sin(psi)
     c = (wx * wx + wz * wz - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
@@ -43,9 +45,9 @@ def joint_angles(
         return False
     q2 = elbow * math.acos(min(1.0, max(-1.0, c)))
     q1 = math.atan2(wz, wx) - math.atan2(l2 * math.sin(q2), l1 + l2 * math.cos(q2))
-    q[0] = wrap_near(q1, 0.5 * (m.joint_min[0] + m.joint_max[0]))
-    q[1] = wrap_near(q2, 0.5 * (m.joint_min[1] + m.joint_max[1]))
-    q[2] = wrap_near(psi - q1 - q2, 0.5 * (m.joint_min[2] + m.joint_max[2]))
+    q[k] = wrap_near(q1, 0.5 * (m.joint_min[k] + m.joint_max[k]))
+    q[k + 1] = wrap_near(q2, 0.5 * (m.joint_min[k + 1] + m.joint_max[k + 1]))
+    q[k + 2] = wrap_near(psi - q1 - q2, 0.5 * (m.joint_min[k + 2] + m.joint_max[k + 2]))
     return True
 
 
@@ -56,17 +58,3 @@ def within_limits(m: MachineArrays, q: FloatArray, tolerance: float = 0.0) -> bo
         if q[j] < m.joint_min[j] - tolerance or q[j] > m.joint_max[j] + tolerance:
             return False
     return True
-
-
-@kernel
-def postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
-    """All postures within limits at (x, z) m for the end-link angles ψ, float64[found, 3]."""
-    found = np.empty((2 * len(psi), 3))
-    count = 0
-    q = np.empty(3)
-    for angle in psi:
-        for elbow in (-1, 1):
-            if joint_angles(m, x, z, angle, elbow, q) and within_limits(m, q):
-                found[count] = q
-                count += 1
-    return found[:count]

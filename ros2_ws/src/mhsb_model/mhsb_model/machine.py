@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mhsb_model import inverse_kinematics_3r, kinematics, statics
+from mhsb_model import kinematics, statics, tip_postures
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
@@ -26,24 +26,23 @@ from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
+from mhsb_model.tip_postures import LEAST_JOINTS
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
-JOINTS = 3
-"""Joints of an arm that the planners know: one more than the tip needs in its plane."""
-
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
 
 LONGEST_VALUE = 40
 """Characters of a wrong value that a message repeats."""
 
-WITHOUT_TABLE: dict[str, bool | set[str]] = {
+WITHOUT_TABLE: dict[str, Any] = {
+    "joints": {"__all__": {"kind"}},  # all are of one
     "circuit": True,
     "servo": True,
     "simulation": True,
     "imperfections": True,
     "keep_out": True,
-    "motion": {"max_piston_acceleration", "max_piston_jerk"},
+    "motion": {"max_piston_acceleration", "max_piston_jerk", "kept_joints"},
 }
 """What does not concern a posture table and so leaves it valid."""
 
@@ -95,6 +94,12 @@ class Machine:
     def actuator_names(self) -> tuple[str, ...]:
         """`actuator_1` … in the order of the machine file."""
         return tuple(f"actuator_{i + 1}" for i in range(self.joint_count))
+
+    @cached_property
+    def kept_joints(self) -> tuple[int, ...]:
+        """Joints that the conventional method keeps, counted from 0: all but two."""
+        named = self.config.motion.kept_joints or range(3, self.joint_count + 1)
+        return tuple(sorted(joint - 1 for joint in named))
 
     @cached_property
     def patterns(self) -> ModeArray:
@@ -162,8 +167,11 @@ class Machine:
         return kinematics.tip_jacobian(self.arrays.link_length, q)
 
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
-        """All postures within limits at (x, z) for the end-link angles psi, float64[found, 3]."""
-        return inverse_kinematics_3r.postures(self.arrays, x, z, np.asarray(psi, dtype=float))
+        """Postures within limits at (x, z) for the end-link angles psi, float64[found, n].
+
+        All with three joints, of more those of `tip_postures.postures`.
+        """
+        return tip_postures.postures(self.arrays, x, z, np.asarray(psi, dtype=float))
 
     def gravity_torque(self, q: FloatArray) -> FloatArray:
         """Torques that hold the arm and its payload."""
@@ -276,8 +284,11 @@ def load_machine(path: str | Path | None = None) -> Machine:
         reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
         raise MachineFileError(str(file), [reason])
     machine = _validated(content, str(file))
-    if machine.joint_count != JOINTS:
-        problem = f"joints: the machine has {machine.joint_count}, plans are made for {JOINTS} only"
+    if machine.joint_count < LEAST_JOINTS:
+        problem = (
+            f"joints: the machine has {machine.joint_count}, plans are made for {LEAST_JOINTS} or "
+            "more: the tip takes two, what is chosen is the rest"
+        )
         raise MachineFileError(str(file), [problem])
     return machine
 

@@ -7,9 +7,9 @@ values stand below, each as a named function, and are all checked before anythin
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -71,6 +71,8 @@ class FourBar(Section):
 
 Linkage = Annotated[SliderCrank | FourBar, Field(discriminator="kind")]
 LINKAGE_KINDS = ("slider_crank", "four_bar")
+PLANNED_KINDS = ("slew", "prismatic")
+"""Of joints that a machine file will be able to have."""
 
 
 class Cylinder(Section):
@@ -87,9 +89,19 @@ class Limits(Section):
     upper: Angle = Field(description="[rad]")
 
 
+def _known_kind(kind: Any) -> Any:
+    """Kinds that a later version of the file will have are refused by name."""
+    if kind in PLANNED_KINDS:
+        raise ValueError(f"{kind} joints are not there yet; all joints have to be revolute")
+    return kind
+
+
 class Joint(Section):
     """A revolute joint, its link, its linkage and the cylinder that drives it."""
 
+    kind: Annotated[Literal["revolute"], BeforeValidator(_known_kind)] = Field(
+        default="revolute", description="of the joint; schema version 2 needs it"
+    )
     link: Link
     limits: Limits
     linkage: Linkage
@@ -164,6 +176,9 @@ class Motion(Section):
     )
     max_piston_jerk: float = Field(
         default=4.0, ge=1e-2, le=1e4, description="of motions that follow their path [m/s³]"
+    )
+    kept_joints: tuple[int, ...] = Field(
+        default=(), description="by the `fixed` planner, all but two; none: all from joint 3 on [-]"
     )
 
 
@@ -409,7 +424,7 @@ class KeepOut(Section):
 class MachineConfig(Section):
     """A whole machine file."""
 
-    schema_version: Literal[1]
+    schema_version: Literal[1, 2] = Field(description="2 names the kind of each joint")
     name: str = Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=64)
     gravity: NonNegative = Field(le=100, description="downwards [m/s²]")
     payload: Payload
@@ -427,7 +442,8 @@ class MachineConfig(Section):
 def problems_across(config: MachineConfig) -> list[str]:
     """Every rule across fields that the configuration breaks, as `path: sentence`."""
     problems = _workspace_problems(config) + _hydraulic_problems(config)
-    problems += _start_problems(config) + _keep_out_problems(config)
+    problems += _start_problems(config) + _keep_out_problems(config) + _version_problems(config)
+    problems += _kept_problems(config)
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
     return problems
@@ -447,6 +463,26 @@ def _workspace_problems(config: MachineConfig) -> list[str]:
             f"workspace.max_radius: {area.max_radius:g} m is beyond the reach {reach:g} m"
         )
     return problems
+
+
+def _version_problems(config: MachineConfig) -> list[str]:
+    """In files of version 1 all joints are revolute, later ones name the kind of each."""
+    return [
+        f"joints.{index}.kind: is missing; in schema_version 2 a joint has one: revolute"
+        for index, joint in enumerate(config.joints)
+        if config.schema_version > 1 and "kind" not in joint.model_fields_set
+    ]
+
+
+def _kept_problems(config: MachineConfig) -> list[str]:
+    kept, joints = config.motion.kept_joints, len(config.joints)
+    distinct = set(kept) & set(range(1, joints + 1))
+    if not kept or (len(kept) == len(distinct) == joints - 2):
+        return []
+    return [
+        f"motion.kept_joints: {list(kept)} must be {joints - 2} different ones of the joints 1 to "
+        f"{joints}, so that two are left to reach the tip position"
+    ]
 
 
 def _hydraulic_problems(config: MachineConfig) -> list[str]:

@@ -142,6 +142,13 @@ def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
 
 
 @kernel
+def piston_forces_in(m: MachineArrays, posture: FloatArray, force: FloatArray) -> None:
+    """The same in each of the postures[k, n] [rad], written to force[k, n] [N]."""
+    for k in range(len(posture)):
+        piston_forces(m, posture[k], force[k])
+
+
+@kernel
 def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
     """M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ over links and payload, float64[n, n] [kg m²]."""
     n = len(q)

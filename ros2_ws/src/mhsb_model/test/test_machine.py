@@ -142,16 +142,67 @@ def test_a_spoiled_value_is_refused_by_its_path_with_value_and_limit(load, keys,
         load(change)
 
 
-@pytest.mark.parametrize("joints", [2, 4])
-def test_an_arm_that_nothing_plans_for_is_refused(load, joints):
+@pytest.mark.parametrize("joints", [1, 2])
+def test_an_arm_that_leaves_nothing_to_plan_is_refused(load, joints):
     def change(content):
-        content["joints"] = (2 * content["joints"])[:joints]
+        content["joints"] = content["joints"][:joints]
         simulation = content["simulation"]
-        simulation["start_posture"] = (2 * simulation["start_posture"])[:joints]
-        content["workspace"]["max_radius"] = 0.8
+        simulation["start_posture"] = simulation["start_posture"][:joints]
+        content["workspace"]["max_radius"] = 0.4
 
-    with pytest.raises(MachineFileError, match=f"has {joints}, plans are made for 3 only"):
+    with pytest.raises(MachineFileError, match=f"has {joints}, plans are made for 3 or more"):
         load(change)
+
+
+def version_2(content):
+    content["schema_version"] = 2
+    for joint in content["joints"]:
+        joint["kind"] = "revolute"
+
+
+def test_a_file_of_version_2_that_names_the_joints_is_the_same_machine(load, machine):
+    def rename(content):
+        version_2(content)
+        content["motion"]["kept_joints"] = [3]
+
+    again = load(rename)
+    assert again.config.joints == machine.config.joints
+    assert again.kept_joints == machine.kept_joints == (2,)
+    assert again.changed(payload=1.0).config.schema_version == 2
+
+
+@pytest.mark.parametrize("kind", ["slew", "prismatic"])
+def test_kinds_of_joints_that_are_to_come_are_refused_by_name(load, kind):
+    def spoil(content):
+        version_2(content)
+        content["joints"][1]["kind"] = kind
+        content["joints"][2]["kind"] = "screw"
+
+    with pytest.raises(MachineFileError) as caught:
+        load(spoil)
+    one, other = caught.value.problems
+    assert one.startswith(f"joints.1.kind: value error, {kind} joints are not there yet")
+    assert other.startswith("joints.2.kind: input should be 'revolute'")
+
+
+def test_a_joint_without_its_kind_and_useless_kept_joints_are_told_at_once(load):
+    def spoil(content):
+        version_2(content)
+        del content["joints"][0]["kind"]
+        content["motion"]["kept_joints"] = [2, 4]
+
+    with pytest.raises(MachineFileError) as caught:
+        load(spoil)
+    missing, kept = caught.value.problems
+    assert missing.startswith("joints.0.kind: is missing")
+    assert kept.startswith("motion.kept_joints: [2, 4] must be 1 different ones")
+
+
+def test_the_four_joint_arm_of_the_suite_loads():
+    arm = load_machine(config_file("mhsb_arm4.yaml"))
+    assert arm.joint_count == 4
+    assert arm.patterns.shape == (50, 4)
+    assert arm.kept_joints == (2, 3)
 
 
 def test_all_problems_are_reported_at_once(load):

@@ -16,8 +16,9 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
+from mhsb_model.tip_postures import LEAST_JOINTS
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.errors import InfeasibleGoalError
+from mhsb_planner.errors import InfeasibleGoalError, RequestError
 from mhsb_planner.goal_region import Angle, Region, angle_range, tips
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
 from mhsb_planner.search.goal_clearance import check_tip, clear_postures
@@ -67,6 +68,9 @@ def goal_postures(
     where these are possible, ψ being sampled the more sparsely the more points there are. Raises
     OutOfWorkspaceError, InfeasibleGoalError, ZoneError where there are none.
     """
+    if machine.joint_count > LEAST_JOINTS:
+        rule = f"plans for {LEAST_JOINTS} joints, the machine has {machine.joint_count}; take table"
+        raise RequestError("planner", "integrated", rule)
     points, between, refused = tips((x, z), region), angle_range(psi), None
     found = []
     for point in points.tolist():

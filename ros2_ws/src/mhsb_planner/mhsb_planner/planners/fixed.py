@@ -1,10 +1,8 @@
-"""Joint 3 stays where it is: the conventional method (`fixed_j3`)."""
+"""Joint 3, or all but two, stay where they are: the conventional method (`fixed_j3`)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-
-import numpy as np
 
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import Candidate, Task
@@ -25,13 +23,11 @@ class FixedPlanner:
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """The path of least cost, or the published search's."""
         machine, j3 = graph.machine, task.options.initial_j3
-        if j3 is None:  # a start that noise has put beyond a limit is led inside
-            limits = machine.arrays.joint_min[2], machine.arrays.joint_max[2]
-            j3 = float(np.clip(task.departure[2], *limits))
+        kept = fixed_j3.kept_angles(machine, task.departure)  # noise may put a start beyond limits
         own = fixed_j3.fixed_j3_graph(
             machine,
             graph.table,
-            j3,
+            kept if j3 is None else j3,
             fixed_j3.elbow_side(machine, task.departure),
             grid=graph.grid,
             deadline=time.until,

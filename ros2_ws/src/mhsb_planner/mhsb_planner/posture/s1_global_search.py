@@ -1,5 +1,7 @@
 """Posture of largest velocity polytope at a tip position, by global search (paper, step S1).
 
+Chains with more than three joints are searched by `s1_chain_search`, those with three here.
+
 With the tip held, the arm with three joints has one degree of freedom left, the end-link angle
 ψ, on each of two elbow branches. Most maxima lie at the ends of the feasible intervals, which are
 known in closed form; between them the area is sampled and every local maximum refined. Samples
@@ -19,6 +21,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
+from mhsb_model.tip_postures import LEAST_JOINTS
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import (
@@ -27,6 +30,7 @@ from mhsb_planner.errors import (
     PlanningCancelledError,
 )
 from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.posture.s1_chain_search import largest_polytopes_of_chain
 from mhsb_planner.posture.s1_polytope import (
     cross_products,
     flow_limits,
@@ -138,7 +142,7 @@ def _refine(
 
 
 @kernel
-def largest_polytopes(
+def largest_polytopes_3r(
     m: MachineArrays,
     x: float,
     z: float,
@@ -221,23 +225,26 @@ def largest_polytopes(
     return True
 
 
-@kernel
-def _search_nodes(
-    m: MachineArrays,
-    position: FloatArray,
+def largest_polytopes(
+    machine: Machine,
+    x: float,
+    z: float,
     patterns: ModeArray,
     posture: FloatArray,
     area: FloatArray,
-) -> None:
-    for i in range(len(position)):
-        largest_polytopes(m, position[i, 0], position[i, 1], patterns, posture[i], area[i])
+) -> bool:
+    """`largest_polytopes_3r` or, for more joints, `largest_polytopes_of_chain`."""
+    chain = machine.joint_count > LEAST_JOINTS
+    solve = largest_polytopes_of_chain if chain else largest_polytopes_3r
+    return bool(solve(machine.arrays, x, z, patterns, posture, area))
 
 
 def search_globally(
     machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
 ) -> None:
     """The `NodeSolver` of this module."""
-    _search_nodes(machine.arrays, position, machine.patterns, posture, area)
+    for i, (x, z) in enumerate(position.tolist()):
+        largest_polytopes(machine, x, z, machine.patterns, posture[i], area[i])
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +273,7 @@ def postures_at(
         deadline.check("the search for the goal's postures")
         part = slice(first, first + at_once)
         if not largest_polytopes(
-            machine.arrays, x, z, patterns[part], posture[part], area[part]
+            machine, x, z, patterns[part], posture[part], area[part]
         ):
             raise InfeasibleGoalError(x, z)
     return PointPostures(frozen(posture), frozen(area))
@@ -319,5 +326,5 @@ def build_posture_table(
 
 def warm_up(machine: Machine) -> None:
     """Compile the kernels of this module."""
-    patterns, n = machine.patterns.shape
-    search_globally(machine, np.empty((0, 2)), np.empty((0, patterns, n)), np.empty((0, patterns)))
+    n, none = machine.joint_count, machine.patterns[:0]
+    largest_polytopes(machine, 0.0, 0.0, none, np.empty((0, n)), np.empty(0))

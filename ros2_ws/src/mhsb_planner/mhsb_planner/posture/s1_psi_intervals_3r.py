@@ -3,6 +3,9 @@
 With the tip held, an elbow branch reaches a limit only where the wrist meets the edge of its
 reach or a joint meets one of its limits. Each of these fixes one side of a triangle, and the law
 of cosines gives ψ; between two such angles a branch is feasible throughout or not at all.
+
+Of a chain with more joints these are its last three, tip and ψ as they see them
+(`tip_postures.outer_tip`).
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ TANGENT = 1e-12
 
 @kernel
 def feasible(m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray) -> bool:
-    """Whether the posture (ψ, elbow) at (x, z) m exists within limits; written to q[3] [rad]."""
+    """Whether the posture (ψ, elbow) at (x, z) m exists within limits; the last three of q[n]."""
     return joint_angles(m, x, z, psi, elbow, q) and within_limits(m, q)
 
 
@@ -52,7 +55,8 @@ def _critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) ->
     q₃: shoulder, elbow, tip, the outer links rigid at D from elbow to tip, in direction β from
         the middle link: cos(θ − φ) = (R² + D² − L₁²)/(2 D R), ψ = θ − β + q₃.
     """
-    l1, l2, l3 = m.link_length[0], m.link_length[1], m.link_length[2]
+    k = len(m.link_length) - 3
+    l1, l2, l3 = m.link_length[k], m.link_length[k + 1], m.link_length[k + 2]
     radius, phi = math.hypot(x, z), math.atan2(z, x)
     count = 0
     if radius > 0.0:
@@ -60,9 +64,9 @@ def _critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) ->
         count = _add_pair(found, count, phi, (radius**2 + l3**2 - (l1 + l2) ** 2) / double)
         count = _add_pair(found, count, phi, (radius**2 + l3**2 - (l1 - l2) ** 2) / double)
     for side in range(2):
-        q1 = m.joint_min[0] if side == 0 else m.joint_max[0]
-        q2 = m.joint_min[1] if side == 0 else m.joint_max[1]
-        q3 = m.joint_min[2] if side == 0 else m.joint_max[2]
+        q1 = m.joint_min[k] if side == 0 else m.joint_max[k]
+        q2 = m.joint_min[k + 1] if side == 0 else m.joint_max[k + 1]
+        q3 = m.joint_min[k + 2] if side == 0 else m.joint_max[k + 2]
         dx, dz = x - l1 * math.cos(q1), z - l1 * math.sin(q1)
         d = math.hypot(dx, dz)
         if d > 0.0:
@@ -111,7 +115,7 @@ def feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatArray) 
     if edges == 0:
         critical[0] = -math.pi
         edges = 1
-    q = np.empty(3)
+    q = m.joint_min.copy()  # inner joints, where there are any, are within their limits
     count = 0
     for elbow in (-1, 1):
         open_interval = False

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from mhsb_model.machine import Machine
+from mhsb_model.tip_postures import LEAST_JOINTS, nearest_posture
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
@@ -45,10 +46,11 @@ def largest_by_slsqp(
 
     None where no posture is within limits. The same arguments give the same result.
     """
-    interval = np.empty((MAX_INTERVALS, 3))
-    interval = interval[: feasible_intervals(machine.arrays, x, z, interval)]
-    if len(interval) == 0:
-        return None
+    if machine.joint_count == LEAST_JOINTS:
+        interval = np.empty((MAX_INTERVALS, 3))
+        interval = interval[: feasible_intervals(machine.arrays, x, z, interval)]
+        if len(interval) == 0:
+            return None
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     place = [seed, *np.array([x, z]).view(np.uint64)]
     random = np.random.default_rng(place)
@@ -67,7 +69,12 @@ def largest_by_slsqp(
         )
         if not np.all(np.isfinite(result.x)):
             continue
-        q = _projected(machine, x, z, interval, result.x)
+        if machine.joint_count == LEAST_JOINTS:
+            q = _projected(machine, x, z, interval, result.x)
+        else:
+            q = np.empty(machine.joint_count)
+            if not nearest_posture(machine.arrays, x, z, result.x, q):
+                continue
         area = polytope_area(machine, q, pattern)
         if best is None or area > best[1]:
             best = q, area
@@ -77,7 +84,8 @@ def largest_by_slsqp(
 def _projected(
     machine: Machine, x: float, z: float, interval: FloatArray, q: FloatArray
 ) -> FloatArray:
-    """The posture with its tip exactly at (x, z) and within limits whose ψ is nearest to q's.
+    """Of three joints the posture with its tip exactly at (x, z) and within limits whose ψ is
+    nearest to q's.
 
     On q's own elbow branch where that is feasible at all.
     """

@@ -3,6 +3,9 @@
 An initial J3 is given. At a tip position J1 and J2 then have at most two solutions; where neither
 is within limits, J3 is changed by 1° at a time until one is. That gives one posture for each node
 whatever the modes, from which the search takes path and modes at the same step costs as ever.
+
+With more joints all but two are kept, those that the machine file names, and one of them is changed
+where it must be. The elbow is then the second of the two that move.
 """
 
 from __future__ import annotations
@@ -13,10 +16,11 @@ from contextlib import suppress
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics_3r import within_limits, wrap_near
+from mhsb_model.inverse_kinematics_3r import within_limits
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray, frozen
+from mhsb_model.tip_postures import close_chain, side_of
+from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError, RequestError
 from mhsb_planner.posture.grid import Grid
@@ -25,81 +29,115 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 
 J3_STEP = math.radians(1.0)
-"""By how much J3 is changed at a time where J1 and J2 have no solution [rad]."""
+"""By how much a kept joint is changed at a time where the others have no solution [rad]."""
 
 NODES_AT_ONCE = 50
 """Nodes of a table that are filled between two looks at a deadline."""
 
 ELBOW_UP, ELBOW_DOWN = -1, 1
-"""Side of the elbow, by the sign of the angle from link 1 to the line from elbow to tip."""
+"""Side of the elbow, by the sign of the angle from what is before to the line from elbow to tip."""
 
 
 @kernel
-def _solution(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: FloatArray) -> bool:
-    """Posture at (x, z) m with joint 3 at j3 rad; False where it is not within limits.
-
-    Links 2 and 3 are one rigid link D at β from link 2: with R² = x² + z²,
-    cos α = (R² − L₁² − D²)/(2 L₁ D), q₂ = ±|α| − β.
-    """
-    l1, l2, l3 = m.link_length[0], m.link_length[1], m.link_length[2]
-    ahead, across = l2 + l3 * math.cos(j3), l3 * math.sin(j3)
-    rigid = math.hypot(ahead, across)
-    cosine = (x * x + z * z - l1 * l1 - rigid * rigid) / (2.0 * l1 * rigid)
-    if abs(cosine) > 1.0:
-        return False
-    alpha = elbow * math.acos(cosine)
-    q1 = math.atan2(z, x) - math.atan2(rigid * math.sin(alpha), l1 + rigid * math.cos(alpha))
-    q[0] = wrap_near(q1, 0.5 * (m.joint_min[0] + m.joint_max[0]))
-    q[1] = wrap_near(alpha - math.atan2(across, ahead), 0.5 * (m.joint_min[1] + m.joint_max[1]))
-    q[2] = j3
-    return within_limits(m, q)
+def _solution(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    moved: IntArray,
+    kept: FloatArray,
+    elbow: int,
+    q: FloatArray,
+) -> bool:
+    """Posture at (x, z) m with the others at kept[n − 2] rad; False where not within limits."""
+    i, j = moved[0], moved[1]
+    at = 0
+    for k in range(len(q)):
+        if k not in (i, j):
+            q[k] = kept[at]
+            at += 1
+    return close_chain(m, x, z, i, j, elbow, q) and within_limits(m, q)
 
 
 @kernel
-def _posture(m: MachineArrays, x: float, z: float, j3: float, elbow: int, q: FloatArray) -> bool:
-    """Posture at (x, z) m whose J3 is the fewest steps from j3, on side `elbow` if possible.
+def _posture(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    moved: IntArray,
+    kept: FloatArray,
+    elbow: int,
+    q: FloatArray,
+) -> bool:
+    """Posture at (x, z) m with one kept joint the fewest steps off, on side `elbow` if possible.
 
-    Of changes up and down by the same angle that up comes first. False where no J3 will do.
+    The first joint that will do, and of changes up and down by the same angle that up come first.
+    False where none will do.
     """
-    change = 0
-    while j3 + change * J3_STEP <= m.joint_max[2] or j3 - change * J3_STEP >= m.joint_min[2]:
-        for sign in (1, -1):
-            for side in (elbow, -elbow):
-                if _solution(m, x, z, j3 + sign * change * J3_STEP, side, q):
-                    return True
+    changed = kept.copy()
+    change, left = 0, True
+    while left:
+        left, at = False, 0
+        for k in range(len(q)):
+            if k in (moved[0], moved[1]):
+                continue
+            up, down = kept[at] + change * J3_STEP, kept[at] - change * J3_STEP
+            left = left or up <= m.joint_max[k] or down >= m.joint_min[k]
+            for sign in (1, -1):
+                changed[at] = kept[at] + sign * change * J3_STEP
+                for side in (elbow, -elbow):
+                    if _solution(m, x, z, moved, changed, side, q):
+                        return True
+            changed[at] = kept[at]
+            at += 1
         change += 1
     return False
 
 
 @kernel
 def _fill(
-    m: MachineArrays, position: FloatArray, j3: float, elbow: int, posture: FloatArray
+    m: MachineArrays,
+    position: FloatArray,
+    moved: IntArray,
+    kept: FloatArray,
+    elbow: int,
+    posture: FloatArray,
 ) -> None:
     for i in range(len(position)):
-        if not _posture(m, position[i, 0], position[i, 1], j3, elbow, posture[i]):
+        if not _posture(m, position[i, 0], position[i, 1], moved, kept, elbow, posture[i]):
             posture[i] = np.nan
+
+
+def _moved(machine: Machine) -> IntArray:
+    """The two joints that are not kept."""
+    kept = machine.kept_joints
+    return frozen(np.array([j for j in range(machine.joint_count) if j not in kept]))
+
+
+def kept_angles(machine: Machine, q: FloatArray) -> FloatArray:
+    """Angles of the kept joints in posture q, put within their limits, float64[n - 2] rad."""
+    kept, a = list(machine.kept_joints), machine.arrays
+    return np.clip(np.asarray(q, dtype=np.float64)[kept], a.joint_min[kept], a.joint_max[kept])
 
 
 def elbow_side(machine: Machine, q: FloatArray) -> int:
     """On which side of the line from shoulder to tip the elbow is in posture q [rad]."""
-    _, l2, l3 = machine.arrays.link_length
-    beta = math.atan2(l3 * math.sin(q[2]), l2 + l3 * math.cos(q[2]))
-    return ELBOW_DOWN if q[1] + beta > 0.0 else ELBOW_UP
+    i, j = _moved(machine)
+    return int(side_of(machine.arrays, np.array(q, dtype=np.float64), i, j))
 
 
 def fixed_j3_posture(
-    machine: Machine, x: float, z: float, j3: float, elbow: int = ELBOW_UP
+    machine: Machine, x: float, z: float, j3: float | FloatArray, elbow: int = ELBOW_UP
 ) -> FloatArray:
-    """Posture float64[3] [rad] of the conventional method at (x, z) m.
+    """Posture float64[n] [rad] of the conventional method at (x, z) m.
 
-    j3     initial angle of joint 3 [rad], within its limits
+    j3     initial angle of joint 3 or, of several kept joints, their angles, float64[n - 2] rad,
+           within limits
     elbow  the side tried first
 
     Raises InfeasibleGoalError, RequestError.
     """
-    _check(machine, j3)
-    q = np.empty(3)
-    if not _posture(machine.arrays, x, z, j3, elbow, q):
+    kept, q = _checked(machine, j3), np.empty(machine.joint_count)
+    if not _posture(machine.arrays, x, z, _moved(machine), kept, elbow, q):
         raise InfeasibleGoalError(x, z)
     return frozen(q)
 
@@ -107,7 +145,7 @@ def fixed_j3_posture(
 def fixed_j3_graph(
     machine: Machine,
     like: PostureTable,
-    j3: float,
+    j3: float | FloatArray,
     elbow: int,
     jobs: int | None = None,
     grid: Grid | None = None,
@@ -115,20 +153,20 @@ def fixed_j3_graph(
 ) -> StepGraph:
     """The steps between the conventional method's postures, on the nodes of another table.
 
-    j3     initial angle of joint 3 [rad]; RequestError where it is not within its limits
+    j3     as of `fixed_j3_posture`; RequestError where it is not within limits
     elbow  the side tried first
     grid   of the nodes, where it is known
 
     Raises DeadlineError.
     """
-    _check(machine, j3)
+    kept, moved = _checked(machine, j3), _moved(machine)
     patterns, position = like.patterns, like.nodes * like.spacing
     posture = np.empty((len(position), machine.joint_count))
     area = np.empty((len(position), len(patterns)))
     for first in range(0, len(position), NODES_AT_ONCE):
-        deadline.check("the table with joint 3 fixed")
+        deadline.check("the table with joints fixed")
         part = slice(first, first + NODES_AT_ONCE)
-        _fill(machine.arrays, position[part], j3, elbow, posture[part])
+        _fill(machine.arrays, position[part], moved, kept, elbow, posture[part])
         area[part] = polytope_areas(machine, posture[part], patterns)
     table = PostureTable(
         machine_name=machine.name,
@@ -147,16 +185,28 @@ def fixed_j3_graph(
     return StepGraph(machine, table, jobs, resolve=resolve, grid=grid, deadline=deadline)
 
 
-def _check(machine: Machine, j3: float) -> None:
-    low, high = float(machine.arrays.joint_min[2]), float(machine.arrays.joint_max[2])
-    if not low <= j3 <= high:
-        raise RequestError("initial J3", f"{j3:g} rad", f"must be within {low:g} … {high:g} rad")
+def _checked(machine: Machine, j3: float | FloatArray) -> FloatArray:
+    """The kept joints' angles, float64[n - 2] rad; RequestError where not within limits."""
+    kept, angles = machine.kept_joints, np.atleast_1d(np.asarray(j3, dtype=np.float64))
+    if len(angles) != len(kept):
+        rule = f"is of one joint, {len(kept)} are kept; they stay as they are at the start"
+        raise RequestError("initial J3", j3, rule)
+    for j, angle in zip(kept, angles.tolist(), strict=True):
+        low, high = float(machine.arrays.joint_min[j]), float(machine.arrays.joint_max[j])
+        if not low <= angle <= high:
+            rule = f"must be within {low:g} … {high:g} rad"
+            raise RequestError(f"initial J{j + 1}", f"{angle:g} rad", rule)
+    return frozen(angles)
 
 
 def warm_up(graph: StepGraph) -> None:
     """Compile the kernels of this module."""
-    j3 = float(graph.machine.arrays.joint_max[2])
-    _fill(graph.machine.arrays, np.empty((0, 2)), j3, ELBOW_UP, np.empty((0, 3)))
+    machine, n = graph.machine, graph.machine.joint_count
+    kept = kept_angles(machine, machine.arrays.joint_max)
+    _fill(
+        machine.arrays, np.empty((0, 2)), _moved(machine), frozen(kept), ELBOW_UP, np.empty((0, n))
+    )
+    elbow_side(machine, machine.arrays.joint_max)
     with suppress(InfeasibleGoalError):
-        fixed_j3_posture(graph.machine, 0.0, 0.0, j3)
-    polytope_areas(graph.machine, np.empty((0, 3)), graph.table.patterns)
+        fixed_j3_posture(machine, 0.0, 0.0, kept)
+    polytope_areas(machine, np.empty((0, n)), graph.table.patterns)
