@@ -109,6 +109,7 @@ AXIS = np.dtype(
         ("demand", "f8"),  # m/s, u
         ("supply_target", "f8"),  # Pa, line pressure to be kept up in boost
         ("target_ahead", "f8"),  # Pa, likewise when the reference ahead is reached
+        ("leakage", "f8"),  # m³/s, of the valve by the machine file
         ("line_flow", "f8"),  # m³/s, what the line is about to give
         ("joined", "f8"),  # 1 where the line has been joined to the rail
     ]

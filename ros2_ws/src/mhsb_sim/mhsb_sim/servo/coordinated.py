@@ -12,20 +12,22 @@ measured, no pressure is kept in reserve beyond the plan's.
 
 from __future__ import annotations
 
+import math
+
 from mhsb_model.arm_reports import Estimate
-from mhsb_model.hydraulics import load_pressure
+from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, ON_RAIL
-from mhsb_model.types import FloatArray
+from mhsb_model.types import IntArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, set_targets
 from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.estimates import estimates_of
-from mhsb_sim.servo.line_estimate import weigh_lines
-from mhsb_sim.servo.servo_pumps import Pumps, drive_pumps, look_ahead, pumps_of
+from mhsb_sim.servo.line_estimate import SHUT, weigh_lines
+from mhsb_sim.servo.servo_pumps import Pumps, drive_pumps, look_ahead, pumps_of, spare_flow
 from mhsb_sim.servo.valve_estimate import Valves, inverse, learn, valves_of
 
 SMALLEST_DROP = 2e4
@@ -83,7 +85,8 @@ def control(s: Servo, v: Valves, p: Pumps) -> None:
         set_target(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
     weigh_lines(s, p.lines)
     look_ahead(s, p)
-    join_lines(s, p.rail_target)
+    p.spare[0] = spare_flow(s, p)
+    join_lines(s, p)
     drive_pumps(s, p)
 
 
@@ -147,17 +150,19 @@ def set_target(
 
 
 @kernel(inline="always")
-def join_lines(s: Servo, rail_target: FloatArray) -> None:
+def join_lines(s: Servo, p: Pumps) -> None:
     """Open, throttle or shut the join valves, and set the rail's target.
 
     The rail's target is the greatest of the lines that draw on it. The last line to leave shared
     boost stays joined while the rail's pumps coast, which would else burst into a shut rail. One
     that needs less pressure than others is shut off as soon as it is known to leave, if one pump
-    suffices for it, so that none of theirs is left in it.
+    suffices for it, so that none of theirs is left in it; and while its valve shuts, the rail does
+    not rise to where more than the line draws would pass. What charges a line through its valve is
+    taken from p.spare.
     """
     axes, sensors, actuators, modules = s.axes, s.sensors, s.actuators, s.modules
-    modes, serves, module_home = s.modes, s.serves, s.module_home
-    c = s.constants[0]
+    modes, serves, module_home, rail_target = s.modes, s.serves, s.module_home, p.rail_target
+    c, rail_pressure = s.constants[0], s.rail_pressure[0]
     rail_flow = 0.0
     for k in range(len(modules)):
         rail_flow += modules[k].flow * modules[k].to_rail
@@ -167,6 +172,7 @@ def join_lines(s: Servo, rail_target: FloatArray) -> None:
             coasting = False
         if axes[j].joined > 0.0 and BOOSTED[modes[j]]:
             highest = max(highest, axes[j].supply_target)
+    bearable = math.inf
     rail_target[:] = 0.0
     for j in range(len(axes)):
         axis = axes[j]
@@ -181,12 +187,36 @@ def join_lines(s: Servo, rail_target: FloatArray) -> None:
             rail_target[1] = max(rail_target[1], axis.target_ahead)
         if leaves:
             actuators[j].join_command = axis.joined
+            if axis.joined == 0.0 and actuators[j].join > SHUT:
+                cylinder = s.cylinders[j]
+                area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
+                drawn = axis.leakage + area * abs(axis.demand)
+                passing = drawn / (c.switching_coefficient * actuators[j].join)
+                bearable = min(bearable, axis.supply_target + passing * passing)
             continue
-        drop = s.rail_pressure[0] - sensors[j].line_pressure
+        drop = rail_pressure - sensors[j].line_pressure
         if abs(drop) < JOINED_DROP:
             axis.joined = 1.0
         lacking = c.line_capacity * (axis.supply_target - sensors[j].line_pressure)
-        wanted = max(0.0, axis.line_flow + lacking / (DAMPED * c.switching_time))
+        charge = min(max(0.0, lacking / (DAMPED * c.switching_time)), p.spare[0])
+        own = c.servo_pump_flow if has_own_pump(j, module_home, serves) else 0.0
         largest, _ = orifice(c.switching_coefficient, max(drop, 1.0), c.laminar_pressure)
-        throttle = min(1.0, wanted / largest) if drop > 0.0 else 0.0
+        throttle = 0.0
+        if drop > 0.0:
+            throttle = min(1.0, (max(0.0, axis.line_flow - own) + charge) / largest)
+            p.spare[0] -= charge
         actuators[j].join_command = max(axis.joined, throttle)
+    if bearable == math.inf:
+        p.rail_before[0] = rail_pressure
+    bearable = max(bearable, p.rail_before[0])
+    rail_target[0] = min(rail_target[0], bearable)
+    rail_target[1] = min(rail_target[1], bearable)
+
+
+@kernel
+def has_own_pump(j: int, module_home: IntArray, serves: IntArray) -> bool:
+    """Whether the module of actuator j's own line serves it."""
+    found = False
+    for k in range(len(serves)):
+        found = found or (serves[k] == j and module_home[k] == j)
+    return found

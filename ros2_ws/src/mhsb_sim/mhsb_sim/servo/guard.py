@@ -43,10 +43,15 @@ BOOST_BELOW, BOOST_AFTER = -3e4, 0.01
 """Reserve in N [Pa] below which an actuator is boosted, once it has lasted [s]: a plan may use all
 of P_S, of which the main pump's droop and the check valve take 0.025 MPa."""
 
+KEPT_BELOW = -1.5e5
+"""Reserve in N [Pa] below which a boost that the plan ends is kept. A line that needs less beyond
+P_S loses next to nothing while `BOOST_AFTER` tells whether it lasts: the plan lets inertia
+use up its margin, and a reserve that is measured comes late."""
+
 RELEASE_ABOVE, RELEASE_AFTER = 4.5e5, 0.3
 """Reserve in N [Pa] above which it is let go, once it has lasted [s]."""
 
-FULL_PACE_ABOVE, HOLD_BELOW = -3e4, -2.0e5
+FULL_PACE_ABOVE, HOLD_BELOW = -6e4, -2.0e5
 """Reserve in N [Pa]: full pace above, none below, linear in between."""
 
 BOOSTED_FULL_ABOVE, BOOSTED_HOLD_BELOW = -0.5e5, -2.5e5
@@ -229,11 +234,12 @@ def ask(actuator: Record, scheduled: bool, step: float) -> bool:
     reason to boost it after that.
     """
     boosts, reserve = actuator.wanted != Mode.N, actuator.unboosted
-    least = BOOST_BELOW if scheduled else RELEASE_ABOVE
-    after = BOOST_AFTER
     if boosts:
+        due = reserve > (KEPT_BELOW if scheduled else RELEASE_ABOVE)
         after = 0.0 if scheduled else RELEASE_AFTER
-    due = reserve > least if boosts else reserve < BOOST_BELOW
+    else:
+        due = reserve < (KEPT_BELOW if scheduled else BOOST_BELOW)
+        after = BOOST_AFTER
     actuator.lasting = actuator.lasting + step if due else 0.0
     if not due or actuator.lasting < after:
         return False

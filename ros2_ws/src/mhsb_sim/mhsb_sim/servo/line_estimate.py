@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo
@@ -61,6 +61,7 @@ BALANCE = np.dtype(
         ("moved", "f8"),  # m³, taken by pistons
         ("moving", "f8"),  # 1 where any moved
         ("flow", "f8"),  # m³/s, of pumps a step ago
+        ("rail", "f8"),  # 1 for the rail's
     ]
 )
 
@@ -73,6 +74,8 @@ class Lines(NamedTuple):
     balances: Records  # BALANCE[n + 1]
     row: FloatArray  # [n + 1, 1 + n] m³, of each balance what c and λ are multiplied by
     before: FloatArray  # [n + 1, 3] Pa, line, cap and rod side a step ago; the last row is the rail
+    taken: FloatArray  # [n + 1, 3] m³ in this step: by compression, leakage, the piston; likewise
+    fed: FloatArray  # [n + 1, 2] m³/s, of pumps into each line alone; 1 where one of them is in use
     carried: FloatArray  # [1 + n] working memory
 
 
@@ -80,112 +83,143 @@ def lines_of(count: int) -> Lines:
     """Lines as the machine file has them, not known well."""
     deviation = np.full(1 + count, LEAKAGE_DEVIATION)
     deviation[0] = SQUEEZE_DEVIATION
+    balances = np.zeros(count + 1, BALANCE)
+    balances["rail"][count] = 1.0
     return Lines(
         believed=np.ones(1 + count),
         covariance=np.diag(deviation**2),
-        balances=np.zeros(count + 1, BALANCE),
+        balances=balances,
         row=np.zeros((count + 1, 1 + count)),
         before=np.zeros((count + 1, 3)),
+        taken=np.zeros((count + 1, 3)),
+        fed=np.zeros((count + 1, 2)),
         carried=np.zeros(1 + count),
     )
 
 
-@kernel
+@kernel(inline="always")
 def weigh_lines(s: Servo, lines: Lines) -> None:
-    """Take a step into all balances, and learn from those whose window is full."""
-    n, c = len(s.axes), s.constants[0]
+    """Take a step into all balances, and learn from those whose window is full.
+
+    Writes what each valve leaks by the machine file, too.
+    """
+    n, c, step, rail = len(s.axes), s.constants[0], s.gains[0].step, s.rail_pressure[0]
+    feed(s.modules, s.module_home, s.serves, lines.fed)
     joined, broken = 0, False
     for j in range(n):
         join = s.actuators[j].join
-        drop = abs(s.sensors[j].line_pressure - s.rail_pressure[0])
-        if join > WIDE and drop < JOINED_DROP:
+        if join > WIDE and abs(s.sensors[j].line_pressure - rail) < JOINED_DROP:
             joined |= 1 << j
         elif join > SHUT:
             broken = True
-    for j in range(n):
-        alone = s.actuators[j].join < SHUT
-        flow, feeds = fed(s, 1 << j, False)
-        clear = s.sensors[j].line_pressure > c.supply_pressure + CLEAR
-        balance(s, lines, j, 1 << j if alone and feeds else 0, 0 if clear else 1, flow)
-    flow, feeds = fed(s, joined, True)
-    if broken or not feeds:
-        joined = 0
-    clear = s.rail_pressure[0] > c.supply_pressure + CLEAR
-    flow -= c.bleed_conductance * (s.rail_pressure[0] - c.tank_pressure)
-    balance(s, lines, n, joined, 0 if clear else 1, flow)
-    for j in range(n):
-        sensor, before = s.sensors[j], lines.before[j]
-        before[0], before[1] = sensor.line_pressure, sensor.cap_pressure
-        before[2] = sensor.rod_pressure
-    lines.before[n, 0] = s.rail_pressure[0]
+        take_line(s.axes[j], s.cylinders[j], s.sensors[j], c, step, lines.before[j], lines.taken[j])
+    lines.taken[n, 0] = c.rail_capacity * (rail - lines.before[n, 0])
+    lines.before[n, 0] = rail
+    for g in range(n + 1):
+        flow, feeds, pressure, members = lines.fed[g, 0], lines.fed[g, 1] > 0.0, rail, joined
+        if g < n:
+            pressure = s.sensors[g].line_pressure
+            members = 1 << g if feeds and s.actuators[g].join < SHUT else 0
+        else:
+            flow -= c.bleed_conductance * (rail - c.tank_pressure)
+            for j in range(n):
+                if joined >> j & 1:
+                    flow += lines.fed[j, 0]
+                    feeds = feeds or lines.fed[j, 1] > 0.0
+            if broken or not feeds:
+                members = 0
+        fed_too = 0 if pressure > c.supply_pressure + CLEAR else 1
+        own, row = lines.balances[g], lines.row[g]
+        if balance(own, row, lines.taken, members, fed_too, flow, step):
+            spread = (FLOW * WINDOW * step) ** 2 + own.moving * READING**2 + (MODEL * row[0]) ** 2
+            oil = own.supplied - own.moved
+            if fed_too == 0 or (own.moving == 0.0 and oil > np.dot(row, lines.believed)):
+                update(lines, row, oil, spread)
 
 
 @kernel
-def fed(s: Servo, members: int, rail: bool) -> tuple[float, bool]:
-    """Flow of pumps [m³/s] into these lines, and the rail; whether any is in use for them."""
-    flow, feeds = 0.0, False
-    for k in range(len(s.modules)):
-        home, module = s.module_home[k], s.modules[k]
-        share = module.to_rail if rail else 0.0
-        if home >= 0 and members >> home & 1:
-            share += 1.0 - module.to_rail
-        flow += share * module.flow
-        feeds = feeds or (share > SHUT and s.serves[k] >= 0)
-    return flow, feeds
+def feed(modules: Records, module_home: IntArray, serves: IntArray, fed: FloatArray) -> None:
+    """Write what pumps feed into each line alone and into the rail, [n + 1, 2] as `Lines.fed`."""
+    fed[:] = 0.0
+    rail = len(fed) - 1
+    for k in range(len(modules)):
+        home, to_rail = module_home[k], modules[k].to_rail
+        fed[rail, 0] += to_rail * modules[k].flow
+        if home >= 0:
+            fed[home, 0] += (1.0 - to_rail) * modules[k].flow
+        if serves[k] >= 0:
+            if to_rail > SHUT:
+                fed[rail, 1] = 1.0
+            if home >= 0 and 1.0 - to_rail > SHUT:
+                fed[home, 1] = 1.0
 
 
 @kernel
-def balance(s: Servo, lines: Lines, g: int, members: int, fed_too: int, flow: float) -> None:
-    """Take a step into balance g, of these lines.
+def balance(
+    own: Record,
+    row: FloatArray,
+    taken: FloatArray,
+    members: int,
+    fed_too: int,
+    flow: float,
+    step: float,
+) -> bool:
+    """Take a step [s] into a balance of these lines; whether its window is full.
 
-    fed_too: 1 where the manifold may feed them as well; flow: of pumps into them [m³/s].
+    taken: as `Lines.taken`; fed_too: 1 where the manifold may feed them as well; flow: of pumps
+    into them [m³/s].
     """
-    own, row, c, step = lines.balances[g], lines.row[g], s.constants[0], s.gains[0].step
     if members == 0 or own.members != members or own.open != fed_too:
         own.members, own.open, own.steps = members, fed_too, 0
         if members == 0:
-            return
+            return False
     if own.steps == 0:
         row[:] = 0.0
         own.supplied = own.moved = own.moving = 0.0
         own.steps, own.flow = 1, flow
-        return
-    n = len(s.axes)
+        return False
+    n = len(taken) - 1
     own.supplied += 0.5 * (own.flow + flow) * step
     own.flow = flow
-    if g == n:
-        row[0] += c.rail_capacity * (s.rail_pressure[0] - lines.before[n, 0])
+    if own.rail > 0.0:
+        row[0] += taken[n, 0]
     for j in range(n):
         if members >> j & 1:
-            take_line(s, lines, j, row, own)
+            row[0] += taken[j, 0]
+            row[1 + j] += taken[j, 1]
+            own.moved += taken[j, 2]
+            own.moving = max(own.moving, 1.0 if taken[j, 2] != 0.0 else 0.0)
     own.steps += 1
     if own.steps <= WINDOW:
-        return
+        return False
     own.steps = 0
-    spread = (FLOW * WINDOW * step) ** 2 + own.moving * READING**2 + (MODEL * row[0]) ** 2
-    oil = own.supplied - own.moved
-    if own.open == 0 or (own.moving == 0.0 and oil > np.dot(row, lines.believed)):
-        update(lines, row, oil, spread)
+    return True
 
 
 @kernel
-def take_line(s: Servo, lines: Lines, j: int, row: FloatArray, own: Record) -> None:
-    """Take a step of line j into a balance: what its oil and that of an open chamber are compressed
-    by, its leakage, and the way of its piston."""
-    axis, cylinder, sensor, c = s.axes[j], s.cylinders[j], s.sensors[j], s.constants[0]
-    step, before = s.gains[0].step, lines.before[j]
-    row[0] += c.line_capacity * (sensor.line_pressure - before[0])
-    leakage, _ = orifice(
-        c.leakage_coefficient, sensor.line_pressure - c.tank_pressure, c.laminar_pressure
-    )
-    row[1 + j] += leakage * step
+def take_line(
+    axis: Record,
+    cylinder: Record,
+    sensor: Record,
+    c: Record,
+    step: float,
+    before: FloatArray,
+    taken: FloatArray,
+) -> None:
+    """Write what a line takes in a step: what its oil and that of an open chamber are compressed
+    by, its leakage, and the way of its piston; before, taken: its rows as in `Lines`."""
+    line, cap, rod = sensor.line_pressure, sensor.cap_pressure, sensor.rod_pressure
+    axis.leakage, _ = orifice(c.leakage_coefficient, line - c.tank_pressure, c.laminar_pressure)
+    taken[0] = c.line_capacity * (line - before[0])
+    taken[1] = axis.leakage * step
+    taken[2] = 0.0
     if axis.speed > 0.0:
-        own.moved += cylinder.cap_area * axis.speed * step
-        row[0] += (sensor.cap_pressure - before[1]) / axis.cap_stiffness
+        taken[0] += (cap - before[1]) / axis.cap_stiffness
+        taken[2] = cylinder.cap_area * axis.speed * step
     elif axis.speed < 0.0:
-        own.moved -= cylinder.rod_area * axis.speed * step
-        row[0] += (sensor.rod_pressure - before[2]) / axis.rod_stiffness
-    own.moving = max(own.moving, 1.0 if axis.speed != 0.0 else 0.0)
+        taken[0] += (rod - before[2]) / axis.rod_stiffness
+        taken[2] = -cylinder.rod_area * axis.speed * step
+    before[0], before[1], before[2] = line, cap, rod
 
 
 @kernel

@@ -67,6 +67,7 @@ class Pumps(NamedTuple):
 
     gains: Records  # GAINS[1]
     rail_target: FloatArray  # [2] pressure targets of the rail [Pa], as those of an axis
+    rail_before: FloatArray  # [1] Pa, its pressure before the last line began to leave it
     volume: FloatArray  # [n + 1, REFERENCE_POINTS] as in `look_ahead`; the last row is the rail's
     coasting: FloatArray  # [FINE + REFERENCE_POINTS − 1] as in `coasting_limit`
     slow: FloatArray  # likewise, of pumps that stop later than the machine file's
@@ -96,6 +97,7 @@ def pumps_of(machine: Machine, signals: ServoSignals) -> Pumps:
     pumps = Pumps(
         gains=gains,
         rail_target=np.full(2, signals.rail_pressure[0]),
+        rail_before=np.full(1, signals.rail_pressure[0]),
         volume=np.zeros((n + 1, REFERENCE_POINTS)),
         coasting=np.zeros(len(points)),
         slow=np.zeros(len(points)),
@@ -151,8 +153,8 @@ def look_ahead(s: Servo, p: Pumps) -> None:
     reference, by the trapezoidal rule, with moment arms linear about point `AHEAD`; ΔF compresses
     the chamber.
     """
-    reference, sensors, cylinders, axes = s.reference, s.sensors, s.cylinders, s.axes
-    volume, c, g = p.volume, s.constants[0], p.gains[0]
+    reference, cylinders, axes = s.reference, s.cylinders, s.axes
+    volume, g = p.volume, p.gains[0]
     spacing = g.preview / AHEAD
     for j in range(len(axes)):
         axis, cylinder = axes[j], cylinders[j]
@@ -160,10 +162,8 @@ def look_ahead(s: Servo, p: Pumps) -> None:
             axis.line_flow = 0.0
             volume[j] = 0.0
             continue
-        drop = sensors[j].line_pressure - c.tank_pressure
-        by_file, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
-        leakage = p.lines.believed[1 + j] * by_file
-        p.doubt[j] = DOUBTS * math.sqrt(p.lines.covariance[1 + j, 1 + j]) * by_file
+        leakage = p.lines.believed[1 + j] * axis.leakage
+        p.doubt[j] = DOUBTS * math.sqrt(p.lines.covariance[1 + j, 1 + j]) * axis.leakage
         cap, rod = cylinder.cap_area, cylinder.rod_area
         pressed = (axis.force_ahead - axis.force) / axis.stiffness
         pressed *= cap if axis.speed_ahead > 0.0 else -rod
@@ -276,9 +276,8 @@ def spare_flow(s: Servo, p: Pumps) -> float:
     left, lowest, kept = c.main_pump_flow, np.inf, MANIFOLD_LEFT * c.supply_pressure
     for j in range(len(s.axes)):
         axis, cylinder, line = s.axes[j], s.cylinders[j], s.sensors[j].line_pressure
-        leakage, _ = orifice(c.leakage_coefficient, line - c.tank_pressure, c.laminar_pressure)
         area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed)
-        left -= area * abs(axis.speed) + leakage
+        left -= area * abs(axis.speed) + p.lines.believed[1 + j] * axis.leakage
         lowest = min(lowest, line)
         if not BOOSTED[s.modes[j]] and axis.speed != 0.0:
             force = axis.force + axis.bias
@@ -364,7 +363,6 @@ def drive_pumps(s: Servo, p: Pumps) -> None:
             sharing += 1
             shared += drives.flow[k]
             pending += drives.pending[k]
-    p.spare[0] = spare_flow(s, p)
     rail_command = 0.0
     if sharing > 0:
         demand = rail_demand(s, p, pending)

@@ -300,6 +300,11 @@ class Simulator:
         modes[:] = self._in_force
 
     @property
+    def spools(self) -> FloatArray:
+        """Openings of the valves now, −1 … 1, float64[n]."""
+        return self._circuit.actuators["spool"]
+
+    @property
     def sensed(self) -> Sensed:
         """What the servo is told now, and what it asks for."""
         signals, believed = self._signals, self._believed
@@ -403,6 +408,11 @@ class Simulator:
         """Change the payload [kg] on the tip; the servo is not told."""
         self._payload = mass
         set_payload(self._model, mass)
+
+    def silence_noise(self) -> None:
+        """Let sensors tell without noise from now on; what else they have stays."""
+        self._noise_scale[:] = 0.0
+        self._noise[:] = 0.0
 
     def inject(self, faults: Sequence[Fault]) -> None:
         """Let these fail from now on and nothing else; a reset heals all."""

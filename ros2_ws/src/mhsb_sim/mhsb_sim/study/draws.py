@@ -26,6 +26,13 @@ from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
+from mhsb_sim.study.draw_measures import (
+    flow_suffices,
+    planned_time,
+    rest_error,
+    spool_deviation,
+    told_payload,
+)
 from mhsb_sim.study.headless import TimedGoal
 from mhsb_sim.study.replay import Replay, replay
 from mhsb_sim.study.servo_study import supply_overshoot
@@ -55,9 +62,15 @@ class DrawRecord:
     supply_overshoot_mpa  as in `servo_study.supply_overshoot`, the need being the plant's
     relief_opened         whether any relief valve let oil through
     time_lost             by which the reference arrived later than the last plan says [s]
+    later_percent         the same, of the time from the first plan's beginning to the last's end
     interventions         times that the guard boosted or slowed beyond the plan
     rho_s                 largest tip error over the largest speed of the reference's tip [s]
     energy_…              of all pumps, given to the oil and taken at their shafts [J]
+    rest_error_mm         tip from its goal in the last second, 95 % of it
+    spool_deviation_percent  as in `draw_measures.spool_deviation`
+    flow_suffices         whether the main pump delivers what the plans take from this plant
+    payload_kg, payload_half_interval_kg, payload_error_percent, payload_holds
+                          as in `draw_measures.told_payload`; None where it is not to be told
     failure               why the draw failed, empty where it did not
     """
 
@@ -73,6 +86,14 @@ class DrawRecord:
     rho_s: float | None = None
     energy_hydraulic_j: float | None = None
     energy_shaft_j: float | None = None
+    later_percent: float | None = None
+    rest_error_mm: float | None = None
+    spool_deviation_percent: float | None = None
+    flow_suffices: bool | None = None
+    payload_kg: float | None = None
+    payload_half_interval_kg: float | None = None
+    payload_error_percent: float | None = None
+    payload_holds: bool | None = None
     failure: str = ""
 
 
@@ -181,6 +202,7 @@ class DrawStudy:
             run = replay(simulator, sequence.commands, sequence.duration)
             error = 1e3 * run.tip_error(plant)
             sources = energy_by_source(run.energies).values()
+            told, lost = told_payload(plant, run), time_lost(sequence.commands, run)
             return DrawRecord(
                 controller,
                 draw,
@@ -189,11 +211,19 @@ class DrawStudy:
                 tip_error_max_mm=float(error.max()),
                 supply_overshoot_mpa=float(supply_overshoot(plant, run).max() / 1e6),
                 relief_opened=run.energies["relief_valves"] > 0.0,
-                time_lost=time_lost(sequence.commands, run),
+                time_lost=lost,
+                later_percent=100.0 * lost / max(planned_time(sequence.commands), run.step),
                 interventions=run.interventions,
                 rho_s=float(1e-3 * error.max() / max(highest_tip_speed(plant, run), LOWEST_SPEED)),
                 energy_hydraulic_j=sum(source["hydraulic"] for source in sources),
                 energy_shaft_j=sum(source["shaft"] for source in sources),
+                rest_error_mm=rest_error(error, run.step),
+                flow_suffices=flow_suffices(self._machine, plant, sequence.commands),
+                payload_kg=told.value if told else None,
+                payload_half_interval_kg=told.half_interval if told else None,
+                payload_error_percent=told.error_percent if told else None,
+                payload_holds=told.holds if told else None,
+                spool_deviation_percent=spool_deviation(simulator),  # the run goes on for it
                 failure=sequence.refused,
             )
         except Exception as error:  # as above
@@ -237,32 +267,6 @@ def as_dicts(records: Sequence[DrawRecord]) -> list[dict[str, object]]:
     order = list(CONTROLLERS)
     ordered = sorted(records, key=lambda record: (record.draw, order.index(record.controller)))
     return [asdict(record) for record in ordered]
-
-
-def as_text(records: Sequence[DrawRecord]) -> list[str]:
-    """The draws for a person: medians, quantiles and the worst."""
-    lines = [
-        f"{'':14s}{'failed':>8s}{'RMS median':>15s}{'p95':>10s}{'worst':>9s}{'largest median':>15s}"
-        f"{'p95':>10s}{'worst':>9s} [mm]"
-    ]
-    for name in CONTROLLERS:
-        own = [record for record in records if record.controller == name]
-        failed = sum(bool(record.failure) for record in own)
-        columns = f"{name:14s}{failed:4d}/{len(own):<4d}"
-        for field in ("tip_error_rms_mm", "tip_error_max_mm"):
-            values = [v for record in own if (v := getattr(record, field)) is not None]
-            if values:
-                middle, high = np.quantile(values, (0.5, 0.95))
-                columns += f"{middle:14.2f} {high:9.2f} {max(values):8.2f}"
-        over = [r.supply_overshoot_mpa for r in own if r.supply_overshoot_mpa is not None]
-        relief = sum(bool(record.relief_opened) for record in own)
-        if over:
-            columns += f"   overshoot p95 {np.quantile(over, 0.95):.2f}, worst {max(over):.2f} MPa"
-        lost = [record.time_lost for record in own if record.time_lost is not None]
-        guarded = sum(bool(record.interventions) for record in own)
-        late = f", late p95 {np.quantile(lost, 0.95):.2f}, worst {max(lost):.2f} s" if lost else ""
-        lines.append(f"{columns}; relief in {relief}; guard in {guarded}{late}")
-    return lines + sorted({f"draw {r.draw}: {r.failure}" for r in records if r.failure})
 
 
 def _reason(error: Exception) -> str:

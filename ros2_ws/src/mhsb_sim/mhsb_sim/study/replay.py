@@ -7,7 +7,7 @@ every controller and every gain can be given the very same ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.simulation.simulator import Simulator
+
+ESTIMATED_EVERY = 100
+"""Steps from one look at what the servo has learnt of its payload to the next."""
 
 LONGEST = 3.0
 """Times its duration that a run whose plans are slowed may take."""
@@ -34,6 +37,8 @@ class Replay:
     modes      uint8[k, n], in force
     energies   J, as `Simulator.energies` at the end
     interventions  of the guard, in all
+    payload    float64[r, 3], time [s], what the servo takes it for [kg], its standard deviation
+               [kg]; no rows where it does not learn
     """
 
     step: float
@@ -43,6 +48,7 @@ class Replay:
     modes: ModeArray
     energies: dict[str, float]
     interventions: int = 0
+    payload: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     @property
     def time(self) -> FloatArray:
@@ -89,6 +95,7 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
     pressure = np.empty((most, 3 * n + 3))
     modes = np.empty((most, n), dtype=np.uint8)
     waiting = list(reversed(commands))
+    payload: list[tuple[float, float, float]] = []
     k = 0
     while simulator.plan_time_ns < end_ns and k < most:
         if waiting and simulator.plan_time_ns >= waiting[-1].stamp_ns:
@@ -97,6 +104,13 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
         simulator.step()
         simulator.copy_state(reference[k], position[k], pressure[k], modes[k])
         k += 1
+        if k % ESTIMATED_EVERY == 0:
+            time = k * simulator.step_ns / SECOND_NS
+            payload += [
+                (time, each.value, each.deviation)
+                for each in simulator.estimates
+                if each.quantity == "payload"
+            ]
     step = simulator.step_ns / SECOND_NS
     return Replay(
         step,
@@ -106,4 +120,5 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
         modes[:k],
         simulator.energies,
         simulator.guard.interventions.count,
+        np.array(payload).reshape(-1, 3),
     )

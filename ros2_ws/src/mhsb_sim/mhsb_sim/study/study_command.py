@@ -21,8 +21,8 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
+from mhsb_sim.study.draw_limits import as_text as draws_as_text
 from mhsb_sim.study.draws import as_dicts as draws_as_dicts
-from mhsb_sim.study.draws import as_text as draws_as_text
 from mhsb_sim.study.draws import run_draws
 from mhsb_sim.study.energy_comparison import Element, total
 from mhsb_sim.study.energy_comparison import as_text as energy_text
@@ -131,7 +131,7 @@ def study_draws(
     jobs: int | None,
     output: Path,
 ) -> None:
-    """Run all draws; writes summary.json in the folder `output` and prints quantiles.
+    """Run all draws; writes summary.json in the folder `output`, prints figures and their limits.
 
     plant: what is varied while servo and planner know `machine`.
     """

@@ -4,7 +4,8 @@ import pytest
 from mhsb_model.machine import Machine
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_sim.study import draws
-from mhsb_sim.study.draws import DrawStudy, as_dicts, as_text
+from mhsb_sim.study.draw_limits import as_text
+from mhsb_sim.study.draws import DrawStudy, as_dicts
 from mhsb_sim.study.variations import Variation, load_variations
 
 
@@ -28,6 +29,9 @@ def test_a_draw_is_the_same_whenever_it_is_made_and_judges_every_controller(
         assert record.relief_opened in (True, False)
         assert 0.0 <= record.time_lost < 5.0
         assert record.interventions > 0 or record.time_lost == 0.0
+        assert record.later_percent >= 0.0
+        assert 0.0 < record.rest_error_mm <= record.tip_error_max_mm
+        assert 0.0 <= record.spool_deviation_percent < 20.0
     assert records[0].varied == records[1].varied
     again = study.records(3)
     assert as_dicts(again) == as_dicts(records)

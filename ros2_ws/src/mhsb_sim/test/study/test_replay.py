@@ -29,6 +29,8 @@ def test_it_is_the_simulators_run_with_each_command_at_its_stamp(
     assert run.energies == other.energies
     assert run.time[-1] == 0.5
     assert run.tip_error(machine).max() < 1e-3
+    learnt = next(each for each in other.estimates if each.quantity == "payload")
+    np.testing.assert_allclose(run.payload[-1], (0.5, learnt.value, learnt.deviation))
     assert np.all(run.chamber_pressure >= run.pressure[:, 0:-3:3])
 
 
