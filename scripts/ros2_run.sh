@@ -7,7 +7,7 @@ ros2() {
     echo "Here 'ros2' knows only 'ros2 run PACKAGE EXECUTABLE [ARGUMENTS]'; the rest needs a ROS 2 installation." >&2
     return 2
   fi
-  local package=$2 executable=$3 prefix
+  local package=$2 executable=$3 prefix file hint there=()
   shift 3
   local IFS=:
   for prefix in $AMENT_PREFIX_PATH; do
@@ -16,8 +16,14 @@ ros2() {
       "$prefix/lib/$package/$executable" "$@"
       return
     fi
+    for file in "$prefix/lib/$package"/*; do
+      if [ -f "$file" ] && [ -x "$file" ]; then there+=("${file##*/}"); fi
+    done
   done
-  echo "No executable '$executable' in a package '$package'; see ros2_ws/src/*/setup.py for those there are." >&2
+  unset IFS
+  hint="the suite's packages are mhsb_model, mhsb_planner and mhsb_sim"
+  if [ ${#there[@]} -gt 0 ]; then hint="there are ${there[*]}"; fi
+  echo "No executable '$executable' in a package '$package'; $hint." >&2
   return 1
 }
 export -f ros2

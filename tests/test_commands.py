@@ -4,10 +4,14 @@ import importlib
 import json
 import re
 import signal
+import subprocess
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
 
 COMMANDS = {
     ("mhsb_model", "check"): "SI units",
@@ -231,3 +235,13 @@ def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
     assert abs(float(volume_gap)) < 0.1
     assert (tmp_path / "move.png").stat().st_size > 10_000
     assert (tmp_path / "samples.csv").read_text().startswith("time,reference_1,reference_2")
+
+
+def test_a_command_that_is_not_there_is_answered_with_those_that_are():
+    script = "source scripts/ros2_run.sh; ros2 run mhsb_planner plam; ros2 run mhsb_plan goal"
+    run = subprocess.run(["bash", "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 1
+    first, second = run.stderr.splitlines()
+    assert "'plam'" in first
+    assert {"plan", "goal", "build_table"} <= set(first.rstrip(".").split())
+    assert "packages are mhsb_model, mhsb_planner and mhsb_sim" in second

@@ -114,6 +114,14 @@ class Page:
             " if (found) found.click(); return Boolean(found)})()"
         )
 
+    def tick(self, label: str) -> None:
+        """Press the box that stands beside this label."""
+        self.until(
+            "(() => {const found = [...document.querySelectorAll('label')]"
+            f".find(each => each.innerText.trim() === {json.dumps(label)});"
+            " if (found) found.click(); return Boolean(found)})()"
+        )
+
     def type(self, selector: str, text: str) -> None:
         """Replace what is in an input by a text, and confirm it."""
         self.until(

@@ -83,6 +83,12 @@ def test_goals_are_typed_and_dragged_and_what_was_seen_is_played_back(
         time.sleep(1.0)
         keep(page, "live")
         assert math.dist(tip_in(page), before) > 0.005
+        page.tick("where boost is needed")
+        page.until(r"/with 10 kg, of \d+ points \d+ need N alone/.test(document.body.innerText)")
+        page.until(r"/of \d+ J from the pumps: -?\d+ J work/.test(document.body.innerText)")
+        time.sleep(1.0)
+        keep(page, "abilities")
+        page.tick("where boost is needed")
         drag(page, (0.5 + 0.12, -0.2), (0.6 + 0.12, -0.2))
         page.until(r"/OK \(0\.(5[5-9]|6)\d*, -0\.\d+\) m/.test(document.body.innerText)")
         page.press("Stop")

@@ -1,11 +1,12 @@
-"""`check`: what a machine file amounts to, as text."""
+"""`check`: what a machine file amounts to, as text or JSON."""
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -25,98 +26,152 @@ def check(
     file: Annotated[
         Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")
     ] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Print what a machine file amounts to: reach, moment arms, loads, boost, what zones leave.
 
     Args:
         file: Machine file (YAML, SI units); the suite's own arm when left out.
+        json_: Print one JSON object, in SI units, instead of text.
     """
     machine = load_machine(file)
-    print("\n".join(report(machine)))
+    if json_:
+        print(json.dumps(facts(machine)))
+    else:
+        print("\n".join(report(machine)))
+
+
+def facts(machine: Machine) -> dict[str, Any]:
+    """What a machine amounts to, in SI units."""
+    found = {
+        "name": machine.name,
+        "hash": machine.hash,
+        "joints": [_joint_facts(machine, j) for j in range(machine.joint_count)],
+        "hydraulics": _hydraulic_facts(machine),
+        "workspace": _workspace_facts(machine),
+    }
+    if machine.obstacles.names:
+        found["keep_out"] = _keep_out_facts(machine)
+    return found
 
 
 def report(machine: Machine) -> list[str]:
-    """Lines of text about a machine; positions in m, angles in degrees, pressures in MPa."""
+    """The facts as lines of text; positions in m, angles in degrees, pressures in MPa."""
+    found = facts(machine)
     lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.hash[:12]}"]
-    lines += _joint_lines(machine)
-    lines += _hydraulic_lines(machine)
-    lines += _workspace_lines(machine)
-    if machine.obstacles.names:
-        lines += _keep_out_lines(machine)
+    lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
+    lines += _workspace_lines(found["workspace"])
+    if "keep_out" in found:
+        lines += _keep_out_lines(found["keep_out"])
     return lines
 
 
-def _joint_lines(machine: Machine) -> list[str]:
+def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
+    """Of one joint; torque and load pressure with the arm straight out, None where it cannot be."""
+    arrays, joint = machine.arrays, machine.config.joints[j]
+    row = arrays.linkage[j]
+    lower, upper = joint.limits.lower, joint.limits.upper
+    least, largest = linkage.moment_arm_range(row, lower, upper)
+    lengths = linkage.motions(row, linkage.angle_grid(lower, upper))[:, 0]
+    torque = pressure = None
+    if lower <= 0.0 <= upper:
+        torque = float(machine.gravity_torque(np.zeros(machine.joint_count))[j])
+        force = torque / linkage.moment_arm(row, 0.0)
+        pressure = float(
+            hydraulics.load_pressure(
+                arrays.cap_area[j], arrays.rod_area[j], arrays.tank_pressure, force, force
+            )
+        )
+    return {
+        "linkage": joint.linkage.kind,
+        "range_rad": [float(lower), float(upper)],
+        "moment_arm_m": [float(least), float(largest)],
+        "stroke_m": float(np.ptp(lengths)),
+        "straight_out_torque_nm": torque,
+        "straight_out_load_pressure_pa": pressure,
+    }
+
+
+def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
     lines = [
         "joint  linkage        range [deg]      moment arm [mm]   stroke [mm]   "
         "straight out: [N m]  p_L [MPa]"
     ]
-    straight = np.zeros(machine.joint_count)
-    torque = machine.gravity_torque(straight)
-    arrays = machine.arrays
-    for j, joint in enumerate(machine.config.joints):
-        row = arrays.linkage[j]
-        lower, upper = joint.limits.lower, joint.limits.upper
-        least, largest = linkage.moment_arm_range(row, lower, upper)
-        lengths = linkage.motions(row, linkage.angle_grid(lower, upper))[:, 0]
+    for number, joint in enumerate(joints, start=1):
+        lower, upper = map(math.degrees, joint["range_rad"])
+        least, largest = joint["moment_arm_m"]
+        torque, pressure = joint["straight_out_torque_nm"], joint["straight_out_load_pressure_pa"]
         shown = "    outside the joint's range"
-        if lower <= 0.0 <= upper:
-            force = torque[j] / linkage.moment_arm(row, 0.0)
-            pressure = hydraulics.load_pressure(
-                arrays.cap_area[j], arrays.rod_area[j], arrays.tank_pressure, force, force
-            )
-            shown = f"{torque[j]:10.1f} {pressure / 1e6:16.2f}"
+        if torque is not None:
+            shown = f"{torque:10.1f} {pressure / 1e6:16.2f}"
         lines.append(
-            f"{j + 1:5d}  {joint.linkage.kind:12s} "
-            f"{math.degrees(lower):7.1f} …{math.degrees(upper):6.1f}"
+            f"{number:5d}  {joint['linkage']:12s} {lower:7.1f} …{upper:6.1f}"
             f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
-            f"  {1e3 * np.ptp(lengths):12.1f}  {shown}"
+            f"  {1e3 * joint['stroke_m']:12.1f}  {shown}"
         )
     return lines
 
 
-def _hydraulic_lines(machine: Machine) -> list[str]:
+def _hydraulic_facts(machine: Machine) -> dict[str, Any]:
     arrays = machine.arrays
+    return {
+        "supply_pressure_pa": float(arrays.supply_pressure),
+        "main_pump_flow_m3_s": float(arrays.main_pump_flow),
+        "booster_modules": int(arrays.module_count),
+        "servo_pump_flow_m3_s": float(arrays.servo_pump_flow),
+        "max_boost_pressure_pa": float(arrays.max_boost_pressure),
+        "mode_patterns": len(machine.patterns),
+        "max_piston_speed_m_s": float(arrays.max_piston_speed),
+        "speed_of_one_module_m_s": float(arrays.servo_pump_flow / arrays.cap_area[0]),
+        "leakage_m3_s": float(machine.joint_count * arrays.leakage_flow),
+    }
+
+
+def _hydraulic_lines(found: dict[str, Any]) -> list[str]:
     per_minute = 6e4
-    speed = arrays.servo_pump_flow / arrays.cap_area[0]
     return [
-        f"main pump {arrays.supply_pressure / 1e6:.2f} MPa, "
-        f"{arrays.main_pump_flow * per_minute:.2f} L/min; "
-        f"{arrays.module_count} booster modules of {arrays.servo_pump_flow * per_minute:.3f} L/min "
-        f"up to {arrays.max_boost_pressure / 1e6:.1f} MPa; {len(machine.patterns)} mode patterns",
-        f"piston speed at most {1e3 * arrays.max_piston_speed:.1f} mm/s; one module extends "
-        f"actuator 1 at {1e3 * speed:.1f} mm/s; leakage of all valves "
-        f"{machine.joint_count * arrays.leakage_flow * per_minute:.3f} L/min",
+        f"main pump {found['supply_pressure_pa'] / 1e6:.2f} MPa, "
+        f"{found['main_pump_flow_m3_s'] * per_minute:.2f} L/min; {found['booster_modules']} "
+        f"booster modules of {found['servo_pump_flow_m3_s'] * per_minute:.3f} L/min "
+        f"up to {found['max_boost_pressure_pa'] / 1e6:.1f} MPa; {found['mode_patterns']} "
+        "mode patterns",
+        f"piston speed at most {1e3 * found['max_piston_speed_m_s']:.1f} mm/s; one module extends "
+        f"actuator 1 at {1e3 * found['speed_of_one_module_m_s']:.1f} mm/s; leakage of all valves "
+        f"{found['leakage_m3_s'] * per_minute:.3f} L/min",
     ]
 
 
-def _workspace_lines(machine: Machine) -> list[str]:
-    counts = dict.fromkeys(("P_S", "boost", "too heavy", "no posture"), 0)
+def _workspace_facts(machine: Machine) -> dict[str, Any]:
+    counts = dict.fromkeys(("held", "boosted", "too_heavy", "no_posture"), 0)
     boosted = np.zeros(machine.joint_count, dtype=int)
     nodes = _nodes(machine)
     for x, z in nodes:
         pressures = _lightest_hold(machine, x, z)
         if pressures is None:
-            counts["no posture"] += 1
+            counts["no_posture"] += 1
         elif pressures.max() > machine.arrays.max_boost_pressure:
-            counts["too heavy"] += 1
+            counts["too_heavy"] += 1
         elif pressures.max() > machine.arrays.supply_pressure:
-            counts["boost"] += 1
+            counts["boosted"] += 1
             boosted += pressures > machine.arrays.supply_pressure
         else:
-            counts["P_S"] += 1
-    by_joint = ", ".join(f"joint {j + 1}: {n}" for j, n in enumerate(boosted))
+            counts["held"] += 1
+    return {"points": len(nodes), **counts, "boosted_by_joint": boosted.tolist()}
+
+
+def _workspace_lines(found: dict[str, Any]) -> list[str]:
+    by_joint = ", ".join(f"joint {j}: {n}" for j, n in enumerate(found["boosted_by_joint"], 1))
     return [
-        f"of {len(nodes)} points {GRID * 1e3:g} mm apart, in the posture that loads the "
+        f"of {found['points']} points {GRID * 1e3:g} mm apart, in the posture that loads the "
         "cylinders least:",
-        f"  {counts['P_S']} are held at supply pressure",
-        f"  {counts['boost']} need boost ({by_joint})",
-        f"  {counts['too heavy']} are beyond the highest boost pressure",
-        f"  {counts['no posture']} have no posture within the joint limits",
+        f"  {found['held']} are held at supply pressure",
+        f"  {found['boosted']} need boost ({by_joint})",
+        f"  {found['too_heavy']} are beyond the highest boost pressure",
+        f"  {found['no_posture']} have no posture within the joint limits",
     ]
 
 
-def _keep_out_lines(machine: Machine) -> list[str]:
+def _keep_out_facts(machine: Machine) -> dict[str, Any]:
     """What obstacles leave of the points that the arm reaches."""
     psi = np.linspace(-np.pi, np.pi, PSI_SAMPLES, endpoint=False)
     reached = left = 0
@@ -126,10 +181,19 @@ def _keep_out_lines(machine: Machine) -> list[str]:
             distance, _ = clearances(machine.arrays, machine.obstacles.path_rows, postures)
             reached += 1
             left += bool(distance.max() >= 0.0)
+    return {
+        "margin_m": float(machine.config.keep_out.margin),
+        "obstacles": list(machine.obstacles.names),
+        "reached": reached,
+        "left": left,
+    }
+
+
+def _keep_out_lines(found: dict[str, Any]) -> list[str]:
+    left, reached = found["left"], found["reached"]
     share = 100.0 * left / reached if reached else 0.0
     return [
-        f"keeping {1e3 * machine.config.keep_out.margin:g} mm clear of "
-        f"{'; '.join(machine.obstacles.names)}:",
+        f"keeping {1e3 * found['margin_m']:g} mm clear of {'; '.join(found['obstacles'])}:",
         f"  {left} of {reached} points that can be reached are left, {share:.0f} %",
     ]
 

@@ -1,8 +1,11 @@
 """The check command: text about a machine, and clean refusals."""
 
+import json
 import re
 import subprocess
 import sys
+
+import numpy as np
 
 from mhsb_model import check
 from mhsb_model.obstacles.zones import Zones
@@ -62,3 +65,19 @@ def test_a_missing_file_is_one_sentence_and_a_failure():
     assert result.returncode != 0
     assert len(result.stderr.strip().splitlines()) == 1
     assert "nowhere.yaml" in result.stderr
+
+
+def test_json_has_the_numbers_of_the_text_in_si_units(machine):
+    done = run("--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    workspace = found["workspace"]
+    kinds = ("held", "boosted", "too_heavy", "no_posture")
+    assert sum(workspace[kind] for kind in kinds) == workspace["points"] == 642
+    assert f"{workspace['boosted']} need boost" in "\n".join(check.report(machine))
+    assert found["hash"] == machine.hash
+    assert found["hydraulics"]["supply_pressure_pa"] == machine.arrays.supply_pressure
+    torque = machine.gravity_torque(np.zeros(3))
+    shown = [joint["straight_out_torque_nm"] for joint in found["joints"]]
+    assert shown[1] is None  # straight is outside of its range
+    np.testing.assert_allclose([shown[0], shown[2]], [torque[0], torque[2]])

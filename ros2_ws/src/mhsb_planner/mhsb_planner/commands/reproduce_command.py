@@ -74,6 +74,7 @@ def reproduce(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Run all cases and sweeps of the paper and judge what they show.
 
@@ -90,6 +91,7 @@ def reproduce(
         output: Folder to write to.
         machine: Machine file (YAML); the suite's own arm when left out.
         jobs: Number of threads; one for each processor when left out.
+        json_: Print summary.json instead of text.
     """
     arm = load_machine(machine)
     output.mkdir(parents=True, exist_ok=True)
@@ -110,6 +112,9 @@ def reproduce(
     found = Judged.of(runs)
     write_rows(output / "table.csv", COLUMNS, _table_rows(runs, fits))
     write_json(output / "summary.json", _summary(runs, fits, found, points))
+    if json_:
+        print((output / "summary.json").read_text(encoding="utf-8"))
+        return
     print("\n".join([*as_text(found), *operating_points.as_text(points)]))
     print(f"written to {output}")
 

@@ -48,6 +48,7 @@ def compare(
     moves: int = 100,
     truths: int = 10,
     jobs: int | None = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
 
@@ -63,6 +64,7 @@ def compare(
         moves: Number of random moves between nodes of the grid.
         truths: Of so many of these the ground truth is sought, too; seconds each.
         jobs: Processes; as many as there are processors when left out.
+        json_: Print summary.json instead of text.
     """
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
@@ -88,6 +90,9 @@ def compare(
     write_json(output / "summary.json", summary)
     draw_proportions(cases, others, output / "proportions.png")
     (output / "supplies.md").write_text("\n".join(as_markdown(supplies)), encoding="utf-8")
+    if json_:
+        print((output / "summary.json").read_text(encoding="utf-8"))
+        return
     print("\n".join(as_text(cases, summary)))
     print("\n".join(by_case([c.name for c in cases], [c.motions for c in cases], arm)))
     for title, found_there in supplies.items():

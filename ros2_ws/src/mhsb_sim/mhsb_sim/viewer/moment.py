@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mhsb_model.types import FloatArray, ModeArray
 
-NO_NUMBERS = (float("nan"), float("nan"))
+NO_NUMBERS = np.full(4, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,14 +20,14 @@ class Moment:
     posture          float64[n], rad
     modes            uint8[n]
     supply_pressure  float64[n], in the lines that feed the valves, Pa; not a number if unknown
-    energy           delivered by the main pump and by the servo pumps, J; likewise
+    energy           float64[4], as `energy_flow.NAMES` tells, J; likewise
     """
 
     time: float
     posture: FloatArray
     modes: ModeArray
     supply_pressure: FloatArray
-    energy: tuple[float, float] = NO_NUMBERS
+    energy: FloatArray = field(default_factory=NO_NUMBERS.copy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Lines:
     time             float64[k], s
     supply_pressure  float64[k, n], Pa
     modes            uint8[k, n]
-    energy           float64[k, 2], J
+    energy           float64[k, 4], J
     """
 
     time: FloatArray

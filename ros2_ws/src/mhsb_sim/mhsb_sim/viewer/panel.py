@@ -28,6 +28,9 @@ class Deeds(Protocol):
     def set_planner(self, changes: dict[str, Any]) -> None:
         """Set parameters of the planner."""
 
+    def show_abilities(self, velocities: bool, regions: bool) -> None:
+        """Show or hide what the arm is able to do."""
+
 
 class Said:
     """Sentences, the newest first and bold."""
@@ -66,6 +69,15 @@ class Panel:
             )  # fmt: skip
             self._payload: Any = gui.add_number("payload [kg]", 10.0, min=0.0, step=0.5)
             apply = gui.add_button("Apply")
+        with gui.add_folder("Show"):
+            self._velocities: Any = gui.add_checkbox(
+                "velocities of the tip", True,
+                hint="that its posture and modes allow: the velocity polytope",
+            )  # fmt: skip
+            self._regions: Any = gui.add_checkbox(
+                "where boost is needed", False,
+                hint="by the planner's payload; pale N, blue DB, orange SB, red none will do",
+            )  # fmt: skip
         self._gizmo: Any = server.scene.add_transform_controls(
             "/goal", scale=GIZMO_SIZE, active_axes=(True, False, True), disable_rotations=True,
             position=(x, 0.0, z),
@@ -73,6 +85,10 @@ class Panel:
         go.on_click(lambda _: self._go())
         stop.on_click(lambda _: deeds.stop())
         apply.on_click(lambda _: deeds.set_planner(self._settings()))
+        for box in (self._velocities, self._regions):
+            box.on_update(
+                lambda _: deeds.show_abilities(self._velocities.value, self._regions.value)
+            )
         self._gizmo.on_update(lambda _: self._dragged())
         self._gizmo.on_drag_end(lambda _: self._go())
         for number in (self._x, self._z):

@@ -16,9 +16,11 @@ from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_msgs_py import names
 from mhsb_planner.ros import views
 from mhsb_sim.recording.recording import Recording, Timed
+from mhsb_sim.viewer.ability_scene import PolytopeScene
 from mhsb_sim.viewer.arm_scene import ArmScene
+from mhsb_sim.viewer.energy_flow import cumulated, powers
 from mhsb_sim.viewer.marker_scene import MarkerScene
-from mhsb_sim.viewer.moment import Lines
+from mhsb_sim.viewer.moment import NO_NUMBERS, Lines
 from mhsb_sim.viewer.panel import Said
 from mhsb_sim.viewer.plots import Plots
 from mhsb_sim.viewer.words import words_of
@@ -61,6 +63,8 @@ class Playback:
         self._running: Any = server.gui.add_checkbox("play", initial_value=True)
         self._said = Said(server.gui)
         self._plots = Plots(server.gui, machine)
+        self._polytope = PolytopeScene(server.scene, machine)
+        self._used_ns, self._used = _used(recording)
         self._plan_ns: int | None = None
         self._shown = self._plotted = -1.0
         self._commands = _commands(recording)
@@ -81,7 +85,9 @@ class Playback:
         states = recording.joint_states
         posture = states.position[_index(states.time_ns, now_ns)]
         with self._server.atomic():
-            self._arm.show(posture, self._modes_at(np.array([now_ns]))[0])
+            modes = self._modes_at(np.array([now_ns]))[0]
+            self._arm.show(posture, modes)
+            self._polytope.show(posture, modes)
         self._show_plan(now_ns)
         said = [each for each in recording.reports if each.time_ns <= now_ns]
         self._said.show([words_of(each.value) for each in said])
@@ -109,9 +115,10 @@ class Playback:
     def _energy_at(self, times_ns: IntArray) -> FloatArray:
         reports = self._recording.simulator_reports
         if not reports:
-            return np.full((len(times_ns), 2), np.nan)
-        energy = np.array([(each.value.main_pump_j, each.value.servo_pumps_j) for each in reports])
-        return energy[_indices(_times(reports), times_ns)]
+            return np.tile(NO_NUMBERS, (len(times_ns), 1))
+        pumps = np.array([(each.value.main_pump_j, each.value.servo_pumps_j) for each in reports])
+        pumps = (pumps - pumps[0])[_indices(_times(reports), times_ns)]
+        return np.concatenate([pumps, self._used[_indices(self._used_ns, times_ns)]], axis=1)
 
     def _show_plan(self, now_ns: int) -> None:
         """The plan in force, which is drawn when another one is."""
@@ -124,6 +131,23 @@ class Playback:
 
     def _seconds(self, times_ns: IntArray) -> FloatArray:
         return (times_ns - self._began_ns) / SECOND_NS
+
+
+def _used(recording: Recording) -> tuple[IntArray, FloatArray]:
+    """Times [ns], and energies into the valves and of the pistons since the first report [J]."""
+    actuators, reports = recording.actuators, recording.simulator_reports
+    if len(actuators.time_ns) == 0 or not reports:
+        return np.zeros(1, dtype=np.int64), np.full((1, 2), np.nan)
+    quantity = actuators.quantity
+    power = powers(
+        quantity["supply_pressure"],
+        quantity["supply_flow"],
+        quantity["force"],
+        quantity["piston_speed"],
+    )
+    time_ns = actuators.time_ns
+    energy = cumulated((time_ns - time_ns[0]) / SECOND_NS, power)
+    return time_ns, energy - energy[_index(time_ns, reports[0].time_ns)]
 
 
 def _commands(recording: Recording) -> dict[int, Command]:

@@ -12,10 +12,11 @@ from mhsb_model.figure_style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_sim.viewer.moment import Lines
+from mhsb_sim.viewer import energy_flow
+from mhsb_sim.viewer.moment import NO_NUMBERS, Lines
 
 COLORS = (BLUE, ORANGE, GREEN, PURPLE)
-PUMP_COLORS = (BLUE, VERMILION)
+ENERGY_COLORS = (BLUE, VERMILION, ORANGE, GREEN)
 LINE_WIDTH = 1.5
 ASPECT = 1.9
 HEADROOM = 1.2
@@ -24,7 +25,7 @@ MODE_STEP = 3
 
 
 class Plots:
-    """Three plots that share their time axis [s]."""
+    """Three plots that share their time axis [s], and where the energy went."""
 
     def __init__(self, gui: GuiApi, machine: Machine) -> None:
         numbers = range(1, machine.joint_count + 1)
@@ -38,8 +39,9 @@ class Plots:
             gui, f"Modes ({codes})", [f"actuator {k}" for k in numbers], COLORS, (-0.5, top)
         )
         self._energy = _plot(
-            gui, "Energy from the pumps [J]", ["main pump", "servo pumps"], PUMP_COLORS
+            gui, "Energy from the pumps to the pistons [J]", energy_flow.NAMES, ENERGY_COLORS
         )
+        self._losses: Any = gui.add_markdown(energy_flow.words(NO_NUMBERS))
 
     def show(self, lines: Lines) -> None:
         """All lines."""
@@ -50,6 +52,7 @@ class Plots:
             (self._energy, lines.energy),
         ):
             plot.data = (lines.time, *_columns(values))
+        self._losses.content = energy_flow.words(lines.energy[-1])
 
 
 def _columns(values: FloatArray | IntArray) -> list[FloatArray]:

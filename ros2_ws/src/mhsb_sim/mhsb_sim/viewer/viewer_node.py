@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import queue
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import (
     actuator_states,
     endpoints,
@@ -35,10 +37,14 @@ from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.sim_status import SimulatorReport
 from mhsb_msgs_py.topics import Topic
 from mhsb_planner.planners.registry import PLANNER_KINDS
+from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.ros.goal_sender import GoalSender
+from mhsb_sim.viewer.ability_scene import PolytopeScene, RegionScene
 from mhsb_sim.viewer.arm_scene import ArmScene
+from mhsb_sim.viewer.boost_regions import BEYOND, boost_regions
+from mhsb_sim.viewer.energy_flow import EnergyFlow
 from mhsb_sim.viewer.marker_scene import MarkerScene
-from mhsb_sim.viewer.moment import NO_NUMBERS, History, Moment
+from mhsb_sim.viewer.moment import History, Moment
 from mhsb_sim.viewer.panel import Panel
 from mhsb_sim.viewer.plots import Plots
 from mhsb_sim.viewer.words import words_of
@@ -70,7 +76,11 @@ class ViewerNode(GoalSender):
         self._newest: dict[str, bytes] = {}
         self._streams: list[Any] = []
         self._modes = np.zeros(machine.joint_count, dtype=np.uint8)
-        self._energy = NO_NUMBERS
+        self._flow = EnergyFlow()
+        self._polytope = PolytopeScene(server.scene, machine)
+        self._regions = RegionScene(server.scene)
+        self._wanted = (True, False)
+        self._payload = float(machine.arrays.payload)
         self._report: SimulatorReport | None = None
         self._frames = 0
         self._settings = AsyncParameterClient(self, names.PLANNER_NODE)
@@ -101,6 +111,10 @@ class ViewerNode(GoalSender):
     def set_planner(self, changes: dict[str, Any]) -> None:
         """Set parameters of the planner."""
         self._ask(functools.partial(self._set, changes))
+
+    def show_abilities(self, velocities: bool, regions: bool) -> None:
+        """Show or hide what the arm is able to do."""
+        self._ask(functools.partial(self._show_abilities, velocities, regions))
 
     def _ask(self, deed: Callable[[], None]) -> None:
         self._asked.put(deed)
@@ -142,6 +156,41 @@ class ViewerNode(GoalSender):
         )
         self._settings_known = False  # shown again as they are
 
+    def _show_abilities(self, velocities: bool, regions: bool) -> None:
+        before, self._wanted = self._wanted, (velocities, regions)
+        if not velocities:
+            self._polytope.hide()
+        if not regions:
+            self._regions.hide()
+        elif not before[1]:
+            self._look_for_regions()
+
+    def _look_for_regions(self) -> None:
+        """In a thread of its own, since it takes seconds: what the planner's payload needs."""
+        machine, payload = self._machine, self._payload
+
+        def look() -> None:
+            table = table_for(machine)
+            needed = boost_regions(machine.changed(payload=payload), table)
+            places = (table.nodes * table.spacing).astype(np.float64)
+            self._ask(functools.partial(self._show_regions, payload, places, needed))
+
+        self._panel.say("looking at where boost is needed …")
+        threading.Thread(target=look, daemon=True).start()
+
+    def _show_regions(self, payload: float, places: FloatArray, needed: IntArray) -> None:
+        if not self._wanted[1]:
+            return
+        if payload != self._payload:
+            self._look_for_regions()
+            return
+        self._regions.show(places, needed)
+        count = [int((needed == code).sum()) for code in range(BEYOND + 1)]
+        self._panel.say(
+            f"with {payload:g} kg, of {len(needed)} points {count[0]} need N alone, {count[1]} DB, "
+            f"{count[2]} SB, for {count[3]} nothing will do"
+        )
+
     # --- Heard -----------------------------------------------------------------------------------
 
     def _on_status(self, message: DiagnosticArray) -> None:
@@ -169,7 +218,7 @@ class ViewerNode(GoalSender):
             return  # others speak on this topic, too
         for report in reports:
             if isinstance(report, SimulatorReport):
-                self._energy = (report.main_pump_j, report.servo_pumps_j)
+                self._flow.deliver(report.main_pump_j, report.servo_pumps_j)
                 self._report = report
 
     def _hear_streams(self, wanted: bool) -> None:
@@ -180,6 +229,7 @@ class ViewerNode(GoalSender):
                 self.destroy_subscription(subscription)
             self._streams = []
             self._newest.clear()
+            self._flow = EnergyFlow()
 
     def _kept(self, topic: Topic) -> Any:
         """A subscription of which only the newest message is kept, as bytes, until it is shown."""
@@ -207,6 +257,8 @@ class ViewerNode(GoalSender):
         self._frames += 1
         self._history.add(moment)
         if self._frames % FRAMES_PER_PLOT == 0:
+            if self._wanted[0]:
+                self._polytope.show(moment.posture, moment.modes)
             self._panel.show_state(self._state_words(moment, speed))
             self._plots.show(self._history.lines())
 
@@ -220,8 +272,10 @@ class ViewerNode(GoalSender):
             state = deserialize_message(data, topics.ACTUATOR_STATES.message)
             sample = actuator_states.decode(state, machine.actuator_names)
             pressure = sample.supply_pressure
+            self._flow.use(sample, sample.stamp_ns / SECOND_NS)
+        energy = self._flow.energies
         moment = Moment(
-            joints.stamp_ns / SECOND_NS, joints.position, self._modes, pressure, self._energy
+            joints.stamp_ns / SECOND_NS, joints.position, self._modes, pressure, energy
         )
         return moment, float(np.abs(joints.velocity).max())
 
@@ -240,4 +294,9 @@ class ViewerNode(GoalSender):
     def _show_settings(self, done: Any) -> None:
         values = [parameter_value_to_python(value) for value in done.result().values]
         if len(values) == len(SETTINGS):
-            self._panel.show_settings(dict(zip(SETTINGS, values, strict=True)))
+            settings = dict(zip(SETTINGS, values, strict=True))
+            self._panel.show_settings(settings)
+            if self._payload != settings["payload"]:
+                self._payload = float(settings["payload"])
+                if self._wanted[1]:
+                    self._look_for_regions()

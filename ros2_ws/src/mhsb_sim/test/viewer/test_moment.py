@@ -4,7 +4,7 @@ from mhsb_sim.viewer.moment import History, Moment
 
 
 def moment(time: float) -> Moment:
-    return Moment(time, np.zeros(3), np.zeros(3, dtype=np.uint8), np.full(3, 4e6), (time, 0.0))
+    return Moment(time, np.zeros(3), np.zeros(3, dtype=np.uint8), np.full(3, 4e6), np.full(4, time))
 
 
 def test_plots_look_back_for_their_span_and_count_from_the_beginning():
