@@ -106,6 +106,7 @@ AXIS = np.dtype(
         ("stiffness", "f8"),  # N/m, k_h
         ("cap_stiffness", "f8"),  # Pa/m³, β/V_A
         ("rod_stiffness", "f8"),  # Pa/m³, β/V_B
+        ("deliverable", "f8"),  # m/s, largest |u| that its pumps keep up with
         ("demand", "f8"),  # m/s, u
         ("supply_target", "f8"),  # Pa, line pressure to be kept up in boost
         ("target_ahead", "f8"),  # Pa, likewise when the reference ahead is reached
@@ -176,6 +177,7 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
         config.servo.force_bias_time, BIAS_RESERVE * axes["force_bandwidth"] / frequency**2
     )
     axes["bias"] = np.nan
+    axes["deliverable"] = np.inf
     axes["friction_share"] = 1.0
     return axes
 
@@ -310,7 +312,8 @@ def demand_speed(axis: Record, known: float, force: float, error: float, step: f
         w = axis.integral + axis.integral_gain * error * step
         axis.integral = min(max(w, -LARGEST_INTEGRAL), LARGEST_INTEGRAL)
     demand = axis.speed + pull * (force_reference - force) + axis.integral
-    axis.demand = min(max(demand, -axis.fastest), axis.fastest)
+    most = min(axis.fastest, axis.deliverable)
+    axis.demand = min(max(demand, -most), most)
 
 
 @kernel

@@ -27,7 +27,14 @@ from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, 
 from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.estimates import estimates_of
 from mhsb_sim.servo.line_estimate import SHUT, weigh_lines
-from mhsb_sim.servo.servo_pumps import Pumps, drive_pumps, look_ahead, pumps_of, spare_flow
+from mhsb_sim.servo.servo_pumps import (
+    Pumps,
+    drive_pumps,
+    feeds_rail,
+    look_ahead,
+    pumps_of,
+    spare_flow,
+)
 from mhsb_sim.servo.valve_estimate import Valves, inverse, learn, valves_of
 
 SMALLEST_DROP = 2e4
@@ -42,6 +49,9 @@ shortest without overshoot."""
 
 ONE_PUMP = 0.8
 """Share of a pump's flow up to which a line can do without the rail before its mode ends."""
+
+CATCHING_UP = 1.1
+"""Share of the reference's speed that a piston may always be told."""
 
 IDLE_SHARE = 0.02
 """Share of a pump's flow below which its rail may be shut off: the rest bursts into it."""
@@ -85,6 +95,7 @@ def control(s: Servo, v: Valves, p: Pumps) -> None:
         set_target(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
     weigh_lines(s, p.lines)
     look_ahead(s, p)
+    keep_up(s, p)
     p.spare[0] = spare_flow(s, p)
     join_lines(s, p)
     drive_pumps(s, p)
@@ -129,7 +140,8 @@ def open_valve(
     gate = min(max((sensor.line_pressure - carried) / c.laminar_pressure, 0.0), 1.0)
     actuator.valve_command = gate * min(max(opening, -1.0), 1.0)
     valve.opening = actuator.valve_command if gate == 1.0 else 0.0
-    axis.bound = 1.0 if gate < 1.0 or abs(opening) >= 1.0 else 0.0
+    held = gate < 1.0 or abs(opening) >= 1.0 or abs(axis.demand) >= axis.deliverable
+    axis.bound = 1.0 if held else 0.0
 
 
 @kernel
@@ -147,6 +159,40 @@ def set_target(
     else:
         axis.supply_target = max(sensor.line_pressure, constants[0].supply_pressure)
         axis.target_ahead = axis.supply_target
+
+
+@kernel(inline="always")
+def keep_up(s: Servo, p: Pumps) -> None:
+    """Write the piston speeds that the pumps of boosted lines keep up with, from the next step on.
+
+    (n Q_max − leakage − what others on the rail draw)/A_dir, with n pumps that feed the line or the
+    rail. What a line gives beyond that it loses in pressure, and pumps at full speed burst into it
+    as soon as its piston has caught up.
+    """
+    axes, full = s.axes, s.constants[0].servo_pump_flow
+    pumps, shared = 0, 0.0
+    for k in range(len(s.modules)):
+        if s.serves[k] >= 0 and feeds_rail(s.modules[k], s.module_home[k], s.serves[k], axes):
+            pumps += 1
+    for j in range(len(axes)):
+        if axes[j].joined > 0.0:
+            shared += drawn_by(axes[j], s.cylinders[j]) + p.lines.believed[1 + j] * axes[j].leakage
+    for j in range(len(axes)):
+        axis, cylinder = axes[j], s.cylinders[j]
+        if axis.line_flow == 0.0:
+            axis.deliverable = math.inf
+            continue
+        left = full - p.lines.believed[1 + j] * axis.leakage
+        if axis.joined > 0.0:
+            left = pumps * full - shared + drawn_by(axis, cylinder)
+        area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
+        axis.deliverable = max(left / area, CATCHING_UP * abs(axis.speed))
+
+
+@kernel
+def drawn_by(axis: Record, cylinder: Record) -> float:
+    """Flow [m³/s] that the reference's speed takes from a line."""
+    return inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed) * abs(axis.speed)
 
 
 @kernel(inline="always")

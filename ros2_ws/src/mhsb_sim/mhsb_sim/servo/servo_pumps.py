@@ -2,10 +2,10 @@
 
 They deliver the very flow that the valves are about to take; the pressure error only trims. No
 pump runs faster than it can be stopped before its oil would overfill the line, judged by the
-reference ahead: where it gives no more than what is drawn, by what is known of its lag and of the
-leakage, and where it charges a line beyond that, by a pump that may be slower and later, a stiffer
-line and less leakage. What is told now acts late: all goes by the flow and the oil that are there
-by then. On the rail, pumps that are no longer needed count until they have come to rest.
+reference ahead: where it gives no more than what is drawn, by what is known of its lag and by
+leakage that may be less, and where it charges a line beyond that, by a pump that may be slower and
+later, and a stiffer line, too. What is told now acts late: all goes by the flow and the oil that
+are there by then. On the rail, pumps that are no longer needed count until they have come to rest.
 """
 
 from __future__ import annotations
@@ -247,7 +247,7 @@ def pump_demand(
     rise = g.allowed_rise + target - pressure
     rise_ahead = g.allowed_rise + target_ahead - pressure
     spacing = g.preview / AHEAD
-    limit = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead, pending, 0.0, spacing)
+    limit = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead, pending, doubt, spacing)
     squeeze = p.lines.believed[0]
     stiff = capacity * max(1.0 - DOUBTS * math.sqrt(p.lines.covariance[0, 0]) / squeeze, LEAST_SOFT)
     cautious = coasting_limit(volume, p.slow, stiff, rise, rise_ahead, pending, doubt, spacing)

@@ -1,10 +1,12 @@
 import numpy as np
+import pytest
 
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
+from mhsb_sim.servo.coordinated import CoordinatedController
 from mhsb_sim.simulation.simulator import Simulator
 
 RAMP, CRUISE = 0.4, 0.8  # s
@@ -49,3 +51,28 @@ def test_lines_are_charged_with_what_the_main_pump_can_spare(machine: Machine) -
     held = required_pressure(m, 0, machine.piston_forces(onset)[0], 0.0)
     assert held > 1.4 * m.supply_pressure
     assert line[round(1000 * switched[1])] > held - m.boost_margin
+
+
+def test_a_piston_in_boost_is_told_no_speed_that_its_pump_cannot_keep_up_with(
+    machine: Machine,
+) -> None:
+    """An arm that is far behind its reference asks for more than the pump delivers."""
+    m = machine.arrays
+    signals = Simulator(machine)._signals
+    controller = CoordinatedController(machine, signals)
+    axes = controller._control.args[0].axes
+    signals.modes[:] = [1, 0, 0]
+    signals.serves[:] = [0, -1, -1, -1]
+    controller.update()
+    signals.reference[:, 1, 0] = 2e-3 / axes["arm"][0]  # it moves: at rest, all is slow
+    signals.sensors["length"][0] -= 0.01
+    for _ in range(20):
+        controller.update()
+    constants = signals.circuit.constants[0]
+    left = constants["servo_pump_flow"] - axes["leakage"][0]
+    assert axes["demand"][0] == pytest.approx(left / m.cap_area[0], rel=0.02)
+    signals.modes[:] = 0
+    signals.serves[:] = -1
+    for _ in range(2):
+        controller.update()
+    assert axes["demand"][0] > 1.5 * left / m.cap_area[0]
