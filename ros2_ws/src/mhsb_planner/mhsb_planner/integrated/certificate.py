@@ -12,6 +12,9 @@ With the tip at distance R and direction φ, u = ψ − φ, the wrist lies at di
     D² = R² + L₃² − 2 R L₃ cos u         α = atan2(−L₃ sin u, R − L₃ cos u)
     cos|q₂| = (D² − L₁² − L₂²)/(2 L₁ L₂)  β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|)
     q₁ = φ + α − sgn(q₂) β                q₃ = ψ − q₁ − q₂
+
+With more joints a cell holds angles of the inner ones, too. The tip as the end of an inner link
+sees it is what the wrist is to the tip: the same D and α, now of intervals of R and φ.
 """
 
 from __future__ import annotations
@@ -21,13 +24,13 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
+from mhsb_model.tip_postures import LEAST_JOINTS, posture_at
 from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.goal_postures import GoalPostures
-from mhsb_planner.search.lower_bound import least_cost_between
+from mhsb_planner.search.lower_bound import least_cost_between, least_costs_between
 from mhsb_planner.search.s2_step import Circuit
 
 TOLERANCE = 1e-3
@@ -37,6 +40,9 @@ NARROWEST = 1e-5
 """Cells of ψ that are not halved any more [rad]."""
 
 FIRST_CELLS = 32
+MOST_CELLS = 20_000
+"""Cells of chains with more than three joints that are looked at, at most."""
+
 ROUNDING = 1e-9
 
 Interval = tuple[float, float]
@@ -97,39 +103,120 @@ def _within(low: float, high: float, least: float, most: float) -> Interval:
 
 
 @kernel
-def enclose(
-    m: MachineArrays, tip: tuple[float, float], elbow: int, low: float, high: float, box: FloatArray
+def _without_link(
+    radius: Interval, direction: Interval, link: float, low: float, high: float
+) -> tuple[Interval, Interval]:
+    """Distances and directions of the tip as the end of a link sees it that points to [low, high].
+
+    D² = R² + L² − 2 R L cos u, direction φ + α(u), u the link's angle less φ: as of the wrist.
+    """
+    cosine = _cosine(low - direction[1], high - direction[0])
+    nearest = min(max(link * cosine[1], radius[0]), radius[1])
+    least = nearest * nearest + link * link - 2.0 * nearest * link * cosine[1]
+    most = 0.0
+    for r in radius:
+        most = max(most, r * r + link * link - 2.0 * r * link * cosine[0])
+    alpha = _directions(low - direction[1], high - direction[0], radius, link)
+    distances = math.sqrt(max(0.0, least)), math.sqrt(most)
+    return distances, (direction[0] + alpha[0], direction[1] + alpha[1])
+
+
+@kernel
+def _directions(low: float, high: float, radius: Interval, link: float) -> Interval:
+    """Range of α over u ∈ [low, high] rad and distances in `radius`: α is monotone in these."""
+    one = _wrist_direction(low, high, radius[0], link)
+    other = _wrist_direction(low, high, radius[1], link)
+    return min(one[0], other[0]), max(one[1], other[1])
+
+
+@kernel
+def _enclose_lengths(
+    m: MachineArrays, j: int, low: float, high: float, box: FloatArray
 ) -> bool:
-    """Box of all cylinder lengths with ψ ∈ [low, high] rad, to box[2, 3] [m]; False where none."""
-    l1, l2, l3 = m.link_length[0], m.link_length[1], m.link_length[2]
-    radius, phi = math.hypot(tip[0], tip[1]), math.atan2(tip[1], tip[0])
-    cosine = _cosine(low - phi, high - phi)
-    square = radius * radius + l3 * l3
-    c_low = (square - 2.0 * radius * l3 * cosine[1] - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
-    c_high = (square - 2.0 * radius * l3 * cosine[0] - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
+    """Lengths of cylinder j at angles in [low, high] rad, by whole turns, to box[:, j] [m]."""
+    inside = _within(low - ROUNDING, high + ROUNDING, m.joint_min[j], m.joint_max[j])
+    if inside[0] > inside[1] + ROUNDING:
+        return False
+    a = cylinder_length(m.linkage[j], inside[0])
+    b = cylinder_length(m.linkage[j], inside[1])
+    box[0, j], box[1, j] = min(a, b), max(a, b)
+    return True
+
+
+@kernel
+def enclose(
+    m: MachineArrays, tip: tuple[float, float], elbow: int, cell: FloatArray, box: FloatArray
+) -> bool:
+    """Box of all cylinder lengths in a cell of free angles, to box[2, n] [m]; False where none.
+
+    cell  float64[n - 2, 2], from and to [rad]: the inner joints' angles, then ψ
+    """
+    k = len(m.link_length) - 3
+    l1, l2, l3 = m.link_length[k], m.link_length[k + 1], m.link_length[k + 2]
+    distance, phi = math.hypot(tip[0], tip[1]), math.atan2(tip[1], tip[0])
+    radius, direction, heading = (distance, distance), (phi, phi), (0.0, 0.0)
+    for j in range(k):
+        if not _enclose_lengths(m, j, cell[j, 0], cell[j, 1], box):
+            return False
+        heading = heading[0] + cell[j, 0], heading[1] + cell[j, 1]
+        radius, direction = _without_link(
+            radius, direction, m.link_length[j], heading[0], heading[1]
+        )
+    low, high = cell[k, 0], cell[k, 1]
+    cosine = _cosine(low - direction[1], high - direction[0])
+    near = min(max(l3 * cosine[1], radius[0]), radius[1])
+    c_low = near * near + l3 * l3 - 2.0 * near * l3 * cosine[1] - l1 * l1 - l2 * l2
+    c_high = -math.inf
+    for r in radius:
+        c_high = max(c_high, r * r + l3 * l3 - 2.0 * r * l3 * cosine[0] - l1 * l1 - l2 * l2)
+    c_low, c_high = c_low / (2.0 * l1 * l2), c_high / (2.0 * l1 * l2)
     if c_low > 1.0 + ROUNDING or c_high < -1.0 - ROUNDING:
         return False
     bend = math.acos(min(1.0, c_high)), math.acos(max(-1.0, min(1.0, c_low)))
-    alpha = _wrist_direction(low - phi, high - phi, radius, l3)
+    alpha = _directions(low - direction[1], high - direction[0], radius, l3)
     beta = _elbow_angle(bend[0], bend[1], l1, l2)
     if elbow > 0:
         q2 = bend
-        q1 = phi + alpha[0] - beta[1], phi + alpha[1] - beta[0]
+        q1 = direction[0] + alpha[0] - beta[1], direction[1] + alpha[1] - beta[0]
     else:
         q2 = -bend[1], -bend[0]
-        q1 = phi + alpha[0] + beta[0], phi + alpha[1] + beta[1]
+        q1 = direction[0] + alpha[0] + beta[0], direction[1] + alpha[1] + beta[1]
     q3 = low - q1[1] - q2[1], high - q1[0] - q2[0]
-    angles = (q1, q2, q3)
+    angles = ((q1[0] - heading[1], q1[1] - heading[0]), q2, q3)
+    found = True
     for j in range(3):
-        inside = _within(
-            angles[j][0] - ROUNDING, angles[j][1] + ROUNDING, m.joint_min[j], m.joint_max[j]
-        )
-        if inside[0] > inside[1] + ROUNDING:
-            return False
-        a = cylinder_length(m.linkage[j], inside[0])
-        b = cylinder_length(m.linkage[j], inside[1])
-        box[0, j], box[1, j] = min(a, b), max(a, b)
-    return True
+        found = found and _enclose_lengths(m, k + j, angles[j][0], angles[j][1], box)
+    return found
+
+
+@kernel
+def _bound_cell(
+    m: MachineArrays,
+    c: Circuit,
+    start: FloatArray,
+    tip: tuple[float, float],
+    elbow: int,
+    cell: FloatArray,
+    weight: FloatArray,
+    w: FloatArray,
+) -> Interval:
+    """Least cost to a cell, inf where it holds no posture, and the cost to its middle, likewise.
+
+    w  float64[5, n], working memory
+    """
+    box, nearest, q, free = w[:2], w[2], w[3], w[4]
+    if not enclose(m, tip, elbow, cell, box):
+        return math.inf, math.inf
+    for j in range(len(start)):
+        nearest[j] = min(box[1, j], max(box[0, j], start[j]))
+    bound, met = least_cost_between(c, start, nearest, weight), math.inf
+    for j in range(len(cell)):
+        free[j] = 0.5 * (cell[j, 0] + cell[j, 1])
+    if posture_at(m, tip[0], tip[1], free[: len(cell)], elbow, q):
+        for j in range(len(start)):
+            nearest[j] = cylinder_length(m.linkage[j], q[j])
+        met = least_cost_between(c, start, nearest, weight)
+    return bound, met
 
 
 @kernel
@@ -142,9 +229,9 @@ def _branch_and_bound(
     weight: FloatArray,
     met: float,
 ) -> Interval:
-    """Kernel of `least_cost_to` for one tip: the bound, inf where no posture reaches the goal, and
-    the least cost met so far, at other tips, `met`, or here."""
-    q, nearest, box = np.empty(3), np.empty(3), np.empty((2, 3))
+    """Kernel of `least_cost_to` for one tip and three joints: the bound, inf where no posture
+    reaches the goal, and the least cost met so far, at other tips, `met`, or here."""
+    work, cell = np.empty((5, len(start))), np.empty((1, 2))
     cells = [(0, 0.0, 0.0)]
     cells.pop()
     for elbow in (-1, 1):
@@ -154,21 +241,62 @@ def _branch_and_bound(
     least = math.inf
     while len(cells) > 0:
         elbow, low, high = cells.pop()
-        if not enclose(m, tip, elbow, low, high, box):
+        cell[0, 0], cell[0, 1] = low, high
+        bound, middle = _bound_cell(m, c, start, tip, elbow, cell, weight, work)
+        if bound == math.inf:
             continue
-        for j in range(3):
-            nearest[j] = min(box[1, j], max(box[0, j], start[j]))
-        bound = least_cost_between(c, start, nearest, weight)
-        middle = 0.5 * (low + high)
-        if joint_angles(m, tip[0], tip[1], middle, elbow, q) and within_limits(m, q):
-            for j in range(3):
-                nearest[j] = cylinder_length(m.linkage[j], q[j])
-            met = min(met, least_cost_between(c, start, nearest, weight))
+        met = min(met, middle)
         if bound >= (1.0 - TOLERANCE) * met or high - low < NARROWEST or bound >= least:
             least = min(least, bound)
             continue
-        cells.append((elbow, low, middle))
-        cells.append((elbow, middle, high))
+        cells.append((elbow, low, 0.5 * (low + high)))
+        cells.append((elbow, 0.5 * (low + high), high))
+    return least, met
+
+
+@kernel
+def _branch_and_bound_of_chain(
+    m: MachineArrays,
+    c: Circuit,
+    start: FloatArray,
+    tip: tuple[float, float],
+    psi: Interval,
+    weight: FloatArray,
+    met: float,
+) -> Interval:
+    """The same for more joints: of all cells at once the widest angle is halved, in generations.
+
+    Where they come to be more than `MOST_CELLS` the bound is what it is by then.
+    """
+    n = len(start)
+    f = n - 2
+    work = np.empty((5, n))
+    cells, elbows = np.empty((2 * FIRST_CELLS, f, 2)), np.empty(2 * FIRST_CELLS, dtype=np.int64)
+    for i in range(2 * FIRST_CELLS):
+        elbows[i] = -1 if i < FIRST_CELLS else 1
+        width = (psi[1] - psi[0]) / FIRST_CELLS
+        for k in range(f - 1):
+            cells[i, k, 0], cells[i, k, 1] = m.joint_min[k], m.joint_max[k]
+        cells[i, f - 1, 0] = psi[0] + (i % FIRST_CELLS) * width
+        cells[i, f - 1, 1] = psi[0] + (i % FIRST_CELLS + 1) * width
+    least, looked_at = math.inf, 0
+    while len(cells) > 0:
+        finer, sides = np.empty((2 * len(cells), f, 2)), np.empty(2 * len(cells), dtype=np.int64)
+        count, last = 0, looked_at + len(cells) > MOST_CELLS
+        looked_at += len(cells)
+        for i in range(len(cells)):
+            bound, middle = _bound_cell(m, c, start, tip, elbows[i], cells[i], weight, work)
+            met = min(met, middle)
+            widest = np.argmax(cells[i, :, 1] - cells[i, :, 0])
+            low, high = cells[i, widest, 0], cells[i, widest, 1]
+            if last or bound >= (1.0 - TOLERANCE) * met or high - low < NARROWEST:
+                least = min(least, bound)
+                continue
+            for half in range(2):
+                finer[count], sides[count] = cells[i], elbows[i]
+                finer[count, widest, 1 - half] = 0.5 * (low + high)
+                count += 1
+        cells, elbows = finer[:count], sides[:count]
     return least, met
 
 
@@ -185,9 +313,11 @@ def least_cost_to(
     """
     between = (-math.pi, math.pi) if goals.between is None else goals.between
     least = met = math.inf
+    solve = _branch_and_bound
+    if machine.joint_count > LEAST_JOINTS:  # samples spare cells
+        solve = _branch_and_bound_of_chain
+        met = float(least_costs_between(circuit, start, goals.postures.length, weight).min())
     for x, z in np.unique(goals.tips, axis=0).tolist():
-        here, met = _branch_and_bound(
-            machine.arrays, circuit, start, (x, z), between, weight, met
-        )
+        here, met = solve(machine.arrays, circuit, start, (x, z), between, weight, met)
         least = min(least, here)
     return least

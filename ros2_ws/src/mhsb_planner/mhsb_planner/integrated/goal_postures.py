@@ -1,7 +1,8 @@
 """The postures in which a motion may end: at one or several tip positions, with ψ as asked for.
 
 The arm with three joints has one degree of freedom left there, the end link's angle ψ, on two
-elbow branches (`s1_psi_intervals_3r`).
+elbow branches (`s1_psi_intervals_3r`). Longer chains have the inner joints' angles beside: of these
+even samples are taken, and of each the intervals of ψ.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.tip_postures import LEAST_JOINTS
+from mhsb_model.tip_postures import inner_angles, outer_tip
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.errors import InfeasibleGoalError, RequestError
+from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.goal_region import Angle, Region, angle_range, tips
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
 from mhsb_planner.search.goal_clearance import check_tip, clear_postures
@@ -26,7 +27,7 @@ from mhsb_planner.search.s2_step import Postures, describe
 
 PSI_SPACING = math.radians(1.0)
 FEWEST = 8
-"""Samples of an interval of ψ, at least."""
+"""Samples of an interval of ψ, at least; with more free angles so many of all together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,11 @@ class GoalPostures:
         """Whether ψ may be changed between the samples."""
         return self.between is None
 
+    def free_angles(self, k: int) -> FloatArray:
+        """Of posture k as `tip_postures` has them, float64[n - 2] rad."""
+        posture = self.postures.posture[k]
+        return np.append(posture[: len(posture) - 3], self.psi[k])
+
 
 def goal_postures(
     machine: Machine,
@@ -64,13 +70,11 @@ def goal_postures(
 ) -> GoalPostures:
     """Postures at (x, z) m, every `spacing` rad of ψ or less and at the ends of its intervals.
 
-    Those that keep clear of obstacles, with ψ as asked for. With a region also at its other points
-    where these are possible, ψ being sampled the more sparsely the more points there are. Raises
-    OutOfWorkspaceError, InfeasibleGoalError, ZoneError where there are none.
+    Of m > 1 free angles the samples lie farther apart, spacing^1/m, so that they are not many
+    more. Those that keep clear of obstacles, with ψ as asked for. With a region also at its other
+    points where these are possible, ψ being sampled the more sparsely the more points there are.
+    Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError where there are none.
     """
-    if machine.joint_count > LEAST_JOINTS:
-        rule = f"plans for {LEAST_JOINTS} joints, the machine has {machine.joint_count}; take table"
-        raise RequestError("planner", "integrated", rule)
     points, between, refused = tips((x, z), region), angle_range(psi), None
     found = []
     for point in points.tolist():
@@ -97,17 +101,42 @@ def _at(
     """Tips, postures, branches and angles at one point; raises as `goal_postures`."""
     machine.check_in_workspace(x, z)
     check_tip(machine, x, z)
-    if between is not None and between[0] == between[1]:
-        elbow, angle = _with(between[0])
-    else:
-        elbow, angle = _all(machine, x, z, spacing, between)
-    postures = np.empty((len(angle), machine.joint_count))
-    kept = _feasible(machine.arrays, x, z, elbow, angle, postures)
-    if not kept.any():
+    a, n = machine.arrays, machine.joint_count
+    given = between is not None and between[0] == between[1]
+    apart = spacing ** (1.0 / max(1, n - 3 if given else n - 2))
+    widest = max((a.joint_max - a.joint_min)[: n - 3], default=0.0)
+    samples = math.ceil(widest / apart) + 1
+    found = []
+    for number in range(samples ** (n - 3)):
+        q = np.empty(n)
+        inner_angles(a, number, samples, q)
+        found.append(_with_inner(machine, x, z, q, between, apart))
+    posture, elbow, angle = (np.concatenate(part) for part in zip(*found, strict=True))
+    if len(posture) == 0:
         raise InfeasibleGoalError(x, z, between)
-    kept[kept] = clear_postures(machine, x, z, postures[kept])
+    kept = clear_postures(machine, x, z, posture)
     tip = np.tile([x, z], (int(kept.sum()), 1))
-    return tip, postures[kept], elbow[kept], angle[kept]
+    return tip, posture[kept], elbow[kept], angle[kept]
+
+
+def _with_inner(
+    machine: Machine,
+    x: float,
+    z: float,
+    q: FloatArray,
+    between: tuple[float, float] | None,
+    spacing: float,
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Postures within limits with the inner joints as in q, their branches and ψ."""
+    ahead, up, heading = outer_tip(machine.arrays.link_length, x, z, q)
+    seen = None if between is None else (between[0] - heading, between[1] - heading)
+    if seen is not None and seen[0] == seen[1]:
+        elbow, angle = _with(seen[0])
+    else:
+        elbow, angle = _all(machine, ahead, up, spacing, seen)
+    postures = np.tile(q, (len(angle), 1))
+    kept = _feasible(machine.arrays, ahead, up, elbow, angle, postures)
+    return postures[kept], elbow[kept], angle[kept] + heading
 
 
 @kernel
@@ -119,7 +148,8 @@ def _feasible(
     angle: FloatArray,
     posture: FloatArray,
 ) -> np.ndarray:
-    """Which of the branches and angles [rad] are within limits; postures[count, n], written."""
+    """Which of the branches and angles [rad] are within limits; the last three of posture[count, n]
+    are written. Point and angles as the last three joints see them."""
     within = np.empty(len(angle), dtype=np.bool_)
     for i in range(len(angle)):
         within[i] = feasible(m, x, z, angle[i], elbow[i], posture[i])
@@ -131,10 +161,11 @@ def _all(
 ) -> tuple[IntArray, FloatArray]:
     """Samples of all intervals of ψ: branch, int64[count], and angle, float64[count] rad."""
     interval = np.empty((MAX_INTERVALS, 3))
+    fewest = max(2, round(FEWEST ** (1.0 / (machine.joint_count - 2))))
     elbows, angles = [np.empty(0, dtype=np.int64)], [np.empty(0)]
     for elbow, least, most in interval[: feasible_intervals(machine.arrays, x, z, interval)]:
         for low, high in _parts(least, most, between):
-            count = max(FEWEST, math.ceil((high - low) / spacing) + 1)
+            count = max(fewest, math.ceil((high - low) / spacing) + 1)
             elbows.append(np.full(count, int(elbow)))
             angles.append(np.linspace(low, high, count))
     return np.concatenate(elbows), np.concatenate(angles)

@@ -1,4 +1,4 @@
-"""Local improvement of a route: corners taken out, corners moved, the goal's ψ turned.
+"""Local improvement of a route: corners taken out, corners moved, the goal's free angles turned.
 
 Every change is kept only where the whole route then costs less, so a route never gets worse, and
 work can end after any of them.
@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
+from mhsb_model.tip_postures import posture_at
 from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.integrated.route import (
@@ -57,34 +57,34 @@ def sweep(
     cost: float,
     tip: tuple[float, float],
     elbow: int,
-    psi: float,
+    free: FloatArray,
     stroke: float,
-    turn: float,
+    turn: FloatArray,
     deadline: Deadline = NEVER,
-) -> tuple[float, float]:
-    """One round of a compass search, `sweep_corner` by corner; returns cost and ψ.
+) -> float:
+    """One round of a compass search, `sweep_corner` by corner; returns the cost.
 
     A route that is not possible, of infinite cost, stays as it is, and after the deadline the rest
     of the corners do.
     """
     if cost == math.inf:
-        return cost, psi
+        return cost
     ahead = costs_ahead(t, w, via, start)
     for i in range(1, len(via)):
         if deadline.passed:
             break
-        cost, psi = sweep_corner(t, w, via, start, cost, tip, elbow, psi, stroke, turn, i, ahead)
-    return cost, psi
+        cost = sweep_corner(t, w, via, start, cost, tip, elbow, free, stroke, turn, i, ahead)
+    return cost
 
 
 @kernel
 def goal_lengths(
-    t: Terms, tip: tuple[float, float], elbow: int, psi: float, length: FloatArray
+    t: Terms, tip: tuple[float, float], elbow: int, free: FloatArray, length: FloatArray
 ) -> bool:
     """Cylinder lengths [m] with the tip at the goal; False where they are not within limits."""
     m = t.machine
     q = np.empty(len(length))
-    if not (joint_angles(m, tip[0], tip[1], psi, elbow, q) and within_limits(m, q)):
+    if not posture_at(m, tip[0], tip[1], free, elbow, q):
         return False
     for j in range(len(length)):
         length[j] = cylinder_length(m.linkage[j], q[j])
@@ -100,21 +100,22 @@ def sweep_corner(
     cost: float,
     tip: tuple[float, float],
     elbow: int,
-    psi: float,
+    free: FloatArray,
     stroke: float,
-    turn: float,
+    turn: FloatArray,
     i: int,
     ahead: FloatArray,
-) -> tuple[float, float]:
-    """One corner's part of a round of a compass search; returns cost and ψ.
+) -> float:
+    """One corner's part of a round of a compass search; returns the cost.
 
-    The corner is moved along each cylinder, or, at the route's end, the goal's ψ is turned, both
+    The corner is moved along each cylinder, or, at the route's end, each free angle there, both
     ways. Corners are taken from i = 1 on, one after the other: w keeps what is known where the
     one before was. What follows the next corner does not change, and is priced once a round.
 
     via     float64[points, n] m, changed in place
     stroke  m, by which the corner is moved
-    turn    rad, by which the goal's ψ is turned; 0 leaves it
+    free    float64[n - 2] rad, of the posture at the end, changed in place
+    turn    float64[n - 2] rad, by which they are turned; 0 leaves one
     ahead   of `route.costs_ahead`, before the round began
     """
     m, points = t.machine, w.points
@@ -129,12 +130,13 @@ def sweep_corner(
     kept = np.empty(n)
     last = i == len(via) - 1
     left = 0.0 if last else np.min(ahead[i + 1])
-    for k in range(1 if last else n):
+    for k in range(len(free) if last else n):
+        before = free[k] if last else 0.0
         for sign in (-1.0, 1.0):
             kept[:] = via[i]
             if last:
-                turned = psi + sign * turn
-                moved = turn > 0.0 and goal_lengths(t, tip, elbow, turned, via[i])
+                free[k] = before + sign * turn[k]
+                moved = turn[k] > 0.0 and goal_lengths(t, tip, elbow, free, via[i])
             else:
                 moved = _move(m, via[i], k, sign * stroke)
             if moved:
@@ -147,14 +149,15 @@ def sweep_corner(
                     trial = np.min(w.value[0, :-1] + ahead[i + 1])
                 if trial < cost:
                     cost = trial
-                    psi = turned if last else psi
                     break
             via[i] = kept
+            if last:
+                free[k] = before
     points.posture[0] = posture
     points.length[0] = via[i - 1]
     points.force[0] = force
     w.value[0] = value
-    return cost, psi
+    return cost
 
 
 @kernel

@@ -16,7 +16,7 @@ import numpy as np
 
 from mhsb_model.types import IntArray, frozen
 from mhsb_planner.errors import DeadlineError, NoPathError
-from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
+from mhsb_planner.integrated.lattice import Lattice, LatticeSearch, evenly_long, evenly_turned
 from mhsb_planner.integrated.refinement import shortcut, sweep
 from mhsb_planner.integrated.route import Terms, price_route
 from mhsb_planner.integrated.task import Route, Task
@@ -50,6 +50,9 @@ HASTE = 2.0
 
 FIRST_STATES = 2000
 """Expanded for such a route; then it is only asked whether there is any, at any cost."""
+
+MOST_POINTS, FEWER = 2**26, 1.25
+"""A lattice of more points, which only longer chains than the suite's have, is laid out wider."""
 
 QUICK = 3
 """Lattices that are searched before it is time for other ways."""
@@ -249,11 +252,17 @@ def _beside(found: Route, best: Route, spacing: float) -> bool:
 def lattice(task: Task, priced_by: Terms, worth: IntArray, spacing: float) -> LatticeSearch:
     """The search for those of the goal postures that are worth it."""
     goals = Postures(*(column[worth] for column in task.goals.postures))
-    if len(task.terms.obstacles) > 0:
-        points = evenly_turned(task.machine, task.start, TURNED * spacing)
-    else:
-        points = evenly_long(task.machine, task.start, spacing)
+    points = _points(task, spacing)
+    while points.shape.prod() > MOST_POINTS:
+        spacing *= FEWER
+        points = _points(task, spacing)
     return LatticeSearch(priced_by, task.memory, points, goals)
+
+
+def _points(task: Task, spacing: float) -> Lattice:
+    if len(task.terms.obstacles) > 0:
+        return evenly_turned(task.machine, task.start, TURNED * spacing)
+    return evenly_long(task.machine, task.start, spacing)
 
 
 # --- Small changes -------------------------------------------------------------------------------
@@ -288,17 +297,19 @@ def _swept(
     """The route after rounds of a compass search by one stride, priced by pieces so long [m]."""
     t, w, until = task.terms, task.memory, task.time.until
     rough = t._replace(piece=piece)
-    stroke, turn = stride * spacing, task.effort.turn * stride if task.goals.free else 0.0
-    via, psi, tip = route.via.copy(), route.psi, _tip_of(task, route)
+    stroke, turn = stride * spacing, np.full(len(route.free), task.effort.turn * stride)
+    if not task.goals.free:
+        turn[-1] = 0.0
+    via, free, tip = route.via.copy(), route.free.copy(), _tip_of(task, route)
     cost = float(price_route(rough, w, via, task.start, math.inf))
     for _ in range(rounds):
         before = cost
-        cost, psi = sweep(
-            rough, w, via, task.start, cost, tip, route.elbow, psi, stroke, turn, until
+        cost = sweep(
+            rough, w, via, task.start, cost, tip, route.elbow, free, stroke, turn, until
         )
         counts = cost if piece == t.piece else task.price(via, route.cost)
         if counts < route.cost:
-            route = replace(route, via=via.copy(), psi=psi, cost=counts)
+            route = replace(route, via=via.copy(), free=free.copy(), cost=counts)
         if counts > route.cost or cost > (1.0 - GOOD_ENOUGH) * before:
             break
     return route

@@ -26,7 +26,7 @@ class Effort:
     expansions   states of all lattices together to expand once there is a route, at most
     narrowest    m, spacing of the last lattice where there is no route yet
     strides      lengths of the compass search's strides, as shares of the lattice's spacing
-    turn         rad, by which ψ is turned per stride of one spacing
+    turn         rad, by which ψ, and the inner joints, are turned per stride of one spacing
     sweeps       rounds for each stride, at most
     """
 
@@ -52,14 +52,14 @@ class Route:
 
     via         float64[points, n] m
     goal        number of the goal posture that it was led to
-    elbow, psi  of the posture at its end, with ψ turned since
+    elbow, free  of the posture at its end, as `tip_postures` has them, turned since
     cost        w₁ E + w₂ T + w₃ switches
     """
 
     via: FloatArray
     goal: int
     elbow: int
-    psi: float
+    free: FloatArray
     cost: float
 
 
@@ -114,4 +114,4 @@ class Task:
 
     def to_goal(self, via: FloatArray, k: int, cost: float) -> Route:
         """Route to the goal posture k."""
-        return Route(via, k, int(self.goals.elbow[k]), float(self.goals.psi[k]), cost)
+        return Route(via, k, int(self.goals.elbow[k]), self.goals.free_angles(k), cost)

@@ -20,6 +20,7 @@ from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import (
     DeadlineError,
     ExpansionLimitError,
+    InfeasibleGoalError,
     NoPathError,
     PlanningCancelledError,
     RequestError,
@@ -172,7 +173,7 @@ def warm_up(graph: StepGraph) -> None:
     x, z = table.nodes[there] * table.spacing
     # A goal that is a node of the graph, and one that has to be joined to it.
     for psi in (None, float(table.posture[there, 0].sum())):
-        with suppress(NoPathError):
+        with suppress(NoPathError, InfeasibleGoalError):  # of longer chains ψ is met by samples
             search(graph, start, table.patterns[0], (x, z), (1.0, 1.0, 1.0), goal_psi=psi)
     postures_at(machine, x, z)
     machine.postures(x, z, np.zeros(1))

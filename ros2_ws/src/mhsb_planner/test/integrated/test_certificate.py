@@ -44,7 +44,7 @@ def test_the_bound_is_the_least_over_densely_sampled_goal_postures(arm, posture_
 def test_a_cell_of_psi_encloses_all_its_postures(machine, low, width, radius, direction, elbow):
     tip = radius * np.cos(direction), radius * np.sin(direction)
     box = np.empty((2, 3))
-    some = enclose(machine.arrays, tip, elbow, low, low + width, box)
+    some = enclose(machine.arrays, tip, elbow, np.array([[low, low + width]]), box)
     for psi in low + width * np.linspace(0.0, 1.0, 50):
         for q in machine.postures(*tip, np.array([psi])):
             if np.sign(q[1]) in (elbow, 0):

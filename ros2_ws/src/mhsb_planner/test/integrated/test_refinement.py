@@ -42,12 +42,13 @@ def test_a_sweep_never_makes_a_route_dearer_and_tells_its_cost(
     t = terms_of(machine)
     start, via, end, cost = random_route(machine, t, posture_within, seed)
     tip = tuple(machine.tip_position(end))
-    elbow, psi = (1 if end[1] > 0 else -1), float(end.sum())
-    moved, turned = sweep(t, new_memory(t), via, start, cost, tip, elbow, psi, 2e-3, 0.05)
+    elbow, free = (1 if end[1] > 0 else -1), end.sum(keepdims=True)
+    turn = np.array([0.05])
+    moved = sweep(t, new_memory(t), via, start, cost, tip, elbow, free, 2e-3, turn)
     assert moved <= cost
     assert moved == pytest.approx(price_route(t, new_memory(t), via, start, np.inf), rel=1e-12)
     length = np.empty(3)
-    assert goal_lengths(t, tip, elbow, turned, length)
+    assert goal_lengths(t, tip, elbow, free, length)
     assert via[-1] == pytest.approx(length, abs=1e-9)
     ends = np.sort([machine.cylinder_lengths(q) for q in limits(machine)], axis=0)
     assert np.all((via[1:-1] >= ends[0]) & (via[1:-1] <= ends[1]))
@@ -70,10 +71,10 @@ def test_what_is_behind_a_corner_and_what_is_ahead_add_up_to_the_whole(
 def test_a_route_that_is_not_possible_stays_as_it_is(machine, terms_of, posture_within):
     t = terms_of(machine)
     start, via, end, _ = random_route(machine, t, posture_within, 0)
-    tip, elbow, psi = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1), float(end.sum())
-    before = via.copy()
-    cost, turned = sweep(t, new_memory(t), via, start, np.inf, tip, elbow, psi, 2e-3, 0.05)
-    assert (cost, turned) == (np.inf, psi)
+    tip, elbow = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1)
+    free, turn, before = end.sum(keepdims=True), np.array([0.05]), via.copy()
+    cost = sweep(t, new_memory(t), via, start, np.inf, tip, elbow, free, 2e-3, turn)
+    assert (cost, free[0]) == (np.inf, end.sum())
     assert np.array_equal(via, before)
 
 
@@ -98,8 +99,9 @@ def test_sweeps_lead_a_detour_in_n_back_to_the_lower_bound(machine, terms_of, po
         if straight > 0.99 * cost:
             continue
         tip, elbow = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1)
+        free, stay = end.sum(keepdims=True), np.zeros(1)
         for stroke in np.repeat([1e-3, 3e-4, 1e-4, 3e-5], 6):
-            cost, _ = sweep(t, new_memory(t), via, start, cost, tip, elbow, end.sum(), stroke, 0.0)
+            cost = sweep(t, new_memory(t), via, start, cost, tip, elbow, free, stroke, stay)
         assert cost <= 1.02 * straight
         return
     pytest.fail("no route with a detour was drawn")

@@ -1,0 +1,115 @@
+"""Planning for the arm with four joints, whose postures at a point have two free angles."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.errors import RequestError
+from mhsb_planner.integrated.certificate import enclose, least_cost_to
+from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.search.fixed_j3 import elbow_side, fixed_j3_posture, kept_angles
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, energy_lower_bound
+from mhsb_planner.search.s2_step import circuit_of
+
+START, GOAL = (0.55, -0.05), (0.60, 0.55)
+
+
+@pytest.fixture(scope="module")
+def arm() -> Machine:
+    return load_machine(config_file("mhsb_arm4.yaml"))
+
+
+@pytest.fixture(scope="module")
+def planner(arm: Machine) -> Planner:
+    return Planner(arm, build_posture_table(arm, spacing=0.15))
+
+
+@pytest.fixture(scope="module")
+def start(arm: Machine) -> np.ndarray:
+    return postures_at(arm, *START).posture[0]
+
+
+def random_postures(arm, count, seed):
+    low, high = arm.arrays.joint_min, arm.arrays.joint_max
+    return np.random.default_rng(seed).uniform(low, high, (count, 4))
+
+
+@pytest.mark.parametrize("kind", ["table", "fixed", "integrated"])
+def test_a_plan_of_every_planner_keeps_every_limit(planner, start, worst, kind):
+    plan = planner.plan(GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind))
+    trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
+    tip = planner.machine.tip_position(trajectory.position[-1])
+    assert tip == pytest.approx(GOAL, abs=1e-6)
+    excess = worst(trajectory, schedule, machine=planner.machine)
+    assert max(excess.values()) < 1e-3, excess
+    assert plan.energy.paper > plan.lower_bound > 0.0
+
+
+def test_an_integrated_plan_costs_no_more_than_the_others(planner, start):
+    state, cost = MotionState.at_rest(start), {}
+    for kind in ("table", "fixed", "integrated"):
+        options = PlanOptions(planner=kind, trajectory="followed")
+        cost[kind] = planner.plan(GOAL, state, options=options).energy.paper
+    assert cost["integrated"] <= min(cost.values()) * (1 + 1e-9)
+
+
+def test_goal_postures_have_their_tip_at_the_goal_and_psi_as_asked(arm):
+    for psi in (None, -1.0, (-1.2, -0.9)):
+        goals = goal_postures(arm, *GOAL, psi)
+        angles = goals.postures.posture
+        assert len(angles) > 10
+        for q in angles:
+            assert arm.tip_position(q) == pytest.approx(GOAL, abs=1e-9)
+        assert np.all(angles >= arm.arrays.joint_min)
+        assert np.all(angles <= arm.arrays.joint_max)
+        turns = (goals.psi - angles.sum(axis=1)) / (2 * np.pi)
+        assert turns == pytest.approx(np.round(turns), abs=1e-9)
+        if psi is not None:
+            low, high = np.min(psi), np.max(psi)
+            off = np.abs(np.angle(np.exp(1j * (goals.psi - (low + high) / 2))))
+            assert off.max() <= (high - low) / 2 + 1e-9
+
+
+def test_a_cell_of_free_angles_encloses_all_its_postures(arm):
+    random, box = np.random.default_rng(7), np.empty((2, 4))
+    for q in random_postures(arm, 300, seed=8):
+        tip = tuple(arm.tip_position(q))
+        width = random.uniform(0.0, [0.5, 1.0]) ** 2
+        share = random.uniform(0.0, 1.0, 2)
+        free = np.array([q[0], q.sum()])
+        cell = np.column_stack([free - share * width, free + (1 - share) * width])
+        assert enclose(arm.arrays, tip, 1 if q[2] > 0 else -1, cell, box)
+        length = arm.cylinder_lengths(q)
+        assert np.all(box[0] - 1e-9 <= length)
+        assert np.all(length <= box[1] + 1e-9)
+
+
+def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_least(arm):
+    circuit = circuit_of(arm.arrays, arm.patterns)
+    for q in random_postures(arm, 4, seed=9):
+        for tip in (GOAL, (0.9, -0.2)):
+            goals = goal_postures(arm, *tip)
+            bound = least_cost_to(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
+            dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, 2000))
+            sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
+            assert bound <= sampled * (1 + 1e-9)
+            assert bound >= 0.9 * sampled
+
+
+def test_the_fixed_planner_keeps_two_joints_where_it_can(arm):
+    kept = 0
+    for q in random_postures(arm, 100, seed=10):
+        x, z = arm.tip_position(q)
+        found = fixed_j3_posture(arm, x, z, kept_angles(arm, q), elbow_side(arm, q))
+        assert found == pytest.approx(q, abs=1e-6)
+        kept += bool(np.all(found[2:] == q[2:]))
+    assert kept == 100
+
+
+def test_of_two_kept_joints_one_initial_angle_is_refused(arm):
+    with pytest.raises(RequestError, match="is of one joint, 2 are kept"):
+        fixed_j3_posture(arm, *GOAL, -1.0)
