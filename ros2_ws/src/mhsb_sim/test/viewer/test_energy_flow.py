@@ -47,8 +47,9 @@ def test_all_that_the_pumps_deliver_is_told_of():
 
 def test_a_sample_that_comes_twice_counts_once():
     flow = EnergyFlow()
-    flow.deliver(0.0, 0.0)
     working = sample(force=1e3, piston_speed=0.01)
-    for time in (0.0, 0.1, 0.1, 0.1):
+    flow.use(working, 0.0)
+    flow.deliver(0.0, 0.0)
+    for time in (0.1, 0.1, 0.1):
         flow.use(working, time)
     assert flow.energies[3] == pytest.approx(2.0)
