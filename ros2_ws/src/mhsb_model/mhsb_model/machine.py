@@ -14,19 +14,20 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mhsb_model import kinematics, statics, tip_postures
+from mhsb_model import kinematics, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
 from mhsb_model.files.value_paths import set_value, value_at
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
+from mhsb_model.inverse_kinematics import tip_postures
+from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
-from mhsb_model.tip_postures import LEAST_JOINTS
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES, joint_angles, within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import ELBOW_BRANCHES, joint_angles, within_limits
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode

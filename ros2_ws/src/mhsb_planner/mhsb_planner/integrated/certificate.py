@@ -24,10 +24,10 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS, posture_at
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
-from mhsb_model.tip_postures import LEAST_JOINTS, posture_at
 from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.search.lower_bound import least_cost_between, least_costs_between

@@ -14,10 +14,10 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
-from mhsb_model.inverse_kinematics_3r import ELBOW_BRANCHES
+from mhsb_model.inverse_kinematics.closed_form_3r import ELBOW_BRANCHES
+from mhsb_model.inverse_kinematics.tip_postures import inner_angles, outer_tip
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.tip_postures import inner_angles, outer_tip
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.goal_region import Angle, Region, angle_range, tips

@@ -245,7 +245,7 @@ def _example(machine: Machine) -> Task:
     machine = machine.without_obstacles()
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     start, end = low + 0.5 * (high - low), low + 0.52 * (high - low)
-    effort = Effort(psi_spacing=1.0, expansions=2, sweeps=1)
+    effort = Effort(psi_spacing=0.02, expansions=2, sweeps=1)
     x, z = machine.tip_position(end)
     goals = goal_postures(machine, float(x), float(z), float(end.sum()), effort.psi_spacing)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)

@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.inverse_kinematics.tip_postures import posture_at
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
-from mhsb_model.tip_postures import posture_at
 from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.integrated.route import (

@@ -17,9 +17,9 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
+from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.tip_postures import close_chain, side_of
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.posture.s1_polytope import (
     cross_products,

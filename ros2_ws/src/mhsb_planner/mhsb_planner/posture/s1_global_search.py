@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.tip_postures import LEAST_JOINTS
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import (

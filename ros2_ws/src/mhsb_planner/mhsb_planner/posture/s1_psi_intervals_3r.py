@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 

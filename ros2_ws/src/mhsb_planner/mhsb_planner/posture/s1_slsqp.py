@@ -15,8 +15,8 @@ import math
 import numpy as np
 from scipy.optimize import minimize
 
+from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS, nearest_posture
 from mhsb_model.machine import Machine
-from mhsb_model.tip_postures import LEAST_JOINTS, nearest_posture
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals

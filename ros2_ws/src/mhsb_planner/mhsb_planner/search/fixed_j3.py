@@ -16,10 +16,10 @@ from contextlib import suppress
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
+from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.tip_postures import close_chain, side_of
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import InfeasibleGoalError, RequestError

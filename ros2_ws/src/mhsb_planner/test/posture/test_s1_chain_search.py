@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.files.config_files import config_file
-from mhsb_model.inverse_kinematics_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_model.machine import load_machine
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.posture.s1_polytope import polytope_area

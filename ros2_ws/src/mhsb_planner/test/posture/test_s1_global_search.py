@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from mhsb_model.inverse_kinematics_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_planner.errors import InfeasibleGoalError, PlanningCancelledError
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.posture.s1_polytope import polytope_area

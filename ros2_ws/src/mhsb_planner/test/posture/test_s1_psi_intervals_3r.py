@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits
 from mhsb_model.machine import Machine
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
 

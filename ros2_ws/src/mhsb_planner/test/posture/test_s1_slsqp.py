@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.inverse_kinematics_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.posture.s1_slsqp import largest_by_slsqp, search_by_slsqp

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.command import Command
-from mhsb_model.inverse_kinematics_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, RequestError
 from mhsb_planner.evaluation.paper_cases import paper_case

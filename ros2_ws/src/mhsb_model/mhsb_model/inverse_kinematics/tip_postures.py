@@ -5,7 +5,7 @@ The tip leaves n − 2 angles free. Here these are
     free = (q₁ … q₍ₙ₋₃₎, ψ),  ψ = Σ q
 
 the angles of the inner joints and that of the end link: the inner links held, the last three joints
-are an arm of their own, in closed form (`inverse_kinematics_3r`), with two elbow branches.
+are an arm of their own, in closed form (`closed_form_3r`), with two elbow branches.
 
 Seen otherwise, two joints close the chain while all others are held (`close_chain`); which two is
 free to choose, so that every posture at a joint's limit is among those with this joint held.
@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics_3r import joint_angles, within_limits, wrap_near
+from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits, wrap_near
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from mhsb_model import tip_postures
 from mhsb_model.files.config_files import config_file
-from mhsb_model.inverse_kinematics_3r import within_limits
+from mhsb_model.inverse_kinematics import tip_postures
+from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_model.machine import load_machine
 
 PAIRS = [(i, j) for i in range(4) for j in range(i + 1, 4)]
