@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model import inverse_kinematics_3r, kinematics
+from mhsb_model import kinematics
+from mhsb_model.inverse_kinematics import closed_form_3r
 
 
 @given(st.floats(0, 1), st.floats(-1, 1), st.floats(-math.pi, math.pi), st.sampled_from([-1, 1]))
 def test_every_solution_reaches_the_tip_with_the_asked_end_link_angle(machine, x, z, psi, elbow):
     q = np.empty(3)
-    if not inverse_kinematics_3r.joint_angles(machine.arrays, x, z, psi, elbow, q):
+    if not closed_form_3r.joint_angles(machine.arrays, x, z, psi, elbow, q):
         wrist = np.array([x, z]) - 0.179 * np.array([math.cos(psi), math.sin(psi)])
         assert not 0.05 < np.linalg.norm(wrist) < 0.85
         return
@@ -34,7 +35,7 @@ def test_the_posture_of_any_reachable_tip_is_among_the_solutions(slider_crank_ma
 
 @given(st.floats(-50, 50), st.floats(-7, 7))
 def test_wrapping_changes_an_angle_by_whole_turns_to_within_half_a_turn(angle, center):
-    wrapped = inverse_kinematics_3r.wrap_near(angle, center)
+    wrapped = closed_form_3r.wrap_near(angle, center)
     turns = (wrapped - angle) / (2 * math.pi)
     assert turns == pytest.approx(round(turns), abs=1e-9)
     assert abs(wrapped - center) <= math.pi + 1e-9
