@@ -14,23 +14,15 @@ from mhsb_planner.errors import RequestError
 from mhsb_planner.ros import planner_parameters
 
 WHOLE_NUMBERS = Parameter.Type.DOUBLE_ARRAY, Parameter.Type.INTEGER_ARRAY
-OPTIONS = (
-    "planner",
-    "weights",
-    "energy_reading",
-    "payload",
-    "supply_pressure",
-    "v_max",
-    *planner_parameters.FREE_ANGLES,
-    "goal_tolerance",
-    "goal_segment",
-    "goal_box",
-    "goal_via",
-    "goal_via_tolerance",
-    "area_weight",
-    "max_speed_excess",
-)
-"""Parameters that a goal may have its own of; leads and zones hold for all goals."""
+OF_ALL_GOALS = {
+    "payload_from",
+    "lead_min",
+    "lead_max",
+    "planning_budget",
+    *planner_parameters.ZONES,
+}
+OPTIONS = tuple(name for name in planner_parameters.CHANGEABLE if name not in OF_ALL_GOALS)
+"""Parameters that a goal may have its own of."""
 
 
 def decode(node: Node, machine: Machine, texts: Sequence[str]) -> list[Parameter]:

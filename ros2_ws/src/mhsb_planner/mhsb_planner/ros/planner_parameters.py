@@ -343,11 +343,11 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
 
 
 def _values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
-    values = {name: node.get_parameter(name).value for name in _CHANGEABLE}
+    values = {name: node.get_parameter(name).value for name in CHANGEABLE}
     return values | {change.name: change.value for change in changes if change.name in values}
 
 
-_CHANGEABLE = (
+CHANGEABLE = (
     "planner",
     "weights",
     "energy_reading",
