@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mhsb_model.files.config_files import config_file
+from mhsb_model.inverse_kinematics.tip_postures import posture_at
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import RequestError
@@ -86,6 +89,34 @@ def test_a_cell_of_free_angles_encloses_all_its_postures(arm):
         length = arm.cylinder_lengths(q)
         assert np.all(box[0] - 1e-9 <= length)
         assert np.all(length <= box[1] + 1e-9)
+
+
+@given(
+    low=st.floats(-7.0, 7.0),
+    inner=st.floats(-1.6, 2.4),
+    widths=st.tuples(st.floats(1e-6, 0.4), st.floats(1e-6, 1.0)),
+    beyond=st.floats(0.0, 0.3),
+    direction=st.floats(-3.1, 3.1),
+    elbow=st.sampled_from([-1, 1]),
+)
+def test_cells_of_a_chain_enclose_its_postures_also_where_the_tip_is_close_to_a_joint(
+    arm, low, inner, widths, beyond, direction, elbow
+):
+    length = arm.arrays.link_length
+    tip = (
+        length[0] * np.cos(inner) + beyond * np.cos(direction),
+        length[0] * np.sin(inner) + beyond * np.sin(direction),
+    )
+    cell = np.array([[inner - widths[0], inner + widths[0]], [low, low + widths[1]]])
+    box, q = np.empty((2, 4)), np.empty(4)
+    some = enclose(arm.arrays, tip, elbow, cell, box)
+    for share in np.random.default_rng(0).uniform(size=(200, 2)):
+        free = cell[:, 0] + share * (cell[:, 1] - cell[:, 0])
+        if posture_at(arm.arrays, *tip, free, elbow, q):
+            lengths = arm.cylinder_lengths(q)
+            assert some
+            assert np.all(box[0] - 1e-7 <= lengths)
+            assert np.all(lengths <= box[1] + 1e-7)
 
 
 def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_least(arm):

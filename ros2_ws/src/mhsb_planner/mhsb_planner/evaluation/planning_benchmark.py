@@ -322,6 +322,7 @@ def as_text(figures: Figures) -> list[str]:
     """The figures as a table."""
     table, plan, other = figures["table"], figures["plan"]["table"], figures["scipy_dijkstra"]
     integrated = figures["plan"]["integrated"]
+    soon = integrated["soon"]
     lines = [
         f"posture table    {table['entries']} entries in {table['build_s']:.2f} s; SLSQP "
         f"{1e3 * table['slsqp_s_per_entry']:.1f} ms an entry, {table['speedup_over_slsqp']:.0f} "
@@ -333,6 +334,10 @@ def as_text(figures: Figures) -> list[str]:
         f"at worst {integrated['worst_energy_ratio']:.3f}; over the ground truth "
         f"{integrated['ground_truth_ratio_mean']:.3f}, at worst "
         f"{integrated['ground_truth_ratio_max']:.3f}",
+        f"  in {soon['deadline_ms']:.0f} ms      answered p50 {soon['p50_ms']:.1f} ms, p99 "
+        f"{soon['p99_ms']:.1f} ms; {soon['not_found']} without a plan; energy over the table "
+        f"planner's at worst {soon['worst_energy_ratio']:.3f}; over the ground truth "
+        f"{soon['ground_truth_ratio_mean']:.3f}, at worst {soon['ground_truth_ratio_max']:.3f}",
         f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
         f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
         *time_optimality_lines(figures["time_optimality"]),

@@ -19,6 +19,7 @@ sees it is what the wrist is to the tip: the same D and α, now of intervals of 
 
 from __future__ import annotations
 
+import heapq
 import math
 
 import numpy as np
@@ -40,7 +41,7 @@ NARROWEST = 1e-5
 """Cells of ψ that are not halved any more [rad]."""
 
 FIRST_CELLS = 32
-MOST_CELLS = 20_000
+MOST_CELLS = 4000
 """Cells of chains with more than three joints that are looked at, at most."""
 
 ROUNDING = 1e-9
@@ -63,9 +64,12 @@ def _cosine(low: float, high: float) -> Interval:
 
 @kernel
 def _wrist_direction(low: float, high: float, radius: float, link: float) -> Interval:
-    """Range of α over u ∈ [low, high] rad; it turns where cos u = L₃/R."""
+    """Range of α over u ∈ [low, high] rad; where R ≤ L₃, u in the first turn or beyond it.
+
+    For R > L₃ it turns where cos u = L₃/R; otherwise the wrist goes round the origin with u.
+    """
     if radius <= link:
-        return -math.pi, math.pi
+        return _around_origin(low, radius, link), _around_origin(high, radius, link)
     a = math.atan2(-link * math.sin(low), radius - link * math.cos(low))
     b = math.atan2(-link * math.sin(high), radius - link * math.cos(high))
     least, most = min(a, b), max(a, b)
@@ -77,6 +81,15 @@ def _wrist_direction(low: float, high: float, radius: float, link: float) -> Int
             least = min(least, -side * extreme)
             most = max(most, -side * extreme)
     return least, most
+
+
+@kernel
+def _around_origin(u: float, radius: float, link: float) -> float:
+    """α where R ≤ L₃, continuous and growing with u ≥ 0, −π at u = 0 and 2π more every turn."""
+    turns = math.floor(u / (2.0 * math.pi))
+    w = min(math.pi, max(-math.pi, u - (2.0 * turns + 1.0) * math.pi))
+    around = math.atan2(link * math.sin(w), radius + link * math.cos(w))
+    return around + 2.0 * math.pi * turns
 
 
 @kernel
@@ -123,7 +136,16 @@ def _without_link(
 
 @kernel
 def _directions(low: float, high: float, radius: Interval, link: float) -> Interval:
-    """Range of α over u ∈ [low, high] rad and distances in `radius`: α is monotone in these."""
+    """Range of α over u ∈ [low, high] rad and distances in `radius`: α is monotone in these.
+
+    Any, where the wrist may be at the origin: R = L₃ and u = 0.
+    """
+    if radius[0] - ROUNDING < link:
+        turn = 2.0 * math.pi
+        shift = turn * math.floor(low / turn)
+        low, high = low - shift, high - shift
+        if link < radius[1] + ROUNDING and (low < ROUNDING or high > turn - ROUNDING):
+            return -math.pi, math.pi
     one = _wrist_direction(low, high, radius[0], link)
     other = _wrist_direction(low, high, radius[1], link)
     return min(one[0], other[0]), max(one[1], other[1])
@@ -264,40 +286,42 @@ def _branch_and_bound_of_chain(
     weight: FloatArray,
     met: float,
 ) -> Interval:
-    """The same for more joints: of all cells at once the widest angle is halved, in generations.
+    """The same for more joints: the cell of the least bound is halved at its widest angle.
 
-    Where they come to be more than `MOST_CELLS` the bound is what it is by then.
+    With more free angles than one the cells are many, and this looks at the fewest.
     """
     n = len(start)
-    f = n - 2
-    work = np.empty((5, n))
-    cells, elbows = np.empty((2 * FIRST_CELLS, f, 2)), np.empty(2 * FIRST_CELLS, dtype=np.int64)
+    work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + MOST_CELLS, n - 2, 2))
+    elbow = np.empty(len(cell), dtype=np.int64)
     for i in range(2 * FIRST_CELLS):
-        elbows[i] = -1 if i < FIRST_CELLS else 1
+        elbow[i] = -1 if i < FIRST_CELLS else 1
         width = (psi[1] - psi[0]) / FIRST_CELLS
-        for k in range(f - 1):
-            cells[i, k, 0], cells[i, k, 1] = m.joint_min[k], m.joint_max[k]
-        cells[i, f - 1, 0] = psi[0] + (i % FIRST_CELLS) * width
-        cells[i, f - 1, 1] = psi[0] + (i % FIRST_CELLS + 1) * width
-    least, looked_at = math.inf, 0
-    while len(cells) > 0:
-        finer, sides = np.empty((2 * len(cells), f, 2)), np.empty(2 * len(cells), dtype=np.int64)
-        count, last = 0, looked_at + len(cells) > MOST_CELLS
-        looked_at += len(cells)
-        for i in range(len(cells)):
-            bound, middle = _bound_cell(m, c, start, tip, elbows[i], cells[i], weight, work)
+        for k in range(n - 3):
+            cell[i, k, 0], cell[i, k, 1] = m.joint_min[k], m.joint_max[k]
+        cell[i, n - 3, 0] = psi[0] + (i % FIRST_CELLS) * width
+        cell[i, n - 3, 1] = psi[0] + (i % FIRST_CELLS + 1) * width
+    first = [(0.0, 0)]
+    first.pop()
+    begun, count = 0, 2 * FIRST_CELLS
+    while True:
+        for i in range(begun, count):
+            bound, middle = _bound_cell(m, c, start, tip, elbow[i], cell[i], weight, work)
             met = min(met, middle)
-            widest = np.argmax(cells[i, :, 1] - cells[i, :, 0])
-            low, high = cells[i, widest, 0], cells[i, widest, 1]
-            if last or bound >= (1.0 - TOLERANCE) * met or high - low < NARROWEST:
-                least = min(least, bound)
-                continue
-            for half in range(2):
-                finer[count], sides[count] = cells[i], elbows[i]
-                finer[count, widest, 1 - half] = 0.5 * (low + high)
-                count += 1
-        cells, elbows = finer[:count], sides[:count]
-    return least, met
+            if bound < math.inf:
+                heapq.heappush(first, (bound, i))
+        if len(first) == 0:
+            return math.inf, met
+        bound, i = heapq.heappop(first)
+        widest = np.argmax(cell[i, :, 1] - cell[i, :, 0])
+        low, high = cell[i, widest, 0], cell[i, widest, 1]
+        full = count + 2 > len(cell)
+        if full or bound >= (1.0 - TOLERANCE) * met or high - low < NARROWEST:
+            return bound, met
+        begun = count
+        for half in range(2):
+            elbow[count], cell[count] = elbow[i], cell[i]
+            cell[count, widest, 1 - half] = 0.5 * (low + high)
+            count += 1
 
 
 def least_cost_to(

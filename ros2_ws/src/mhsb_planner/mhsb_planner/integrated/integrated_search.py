@@ -89,8 +89,15 @@ class IntegratedSearch:
         priced_by = terms(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
         self._task = Task.of(machine, posture, priced_by, goals, time, effort)
         time.until.check(SEARCHING)
-        origin = machine.cylinder_lengths(posture if certified_from is None else certified_from)
-        self.lower_bound = least_cost_to(machine, priced_by.circuit, origin, goals, ENERGY_ALONE)
+        self.lower_bound = self._least_energy(posture if certified_from is None else certified_from)
+
+    def _least_energy(self, posture: FloatArray) -> float:
+        """No plan from a posture takes less [J]."""
+        task, (energy, time) = self._task, self._task.terms.weight[:2]
+        if energy > 0.0 and time == 0.0 and np.array_equal(posture, task.start):
+            return task.bound / float(energy)
+        origin = task.machine.cylinder_lengths(posture)
+        return least_cost_to(task.machine, task.terms.circuit, origin, task.goals, ENERGY_ALONE)
 
     def paths(self) -> Iterator[DiscretePath | None]:
         """Ever cheaper paths; None where what follows may take long: others may be quicker now.

@@ -3,9 +3,10 @@
 With the tip held, n − 2 angles are free. Wherever a maximum lies, in the midst of the postures or
 with some joints at their limits, two joints close the chain (`tip_postures.close_chain`) and the
 others take values within a box: so all pairs are taken in turn, the others sampled evenly, limits
-included. From the best samples, merged where they lie together, the area is then ascended along
-the curves on which three joints move and the others rest; a joint that would pass its limit is put
-there. Curves through a posture at limits lie in these limits, so that the ascent slides along them.
+included. From the best samples, merged where they lie together, and from the best of the postures
+that are already found under other patterns, the area is then ascended along the curves on which
+three joints move and the others rest; a joint that would pass its limit is put there. Curves
+through a posture at limits lie in these limits, so that the ascent slides along them.
 
 Nothing bounds what is missed: SLSQP from many starts is the judge (`s1_slsqp`).
 """
@@ -13,6 +14,7 @@ Nothing bounds what is missed: SLSQP from many starts is the judge (`s1_slsqp`).
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +22,14 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import tip_jacobian
+from mhsb_model.linkages.linkage import moment_arm
+from mhsb_model.modes import MODE_COUNT
+from mhsb_model.statics import gravity_torque
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.posture.s1_polytope import (
     cross_products,
+    flow_limit,
     flow_limits,
     flow_scale,
     projected_area,
@@ -33,14 +40,18 @@ from mhsb_planner.posture.s1_polytope import (
 SOLUTIONS = 1500
 """Chains that are closed at one tip position, at most; half of them or more are beyond limits."""
 
-STARTS = 3
-"""Samples from which the area is ascended, of each pattern."""
+STARTS, FURTHER_STARTS = 3, 2
+"""Samples from which the area is ascended under the first pattern, and under others beside the best
+of the postures that are already found."""
 
 APART = 0.35
 """Samples of which no joint differs by more are one start [rad]."""
 
-FIRST_STRIDE, LAST_STRIDE = 0.1, 1e-7
+FIRST_STRIDE, LAST_STRIDE = 0.1, 1e-6
 """Of the ascent [rad]."""
+
+NEAR_STRIDE = 0.025
+"""The first from another pattern's posture [rad]."""
 
 ROUGH_STRIDE = 2e-3
 """To which all starts are ascended; the best is to the end."""
@@ -78,20 +89,28 @@ def _samples(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     return count
 
 
+class _Work(NamedTuple):
+    """Working memory of areas, beside what is the same in all postures."""
+
+    scale: FloatArray  # [n, 2], see `s1_polytope.projected_area`
+    flow: float  # m³/s
+    force: FloatArray  # [n]
+    cross: FloatArray  # [n, n]
+    limit: FloatArray  # [n, modes, 2]
+
+
 @kernel
-def _area(
-    m: MachineArrays,
-    q: FloatArray,
-    pattern: ModeArray,
-    scale: FloatArray,
-    flow: float,
-    cross: FloatArray,
-    limit: FloatArray,
-) -> float:
-    """Area of the polytope in posture q [m²/s²]; cross and limit are working memory."""
-    flow_limits(m, q, limit)
-    cross_products(tip_columns(m, q), cross)
-    return projected_area(cross, scale, limit, pattern, flow)
+def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _Work) -> float:
+    """`s1_polytope.posture_area`, its oracle, with the limits of the pattern's modes alone."""
+    gravity_torque(m, q, w.force)
+    columns = tip_jacobian(m.link_length, q)
+    for j in range(len(q)):
+        arm = moment_arm(m.linkage[j], q[j])
+        columns[0, j] /= arm
+        columns[1, j] /= arm
+        w.limit[j, pattern[j]] = flow_limit(m, j, pattern[j], w.force[j] / arm)
+    cross_products(columns, w.cross)
+    return projected_area(w.cross, w.scale, w.limit, pattern, w.flow)
 
 
 @kernel
@@ -141,6 +160,7 @@ def _ascend(
     x: float,
     z: float,
     pattern: ModeArray,
+    w: _Work,
     q: FloatArray,
     area: float,
     stride: float,
@@ -152,8 +172,6 @@ def _ascend(
     the tip rests are the areas that the other two's columns of the Jacobian span.
     """
     n = len(q)
-    cross, limit = np.empty((n, n)), np.empty((n, 3, 2))
-    scale, flow = flow_scale(m), shared_flow(m)
     moved, best = np.empty(n), np.empty(n)
     ahead, up = np.empty(n), np.empty(n)
     while stride >= last:
@@ -178,7 +196,7 @@ def _ascend(
                         driver, i, j = c, a, b
                     for sign in (-1.0, 1.0):
                         if _slide(m, x, z, q, moved, driver, i, j, sign * stride):
-                            there = _area(m, moved, pattern, scale, flow, cross, limit)
+                            there = _area(m, moved, pattern, w)
                             if there > gained * (1.0 + SAME_AREA):
                                 gained = there
                                 best[:] = moved
@@ -191,8 +209,29 @@ def _ascend(
 
 
 @kernel
-def _together(one: FloatArray, other: FloatArray) -> bool:
-    return np.max(np.abs(one - other)) <= APART
+def _leave_out(sample: FloatArray, value: FloatArray, posture: FloatArray) -> None:
+    """Give samples that lie together with a posture a value below all areas."""
+    for s in range(len(value)):
+        if np.max(np.abs(sample[s] - posture)) <= APART:
+            value[s] = -1.0
+
+
+@kernel
+def _best_known(
+    m: MachineArrays,
+    pattern: ModeArray,
+    w: _Work,
+    known: FloatArray,
+    best: float,
+    q: FloatArray,
+) -> float:
+    """The largest area of known[k, n], where it exceeds `best`, whose posture is put into q[n]."""
+    for posture in known:
+        area = _area(m, posture, pattern, w)
+        if area > best:
+            best = area
+            q[:] = posture
+    return best
 
 
 @kernel
@@ -216,28 +255,41 @@ def largest_polytopes_of_chain(
     count = _samples(m, x, z, sample)
     if count == 0:
         return False
-    cross, limit = np.empty((count, n, n)), np.empty((count, n, 3, 2))
-    scale, flow = flow_scale(m), shared_flow(m)
+    w = _Work(
+        flow_scale(m),
+        shared_flow(m),
+        np.empty(n),
+        np.empty((n, n)),
+        np.empty((n, MODE_COUNT, 2)),
+    )
+    cross, limit = np.empty((count, n, n)), np.empty((count, n, MODE_COUNT, 2))
     for s in range(count):
         flow_limits(m, sample[s], limit[s])
         cross_products(tip_columns(m, sample[s]), cross[s])
     value, q = np.empty(count), np.empty(n)
     for p in range(len(patterns)):
+        pattern = patterns[p]
         for s in range(count):
-            value[s] = projected_area(cross[s], scale, limit[s], patterns[p], flow)
-        best = -1.0
-        for _ in range(STARTS):
+            value[s] = projected_area(cross[s], w.scale, limit[s], pattern, w.flow)
+        best = _best_known(m, pattern, w, posture[:p], -1.0, posture[p])
+        if p > 0:
+            best = _ascend(m, x, z, pattern, w, posture[p], best, NEAR_STRIDE, ROUGH_STRIDE)
+            _leave_out(sample, value, posture[p])
+        for _ in range(STARTS if p == 0 else FURTHER_STARTS):
             first = np.argmax(value)
             if value[first] < 0.0:
                 break
-            start = sample[first]
-            q[:] = start
-            top = _ascend(m, x, z, patterns[p], q, value[first], FIRST_STRIDE, ROUGH_STRIDE)
+            q[:] = sample[first]
+            top = _ascend(m, x, z, pattern, w, q, value[first], FIRST_STRIDE, ROUGH_STRIDE)
+            _leave_out(sample, value, sample[first])
+            _leave_out(sample, value, q)
             if top > best * (1.0 + SAME_AREA):
                 best = top
                 posture[p] = q
-            for s in range(count):
-                if value[s] >= 0.0 and (_together(sample[s], start) or _together(sample[s], q)):
-                    value[s] = -1.0
-        area[p] = _ascend(m, x, z, patterns[p], posture[p], best, ROUGH_STRIDE, LAST_STRIDE)
+        area[p] = best
+    for p in range(len(patterns)):
+        q[:] = posture[p]
+        best = _best_known(m, patterns[p], w, posture, area[p], q)
+        posture[p] = q
+        area[p] = _ascend(m, x, z, patterns[p], w, posture[p], best, ROUGH_STRIDE, LAST_STRIDE)
     return True

@@ -42,19 +42,21 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     n = len(q)
     force = np.empty(n)
     piston_forces(m, q, force)
-    oil = hydraulics.oil_of(m)
-    k, tank = m.valve_coefficient, m.tank_pressure
     for j in range(n):
-        cap, rod = m.cap_area[j], m.rod_area[j]
         for mode in range(MODE_COUNT):
-            modules = m.modules_per_mode[mode]
-            supply, pumped = (
-                hydraulics.highest_supply(oil, modules), hydraulics.highest_flow(oil, modules)
-            )
-            out = cap * hydraulics.extension_speed(k, cap, rod, supply, tank, force[j])
-            back = rod * hydraulics.retraction_speed(k, cap, rod, supply, tank, force[j])
-            limit[j, mode, 0] = min(out, pumped)
-            limit[j, mode, 1] = min(back, pumped)
+            limit[j, mode] = flow_limit(m, j, mode, force[j])
+
+
+@kernel
+def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
+    """Largest inlet flow of joint j in a mode under a force [N], extending, retracting [m³/s]."""
+    oil, cap, rod = hydraulics.oil_of(m), m.cap_area[j], m.rod_area[j]
+    k, tank, modules = m.valve_coefficient, m.tank_pressure, m.modules_per_mode[mode]
+    supply = hydraulics.highest_supply(oil, modules)
+    pumped = hydraulics.highest_flow(oil, modules)
+    out = cap * hydraulics.extension_speed(k, cap, rod, supply, tank, force)
+    back = rod * hydraulics.retraction_speed(k, cap, rod, supply, tank, force)
+    return min(out, pumped), min(back, pumped)
 
 
 @kernel
