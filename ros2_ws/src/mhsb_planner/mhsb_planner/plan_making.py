@@ -41,6 +41,9 @@ FASTER = (0.72, 0.85)
 """Factors on the duration of the shortest ramps that are tried as well: these leave half of the
 acceleration and of the jerk to another ramp, which may not be going on."""
 
+BRISK_END = 0.72
+"""Likewise on that of the last ramp alone, by which inertia asks for no pressure."""
+
 NEARLY = 1.03
 """Cost of a motion over the best one's up to which other ways along its path may be cheaper."""
 
@@ -219,14 +222,16 @@ class PlanMaking:
         """Other ways along a path that may be cheaper than this motion by some rules.
 
         A polynomial that V_max makes slow against following the path; where that is followed,
-        faster ramps, and where inertia calls for boost, as more switches than the path's tell,
-        slower ones.
+        faster ramps, or, where time counts, the last one alone, and where inertia calls for boost,
+        as more switches than the path's tell, slower ones.
         """
         followed = _followed(rules)
         stays = self._task.options.period == 0.0  # a goal that moves does not wait for more
         if stays and motion.method == FitMethod.RAMPED and not motion.braked:
             for faster in FASTER:
                 yield replace(followed, slowness=(faster,))
+            if self._task.options.weights.time > 0.0:
+                yield replace(followed, last_ramp=BRISK_END)
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and not rules.alone and self._may_follow(path, rules):
                 yield followed

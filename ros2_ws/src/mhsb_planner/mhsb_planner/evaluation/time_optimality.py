@@ -2,30 +2,32 @@
 
 The collocation has the plan's start, its goal with ψ free, its modes at the same shares of the
 duration, and its limits: joint ranges, workspace, V_max, what valves and servo pumps give under
-the load, the main pump's flow, acceleration and jerk. What inertia takes of the pressures is left
-out, and loads are taken a little lighter than they are, so that it may be a little too fast.
+the load, the pressure against load and inertia, the main pump's flow, acceleration and jerk. Loads
+are taken a little lighter than they are, so that it may be a little too fast.
 
 For a duration T it is a sequence of linear programmes in cylinder lengths L, their speeds v and
 accelerations a at the ends of intervals in which the jerk is constant,
 
     L₊ = L + v h + a h²/2 + j h³/6,   v₊ = v + a h + j h²/2,   a₊ = a + j h
 
-with tip, workspace and the load's speed limits taken around the motion before. The least T that
-has a solution is found by halving. It starts from the plan, and so finds the best motion nearby.
+with tip, workspace, the load's speed limits and the pistons' inertia M_ij/(r_i r_j) taken around
+the motion before. The least T that has a solution is found by halving. It starts from the plan, and
+so finds the best motion nearby.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 from tqdm import tqdm
 
-from mhsb_model.hydraulics import oil_of
+from mhsb_model.hydraulics import highest_supply, oil_of, spared_margin, valve_margin
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
@@ -173,15 +175,56 @@ class _Grid:
         return lower, upper
 
 
+    def thrusts(self, q: FloatArray, speed: FloatArray, share: float) -> FloatArray:
+        """What the pressures leave for inertia at these piston speeds, float64[k + 1, n] N.
+
+        The force of inertia in the direction of motion may be that much; of pistons that rest
+        nothing is asked. share: of the loads that gravity gives
+        """
+        m = self.machine.arrays
+        oil, room = oil_of(m), np.full(q.shape, np.inf)
+        force = share * np.array([self.machine.piston_forces(row) for row in q])
+        modes = np.vstack([self.modes, self.modes[-1:]])
+        for k, j in zip(*np.nonzero(np.abs(speed) > DEAD_BAND), strict=True):
+            v, cap, rod = speed[k, j], m.cap_area[j], m.rod_area[j]
+            inlet, outlet = (cap, rod) if v > 0.0 else (rod, cap)
+            supply = min(
+                highest_supply(oil, m.modules_per_mode[modes[i, j]]) for i in (max(0, k - 1), k)
+            )
+            supply -= oil.boost_margin - spared_margin(oil)
+            supply -= valve_margin(oil.valve_coefficient, cap, rod, v)
+            room[k, j] = inlet * supply - outlet * oil.tank_pressure - np.sign(v) * force[k, j]
+        return room
+
+    def inertia(self, q: FloatArray) -> FloatArray:
+        """M_ij/(r_i r_j): forces over accelerations of the pistons, float64[k + 1, n, n] kg."""
+        arms = np.array([self.machine.moment_arms(row) for row in q])
+        mass = np.array([self.machine.mass_matrix(row) for row in q])
+        return np.asarray(mass / (arms[:, :, None] * arms[:, None, :]))
+
+
+class _Motion(NamedTuple):
+    """Of the cylinders at the ends of the intervals, float64[k + 1, n] each."""
+
+    length: FloatArray  # m
+    speed: FloatArray  # m/s
+    acceleration: FloatArray  # m/s²
+
+
 def _solved(grid: _Grid, share: float, length: FloatArray) -> FloatArray | None:
     """Lengths of a motion that lasts `share` of the plan, from those of one nearby; or None."""
+    time = share * np.concatenate([[0.0], np.cumsum(grid.step)])
+    speed = np.asarray(np.gradient(length, time, axis=0))
     for k in range(PROGRAMMES):
-        found = _programme(grid, share, length, TRUST / 2**k)
+        found = _programme(grid, share, length, speed, TRUST / 2**k)
         if found is None:
             return None
-        length, speed = found
+        length, speed, acceleration = found
         q = grid.posture(length)
         lower, upper = grid.fastest(q, LIGHTEST)
+        push = np.einsum("kij,kj->ki", grid.inertia(q), acceleration) * np.sign(speed)
+        if np.any(push > grid.thrusts(q, speed, LIGHTEST)):
+            continue
         excess = max((speed - upper).max(), (lower - speed).max())
         tip = np.hypot(*(grid.machine.tip_position(q[-1]) - grid.goal))
         if excess <= SLACK * grid.machine.arrays.max_piston_speed and tip <= TIP_ERROR:
@@ -213,13 +256,14 @@ class _Rows:
 
 
 def _programme(
-    grid: _Grid, share: float, length: FloatArray, trust: float
-) -> tuple[FloatArray, FloatArray] | None:
-    """Lengths and speeds of one linear programme: the least slack in the speed limits."""
+    grid: _Grid, share: float, length: FloatArray, speed: FloatArray, trust: float
+) -> _Motion | None:
+    """One linear programme around lengths and speeds: the least slack in the speed limits."""
     m, h = grid.machine.arrays, share * grid.step
     points, n = length.shape
     q = grid.posture(length)
     lower, upper = grid.fastest(q, LIGHTER)
+    room, inertia = grid.thrusts(q, speed, LIGHTER), grid.inertia(q)
     size = points * n
 
     def at(block: int, k: int, j: int) -> int:  # blocks: L, v⁺, v⁻, a, j, then the slack
@@ -258,6 +302,9 @@ def _programme(
             v = ((at(1, k, j), 1.0), (at(2, k, j), -1.0))
             below.add([*v, (slack, -1.0)], upper[k, j])
             below.add([(at(1, k, j), -1.0), (at(2, k, j), 1.0), (slack, -1.0)], -lower[k, j])
+            if room[k, j] < math.inf:
+                push = np.sign(speed[k, j]) * inertia[k, j]
+                below.add([(at(3, k, i), float(push[i])) for i in range(n)], float(room[k, j]))
         _within_workspace(grid, below, k, q[k], length[k])
     tip, turn = grid.machine.tip_position(q[-1]), _tip_rates(grid.machine, q[-1])
     for axis in range(2):
@@ -277,7 +324,7 @@ def _programme(
     if answer.x is None:
         return None
     values = answer.x[:slack].reshape(5, points, n)
-    return values[0], values[1] - values[2]
+    return _Motion(values[0], values[1] - values[2], values[3])
 
 
 def _tip_rates(machine: Machine, q: FloatArray) -> FloatArray:

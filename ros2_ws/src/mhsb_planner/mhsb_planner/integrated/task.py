@@ -37,7 +37,7 @@ class Effort:
     finer: float = 1.6
     expansions: int = 12_000
     narrowest: float = 4e-3
-    strides: tuple[float, ...] = (0.5, 0.25, 0.1)
+    strides: tuple[float, ...] = (0.5, 0.25, 0.125, 0.0625)
     turn: float = 0.1
     sweeps: int = 3
 

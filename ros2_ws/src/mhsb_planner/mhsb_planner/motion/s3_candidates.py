@@ -63,6 +63,7 @@ class FitRules:
     alone        whether nothing else is tried where these do not keep the limits
     switching    how modes are switched
     slowness     factors on the duration of the shortest ramps, in the order tried
+    last_ramp    a further factor on that of the last one
     max_stretch  largest factor on the discrete path's durations
     max_excess   largest |v|/V_max − 1 of a piston
     overrun      m, by which a piston may run on beyond what braking and the path need
@@ -74,6 +75,7 @@ class FitRules:
     alone: bool = False
     switching: SwitchingRules = field(default_factory=SwitchingRules)
     slowness: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
+    last_ramp: float = 1.0
     max_stretch: float = 3.0
     max_excess: float = 0.1
     overrun: float = 2e-3
@@ -136,14 +138,14 @@ def candidates(
         if rules.alone:
             return
     if coast is not None:
-        yield from _ramped(machine, path, start, None, coast, rules.slowness)
+        yield from _ramped(machine, path, start, None, coast, rules)
     youngest = rules.switching.min_dwell - float(modes.age.min())
     lead_ins = [("", brake)]
     if youngest > 0.0:
         waited = (brake or standstill(start.position)).rested(round(youngest * SECOND_NS))
         lead_ins.append(("after a rest, ", waited))
     for words, lead_in in lead_ins:
-        yield from _ramped(machine, path, rest, lead_in, None, rules.slowness, words)
+        yield from _ramped(machine, path, rest, lead_in, None, rules, words)
         stepped = partial(stepped_path, machine, path)
         yield Candidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
 
@@ -154,21 +156,21 @@ def _ramped(
     start: MotionState,
     lead_in: Trajectory | None,
     coast: Coasting | None,
-    slowness: tuple[float, ...],
+    rules: FitRules,
     words: str = "",
 ) -> Iterator[Candidate]:
     """The path followed with ever slower ramps; from rest the slowest are stretched as well."""
     words = words if coast is None else "setting out at once, "
-    for slower in slowness:
-        last = coast is None and slower == slowness[-1]
+    for slower in rules.slowness:
+        last = coast is None and slower == rules.slowness[-1]
         yield Candidate(
             FitMethod.RAMPED,
             f"{words}with ramps {slower:g} times the shortest",
-            partial(followed_path, machine, path, slower, coast),
+            partial(followed_path, machine, path, slower, coast, last=rules.last_ramp),
             start,
             lead_in,
             coasts=coast is not None,
-            for_thrust=slower != slowness[0],
+            for_thrust=slower != rules.slowness[0],
             stretchable=(Limit.USAGE, Limit.THRUST) if last else (Limit.USAGE,),
         )
 

@@ -47,6 +47,7 @@ def following_motion(
     coast: Coasting | None = None,
     delay: float = 0.0,
     first: Ramp | None = None,
+    last: float = 1.0,
 ) -> RampedMotion:
     """A path's motion, with ramps like `ramp`, beginning at `delay` s.
 
@@ -54,12 +55,18 @@ def following_motion(
     first    another, shorter ramp, by which the path begins: with that of the coasting, speeds
              that stay do not sink in between. Ramps then have the middles that they would have if
              all were like it; those without room for that are like it
+    last     factor on the times of the last ramp, whose middle stays
     """
     length = lengths_of(machine.arrays, path.posture)
     first, due = first or ramp, _durations(path, stretch)
     at, change, rise, blend, node_time = _ramps(
         length, due, delay, ramp.rise, ramp.blend, first.rise, first.blend
     )
+    if last != 1.0:
+        before = Ramp(float(rise[-1]), float(blend[-1]))
+        ending = before.slower(last, last).in_step_with(before)
+        at[-1] += 0.5 * (before.duration - ending.duration)
+        rise[-1], blend[-1] = ending
     rest = np.zeros(length.shape[1])
     own = RampedMotion(
         machine, path.posture[0], length[0], rest, at, change, rise, blend, node_time
@@ -134,12 +141,14 @@ def followed_path(
     slower: float,
     coast: Coasting | None,
     stretch: float,
+    last: float = 1.0,
 ) -> RampedMotion:
     """The shortest of a path's motions within acceleration and jerk, or the last one tried.
 
-    slower: factor on the duration of the shortest ramps, where the path has them at all.
+    slower: factor on the duration of the shortest ramps, where the path has them at all; last:
+    further one, on that of the last ramp.
     """
-    tried = _ever_slower(machine, path, slower, coast, stretch)
+    tried = _ever_slower(machine, path, slower, coast, stretch, last)
     motion = next(tried)
     while not motion.gentle:
         slowed = next(tried, None)
@@ -150,7 +159,12 @@ def followed_path(
 
 
 def _ever_slower(
-    machine: Machine, path: DiscretePath, slower: float, coast: Coasting | None, stretch: float
+    machine: Machine,
+    path: DiscretePath,
+    slower: float,
+    coast: Coasting | None,
+    stretch: float,
+    last: float,
 ) -> Iterator[RampedMotion]:
     """From a moving start the path sets out at once, then ever later; then ramps become slower."""
     stroke = np.abs(np.diff(lengths_of(machine.arrays, path.posture), axis=0)).max(axis=1)
@@ -160,14 +174,15 @@ def _ever_slower(
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.told + coast.ramp.duration
         even = ramp.in_step_with(coast.ramp)
-        yield following_motion(machine, path, even, stretch, coast, coast.told, coast.ramp)
+        yield following_motion(machine, path, even, stretch, coast, coast.told, coast.ramp, last)
         for longer in AT_ONCE:
             slow = ramp.slower(longer, longer)
-            yield following_motion(machine, path, slow, stretch, coast, coast.told)
+            yield following_motion(machine, path, slow, stretch, coast, coast.told, None, last)
         for later in (whole_ticks(0.5 * rise), rise):
-            yield following_motion(machine, path, ramp, stretch, coast, coast.told + later)
+            told = coast.told + later
+            yield following_motion(machine, path, ramp, stretch, coast, told, None, last)
     for _ in range(ROUNDS):
-        motion = following_motion(machine, path, ramp, stretch, coast, delay)
+        motion = following_motion(machine, path, ramp, stretch, coast, delay, None, last)
         yield motion
         acceleration, jerk = (max(1.0, peak) for peak in motion.peaks)
         ramp = ramp.slower(acceleration, max(1.0, jerk / acceleration))

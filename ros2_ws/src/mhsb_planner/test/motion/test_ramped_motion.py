@@ -90,6 +90,21 @@ def test_a_followed_path_starts_and_ends_at_rest_in_the_end_postures(machine, wa
     assert qdd == pytest.approx(np.zeros((2, 3)), abs=1e-8)
 
 
+def test_a_shorter_last_ramp_ends_sooner_in_the_same_posture_and_changes_nothing_before(
+    machine, walk
+):
+    path = walk(np.random.default_rng(5), 3, leap=3.0)
+    even, brisk = (followed_path(machine, path, 1.0, None, 1.0, last) for last in (1.0, 0.72))
+    sooner = even.end - brisk.end
+    ramp = even.rise[-1] + even.blend[-1]
+    assert sooner == pytest.approx(0.5 * (1.0 - 0.72) * ramp, abs=2.5e-3)
+    t = np.linspace(0.0, even.at[-1], 300)
+    assert brisk.pistons(t)[0] == pytest.approx(even.pistons(t)[0], abs=1e-12)
+    q, qd, _ = brisk.sample(np.array([0.0, brisk.end]))
+    assert q == pytest.approx(path.posture[[0, -1]], abs=1e-12)
+    assert qd == pytest.approx(np.zeros((2, 3)), abs=1e-10)
+
+
 def test_corners_lie_between_breaks_that_are_a_millisecond_apart(machine, walk):
     motion = followed_path(machine, walk(np.random.default_rng(3), 9), 1.0, None, 1.0)
     assert np.diff(motion.breaks).min() > 0.999e-3
