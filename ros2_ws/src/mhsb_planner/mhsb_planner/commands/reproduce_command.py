@@ -38,6 +38,7 @@ from mhsb_planner.evaluation.reproduction.runs import (
 )
 from mhsb_planner.evaluation.reproduction.weight_figure import draw_weights
 from mhsb_planner.result_files import write_json, write_rows
+from mhsb_planner.work_arguments import Scheduler, jobs_of
 
 FITTED = (
     *("1-1", "1-2", "2-1", "2-2", "3-1", "3-2", "4-1", "4-2", "4-3"),
@@ -74,6 +75,7 @@ def reproduce(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    scheduler: Scheduler = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Run all cases and sweeps of the paper and judge what they show.
@@ -91,16 +93,18 @@ def reproduce(
         output: Folder to write to.
         machine: Machine file (YAML); the suite's own arm when left out.
         jobs: Number of threads; one for each processor when left out.
+        scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         json_: Print summary.json instead of text.
     """
     arm = load_machine(machine)
+    workers = jobs_of(jobs, scheduler)
     output.mkdir(parents=True, exist_ok=True)
     asked = settings() | integrated_settings() | area_settings()
     for scale in HEURISTIC_SCALES:
         asked |= published_settings(scale=scale)
     total = work_units(arm, asked) + len(FITTED) + len(FIGURES) + 1
     with tqdm(total=total, unit="step", desc="reproduce") as bar:
-        runs = evaluate(arm, asked, jobs, bar.update)
+        runs = evaluate(arm, asked, workers, bar.update)
         fits = fit_runs(runs, [name for name in FITTED if name in runs.runs])
         bar.update(len(FITTED))
         for name, draw in FIGURES.items():
