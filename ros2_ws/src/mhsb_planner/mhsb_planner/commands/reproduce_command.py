@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
+from mhsb_planner.errors import RequestError
 from mhsb_planner.evaluation.reproduction import operating_points
 from mhsb_planner.evaluation.reproduction.area_figure import draw_area_tradeoff
 from mhsb_planner.evaluation.reproduction.expectations import Record, numbers, records
@@ -68,6 +69,9 @@ FIGURES: dict[str, Figure] = {
 }
 """The figures of the paper, and the area against energy, by the name of their files."""
 
+JOINTS = 3
+"""Of the arm that the paper speaks of, joint by joint."""
+
 OPERATING_POINT = "operating_point"
 
 
@@ -91,12 +95,14 @@ def reproduce(
 
     Args:
         output: Folder to write to.
-        machine: Machine file (YAML); the suite's own arm when left out.
+        machine: Machine file (YAML) of three joints; the suite's own arm when left out.
         jobs: Number of threads; one for each processor when left out.
         scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         json_: Print summary.json instead of text.
     """
     arm = load_machine(machine)
+    if arm.joint_count != JOINTS:
+        raise RequestError("the machine", arm.name, f"must have {JOINTS} joints, as the paper's")
     workers = jobs_of(jobs, scheduler)
     output.mkdir(parents=True, exist_ok=True)
     asked = settings() | integrated_settings() | area_settings()

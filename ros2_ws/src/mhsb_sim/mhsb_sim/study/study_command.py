@@ -79,7 +79,8 @@ def study(
     Args:
         output: Folder for summary, comparison and figures.
         machine: Machine file (YAML); the suite's own arm when left out.
-        scenarios: Scenario file (YAML); the suite's own when left out.
+        scenarios: Scenario file (YAML); when left out the suite's own, for its machine files
+            config/study_scenarios_NAME.yaml where there is one for the machine's name.
         variations: File (YAML) of what plants may be like; the suite's own when left out.
         draws: Number of draws; when left out 100 with --variations, the file's with --benchmark.
         seed: Of the draws.
@@ -119,7 +120,7 @@ def study(
         raise command_line.UsageError("--goals: goes with --draws; scenarios have their own")
     if plant is not None:
         raise command_line.UsageError("--plant: goes with --draws; scenarios are the machine's own")
-    wanted = load_scenarios(scenarios)
+    wanted = load_scenarios(scenarios, arm.name)
     compile_simulator()  # so that the processes find compiled kernels
     bar = tqdm(run_study(arm, wanted, workers), total=len(wanted), unit="scenario", disable=None)
     order = {scenario.name: number for number, scenario in enumerate(wanted)}

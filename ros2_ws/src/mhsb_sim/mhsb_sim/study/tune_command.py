@@ -40,7 +40,7 @@ def tune_servo(
         seed: Of the search.
         jobs: Processes; as many as there are processors when left out.
         scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
-        scenarios: Scenario file (YAML); the suite's own when left out.
+        scenarios: Scenario file (YAML); the suite's own when left out, as for `study`.
         dry_run: Leave the machine file as it is.
     """
     if budget < 1:
@@ -50,7 +50,7 @@ def tune_servo(
     workers = jobs_of(jobs, scheduler)
     file = machine or config_file(MACHINE_FILE)
     arm = load_machine(file)
-    training = [each for each in load_scenarios(scenarios) if not each.held_out]
+    training = [each for each in load_scenarios(scenarios, arm.name) if not each.held_out]
     scripts = [
         script_of(arm, each) for each in tqdm(training, "plans", leave=False, disable=None)
     ]
