@@ -18,6 +18,7 @@ from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
 from mhsb_planner.posture.posture_table_cache import cached_table_path
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.work_arguments import Scheduler, jobs_of
 
 SOLVERS = {"global": s1_global_search.search_globally, "slsqp": s1_slsqp.search_by_slsqp}
 
@@ -28,6 +29,7 @@ def build_table(
     solver: Literal["global", "slsqp"] = "global",
     spacing: float = PAPER_SPACING,
     jobs: int | None = None,
+    scheduler: Scheduler = None,
     json: bool = False,
 ) -> None:
     """Compute the posture table: for every node of the grid and every mode pattern the posture of
@@ -40,17 +42,19 @@ def build_table(
             paper's sequential quadratic programming from random starts, for comparison.
         spacing: Distance of the grid's nodes [m].
         jobs: Number of threads; one for each processor when left out.
+        scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         json: Print the result as JSON.
     """
     arm = load_machine(machine)
     total = len(grid_nodes(arm, spacing))
+    workers = jobs_of(jobs, scheduler)
     s1_global_search.warm_up(arm)
     began = time.perf_counter()
     with tqdm(total=total, unit="node", desc="posture table") as bar:
         table = build_posture_table(
             arm,
             spacing,
-            jobs,
+            workers,
             progress=lambda done, _: bar.update(done - bar.n),
             solver=SOLVERS[solver],
         )

@@ -88,6 +88,23 @@ class RequestError(MhsbError):
         super().__init__(f"{name} {rule} (is {value})")
 
 
+class ClusterError(MhsbError):
+    """A cluster cannot be used."""
+
+    def __init__(self, address: str, trouble: str) -> None:
+        self.address = address
+        super().__init__(f"cluster at {address}: {trouble}")
+
+
+class WorkersLostError(MhsbError):
+    """Those who work end before their work is done, again and again."""
+
+    def __init__(self, who: str) -> None:
+        super().__init__(
+            f"{who} ended by themselves, killed or for want of memory; fewer at a time need less"
+        )
+
+
 class TableError(MhsbError):
     """A posture table cannot be read, written or used for this machine."""
 

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
+from mhsb_planner.errors import RequestError
 from mhsb_planner.evaluation.reproduction import operating_points
 from mhsb_planner.evaluation.reproduction.area_figure import draw_area_tradeoff
 from mhsb_planner.evaluation.reproduction.expectations import Record, numbers, records
@@ -38,6 +39,7 @@ from mhsb_planner.evaluation.reproduction.runs import (
 )
 from mhsb_planner.evaluation.reproduction.weight_figure import draw_weights
 from mhsb_planner.result_files import write_json, write_rows
+from mhsb_planner.work_arguments import Scheduler, jobs_of
 
 FITTED = (
     *("1-1", "1-2", "2-1", "2-2", "3-1", "3-2", "4-1", "4-2", "4-3"),
@@ -67,6 +69,9 @@ FIGURES: dict[str, Figure] = {
 }
 """The figures of the paper, and the area against energy, by the name of their files."""
 
+JOINTS = 3
+"""Of the arm that the paper speaks of, joint by joint."""
+
 OPERATING_POINT = "operating_point"
 
 
@@ -74,6 +79,7 @@ def reproduce(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    scheduler: Scheduler = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Run all cases and sweeps of the paper and judge what they show.
@@ -89,18 +95,22 @@ def reproduce(
 
     Args:
         output: Folder to write to.
-        machine: Machine file (YAML); the suite's own arm when left out.
+        machine: Machine file (YAML) of three joints; the suite's own arm when left out.
         jobs: Number of threads; one for each processor when left out.
+        scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         json_: Print summary.json instead of text.
     """
     arm = load_machine(machine)
+    if arm.joint_count != JOINTS:
+        raise RequestError("the machine", arm.name, f"must have {JOINTS} joints, as the paper's")
+    workers = jobs_of(jobs, scheduler)
     output.mkdir(parents=True, exist_ok=True)
     asked = settings() | integrated_settings() | area_settings()
     for scale in HEURISTIC_SCALES:
         asked |= published_settings(scale=scale)
     total = work_units(arm, asked) + len(FITTED) + len(FIGURES) + 1
     with tqdm(total=total, unit="step", desc="reproduce") as bar:
-        runs = evaluate(arm, asked, jobs, bar.update)
+        runs = evaluate(arm, asked, workers, bar.update)
         fits = fit_runs(runs, [name for name in FITTED if name in runs.runs])
         bar.update(len(FITTED))
         for name, draw in FIGURES.items():

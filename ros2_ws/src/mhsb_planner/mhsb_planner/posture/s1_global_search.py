@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -41,7 +42,7 @@ from mhsb_planner.posture.s1_polytope import (
 )
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
-from mhsb_planner.workers import over_ranges
+from mhsb_planner.workers import Jobs, over_ranges
 
 SAMPLES_PER_TURN = 720
 """Where flow limits change places the area has ridges; with four-bars some are 5 mrad wide."""
@@ -282,30 +283,29 @@ def postures_at(
 def build_posture_table(
     machine: Machine,
     spacing: float = PAPER_SPACING,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     cancelled: Cancelled | None = None,
     solver: NodeSolver = search_globally,
 ) -> PostureTable:
     """Posture table of a machine on a grid with the given spacing [m].
 
-    jobs is the number of threads (default: one for each processor); the result does not depend
-    on it. progress(done, total) is told the nodes, cancelled() is asked between tasks.
-    Raises RequestError for a useless spacing, PlanningCancelledError, and EmptyTableError where no
-    node has a posture.
+    jobs: threads, or a cluster; the result does not depend on them. progress(done, total) is told
+    the nodes, cancelled() is asked between tasks.
+    Raises RequestError for a useless spacing, PlanningCancelledError, ClusterError, and
+    EmptyTableError where no node has a posture.
     """
     nodes = grid_nodes(machine, spacing)
     position = nodes.astype(np.float64) * spacing
     posture = np.empty((len(nodes), *machine.patterns.shape))
     area = np.empty((len(nodes), len(machine.patterns)))
-
-    def work(begin: int, end: int) -> int:
-        part = slice(begin, end)
-        solver(machine, position[part], posture[part], area[part])
-        return end
-
+    work = partial(_solved, solver, machine, position)
+    done = 0
     with closing(over_ranges(work, len(nodes), NODES_PER_TASK, jobs)) as parts:
-        for done in parts:
+        for posture_part, area_part in parts:
+            part = slice(done, done + len(area_part))
+            posture[part], area[part] = posture_part, area_part
+            done = part.stop
             if progress is not None:
                 progress(done, len(nodes))
             if cancelled is not None and cancelled():
@@ -322,6 +322,16 @@ def build_posture_table(
     if not table.feasible.any():
         raise EmptyTableError(machine.name, len(nodes))
     return table
+
+
+def _solved(
+    solver: NodeSolver, machine: Machine, position: FloatArray, begin: int, end: int
+) -> tuple[FloatArray, FloatArray]:
+    """What the solver finds for some of the positions."""
+    posture = np.empty((end - begin, *machine.patterns.shape))
+    area = np.empty((end - begin, len(machine.patterns)))
+    solver(machine, position[begin:end], posture, area)
+    return posture, area
 
 
 def warm_up(machine: Machine) -> None:

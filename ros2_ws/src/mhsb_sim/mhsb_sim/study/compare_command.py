@@ -21,6 +21,7 @@ from mhsb_planner.planner import PLANNER_KINDS, Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.work_arguments import Scheduler, jobs_of
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.study.compare_figure import draw_proportions
 from mhsb_sim.study.planner_comparison import (
@@ -48,6 +49,7 @@ def compare(
     moves: int = 100,
     truths: int = 10,
     jobs: int | None = None,
+    scheduler: Scheduler = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
@@ -64,6 +66,7 @@ def compare(
         moves: Number of random moves between nodes of the grid.
         truths: Of so many of these the ground truth is sought, too; seconds each.
         jobs: Processes; as many as there are processors when left out.
+        scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         json_: Print summary.json instead of text.
     """
     if jobs is not None and jobs < 1:
@@ -75,10 +78,11 @@ def compare(
         chosen = Weights(*weights)
     except RequestError as error:
         raise command_line.UsageError(f"--weights: {error}") from error
+    workers = jobs_of(jobs, scheduler)
     arm = load_machine(machine)
     asked = requests(arm, moves, truths)
-    bar = tqdm(compare_all(arm, chosen, asked, jobs), total=len(asked), unit="move", disable=None)
-    found = list(bar)
+    comparisons = compare_all(arm, chosen, asked, workers)
+    found = list(tqdm(comparisons, total=len(asked), unit="move", disable=None))
     cases, others = found[: len(found) - moves], found[len(found) - moves :]
     summary = {"weights": weights, "cases": summarize(cases), "random moves": summarize(others)}
     supplies = {

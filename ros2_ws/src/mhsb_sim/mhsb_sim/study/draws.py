@@ -21,7 +21,7 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
-from mhsb_planner.workers import processes, results_of
+from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.servo import CONTROLLERS
@@ -124,16 +124,22 @@ class GoalSequence:
 class DrawStudy:
     """Draws of one machine with its variations: plans and runs of each, by number.
 
-    plant: what is varied; the machine itself where left out.
+    plant: what is varied; the machine itself where left out. goals: how many in each sequence.
     """
 
     def __init__(
-        self, machine: Machine, variations: Variations, seed: int, plant: Machine | None = None
+        self,
+        machine: Machine,
+        variations: Variations,
+        seed: int,
+        plant: Machine | None = None,
+        goals: int = GOALS,
     ) -> None:
         self._machine = machine
         self._plant = plant or machine
         self._variations = variations
         self._seed = seed
+        self._goals = goals
         self._replanner = Replanner(machine, table_for(machine))
         start = np.array(machine.config.simulation.start_posture)
         self._rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
@@ -151,7 +157,7 @@ class DrawStudy:
 
     def sequence(self, random: np.random.Generator) -> GoalSequence:
         """Goals anywhere that the arm could go to from its start, planned one after the other."""
-        return self.planned([self._goal(random) for _ in range(GOALS)])
+        return self.planned([self._goal(random) for _ in range(self._goals)])
 
     def planned(
         self, goals: Sequence[TimedGoal], options: PlanOptions = OPTIONS
@@ -250,16 +256,16 @@ def run_draws(
     variations: Variations,
     count: int,
     seed: int,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     plant: Machine | None = None,
+    goals: int = GOALS,
 ) -> Iterator[list[DrawRecord]]:
-    """Records of draws 0 … count − 1 as they come, in `jobs` processes.
+    """Records of draws 0 … count − 1 as they come, each done by one of `jobs`.
 
-    jobs: by default one for each processor this process may use. plant: what is varied; the
-    machine itself where left out.
+    plant: what is varied; the machine itself where left out. goals: how many in each draw.
     """
-    with processes(jobs, _set_study, (machine, variations, seed, plant)) as pool:
-        yield from results_of(pool.submit(_records, draw) for draw in range(count))
+    with Prepared(jobs, DrawStudy, machine, variations, seed, plant, goals) as pool:
+        yield from results_of(pool.submit(DrawStudy.records, draw) for draw in range(count))
 
 
 def as_dicts(records: Sequence[DrawRecord]) -> list[dict[str, object]]:
@@ -271,17 +277,3 @@ def as_dicts(records: Sequence[DrawRecord]) -> list[dict[str, object]]:
 
 def _reason(error: Exception) -> str:
     return str(error) if isinstance(error, MhsbError) else f"{type(error).__name__}: {error}"
-
-
-_study: list[DrawStudy] = []
-
-
-def _set_study(
-    machine: Machine, variations: Variations, seed: int, plant: Machine | None
-) -> None:
-    """Once in each process: what it loads and keeps serves all draws."""
-    _study[:] = [DrawStudy(machine, variations, seed, plant)]
-
-
-def _records(draw: int) -> list[DrawRecord]:
-    return _study[0].records(draw)

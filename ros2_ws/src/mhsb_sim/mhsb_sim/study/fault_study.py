@@ -22,7 +22,7 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
-from mhsb_planner.workers import processes, results_of
+from mhsb_planner.workers import Jobs, processes, results_of
 from mhsb_sim.errors import ScenarioError
 from mhsb_sim.simulation.faults import parse_faults
 from mhsb_sim.simulation.simulator import Simulator
@@ -162,9 +162,9 @@ def run_fault(machine: Machine, motion: Command, fault: str, controller: str) ->
 
 
 def run_faults(
-    machine: Machine, faults: Sequence[str], controller: str, jobs: int | None = None
+    machine: Machine, faults: Sequence[str], controller: str, jobs: Jobs = None
 ) -> Iterator[FaultResult]:
-    """One result for each fault, in order, in `jobs` processes; raises FaultError."""
+    """One result for each fault, in order, each done by one of `jobs`; raises FaultError."""
     for fault in faults:
         parse_faults(fault, machine)
     motion = lift(machine)

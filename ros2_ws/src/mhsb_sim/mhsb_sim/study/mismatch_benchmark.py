@@ -20,7 +20,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.search.s2_search import Weights
-from mhsb_planner.workers import processes, results_of
+from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.errors import ScenarioError
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.study.draws import DrawRecord, DrawStudy, GoalSequence
@@ -127,13 +127,13 @@ class Results:
 
 
 def run_benchmark(
-    machine: Machine, protocol: Protocol, draws: int, jobs: int | None = None
+    machine: Machine, protocol: Protocol, draws: int, jobs: Jobs = None
 ) -> Iterator[Results]:
-    """All sequences on the exact machine and so many draws, as they come, in `jobs` processes."""
+    """All sequences on the exact machine and so many draws, as they come, done by `jobs`."""
     sequences = len(protocol.file.sequences)
     runs = [(True, number) for number in range(sequences)]
     runs += [(False, draw) for draw in range(draws)]
-    with processes(jobs, _set_benchmark, (machine, protocol)) as pool:
+    with Prepared(jobs, BenchmarkStudy, machine, protocol) as pool:
         yield from results_of(pool.submit(_run, *run) for run in runs)
 
 
@@ -194,14 +194,5 @@ def as_markdown(summaries: dict[str, dict[str, Any]]) -> list[str]:
     return lines
 
 
-_study: list[BenchmarkStudy] = []
-
-
-def _set_benchmark(machine: Machine, protocol: Protocol) -> None:
-    """Once in each process: what it plans serves all of its runs."""
-    _study[:] = [BenchmarkStudy(machine, protocol)]
-
-
-def _run(exact: bool, number: int) -> Results:
-    study = _study[0]
+def _run(study: BenchmarkStudy, exact: bool, number: int) -> Results:
     return Results(exact, study.exact(number) if exact else study.records(number))

@@ -26,7 +26,7 @@ from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.s2_search import Weights
-from mhsb_planner.workers import processes, results_of
+from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import Replay, replay
@@ -178,26 +178,12 @@ def at_highest_pressure(machine: Machine) -> Machine:
 
 
 def compare_all(
-    machine: Machine, weights: Weights, requests: Iterable[Request], jobs: int | None = None
+    machine: Machine, weights: Weights, requests: Iterable[Request], jobs: Jobs = None
 ) -> Iterator[Comparison]:
-    """Comparisons in the order of the requests, each in one of `jobs` processes.
-
-    jobs: by default one for each processor this process may use.
-    """
-    with processes(jobs, _begin, (machine, weights)) as pool:
-        tasks = [pool.submit(_compare, request) for request in requests]
+    """Comparisons in the order of the requests, each done by one of `jobs`."""
+    with Prepared(jobs, Comparer, machine, weights) as pool:
+        tasks = [pool.submit(Comparer.compare, request) for request in requests]
         yield from results_of(tasks, in_order=True)
-
-
-_comparers: list[Comparer] = []  # of this process
-
-
-def _begin(machine: Machine, weights: Weights) -> None:
-    _comparers.append(Comparer(machine, weights))
-
-
-def _compare(request: Request) -> Comparison:
-    return _comparers[-1].compare(request)
 
 
 @dataclass(frozen=True)

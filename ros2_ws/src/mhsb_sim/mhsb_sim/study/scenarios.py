@@ -1,13 +1,16 @@
-"""Scenarios of the servo study, read from config/study_scenarios.yaml."""
+"""Scenarios of the servo study, read from config/study_scenarios.yaml, or from a file of the
+machine's own beside it, study_scenarios_NAME.yaml."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationError
 
+from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import config_file
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
@@ -72,9 +75,16 @@ class Scenario:
         return Machine.from_config(config.model_copy(update={"circuit": circuit}))
 
 
-def load_scenarios(file: Path | None = None) -> list[Scenario]:
+def scenarios_file(machine_name: str | None = None) -> Path:
+    """The suite's own file for a machine of that name; the one of its own arm where it has none."""
+    with suppress(MhsbError):
+        return config_file(f"study_scenarios_{machine_name}.yaml")
+    return config_file(SCENARIOS_FILE)
+
+
+def load_scenarios(file: Path | None = None, machine_name: str | None = None) -> list[Scenario]:
     """All scenarios of a file, the suite's own when left out; raises ScenarioError."""
-    file = file or config_file(SCENARIOS_FILE)
+    file = file or scenarios_file(machine_name)
     try:
         config = StudyConfig.model_validate(read_yaml(file))
     except YamlFileError as error:

@@ -23,7 +23,7 @@ from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
-from mhsb_planner.workers import processes, results_of
+from mhsb_planner.workers import Jobs, processes, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
@@ -206,12 +206,9 @@ def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
 
 
 def run_study(
-    machine: Machine, scenarios: Sequence[Scenario], jobs: int | None = None
+    machine: Machine, scenarios: Sequence[Scenario], jobs: Jobs = None
 ) -> Iterator[ScenarioResult]:
-    """Results as they come, scenario by scenario, each in one of `jobs` processes.
-
-    jobs: by default one for each processor this process may use.
-    """
+    """Results as they come, scenario by scenario, each done by one of `jobs`."""
     with processes(jobs) as pool:
         yield from results_of(pool.submit(study_scenario, machine, each) for each in scenarios)
 

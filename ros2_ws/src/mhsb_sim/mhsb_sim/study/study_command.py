@@ -19,11 +19,13 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
+from mhsb_planner.work_arguments import Scheduler, jobs_of
+from mhsb_planner.workers import Jobs
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.study.draw_limits import as_text as draws_as_text
+from mhsb_sim.study.draws import GOALS, run_draws
 from mhsb_sim.study.draws import as_dicts as draws_as_dicts
-from mhsb_sim.study.draws import run_draws
 from mhsb_sim.study.energy_comparison import Element, total
 from mhsb_sim.study.energy_comparison import as_text as energy_text
 from mhsb_sim.study.fault_figures import draw_faults
@@ -56,8 +58,10 @@ def study(
     variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     draws: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     seed: int = 0,
+    goals: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     jobs: int | None = None,
+    scheduler: Scheduler = None,
     faults: Annotated[list[str] | None, tyro.conf.arg(metavar="FAULT")] = None,
     benchmark: bool = False,
 ) -> None:
@@ -66,7 +70,7 @@ def study(
     Writes DIR/summary.json (a list, one record for each scenario and controller: errors in mm,
     pressures in MPa, energies in J), DIR/comparison.json and figures. Same files, same numbers.
     With --variations or --draws the runs are draws instead: in each the arm is not as the machine
-    file says, and goes after six random goals, 0.4 to 5 s apart; DIR/summary.json alone is
+    file says, and goes after some random goals, 0.4 to 5 s apart; DIR/summary.json alone is
     written, one record for each draw and controller. With --faults something fails during a lift
     in boost; DIR/summary.json has one record for each fault, and there is a figure of each. With
     --benchmark the moves and plants are those of config/mismatch_benchmark.yaml
@@ -75,17 +79,21 @@ def study(
     Args:
         output: Folder for summary, comparison and figures.
         machine: Machine file (YAML); the suite's own arm when left out.
-        scenarios: Scenario file (YAML); the suite's own when left out.
+        scenarios: Scenario file (YAML); when left out the suite's own, for its machine files
+            config/study_scenarios_NAME.yaml where there is one for the machine's name.
         variations: File (YAML) of what plants may be like; the suite's own when left out.
         draws: Number of draws; when left out 100 with --variations, the file's with --benchmark.
         seed: Of the draws.
+        goals: Random goals of each draw; six when left out.
         plant: Plant file (YAML) of what is varied, where that is not the machine itself.
         jobs: Processes; as many as there are processors when left out.
+        scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         faults: What fails, as in the simulator's parameter `fault`; without any, all kinds.
         benchmark: Run the mismatch benchmark.
     """
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
+    workers = jobs_of(jobs, scheduler)
     arm = load_machine(machine)
     if benchmark:
         if seed or any(each is not None for each in (scenarios, variations, plant, faults)):
@@ -93,10 +101,10 @@ def study(
                 "--benchmark: its file is the protocol; leave out --scenarios, --variations, "
                 "--plant, --seed and --faults"
             )
-        study_benchmark(arm, load_protocol(arm), draws, jobs, output)
+        study_benchmark(arm, load_protocol(arm), draws, workers, output)
         return
     if faults is not None:
-        study_faults(arm, faults or FAULTS, jobs, output)
+        study_faults(arm, faults or FAULTS, workers, output)
         return
     if variations is not None or draws is not None:
         if scenarios is not None:
@@ -105,13 +113,16 @@ def study(
             )
         real = load_plant(arm, plant) if plant else arm
         count = DRAWS if draws is None else draws
-        study_draws(arm, real, variations, count, seed, jobs, output)
+        each = GOALS if goals is None else goals
+        study_draws(arm, real, variations, count, seed, workers, output, each)
         return
+    if goals is not None:
+        raise command_line.UsageError("--goals: goes with --draws; scenarios have their own")
     if plant is not None:
         raise command_line.UsageError("--plant: goes with --draws; scenarios are the machine's own")
-    wanted = load_scenarios(scenarios)
+    wanted = load_scenarios(scenarios, arm.name)
     compile_simulator()  # so that the processes find compiled kernels
-    bar = tqdm(run_study(arm, wanted, jobs), total=len(wanted), unit="scenario", disable=None)
+    bar = tqdm(run_study(arm, wanted, workers), total=len(wanted), unit="scenario", disable=None)
     order = {scenario.name: number for number, scenario in enumerate(wanted)}
     results = sorted(bar, key=lambda result: order[result.scenario.name])
     output.mkdir(parents=True, exist_ok=True)
@@ -128,23 +139,23 @@ def study_draws(
     variations: Path | None,
     count: int,
     seed: int,
-    jobs: int | None,
+    jobs: Jobs,
     output: Path,
+    goals: int = GOALS,
 ) -> None:
     """Run all draws; writes summary.json in the folder `output`, prints figures and their limits.
 
-    plant: what is varied while servo and planner know `machine`.
+    plant: what is varied while servo and planner know `machine`. goals: of each draw.
     """
-    for name, value, lowest in (("draws", count, 1), ("seed", seed, 0)):
+    for name, value, lowest in (("draws", count, 1), ("seed", seed, 0), ("goals", goals, 1)):
         if value < lowest:
             raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
     wanted = load_variations(plant, variations)
     compile_planner()
     compile_simulator()  # so that the processes find compiled kernels
     table_for(machine)  # likewise
-    bar = tqdm(
-        run_draws(machine, wanted, count, seed, jobs, plant), total=count, unit="draw", disable=None
-    )
+    runs = run_draws(machine, wanted, count, seed, jobs, plant, goals)
+    bar = tqdm(runs, total=count, unit="draw", disable=None)
     records = [record for pair in bar for record in pair]
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(draws_as_dicts(records), indent=2)
@@ -153,7 +164,7 @@ def study_draws(
 
 
 def study_benchmark(
-    machine: Machine, protocol: Protocol, draws: int | None, jobs: int | None, output: Path
+    machine: Machine, protocol: Protocol, draws: int | None, jobs: Jobs, output: Path
 ) -> None:
     """Run the mismatch benchmark; writes all records, their summary and a table, and prints it."""
     count = protocol.file.draws if draws is None else draws
@@ -183,7 +194,7 @@ def study_benchmark(
 
 
 def study_faults(
-    machine: Machine, faults: Sequence[str], jobs: int | None, output: Path
+    machine: Machine, faults: Sequence[str], jobs: Jobs, output: Path
 ) -> None:
     """Run all faults; writes summary.json and figures in the folder `output`, prints a table."""
     compile_planner()

@@ -12,6 +12,7 @@ from tqdm import tqdm
 from mhsb_model import command_line
 from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, load_machine
+from mhsb_planner.work_arguments import Scheduler, jobs_of
 from mhsb_sim.study.scenarios import load_scenarios
 from mhsb_sim.study.servo_study import script_of
 from mhsb_sim.study.tuning import RANGES, Trial, tune, write_gains
@@ -22,6 +23,7 @@ def tune_servo(
     budget: int = 96,
     seed: int = 0,
     jobs: int | None = None,
+    scheduler: Scheduler = None,
     scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     dry_run: bool = False,
 ) -> None:
@@ -37,16 +39,18 @@ def tune_servo(
         budget: Trials of each controller, each of them on all training scenarios.
         seed: Of the search.
         jobs: Processes; as many as there are processors when left out.
-        scenarios: Scenario file (YAML); the suite's own when left out.
+        scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
+        scenarios: Scenario file (YAML); the suite's own when left out, as for `study`.
         dry_run: Leave the machine file as it is.
     """
     if budget < 1:
         raise command_line.UsageError(f"--budget: {budget} trials are too few")
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
+    workers = jobs_of(jobs, scheduler)
     file = machine or config_file(MACHINE_FILE)
     arm = load_machine(file)
-    training = [each for each in load_scenarios(scenarios) if not each.held_out]
+    training = [each for each in load_scenarios(scenarios, arm.name) if not each.held_out]
     scripts = [
         script_of(arm, each) for each in tqdm(training, "plans", leave=False, disable=None)
     ]
@@ -57,7 +61,7 @@ def tune_servo(
                 bar.set_postfix(cost=f"{best.cost:.3f}", refresh=False)
                 bar.update()
 
-            found = tune(arm, scripts, controller, budget, seed, jobs, show)
+            found = tune(arm, scripts, controller, budget, seed, workers, show)
         gains = ", ".join(f"{name} {value:g}" for name, value in found.gains.items())
         print(f"{controller}: cost {found.cost:.3f} with {gains}", flush=True)
         if not dry_run:

@@ -19,7 +19,7 @@ import numpy as np
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
-from mhsb_planner.workers import processes
+from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.errors import TuningError
 from mhsb_sim.servo.stability import slowest_decay
 from mhsb_sim.study.servo_study import Script, judge, perform
@@ -115,7 +115,7 @@ def tune(
     controller: str,
     budget: int,
     seed: int = 0,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Callable[[Trial], None] | None = None,
 ) -> Trial:
     """The best of `budget` trials, each on all scripts; the present gains are the first trial.
@@ -156,16 +156,21 @@ def tune(
 
 @contextmanager
 def _evaluator(
-    scripts: Sequence[Script], controller: str, jobs: int | None
+    scripts: Sequence[Script], controller: str, jobs: Jobs
 ) -> Iterator[Callable[[Sequence[Gains]], list[float]]]:
-    """Mean cost of each gains over all scripts, in `jobs` processes."""
+    """Mean cost of each gains over all scripts, done by `jobs`."""
 
     def means(batch: Sequence[Gains]) -> list[float]:
-        tasks = [(gains, number) for gains in batch for number in range(len(scripts))]
-        costs = np.reshape(list(pool.map(_cost_in_process, tasks)), (len(batch), len(scripts)))
+        tasks = [
+            pool.submit(_cost, controller, gains, number)
+            for gains in batch
+            for number in range(len(scripts))
+        ]
+        found = list(results_of(tasks, in_order=True))
+        costs = np.reshape(found, (len(batch), len(scripts)))
         return [float(mean) for mean in costs.mean(axis=1)]
 
-    with processes(jobs, _set_scripts, (list(scripts), controller)) as pool:
+    with Prepared(jobs, tuple, scripts) as pool:
         yield means
 
 
@@ -211,17 +216,5 @@ def _draw(
     return gains
 
 
-_scripts: list[Script] = []
-_controller = ""
-
-
-def _set_scripts(scripts: list[Script], controller: str) -> None:
-    """Once in each process: scripts are large."""
-    global _controller
-    _scripts[:] = scripts
-    _controller = controller
-
-
-def _cost_in_process(task: tuple[Gains, int]) -> float:
-    gains, number = task
-    return cost_of(_scripts[number], _controller, gains)
+def _cost(scripts: Sequence[Script], controller: str, gains: Gains, number: int) -> float:
+    return cost_of(scripts[number], controller, gains)

@@ -17,6 +17,7 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
+from mhsb_planner.cluster import Cluster
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_cases
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.posture import s1_global_search
@@ -30,7 +31,7 @@ from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_joining import postures_by_rule
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import SearchMethod, Weights, search
-from mhsb_planner.workers import over_ranges
+from mhsb_planner.workers import Jobs, over_ranges
 
 ENERGY_WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 TIME_WEIGHTS = (0.0, 5.0, 10.0, 15.0, 20.0)
@@ -213,16 +214,16 @@ def work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
 def evaluate(
     machine: Machine,
     asked: Mapping[str, Setting] | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     progress: Progress | None = None,
     known: Runs | None = None,
 ) -> Runs:
-    """Run the settings asked for (default: all) on `jobs` threads.
+    """Run the settings asked for (default: all), in threads or on a cluster.
 
     progress is told how many of `work_units` are done now. The result does not depend on jobs.
     known: other runs of this machine, whose tables serve here, too.
-    Raises MachineFileError where the machine does not allow a change; a run without path is a
-    result.
+    Raises MachineFileError where the machine does not allow a change, ClusterError; a run without
+    path is a result.
     """
     asked = settings() if asked is None else asked
     tell = progress or (lambda units: None)
@@ -231,28 +232,56 @@ def evaluate(
     for pressure in (None, *(s.table_pressure for s in asked.values())):
         if pressure not in tables:
             tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, tell)
-    own = StepGraph(machine, tables[None], jobs)
-    groups: dict[tuple[float | None, ...], list[str]] = {}
-    for name, setting in asked.items():
-        groups.setdefault(setting.circuit, []).append(name)
-
-    def run_groups(begin: int, end: int) -> dict[str, Run]:
-        found: dict[str, Run] = {}
-        for names in list(groups.values())[begin:end]:
-            first = asked[names[0]]
-            graph = _graph(own, tables[first.table_pressure], first)
-            found |= {name: _run(graph, asked[name]) for name in names}
-        return found
-
+    evaluator = _Evaluator(machine, tables, asked)
+    if not isinstance(jobs, Cluster):
+        evaluator.price(jobs)
     found: dict[str, Run] = {}
-    with closing(over_ranges(run_groups, len(groups), 1, jobs)) as parts:
+    with closing(over_ranges(evaluator.runs, len(evaluator.groups), 1, jobs)) as parts:
         for part in parts:
             found |= part
             tell(len(part))
     return Runs(machine, tables, {name: found[name] for name in asked})
 
 
-def _table(machine: Machine, jobs: int | None, tell: Progress) -> PostureTable:
+class _Evaluator:
+    """Runs of a machine, by groups that share their steps.
+
+    groups  names of the settings of each
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        tables: Mapping[float | None, PostureTable],
+        asked: Mapping[str, Setting],
+    ) -> None:
+        self._machine = machine
+        self._tables = tables
+        self._asked = asked
+        self._own: StepGraph | None = None
+        groups: dict[tuple[float | None, ...], list[str]] = {}
+        for name, setting in asked.items():
+            groups.setdefault(setting.circuit, []).append(name)
+        self.groups = list(groups.values())
+
+    def price(self, jobs: int | None) -> StepGraph:
+        """The steps of the machine itself; to be called before threads share this."""
+        if self._own is None:
+            self._own = StepGraph(self._machine, self._tables[None], jobs)
+        return self._own
+
+    def runs(self, begin: int, end: int) -> dict[str, Run]:
+        """All runs of some of the groups."""
+        own = self.price(1)
+        found: dict[str, Run] = {}
+        for names in self.groups[begin:end]:
+            first = self._asked[names[0]]
+            graph = _graph(own, self._tables[first.table_pressure], first)
+            found |= {name: _run(graph, self._asked[name]) for name in names}
+        return found
+
+
+def _table(machine: Machine, jobs: Jobs, tell: Progress) -> PostureTable:
     told = 0
 
     def progress(done: int, total: int) -> None:

@@ -1,0 +1,26 @@
+"""The live view of an arm with four joints, in a real browser."""
+
+import os
+import signal
+from pathlib import Path
+
+from mhsb_model.files.config_files import config_file
+
+PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")
+
+
+def test_the_view_shows_an_arm_with_four_joints_and_where_it_needs_boost(start, opened):
+    machine = config_file("mhsb_arm4.yaml")
+    simulator = start("mhsb_sim", "sim_node", "--ros-args", "-p", f"machine:={machine}")
+    simulator.wait_for("ready", timeout=60.0)
+    viewer, page = opened("--machine", machine)
+    with page:
+        page.until_says("tip at")
+        page.tick("where boost is needed")
+        page.until(r"/with 8 kg, of \d+ points \d+ need N/.test(document.body.innerText)", 60.0)
+        page.until(r"/of \d+ J from the pumps: -?\d+ J work/.test(document.body.innerText)")
+        if PICTURES:
+            page.screenshot(Path(PICTURES) / "four_joints.png")
+    assert viewer.stop(signal.SIGINT) == 0, viewer.output
+    assert simulator.stop(signal.SIGINT) == 0, simulator.output
+    assert "Traceback" not in viewer.output
