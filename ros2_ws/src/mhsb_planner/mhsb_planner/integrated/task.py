@@ -42,8 +42,9 @@ class Effort:
     sweeps: int = 3
 
 
-WITH_AREA = Effort(expansions=40_000)
-"""Where the area is weighed lower bounds say little, and more has to be looked at."""
+WITH_AREA = Effort(expansions=40_000, strides=(0.5, 0.25, 0.1))
+"""Where the area is weighed lower bounds say little, and more has to be looked at. Shorter strides
+find what the pieces miss over which the shortfall is summed, not what is cheaper."""
 
 
 @dataclass(frozen=True, eq=False)
