@@ -202,9 +202,9 @@ def join_lines(s: Servo, p: Pumps) -> None:
     The rail's target is the greatest of the lines that draw on it. The last line to leave shared
     boost stays joined while the rail's pumps coast, which would else burst into a shut rail. One
     that needs less pressure than others is shut off as soon as it is known to leave, if one pump
-    suffices for it, so that none of theirs is left in it; and while its valve shuts, the rail does
-    not rise to where more than the line draws would pass. What charges a line through its valve is
-    taken from p.spare.
+    suffices for it at the pressure that it needs, so that none of theirs is left in it; and while
+    its valve shuts, the rail does not rise to where more than the line draws would pass. What
+    charges a line through its valve is taken from p.spare.
     """
     axes, sensors, actuators, modules = s.axes, s.sensors, s.actuators, s.modules
     modes, serves, module_home, rail_target = s.modes, s.serves, s.module_home, p.rail_target
@@ -224,7 +224,11 @@ def join_lines(s: Servo, p: Pumps) -> None:
         axis = axes[j]
         leaves = not joins_rail(j, modes, module_home, serves)
         shed = axis.supply_target < highest - JOINED_DROP and not ON_RAIL[s.modes_ahead[j]]
-        shed = shed and axis.line_flow < ONE_PUMP * c.servo_pump_flow
+        if shed:
+            drop = axis.supply_target - c.tank_pressure
+            leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
+            more = p.lines.believed[1 + j] * (axis.leakage - leakage)
+            shed = axis.line_flow - more < ONE_PUMP * c.servo_pump_flow
         leaves = leaves or shed
         if leaves and (shed or not coasting):
             axis.joined = 0.0

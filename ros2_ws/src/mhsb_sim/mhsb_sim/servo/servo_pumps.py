@@ -24,7 +24,7 @@ from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo
 from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
-from mhsb_sim.servo.line_estimate import Lines, lines_of
+from mhsb_sim.servo.line_estimate import CLEAR, Lines, lines_of
 from mhsb_sim.servo.pump_estimate import Drives, drives_of, follow_drives
 from mhsb_sim.servo.reference import AHEAD
 
@@ -32,7 +32,7 @@ FINE = 4
 """Looks that a coasting pump is given up to the first point of the reference ahead."""
 
 AT_LEAST = 0.15
-"""Share of what a line lacks that is charged however little is known of it."""
+"""Share of what a line lacks that is charged however little is known of line and pump."""
 
 DOUBTS = 1.5
 """Standard deviations by which charging reckons with less leakage, stiffer oil and a longer lag of
@@ -45,6 +45,7 @@ GAINS = np.dtype(
         ("pressure_gain", "f8"),  # k, 1/s
         ("pump_rise", "f8"),  # share of the way to the next point for a pump's response
         ("allowed_rise", "f8"),  # Pa, above the target while a pump coasts
+        ("fed_below", "f8"),  # Pa, up to where the manifold may feed a line, too
     ]
 )
 
@@ -91,6 +92,7 @@ def pumps_of(machine: Machine, signals: ServoSignals) -> Pumps:
     )
     gains["pressure_gain"] = servo.pressure_gain / lag
     gains["allowed_rise"] = servo.allowed_rise
+    gains["fed_below"] = signals.circuit.constants["supply_pressure"] + CLEAR
     points = np.concatenate([np.arange(FINE) / FINE, np.arange(1, REFERENCE_POINTS)])
     full_flow = float(signals.circuit.constants["servo_pump_flow"][0])
     step, count = machine.config.simulation.step, len(signals.circuit.modules)
@@ -240,7 +242,9 @@ def pump_demand(
     """Flow [m³/s] into a line or the rail: what is drawn + k C (p_ref − p), within the limit.
 
     p is the pressure when what is told now begins to act. What is more than drawn is within the
-    limit of a slow pump on a stiff line that leaks less, too.
+    limit of a slow pump on a stiff line that leaks less, too. A line that the manifold may feed as
+    well gets what is drawn and AT_LEAST of what it lacks however little is known of its leakage:
+    that shows only once its pump alone feeds it.
     What charges it is taken from p.spare. Arguments as in `coasting_limit`, and Pa, m³/s, m³/Pa.
     """
     g = p.gains[0]
@@ -253,8 +257,13 @@ def pump_demand(
     cautious = coasting_limit(volume, p.slow, stiff, rise, rise_ahead, pending, doubt, spacing)
     own = p.drives.record[0]
     filled = pending - drawn * own.delay * own.step
-    charge = min(g.pressure_gain * (capacity * (target - pressure) - filled), p.spare[0])
-    charge = min(charge, max(cautious - drawn, AT_LEAST * charge))
+    lacking = g.pressure_gain * (capacity * (target - pressure) - filled)
+    charge = min(lacking, p.spare[0])
+    least = AT_LEAST * charge
+    if pressure < min(target, g.fed_below):
+        sure = coasting_limit(volume, p.coasting, capacity, rise, rise_ahead, pending, 0.0, spacing)
+        limit = max(limit, min(drawn + least, sure))
+    charge = min(charge, max(cautious - drawn, least))
     p.spare[0] -= max(charge, 0.0)
     return min(drawn + charge, limit)
 

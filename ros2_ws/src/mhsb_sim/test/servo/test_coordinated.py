@@ -53,6 +53,21 @@ def test_lines_are_charged_with_what_the_main_pump_can_spare(machine: Machine) -
     assert line[round(1000 * switched[1])] > held - m.boost_margin
 
 
+def test_a_slow_pump_charges_its_line_though_its_leakage_is_not_known(machine: Machine) -> None:
+    """As long as the manifold feeds the line of a moving piston, too, leakage cannot be learnt."""
+    slow = machine.with_values({"circuit.servo_pump_lag": 0.08, "payload.mass": 5.0})
+    onset, velocity = np.array([-0.032, -0.794, -1.029]), np.array([0.1, -0.06, 0.06])
+    motion = cruise(onset, velocity)
+    simulator = Simulator(slow, posture=motion.position[0])
+    simulator.set_plan(motion, ModeSchedule(0, [0, SECOND_NS // 5], [[0, 0, 0], [1, 0, 0]]))
+    simulator.advance(RAMP + CRUISE / 2)
+    force = slow.piston_forces(onset)[0]
+    speed = (slow.moment_arms(onset) * velocity)[0]
+    needed = required_pressure(slow.arrays, 0, force, speed)
+    assert needed > 1.2 * slow.arrays.supply_pressure
+    assert simulator.actuator_states.supply_pressure[0] > needed - slow.arrays.boost_margin
+
+
 def test_a_piston_in_boost_is_told_no_speed_that_its_pump_cannot_keep_up_with(
     machine: Machine,
 ) -> None:
