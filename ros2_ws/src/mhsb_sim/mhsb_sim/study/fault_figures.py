@@ -5,10 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mhsb_model.figure_style import BLACK, BLUE, GREEN, VERMILION, legend_above, written_figure
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    legend_above,
+    written_figure,
+)
 from mhsb_sim.study.fault_study import FaultResult
 
-COLORS = BLUE, VERMILION, GREEN
+COLORS = BLUE, VERMILION, GREEN, PURPLE, ORANGE
 SHOWN = 2.0
 """Time from the fault that is drawn [s]."""
 
