@@ -48,13 +48,20 @@ def perform(
 
 
 def cancel_with(task: Future[Result], part: Future[Result]) -> None:
-    """Cancel what does a task when the task is cancelled."""
+    """Cancel what does a task when the task is cancelled.
+
+    What has ended is forgotten: a cluster keeps a result, and makes it again when its worker dies,
+    for as long as somebody holds its future.
+    """
+    held = [part]
 
     def follow(ended: Future[Result]) -> None:
         if ended.cancelled():
-            part.cancel()
+            for each in tuple(held):
+                each.cancel()
 
     task.add_done_callback(follow)
+    part.add_done_callback(lambda _: held.clear())
 
 
 def pass_on(

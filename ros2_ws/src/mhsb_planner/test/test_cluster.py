@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 
 from mhsb_model import command_line
 from mhsb_planner.build_table import build_table
@@ -66,6 +66,18 @@ def test_a_killed_worker_loses_nothing_and_the_next_one_is_prepared_too(cluster)
         results = [task.result() for task in tasks]
     assert [number for number, _ in results] == list(range(100, 180))
     assert len({process for _, process in results}) >= 2
+
+
+def test_a_result_that_has_come_is_not_made_again_for_a_worker_that_is_killed(
+    local, cluster, eventually
+):
+    def kept(dask_scheduler):
+        return len(dask_scheduler.tasks)
+
+    with processes(cluster) as pool, Client(local) as client:
+        tasks = [pool.submit(divmod, number, 3) for number in range(20)]
+        assert [task.result() for task in tasks] == [divmod(n, 3) for n in range(20)]
+        eventually(lambda: client.run_on_scheduler(kept) == 0)
 
 
 def test_each_thread_has_a_state_of_its_own_that_is_made_once(cluster):
