@@ -10,6 +10,7 @@ from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.search.s2_search import Weights
+from mhsb_sim.study.controller_comparison import as_text, compare
 from mhsb_sim.study.energy_comparison import Element
 from mhsb_sim.study.replay import Replay
 from mhsb_sim.study.scenarios import Scenario
@@ -25,7 +26,6 @@ from mhsb_sim.study.servo_study import (
     study_scenario,
     supply_overshoot,
 )
-from mhsb_sim.study.study_command import as_text, compare
 from mhsb_sim.study.study_figures import draw_study
 
 RAISED = np.array([0.9, -1.4, -1.5])  # the main pump holds it

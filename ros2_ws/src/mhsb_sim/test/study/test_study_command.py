@@ -7,14 +7,18 @@ import pytest
 from mhsb_model.command_line import UsageError
 from mhsb_model.machine import Machine
 from mhsb_sim.commands.simulate_command import plant_of
-from mhsb_sim.study.study_command import study, study_draws
+from mhsb_sim.study.study_command import study
 
 
-def test_draws_are_written_as_a_list_of_records(machine: Machine, tmp_path: Path) -> None:
-    study_draws(machine, machine, None, 1, 7, 1, tmp_path)
+def test_draws_are_written_and_printed_as_a_list_of_records(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, json_=True)
+    printed = json.loads(capsys.readouterr().out)
     records = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert [record["controller"] for record in records] == ["coordinated", "independent"]
     named = {"draw", "varied", "tip_error_rms_mm", "tip_error_max_mm", "supply_overshoot_mpa"}
+    assert printed == records
     for record in records:
         assert {*named, "relief_opened", "time_lost", "failure"} <= set(record)
 
