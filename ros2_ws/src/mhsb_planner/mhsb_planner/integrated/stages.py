@@ -179,10 +179,10 @@ def spacings(task: Task, best: Route | None) -> list[float]:
 def over_lattices(task: Task, best: Route | None, work: Work) -> Iterator[Route | None]:
     """Ever cheaper routes over ever finer lattices, each improved by small changes.
 
-    So is the best before each. None before those that take long.
+    So is the best before each. None before those that take long, or where half the time is gone.
     """
     for number, spacing in enumerate(spacings(task, best)):
-        if number == QUICK:
+        if number == QUICK or task.time.half_gone:
             yield None
         if best is not None and leaves_room(task, best, WORTH_A_LATTICE):
             best = refined(task, best, spacing)

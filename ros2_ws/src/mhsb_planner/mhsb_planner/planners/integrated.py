@@ -8,7 +8,7 @@ without: what a path promises is not always kept by its motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from mhsb_planner.integrated.integrated_search import IntegratedSearch
 from mhsb_planner.integrated.task import Effort
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.fixed import FixedPlanner
-from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
 from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm, area_along_path
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -43,20 +43,23 @@ class IntegratedPlanner:
     weighs_area = True
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
-        """Own paths; in between, as soon as these have no motion or take long, the others.
+        """Own paths; in between, as soon as these have no motion or take long, or half the time is
+        gone, the table planner's, at the next occasion the other's, which take longer to find.
 
         With the area weighed lower bounds say little and the search is long: the others come
         before it.
         """
-        own, compared = _search(graph.machine, task, time, task.area), False
+        own = _search(graph.machine, task, time, task.area)
+        others: list[PathPlanner] = [TablePlanner(), FixedPlanner()]
+        weighed = task.area.weight > 0.0
         for path in own.paths():
             if path is not None:
                 yield Candidate(path)
-            if not compared and (path is None or task.area.weight > 0.0 or not time.found):
-                compared = True
-                yield from _others(graph, task, time, own.lower_bound)
-        if not compared:
-            yield from _others(graph, task, time, own.lower_bound)
+            if others and (path is None or not time.found or time.half_gone or weighed):
+                now = others if weighed else others[:1]
+                others = others[len(now):]
+                yield from _others(graph, task, time, own.lower_bound, now)
+        yield from _others(graph, task, time, own.lower_bound, others)
         if task.area.weight == 0.0:
             for path in _hurried(graph.machine, task, time):
                 yield Candidate(replace(path, lower_bound=own.lower_bound), True)
@@ -111,10 +114,14 @@ def _hurried(machine: Machine, task: Task, time: SearchTime) -> Iterator[Discret
 
 
 def _others(
-    graph: StepGraph, task: Task, time: SearchTime, lower_bound: float
+    graph: StepGraph,
+    task: Task,
+    time: SearchTime,
+    lower_bound: float,
+    planners: Sequence[PathPlanner],
 ) -> Iterator[Candidate]:
     """Paths found elsewhere, as far as they are, with what they give up of the area."""
-    for candidate in _elsewhere(graph, task, time):
+    for candidate in _elsewhere(graph, task, time, planners):
         path = replace(candidate.path, lower_bound=lower_bound)
         if task.area.weight > 0.0:
             shortfall = area_along_path(graph.machine, path).shortfall(task.area.reference)
@@ -122,12 +129,14 @@ def _others(
         yield Candidate(path, True, candidate.trajectory)
 
 
-def _elsewhere(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
-    if task.area.weight > 0.0:
+def _elsewhere(
+    graph: StepGraph, task: Task, time: SearchTime, planners: Sequence[PathPlanner]
+) -> Iterator[Candidate]:
+    if task.area.weight > 0.0 and planners:
         with suppress(MhsbError):
             yield Candidate(_search(graph.machine, task, time, WITHOUT_AREA).last())
         yield from map(Candidate, _hurried(graph.machine, task, time))
-    for planner in (TablePlanner(), FixedPlanner()):
+    for planner in planners:
         with suppress(MhsbError):
             for candidate in planner.paths(graph, task, time):
                 yield candidate

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NEVER, Deadline, now
 
 
 @dataclass
@@ -21,6 +21,12 @@ class SearchTime:
     deadline: Deadline = NEVER
     reserve: float = 0.0
     found: bool = False
+    _began: float = field(default_factory=now)
+
+    @property
+    def half_gone(self) -> bool:
+        """Whether less than half of the time is left."""
+        return now() - self._began > self.until.left
 
     @property
     def until(self) -> Deadline:
