@@ -11,7 +11,7 @@ from __future__ import annotations
 import statistics
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -24,6 +24,7 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.errors import MhsbError
+from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
@@ -37,13 +38,15 @@ from mhsb_planner.evaluation.integrated_benchmark import integrated_figures
 from mhsb_planner.evaluation.moves import Move, random_moves
 from mhsb_planner.evaluation.search_benchmark import (
     boosted_figures,
+    boosted_lines,
     scene_figures,
-    search_lines,
+    scene_lines,
 )
 from mhsb_planner.evaluation.streaming_benchmark import (
     moving_goal_figures,
+    moving_goal_lines,
     stream_figures,
-    streaming_lines,
+    stream_lines,
 )
 from mhsb_planner.evaluation.time_optimality import (
     time_optimality_figures,
@@ -66,6 +69,11 @@ MILLI = 1e3
 
 Figures = dict[str, Any]
 Result = TypeVar("Result")
+
+
+ANY_MACHINE = ("table", "plan", "first_motion_ms", "overrun_ms", "stream")
+PARTS = (*ANY_MACHINE, "moving_goal", "boosted", "scenes", "time_optimality", "growth")
+"""Of the benchmark; those that are not of ANY_MACHINE are made for arms of three joints."""
 
 
 @dataclass(frozen=True)
@@ -93,32 +101,39 @@ class Effort:
     collocations: int = 20
 
 
-def measure(machine: Machine, effort: Effort, jobs: int | None = None) -> Figures:
-    """All figures of the benchmark, with the keys of its JSON file."""
+def measure(
+    machine: Machine, effort: Effort, jobs: int | None = None, parts: Sequence[str] = PARTS
+) -> Figures:
+    """Figures of these parts of the benchmark, by the keys of its JSON file, and the yardstick."""
+    figures: Figures = {}
     warm_up(Planner(machine, build_posture_table(machine, jobs=jobs)))
-    table, table_figures = _table_figures(machine, effort, jobs)
+    table = build_posture_table(machine, jobs=jobs)
+    if "table" in parts:
+        table, figures["table"] = _table_figures(machine, effort, jobs)
     planner = Planner(machine, table)
     bar = tqdm(random_moves(planner, effort.moves), "moves", effort.moves, unit="move")
     moves = list(bar)
-    other = dijkstra_figures(planner.graph, moves, effort.runs)
-    return {
-        "table": table_figures,
-        "plan": {
+    figures["scipy_dijkstra"] = dijkstra_figures(planner.graph, moves, effort.runs)
+    yardstick = figures["scipy_dijkstra"]["p50_ms"]
+    measured: dict[str, Callable[[], Any]] = {
+        "plan": lambda: {
             "table": _plan_figures(planner, moves, effort),
             "integrated": integrated_figures(planner, moves, effort.truths),
         },
-        "scipy_dijkstra": other,
-        "first_motion_ms": first_motion_figures(
-            planner, moves[: effort.first_motions], other["p50_ms"]
+        "first_motion_ms": lambda: first_motion_figures(
+            planner, moves[: effort.first_motions], yardstick
         ),
-        "overrun_ms": overrun_figures(planner, moves[: effort.deadlines]),
-        "stream": stream_figures(planner, moves[: effort.repeated]),
-        "moving_goal": moving_goal_figures(planner, effort.lines),
-        "boosted": boosted_figures(planner, effort.boosted),
-        "scenes": scene_figures(planner, effort.scenes),
-        "time_optimality": time_optimality_figures(planner, moves[: effort.collocations]),
-        "growth": [_growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings],
+        "overrun_ms": lambda: overrun_figures(planner, moves[: effort.deadlines]),
+        "stream": lambda: stream_figures(planner, moves[: effort.repeated]),
+        "moving_goal": lambda: moving_goal_figures(planner, effort.lines),
+        "boosted": lambda: boosted_figures(planner, effort.boosted),
+        "scenes": lambda: scene_figures(planner, effort.scenes),
+        "time_optimality": lambda: time_optimality_figures(planner, moves[: effort.collocations]),
+        "growth": lambda: [
+            _growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings
+        ],
     }
+    return figures | {part: work() for part, work in measured.items() if part in parts}
 
 
 # --- Posture table -------------------------------------------------------------------------------
@@ -297,6 +312,9 @@ def planning(
     boosted: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.boosted,
     scenes: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.scenes,
     collocations: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.collocations,
+    moves: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.moves,
+    truths: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.truths,
+    parts: Annotated[list[str] | None, tyro.conf.arg(metavar="PART")] = None,
 ) -> None:
     """Measure planning, print a table and write the figures as JSON.
 
@@ -306,54 +324,88 @@ def planning(
         jobs: Number of threads; one for each processor when left out.
         boosted: Moves with ground truth on each of three machines that boost much, 10 to 40 s each.
         scenes: Random scenes with obstacles.
-        collocations: Plans, 1 to 500, whose duration is compared with an offline collocation's.
+        collocations: Of the moves, those whose duration is compared with an offline collocation's.
+        moves: Random moves that are planned.
+        truths: Of these, those with ground truth, 10 to 40 s each; a minute with four joints.
+        parts: Keys of the JSON file that are measured; all, of arms with more than three joints
+            those of any machine, when left out.
     """
-    if not 1 <= collocations <= Effort.moves:
-        reason = f"--collocations {collocations} must be within 1 … {Effort.moves}"
-        raise command_line.UsageError(reason)
-    effort = Effort(boosted=boosted, scenes=scenes, collocations=collocations)
-    figures = measure(load_machine(machine), effort, jobs)
+    for name, count in (("moves", moves), ("collocations", collocations)):
+        if count < 1:
+            raise command_line.UsageError(f"--{name} {count} is below 1")
+    arm = load_machine(machine)
+    possible = PARTS if arm.joint_count == LEAST_JOINTS else ANY_MACHINE
+    for part in parts or ():
+        if part not in possible:
+            reason = f"--parts {part} is none of {', '.join(possible)}"
+            raise command_line.UsageError(reason)
+    effort = Effort(
+        moves=moves, truths=truths, boosted=boosted, scenes=scenes, collocations=collocations
+    )
+    figures = measure(arm, effort, jobs, parts or possible)
     write_json(output, figures)
     print("\n".join(as_text(figures)))
     print(f"written to {output}")
 
 
 def as_text(figures: Figures) -> list[str]:
-    """The figures as a table."""
-    table, plan, other = figures["table"], figures["plan"]["table"], figures["scipy_dijkstra"]
-    integrated = figures["plan"]["integrated"]
-    soon = integrated["soon"]
-    lines = [
+    """The figures as a table, of the parts that there are."""
+    other = figures["scipy_dijkstra"]
+    lines = [f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms"]
+    told: dict[str, Callable[[Any], list[str]]] = {
+        "table": _table_lines,
+        "plan": _plan_lines,
+        "time_optimality": time_optimality_lines,
+        "first_motion_ms": first_motion_lines,
+        "overrun_ms": overrun_lines,
+        "stream": stream_lines,
+        "moving_goal": moving_goal_lines,
+        "boosted": boosted_lines,
+        "scenes": scene_lines,
+        "growth": _growth_lines,
+    }
+    for part, lines_of in told.items():
+        lines += lines_of(figures[part]) if part in figures else []
+    return lines
+
+
+def _table_lines(table: Figures) -> list[str]:
+    return [
         f"posture table    {table['entries']} entries in {table['build_s']:.2f} s; SLSQP "
         f"{1e3 * table['slsqp_s_per_entry']:.1f} ms an entry, {table['speedup_over_slsqp']:.0f} "
-        f"times as long; smallest area over SLSQP's {table['worst_area_ratio']:.9f}",
+        f"times as long; smallest area over SLSQP's {table['worst_area_ratio']:.9f}"
+    ]
+
+
+def _plan_lines(figures: Figures) -> list[str]:
+    plan, integrated = figures["table"], figures["integrated"]
+    soon = integrated["soon"]
+    return [
         f"plans (S2-S4)    p50 {plan['p50_ms']:.2f} ms, p99 {plan['p99_ms']:.2f} ms "
         f"(S2 {plan['s2_p99_ms']:.2f}, S3 {plan['s3_p99_ms']:.2f}, S4 {plan['s4_p99_ms']:.2f})",
+        f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
         f"integrated plans p50 {integrated['p50_ms']:.1f} ms, p99 {integrated['p99_ms']:.1f} ms; "
-        f"energy over the table planner's {integrated['energy_ratio_geomean']:.3f} (Cases 1-4), "
-        f"at worst {integrated['worst_energy_ratio']:.3f}; over the ground truth "
-        f"{integrated['ground_truth_ratio_mean']:.3f}, at worst "
+        f"energy over the table planner's {integrated['energy_ratio_geomean']:.3f} (Cases 1-4, or "
+        f"all moves where there are none), at worst {integrated['worst_energy_ratio']:.3f}; over "
+        f"the ground truth {integrated['ground_truth_ratio_mean']:.3f}, at worst "
         f"{integrated['ground_truth_ratio_max']:.3f}",
         f"  in {soon['deadline_ms']:.0f} ms      answered p50 {soon['p50_ms']:.1f} ms, p99 "
         f"{soon['p99_ms']:.1f} ms; {soon['not_found']} without a plan; energy over the table "
         f"planner's at worst {soon['worst_energy_ratio']:.3f}; over the ground truth "
         f"{soon['ground_truth_ratio_mean']:.3f}, at worst {soon['ground_truth_ratio_max']:.3f}",
-        f"first plan       {plan['rebuild_ms']:.1f} ms after a change of payload or pressure",
-        f"SciPy Dijkstra   p50 {other['p50_ms']:.1f} ms, p99 {other['p99_ms']:.1f} ms",
-        *time_optimality_lines(figures["time_optimality"]),
-        *first_motion_lines(figures["first_motion_ms"]),
-        *overrun_lines(figures["overrun_ms"]),
-        *streaming_lines(figures),
-        *search_lines(figures["boosted"], figures["scenes"]),
+    ]
+
+
+def _growth_lines(rows: Sequence[Figures]) -> list[str]:
+    return [
         "spacing [mm]   states     steps   table [s]   graph [s]   search p50, p99 [ms]   expanded",
+        *(
+            f"{1e3 * row['spacing_m']:12.4g} {row['states']:8d} {row['steps']:9d} "
+            f"{row['build_s']:11.2f} {row['graph_s']:11.2f} {row['search_p50_ms']:13.2f} "
+            f"{row['search_p99_ms']:8.2f} {row['expanded_p50']:10.0f}"
+            for row in rows
+        ),
     ]
-    lines += [
-        f"{1e3 * row['spacing_m']:12.4g} {row['states']:8d} {row['steps']:9d} "
-        f"{row['build_s']:11.2f} {row['graph_s']:11.2f} {row['search_p50_ms']:13.2f} "
-        f"{row['search_p99_ms']:8.2f} {row['expanded_p50']:10.0f}"
-        for row in figures["growth"]
-    ]
-    return lines
 
 
 def main() -> int:

@@ -141,19 +141,22 @@ def _cost(planner: Planner, move: Move, options: PlanOptions) -> float:
         return math.nan
 
 
-def search_lines(boosted: Figures, scenes: Figures) -> list[str]:
-    """The figures as lines of a table."""
-    lines = [
+def boosted_lines(figures: Figures) -> list[str]:
+    """The figures of machines that boost much as lines of a table."""
+    return [
         f"boosted          {name}, {row['moves']} moves: cost over the ground truth's "
         f"{row['ratio_mean']:.3f}, at worst {row['ratio_worst']:.3f}, in "
         f"{row['seconds_mean']:.2f} s ({row['seconds_worst']:.2f} s); within "
         f"{MILLI * SHORT:.0f} ms {row['quick_found']} found, {row['quick_ratio_mean']:.3f}, "
         f"at worst {row['quick_ratio_worst']:.3f}"
-        for name, row in boosted.items()
+        for name, row in figures.items()
     ]
+
+
+def scene_lines(scenes: Figures) -> list[str]:
+    """The figures of scenes with obstacles as a line of a table."""
     solved = ", ".join(f"{kind} {number}" for kind, number in scenes["solved"].items())
     return [
-        *lines,
         f"scenes           of {scenes['scenes']} solved: {solved}; cost over the cheaper of the "
         f"others' {scenes['cost_ratio_mean']:.3f}, at worst {scenes['cost_ratio_worst']:.3f}, "
         f"dearer by over 1 % in {scenes['dearer']} of {scenes['compared']}; "

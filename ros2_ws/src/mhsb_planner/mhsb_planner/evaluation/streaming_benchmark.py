@@ -258,25 +258,28 @@ def _tip(world: World) -> FloatArray:
     return np.array(world.machine.tip_position(world.arm.reference.position))
 
 
-def streaming_lines(figures: Figures) -> list[str]:
-    """The figures as a table."""
-    lines = [
-        "the same goal every 0.1 s   moves arrived   time ratio p50, max   energy ratio p50, max"
+def stream_lines(figures: Figures) -> list[str]:
+    """The figures of a goal that comes again as a table."""
+    return [
+        "the same goal every 0.1 s   moves arrived   time ratio p50, max   energy ratio p50, max",
+        *(
+            f"{kind:27s} {row['moves']:5d} {row['arrived']:7d} {row['time_ratio']['p50']:13.3f} "
+            f"{row['time_ratio']['max']:7.3f} {row['energy_ratio']['p50']:16.3f} "
+            f"{row['energy_ratio']['max']:6.3f}"
+            for kind, row in figures.items()
+        ),
     ]
-    lines += [
-        f"{kind:27s} {row['moves']:5d} {row['arrived']:7d} {row['time_ratio']['p50']:13.3f} "
-        f"{row['time_ratio']['max']:7.3f} {row['energy_ratio']['p50']:16.3f} "
-        f"{row['energy_ratio']['max']:6.3f}"
-        for kind, row in figures["stream"].items()
-    ]
-    lines.append(
+
+
+def moving_goal_lines(figures: Figures) -> list[str]:
+    """The figures of a goal that moves as a table."""
+    return [
         "moving goal      lines   behind p50, p99, worst line's p50 [mm]   overshoot, rests off "
-        "[mm]   plans/s"
-    )
-    lines += [
-        f"{name:16s} {row['lines']:5d} {row['p50_mm']:12.2f} {row['p99_mm']:7.2f} "
-        f"{row['worst_median_mm']:9.2f} {row['overshoot_mm']:20.2f} {row['rests_off_mm']:9.3f} "
-        f"{row['plans_per_s']:13.1f}"
-        for name, row in figures["moving_goal"].items()
+        "[mm]   plans/s",
+        *(
+            f"{name:16s} {row['lines']:5d} {row['p50_mm']:12.2f} {row['p99_mm']:7.2f} "
+            f"{row['worst_median_mm']:9.2f} {row['overshoot_mm']:20.2f} {row['rests_off_mm']:9.3f} "
+            f"{row['plans_per_s']:13.1f}"
+            for name, row in figures.items()
+        ),
     ]
-    return lines

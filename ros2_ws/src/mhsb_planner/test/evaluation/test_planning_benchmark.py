@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
+from mhsb_model.command_line import UsageError
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import load_machine
 from mhsb_planner.evaluation import planning_benchmark
-from mhsb_planner.evaluation.planning_benchmark import Effort, as_text, explicit_graph, measure
+from mhsb_planner.evaluation.planning_benchmark import (
+    ANY_MACHINE,
+    Effort,
+    as_text,
+    explicit_graph,
+    measure,
+)
 from mhsb_planner.search.s2_search import search
-
-pytestmark = pytest.mark.slow  # the ground truths alone take minutes
 
 LITTLE = Effort(
     moves=4,
@@ -32,6 +39,7 @@ def figures(machine):
     return measure(machine, LITTLE)
 
 
+@pytest.mark.slow  # the ground truths alone take minutes
 def test_the_keys_are_all_there(figures):
     assert set(figures) == {
         *("table", "plan", "scipy_dijkstra", "first_motion_ms", "overrun_ms", "growth"),
@@ -53,6 +61,10 @@ def test_the_keys_are_all_there(figures):
     }
     assert set(figures["plan"]["integrated"]) == {
         *("p50_ms", "p99_ms", "energy_ratio_geomean", "worst_energy_ratio"),
+        *("ground_truth_ratio_mean", "ground_truth_ratio_max", "soon"),
+    }
+    assert set(figures["plan"]["integrated"]["soon"]) == {
+        *("deadline_ms", "p50_ms", "p99_ms", "not_found", "worst_energy_ratio"),
         *("ground_truth_ratio_mean", "ground_truth_ratio_max"),
     }
     assert set(figures["scipy_dijkstra"]) == {"p50_ms", "p99_ms"}
@@ -66,6 +78,7 @@ def test_the_keys_are_all_there(figures):
     assert [row["spacing_m"] for row in figures["growth"]] == [0.2, 0.1]
 
 
+@pytest.mark.slow  # the ground truths alone take minutes
 def test_the_figures_make_sense(figures):
     assert figures["table"]["entries"] == 14766
     assert figures["table"]["worst_area_ratio"] >= 1 - 1e-6
@@ -96,10 +109,34 @@ def test_the_figures_make_sense(figures):
     assert len(as_text(figures)) > 4
 
 
+@pytest.mark.slow  # the ground truths alone take minutes
 def test_the_command_writes_them(figures, tmp_path, monkeypatch):
     monkeypatch.setattr(planning_benchmark, "measure", lambda *_: figures)
     planning_benchmark.planning(tmp_path / "new" / "planning.json")
     assert json.loads((tmp_path / "new" / "planning.json").read_text()) == figures
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"moves": 0}, "--moves 0 is below 1"),
+        ({"collocations": 0}, "--collocations 0 is below 1"),
+        ({"parts": ["speed"]}, "--parts speed is none of table, plan, .*, time_optimality"),
+        ({"parts": ["scenes"], "machine": config_file("mhsb_arm4.yaml")}, "scenes is none of"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_a_sentence(tmp_path, options, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        planning_benchmark.planning(tmp_path / "planning.json", **options)
+
+
+@pytest.mark.slow
+def test_an_arm_of_four_joints_is_measured_in_the_parts_that_are_of_any_machine():
+    figures = measure(load_machine(config_file("mhsb_arm4.yaml")), LITTLE, parts=ANY_MACHINE)
+    assert set(figures) == {*ANY_MACHINE, "scipy_dijkstra"}
+    assert figures["table"]["worst_area_ratio"] >= 0.999
+    assert figures["plan"]["integrated"]["worst_energy_ratio"] <= 1.001
+    assert len(as_text(figures)) > 4
 
 
 def test_scipy_is_given_the_graph_that_is_searched(graph):
