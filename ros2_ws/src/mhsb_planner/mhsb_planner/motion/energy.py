@@ -4,12 +4,14 @@ E = Σ_j ∫ price_j (A_dir|v_j| + q_leak) dt. In N the price is P_S, whatever t
 p_L/η as the paper writes it (never less than P_S), or P_S + (p_supply − P_S)/η, as main pump and
 servo pump work in series, with p_supply of `hydraulics.boosted_supply`, in SB the rail's. Within
 the dead band a cylinder is held. With pumps in series valves leak by that pressure
-(`hydraulics.leakage`); in the paper's reading, whose flows know no pressure, as at P_S.
+(`hydraulics.leakage`), lines are charged before boosts begin (`charging`), and a boosted cylinder
+that accelerates its load gets max(p_supply, p_L(F + inertia) + m(v) + margin/2), as the servo sees
+to it; in the paper's reading, whose flows know neither pressure nor time, none of that counts.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -21,7 +23,9 @@ from mhsb_model.hydraulics import (
     leakage,
     load_pressure,
     oil_of,
+    pressure_to_move,
     rail_pressure,
+    spared_margin,
     supply_in,
 )
 from mhsb_model.kernels.kernel import kernel
@@ -30,7 +34,8 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED
 from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.motion.motion_profile import Profiles, motion_profile
+from mhsb_planner.motion.charging import charging_energy
+from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, motion_profile
 from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats
 
 
@@ -93,11 +98,26 @@ def motion_energy(
         (edges[1:] - edges[:-1]) / SECOND_NS,
         points.speed,
         points.force,
+        points.inertia,
         middles.speed,
         middles.force,
+        middles.inertia,
         modes,
     )
-    return Energy(*energy.tolist())
+    return _with_charging(machine, Energy(*energy.tolist()), points, modes)
+
+
+def _with_charging(
+    machine: Machine, energy: Energy, profile: MotionProfile, modes: ModeArray
+) -> Energy:
+    """With what charges lines before boosts; rows of modes begin at those of the profile."""
+    charging = charging_energy(machine, profile.speed, profile.force, modes)
+    losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging
+    return replace(
+        energy,
+        servo_pumps=energy.servo_pumps + charging,
+        servo_pump_losses=energy.servo_pump_losses + losses,
+    )
 
 
 def _profiles(
@@ -105,7 +125,7 @@ def _profiles(
 ) -> Profiles:
     """Of a motion between offsets at which alone modes change."""
     points, middles = (
-        motion_profile(machine, *trajectory.at_offsets(at)[:2])
+        motion_profile(machine, *trajectory.at_offsets(at))
         for at in (edges, (edges[1:] + edges[:-1]) // 2)
     )
     return Profiles(points, middles, schedule.modes_at_many(trajectory.stamp_ns + edges[:-1]))
@@ -131,21 +151,29 @@ def energy_of_states(
     position: FloatArray,
     velocity: FloatArray,
     modes: ModeArray,
+    acceleration: FloatArray | None = None,
 ) -> Energy:
-    """Energy of states that last for `span` float64[k] s each; arrays of [k, n] in rad, rad/s."""
-    profile = motion_profile(machine, position, velocity)
-    return Energy(*_sum(machine.arrays, span, profile.speed, profile.force, modes).tolist())
+    """Energy of states that last for `span` float64[k] s each; arrays of [k, n] in rad, rad/s and,
+    where inertia counts, rad/s²."""
+    profile = motion_profile(machine, position, velocity, acceleration)
+    energy = _sum(machine.arrays, span, profile.speed, profile.force, profile.inertia, modes)
+    return _with_charging(machine, Energy(*energy.tolist()), profile, modes)
 
 
 @kernel
 def _sum(
-    m: MachineArrays, span: FloatArray, speed: FloatArray, force: FloatArray, modes: ModeArray
+    m: MachineArrays,
+    span: FloatArray,
+    speed: FloatArray,
+    force: FloatArray,
+    inertia: FloatArray,
+    modes: ModeArray,
 ) -> FloatArray:
     """Energy of states that last for `span` [s], in the order of `Energy`'s fields."""
     oil, cap, rod, efficiency = oil_of(m), m.cap_area, m.rod_area, m.servo_pump_efficiency
     energy, power, own = np.zeros(FIELDS), np.empty(FIELDS), np.empty(speed.shape[1])
     for k in range(len(span)):
-        _put_power(oil, cap, rod, efficiency, speed, force, k, modes, k, own, power)
+        _put_power(oil, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, power)
         for i in range(FIELDS):
             energy[i] += span[k] * power[i]
     return energy
@@ -157,8 +185,10 @@ def _energy(
     span: FloatArray,
     speed: FloatArray,
     force: FloatArray,
+    inertia: FloatArray,
     middle_speed: FloatArray,
     middle_force: FloatArray,
+    middle_inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
     """Energy of intervals of `span` [s], by trapezoids over halves, in the order of the fields."""
@@ -170,11 +200,12 @@ def _energy(
             for i in range(FIELDS):
                 begin[i] = end[i]
         else:
-            _put_power(oil, cap, rod, efficiency, speed, force, k, modes, k, own, begin)
+            _put_power(oil, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, begin)
         _put_power(
-            oil, cap, rod, efficiency, middle_speed, middle_force, k, modes, k, own, middle
-        )
-        _put_power(oil, cap, rod, efficiency, speed, force, k + 1, modes, k, own, end)
+            oil, cap, rod, efficiency, middle_speed, middle_force, middle_inertia, k, modes, k,
+            own, middle,
+        )  # fmt: skip
+        _put_power(oil, cap, rod, efficiency, speed, force, inertia, k + 1, modes, k, own, end)
         for i in range(FIELDS):
             energy[i] += 0.25 * span[k] * (begin[i] + 2.0 * middle[i] + end[i])
     return energy
@@ -188,6 +219,7 @@ def _put_power(
     efficiency: float,
     speed: FloatArray,
     force: FloatArray,
+    inertia: FloatArray,
     i: int,
     modes: ModeArray,
     k: int,
@@ -202,7 +234,12 @@ def _put_power(
     at_paper = main_pump = shafts = leaked = work = returned = 0.0
     for j in range(len(own)):
         if BOOSTED[modes[k, j]]:
-            own[j] = boosted_supply(oil, cap[j], rod[j], force[i, j], speed[i, j])
+            f, v = force[i, j], speed[i, j]
+            own[j] = boosted_supply(oil, cap[j], rod[j], f, v)
+            if inertia[i, j] != 0.0:
+                pushed = pressure_to_move(oil, cap[j], rod[j], f + inertia[i, j], v)
+                pushed = min(pushed - spared_margin(oil), oil.max_boost_pressure)
+                own[j] = max(own[j], pushed)
     rail = rail_pressure(oil, own, modes[k])
     for j in range(len(own)):
         v, f = speed[i, j], force[i, j]

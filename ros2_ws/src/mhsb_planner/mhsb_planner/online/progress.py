@@ -46,6 +46,7 @@ def energy_between(machine: Machine, command: Command, first_ns: int, last_ns: i
     parts = -(-(last_ns - first_ns) // SPACING_NS)
     edges = np.linspace(first_ns, last_ns, parts + 1).astype(np.int64)
     middles = (edges[1:] + edges[:-1]) // 2
-    position, velocity = command.trajectory.sample_many(middles)[:2]
+    position, velocity, acceleration = command.trajectory.sample_many(middles)
     modes = command.schedule.modes_at_many(middles)
-    return energy_of_states(machine, np.diff(edges) / SECOND_NS, position, velocity, modes)
+    span = np.diff(edges) / SECOND_NS
+    return energy_of_states(machine, span, position, velocity, modes, acceleration)

@@ -154,7 +154,12 @@ def planned_energy(machine: Machine, samples: Samples) -> Energy:
     """The planner's model of what the servo followed, each sample for the time to the next one."""
     span = np.full(len(samples.time), SAMPLE_NS / SECOND_NS)
     return energy_of_states(
-        machine, span, samples.reference, samples.reference_velocity, samples.modes
+        machine,
+        span,
+        samples.reference,
+        samples.reference_velocity,
+        samples.modes,
+        samples.reference_acceleration,
     )
 
 

@@ -58,6 +58,7 @@ class Samples:
     rod_pressure        float64[k, n], Pa
     supply_pressure     float64[k, n], Pa
     valve_opening       float64[k, n], -1 to 1
+    reference_acceleration  float64[k, n], rad/s²
     """
 
     time: FloatArray
@@ -71,6 +72,7 @@ class Samples:
     rod_pressure: FloatArray
     supply_pressure: FloatArray
     valve_opening: FloatArray
+    reference_acceleration: FloatArray
 
     @classmethod
     def collect(cls, rows: list[tuple[object, ...]]) -> Samples:
@@ -200,5 +202,6 @@ class HeadlessRun:
                 hydraulics.rod_pressure,
                 hydraulics.supply_pressure,
                 hydraulics.valve_opening,
+                wanted.acceleration,
             )
         )

@@ -47,6 +47,12 @@ def test_planned_and_simulated_energy_agree_in_every_element(elements):
         assert abs(element.simulated - element.planned) < 0.1 * delivered.simulated, element
 
 
+def test_servo_pumps_take_what_was_planned_charging_and_inertia_included(elements):
+    pumps = by_name(elements)["by the servo pumps"]
+    assert pumps.simulated > 10.0
+    assert pumps.planned == pytest.approx(pumps.simulated, rel=0.05)
+
+
 def test_runs_add_up_and_are_printed(elements):
     doubled = total([elements, elements])
     assert doubled[0].planned == pytest.approx(2 * elements[0].planned)
