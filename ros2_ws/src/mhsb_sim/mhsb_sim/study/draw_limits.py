@@ -75,7 +75,8 @@ def figures_of(records: Sequence[DrawRecord]) -> list[Figure]:
 def as_text(records: Sequence[DrawRecord]) -> list[str]:
     """The draws for a person: every controller's figures beside their limits, and what failed."""
     lines = []
-    for name in CONTROLLERS:
+    ran = {record.controller for record in records}
+    for name in (name for name in CONTROLLERS if name in ran):
         own = [record for record in records if record.controller == name]
         lines.append(f"{name:44s}{'runs':>6s}{'value':>10s}  limit")
         for figure in figures_of(own):

@@ -125,6 +125,7 @@ class DrawStudy:
     """Draws of one machine with its variations: plans and runs of each, by number.
 
     plant: what is varied; the machine itself where left out. goals: how many in each sequence.
+    controllers: those that run.
     """
 
     def __init__(
@@ -134,26 +135,28 @@ class DrawStudy:
         seed: int,
         plant: Machine | None = None,
         goals: int = GOALS,
+        controllers: Sequence[str] = tuple(CONTROLLERS),
     ) -> None:
         self._machine = machine
         self._plant = plant or machine
         self._variations = variations
         self._seed = seed
         self._goals = goals
+        self._controllers = controllers
         self._replanner = Replanner(machine, table_for(machine))
         start = np.array(machine.config.simulation.start_posture)
         self._rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
 
     def records(self, draw: int) -> list[DrawRecord]:
         """Every controller in a draw; nothing that goes wrong there is left out."""
-        random = np.random.default_rng((self._seed, draw))
+        random, names = np.random.default_rng((self._seed, draw)), self._controllers
         drawn: dict[str, float | str] = {}
         try:
             sequence = self.sequence(random)
             plant, drawn = varied(self._plant, self._variations, random, sequence.moment)
         except Exception as error:  # whatever it is, it is this draw's result
-            return [DrawRecord(name, draw, drawn, failure=_reason(error)) for name in CONTROLLERS]
-        return [self.record(name, draw, drawn, plant, sequence) for name in CONTROLLERS]
+            return [DrawRecord(name, draw, drawn, failure=_reason(error)) for name in names]
+        return [self.record(name, draw, drawn, plant, sequence) for name in names]
 
     def sequence(self, random: np.random.Generator) -> GoalSequence:
         """Goals anywhere that the arm could go to from its start, planned one after the other."""
@@ -259,12 +262,14 @@ def run_draws(
     jobs: Jobs = None,
     plant: Machine | None = None,
     goals: int = GOALS,
+    controllers: Sequence[str] = tuple(CONTROLLERS),
 ) -> Iterator[list[DrawRecord]]:
     """Records of draws 0 … count − 1 as they come, each done by one of `jobs`.
 
     plant: what is varied; the machine itself where left out. goals: how many in each draw.
     """
-    with Prepared(jobs, DrawStudy, machine, variations, seed, plant, goals) as pool:
+    task = machine, variations, seed, plant, goals, tuple(controllers)
+    with Prepared(jobs, DrawStudy, *task) as pool:
         yield from results_of(pool.submit(DrawStudy.records, draw) for draw in range(count))
 
 

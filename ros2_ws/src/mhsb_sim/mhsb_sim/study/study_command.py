@@ -20,6 +20,7 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_planner.work_arguments import Scheduler, jobs_of
 from mhsb_planner.workers import Jobs
+from mhsb_sim.servo import CONTROLLERS, controller_class
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.study.controller_comparison import SIDES, as_text, compare
@@ -53,6 +54,7 @@ def study(
     seed: int = 0,
     goals: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    controllers: Annotated[list[str] | None, tyro.conf.arg(metavar="NAME")] = None,
     jobs: int | None = None,
     scheduler: Scheduler = None,
     faults: Annotated[list[str] | None, tyro.conf.arg(metavar="FAULT")] = None,
@@ -80,6 +82,7 @@ def study(
         seed: Of the draws.
         goals: Random goals of each draw; six when left out.
         plant: Plant file (YAML) of what is varied, where that is not the machine itself.
+        controllers: Those that draws are given to; all when left out.
         jobs: Processes; as many as there are processors when left out.
         scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         faults: What fails, as in the simulator's parameter `fault`; without any, all kinds.
@@ -112,11 +115,14 @@ def study(
         real = load_plant(arm, plant) if plant else arm
         count = DRAWS if draws is None else draws
         each = GOALS if goals is None else goals
-        lines = study_draws(arm, real, variations, count, seed, workers, output, each)
+        names = controllers or list(CONTROLLERS)
+        lines = study_draws(arm, real, variations, count, seed, workers, output, each, names)
         _tell(lines, output / "summary.json", json_)
         return
     if goals is not None:
         raise command_line.UsageError("--goals: goes with --draws; scenarios have their own")
+    if controllers is not None:
+        raise command_line.UsageError("--controllers: goes with --draws; scenarios compare all")
     if plant is not None:
         raise command_line.UsageError("--plant: goes with --draws; scenarios are the machine's own")
     lines = study_scenarios(arm, load_scenarios(scenarios, arm.name), workers, output)
@@ -153,11 +159,15 @@ def study_draws(
     jobs: Jobs,
     output: Path,
     goals: int = GOALS,
+    controllers: Sequence[str] = tuple(CONTROLLERS),
 ) -> list[str]:
     """Run all draws; writes summary.json in the folder `output`; figures and their limits.
 
-    plant: what is varied while servo and planner know `machine`. goals: of each draw.
+    plant: what is varied while servo and planner know `machine`. goals: of each draw. Raises
+    UnknownControllerError.
     """
+    for name in controllers:
+        controller_class(name)
     for name, value, lowest in (("draws", count, 1), ("seed", seed, 0), ("goals", goals, 1)):
         if value < lowest:
             raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
@@ -165,9 +175,9 @@ def study_draws(
     compile_planner()
     compile_simulator()  # so that the processes find compiled kernels
     table_for(machine)  # likewise
-    runs = run_draws(machine, wanted, count, seed, jobs, plant, goals)
+    runs = run_draws(machine, wanted, count, seed, jobs, plant, goals, controllers)
     bar = tqdm(runs, total=count, unit="draw", disable=None)
-    records = [record for pair in bar for record in pair]
+    records = [record for each in bar for record in each]
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(draws_as_dicts(records), indent=2)
     (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")

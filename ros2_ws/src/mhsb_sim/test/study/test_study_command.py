@@ -7,6 +7,7 @@ import pytest
 from mhsb_model.command_line import UsageError
 from mhsb_model.machine import Machine
 from mhsb_sim.commands.simulate_command import plant_of
+from mhsb_sim.errors import UnknownControllerError
 from mhsb_sim.study.study_command import study
 
 
@@ -29,6 +30,7 @@ def test_draws_are_written_and_printed_as_a_list_of_records(
         ({"draws": 0}, "--draws: 0 is below 1"),
         ({"draws": 3, "seed": -1}, "--seed: -1 is below 0"),
         ({"draws": 3, "scenarios": Path("x.yaml")}, "draws make their own goals"),
+        ({"controllers": ["coordinated"]}, "--controllers: goes with --draws"),
         ({"jobs": 0}, "--jobs: 0 is below 1"),
         ({"plant": Path("x.yaml")}, "--plant: goes with --draws"),
         ({"benchmark": True, "seed": 3}, "--benchmark: its file is the protocol"),
@@ -41,6 +43,17 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(UsageError, match=sentence):
         study(output=tmp_path, **options)
+
+
+def test_draws_are_given_to_the_controllers_that_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, controllers=["independent"])
+    [record] = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert record["controller"] == "independent"
+    assert "coordinated" not in capsys.readouterr().out
+    with pytest.raises(UnknownControllerError, match="there is no controller 'magic'"):
+        study(output=tmp_path, draws=1, controllers=["magic"])
 
 
 def test_a_plant_is_a_file_times_factors(machine: Machine) -> None:
