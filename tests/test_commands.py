@@ -84,7 +84,14 @@ BAD_ARGUMENTS = [
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "real_time_factor:=2.0"), "publish_clock"),
     (("mhsb_sim", "simulate"), "give --goal X Z T"),
     (("mhsb_sim", "simulate", "--goal", "0.5", "0.1"), "--goal takes"),
-    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "-3"), "must be above 0"),
+    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "-3"), "must be within 0.01"),
+    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--seed", "-1"), "--seed: -1 is below"),
+    (
+        ("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--output", "/dev/null"),
+        "/dev/null is not a folder; name one for the run",
+    ),
+    (("mhsb_sim", "study", "--draws", "1", "--output", "/dev/null"), "name one for the study"),
+    (("mhsb_planner", "plan", "--case", "1-1", "--plot", "/dev/null/x.png"), "for the picture"),
     (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--controller", "x"), "coordinated"),
     (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--vary", "weight=2"), "no 'weight'"),
     (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--plant", "no.yaml"), "no.yaml"),
@@ -246,6 +253,17 @@ def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
     assert abs(float(volume_gap)) < 0.1
     assert (tmp_path / "move.png").stat().st_size > 10_000
     assert (tmp_path / "samples.csv").read_text().startswith("time,reference_1,reference_2")
+
+
+def test_an_arm_that_does_not_get_there_is_told_and_fails(start, tmp_path):
+    child = start(
+        *("mhsb_sim", "simulate", "--goal", "0.55", "0.6", "8", "--vary", "payload=5"),
+        *("--output", tmp_path, "--json"),
+    )
+    assert child.wait(180) == 1, child.output
+    assert "the goal (0.55, 0.6) m is missed: the tip is" in child.output
+    [goal] = json.loads((tmp_path / "summary.json").read_text())["goals"]
+    assert goal["goal_distance_mm"] > 100.0
 
 
 def test_a_command_that_is_not_there_is_answered_with_those_that_are():

@@ -12,6 +12,7 @@ sentence on standard error:
 
 from __future__ import annotations
 
+import errno
 import functools
 import inspect
 import math
@@ -79,6 +80,9 @@ def run(
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing left to flush
         return READER_GONE
     except OSError as error:
+        if error.errno == errno.ENOSPC and error.filename is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return _fail(name, f"what is printed cannot be written: {error.strerror}", FAILED)
         if error.filename is None:  # not about a file that somebody named
             raise
         return _fail(name, f"{error.filename}: {error.strerror}", FAILED)

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import IO, Annotated, Literal
 
 import pytest
 import tyro
@@ -168,14 +168,16 @@ def test_a_command_without_a_node_refuses_ros_arguments(capsys):
     assert "not an argument of this command: --ros-args" in capsys.readouterr().err
 
 
-def run_script(tmp_path: Path, body: str) -> subprocess.Popen[str]:
+def run_script(
+    tmp_path: Path, body: str, output: int | IO[str] = subprocess.PIPE
+) -> subprocess.Popen[str]:
     script = tmp_path / "count.py"
     script.write_text(
         "import sys\nfrom mhsb_model.command_line import run\n\n"
         f"def count() -> None:\n{body}\n\nsys.exit(run(count))\n"
     )
     return subprocess.Popen(
-        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, str(script)], stdout=output, stderr=subprocess.PIPE, text=True
     )
 
 
@@ -194,3 +196,12 @@ def test_a_reader_who_goes_away_ends_the_command_quietly(tmp_path):
     child.stdout.close()
     assert child.stderr.read() == ""
     assert child.wait(timeout=30) == 141
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_what_finds_no_room_to_be_printed_is_told_in_a_sentence(tmp_path):
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        child = run_script(tmp_path, "    print('result')", full)
+        _, errors = child.communicate(timeout=30)
+    assert errors.strip() == "count: what is printed cannot be written: No space left on device"
+    assert child.returncode == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import os
 import re
 import signal
@@ -123,12 +124,24 @@ def serving(make_node: Callable[[], NodeType]) -> Iterator[tuple[SingleThreadedE
                 raise
             raise RosError(f"ROS cannot make the node: {_without_places(error)}") from error
         try:
+            _warn_of_unknown_parameters(node)
             executor.add_node(node)
             yield executor, node
         finally:
             node.destroy_node()
     finally:
         executor.shutdown()
+
+
+def _warn_of_unknown_parameters(node: Node) -> None:
+    """rclpy drops what is set from outside and not declared without a word."""
+    for name in sorted(node._parameter_overrides):
+        if node.has_parameter(name) or name.startswith("qos_overrides."):
+            continue
+        declared = sorted(node._parameters)
+        near = difflib.get_close_matches(name, declared, 1)
+        advice = f"; did you mean {near[0]}?" if near else ""
+        node.get_logger().warning(f"there is no parameter {name}: it is ignored{advice}")
 
 
 def spin_until(

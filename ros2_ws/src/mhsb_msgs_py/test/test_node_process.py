@@ -68,6 +68,15 @@ def test_ros_arguments_that_cannot_be_used_are_told_in_one_line(
     assert len(child.output.splitlines()) == 1
 
 
+def test_a_parameter_that_the_node_does_not_have_is_told(start_process, tmp_path):
+    script = tmp_path / "idle.py"
+    script.write_text(BODY)
+    child = start_process(sys.executable, script, "--ros-args", "-p", "sede:=3", "-p", "seed:=3")
+    child.wait_for("there is no parameter sede: it is ignored; did you mean seed?")
+    assert child.stop(signal.SIGINT) == 0
+    assert child.output.count("there is no parameter") == 1
+
+
 @pytest.mark.parametrize(
     ("environment", "sentence"),
     [

@@ -15,6 +15,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.files.output_folders import make_room_for
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
@@ -144,6 +145,8 @@ def plan(
     """
     if plot is not None and plot.suffix.lower() != ".png":
         raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
+    if plot is not None:
+        make_room_for(plot, "the picture")
     asked = request(start, goal, case, weights, planner, initial_j3)
     ranges = (
         _range("supply-pressure", supply_pressure_range, supply_pressure),
@@ -189,7 +192,6 @@ def plan(
     seconds = {**made.seconds, "total": time.perf_counter() - began}
     area = polytope_areas_of(suite, made)
     if plot is not None:
-        plot.parent.mkdir(parents=True, exist_ok=True)
         draw_move_page(planned_move(suite.machine, made, asked.goal, _title(case, asked)), plot)
     if json_:
         print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))

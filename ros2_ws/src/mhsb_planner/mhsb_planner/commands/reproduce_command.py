@@ -12,6 +12,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import load_machine
 from mhsb_planner.errors import RequestError
 from mhsb_planner.evaluation.reproduction import operating_points
@@ -104,7 +105,7 @@ def reproduce(
     if arm.joint_count != JOINTS:
         raise RequestError("the machine", arm.name, f"must have {JOINTS} joints, as the paper's")
     workers = jobs_of(jobs, scheduler)
-    output.mkdir(parents=True, exist_ok=True)
+    make_output_folder(output, "what is reproduced")
     asked = settings() | integrated_settings() | area_settings()
     for scale in HEURISTIC_SCALES:
         asked |= published_settings(scale=scale)

@@ -11,6 +11,7 @@ import numpy as np
 import tyro
 
 from mhsb_model import command_line
+from mhsb_model.files.output_folders import make_room_for
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.commands.plan_command import Point, request
@@ -66,13 +67,13 @@ def animate(
         width: Of the picture [dots].
     """
     _check(output, bag, (start, goal, case), speed, rate, width)
+    make_room_for(output, "the animation")
     arm = load_machine(machine)
     if bag is not None:
         move, goals = _recorded(arm, bag, namespace)
     else:
         move, goals = _planned(arm, start, goal, case, planner)
     shown = _cut(move, begin, end)
-    output.parent.mkdir(parents=True, exist_ok=True)
     frames = write_film(shown, goals, output, speed=speed, rate=rate, width=width)
     print(f"{frames} pictures of {shown.duration:.1f} s in {output}")
 

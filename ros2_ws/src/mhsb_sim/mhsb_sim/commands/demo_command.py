@@ -19,6 +19,7 @@ from tqdm import tqdm
 from mhsb_model import command_line
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.machine import load_machine
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
@@ -147,9 +148,7 @@ def _goal(file: Path, number: int, values: Any) -> TimedGoal:
 
 def clear(output: Path) -> None:
     """Make the folder, without what an earlier demo has left; nothing else is touched."""
-    if output.exists() and not output.is_dir():
-        raise MhsbError(f"{output} is not a folder; name one for the demo's output")
-    output.mkdir(parents=True, exist_ok=True)
+    make_output_folder(output, "the demo's output")
     for name in ("bag", "report"):
         if (output / name).is_dir():
             shutil.rmtree(output / name)

@@ -16,6 +16,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.commands.plan_command import Box, Circle
@@ -37,7 +38,11 @@ from mhsb_sim.study.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, Ti
 from mhsb_sim.study.simulated_move import simulated_move
 from mhsb_sim.study.variations import load_variations, scaled
 
-LONGEST_TIME = 3600.0  # s
+SHORTEST_TIME, LONGEST_TIME = SAMPLE_NS / SECOND_NS, 3600.0  # s
+
+REACHED, OVERDUE = 0.01, 0.2
+"""A goal is missed where the tip is farther from it [m] so long after its motion's end [s]."""
+
 PICTURE = "move.png"
 
 
@@ -46,7 +51,7 @@ def simulate(
         tuple[tuple[tuple[float, float, float], ...], ...],
         tyro.conf.arg(metavar="X Z T [X Z T ...]"),
         tyro.conf.UseAppendAction,
-    ],
+    ] = (),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     controller: str = "coordinated",
     seed: int = 0,
@@ -64,11 +69,12 @@ def simulate(
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
     audit: bool = False,
-) -> None:
+) -> int:
     """Plan and simulate goals one after the other, in lock-step, as fast as it goes.
 
-    Each goal is a tip position X Z [m] and the time T [s] until the next one, on the way or not.
-    The arm starts at rest in the machine file's start posture. Same arguments, same bits.
+    Each goal is a tip position X Z [m] and the time T [s] until the next one, on the way or not;
+    where the arm is not there although its motion is over, the exit code is 1. The arm starts at
+    rest in the machine file's start posture. Same arguments, same bits.
 
     Args:
         goal: Goals: tip position [m] and time until the next goal [s]; may be given several times.
@@ -96,6 +102,10 @@ def simulate(
     goals = [_timed_goal(*values) for values in itertools.chain(*goal)]
     if not goals:
         raise command_line.UsageError("give --goal X Z T, once or several times")
+    if seed < 0:
+        raise command_line.UsageError(f"--seed: {seed} is below 0")
+    if output is not None:
+        make_output_folder(output, "the run")
     arm = load_machine(machine).changed(payload=payload)
     real = plant_of(arm, plant, vary)
     controller_class(controller)  # refuses an unknown one before anything takes time
@@ -115,6 +125,7 @@ def simulate(
     samples = run.samples()
     elements = energy_elements(planned_energy(arm, samples), simulator.energies)
     summary = summarize(results, samples, simulator.energies, seconds, elements)
+    summary["guard_interventions"] = simulator.guard.interventions.count
     if output is not None:
         write(output, samples, summary)
         draw_move_page(simulated_move(kept_out, samples, goals, elements), output / PICTURE)
@@ -125,6 +136,25 @@ def simulate(
         if audit:
             print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
             print("\n".join(energy_text(elements)))
+    missed = [result for result in results if is_missed(result)]
+    for result in missed:
+        print(f"simulate: {missed_sentence(result, summary)}", file=sys.stderr)
+    return 1 if missed else 0
+
+
+def is_missed(result: GoalRun) -> bool:
+    """Whether the arm is not where a motion that has been over for a while should have led."""
+    return result.overdue > OVERDUE and result.goal_distance > REACHED
+
+
+def missed_sentence(result: GoalRun, summary: dict[str, Any]) -> str:
+    """Where the tip was instead."""
+    return (
+        f"the goal ({result.goal.x:g}, {result.goal.z:g}) m is missed: the tip is "
+        f"{1e3 * result.goal_distance:.0f} mm from it {result.overdue:.1f} s after its motion "
+        f"should have ended; the guard intervened {summary['guard_interventions']} times: the arm "
+        "that is simulated may ask more than plans and servo know of, --plant and --vary say what"
+    )
 
 
 def plant_of(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machine:
@@ -143,9 +173,9 @@ def plant_of(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machin
 
 
 def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:
-    if not 0.0 < duration <= LONGEST_TIME:
+    if not SHORTEST_TIME <= duration <= LONGEST_TIME:
         raise command_line.UsageError(
-            f"--goal: the time {duration:g} s must be above 0 and at most {LONGEST_TIME:g} s"
+            f"--goal: the time {duration:g} s must be within {SHORTEST_TIME:g} … {LONGEST_TIME:g} s"
         )
     return TimedGoal(x, z, duration)
 
@@ -225,7 +255,8 @@ def as_text(summary: dict[str, Any]) -> list[str]:
         f"{summary['max_chamber_pressure_mpa']:.2f} MPa in the chambers",
         f"to the oil {main['hydraulic']:.0f} J of the main pump, {servo['hydraulic']:.0f} J of the "
         f"servo pumps; at their shafts {main['shaft']:.0f} J and {servo['shaft']:.0f} J",
-        f"{summary['mode_switches']} mode switches",
+        f"{summary['mode_switches']} mode switches, {summary['guard_interventions']} interventions "
+        "of the guard",
         f"{summary['simulated_s']:.1f} s simulated at {summary['real_time_factor']:.1f} times "
         "real time",
     ]
@@ -261,7 +292,6 @@ def _audit(title: str, amounts: dict[str, float], delivered: float, gap: float) 
 
 def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:
     """samples.csv and summary.json in the folder `output`."""
-    output.mkdir(parents=True, exist_ok=True)
     np.savetxt(
         output / "samples.csv",
         samples.table(),

@@ -32,7 +32,10 @@ def read_recording(folder: Path, namespace: str = "") -> Recording:
         with Reader(folder) as reader:
             return decoded(partial(_raw, reader, namespace), f"the recording {folder}", namespace)
     except (ReaderError, FileNotFoundError) as error:
-        raise BagError(f"the recording {folder} cannot be read: {error}") from error
+        raise BagError(
+            f"the recording {folder} cannot be read: {str(error).rstrip('.')}; if it was cut off, "
+            f"complete it by record --repair {folder}"
+        ) from error
 
 
 def _raw(reader: Reader, namespace: str, topic: Topic) -> Iterator[tuple[int, bytes]]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from mhsb_model import command_line
-from mhsb_model.errors import MhsbError
+from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.evaluation.operating_regions import operating_regions
 from mhsb_planner.posture.posture_table_cache import table_for
@@ -73,7 +73,7 @@ def write_report(
     run = recorded_run(read_recording(bag, namespace), machine)
     regions = operating_regions(machine, table_for(machine, table))
     content = summary(run)
-    _make_folder(output)
+    make_output_folder(output, "the report")
     figures.draw_all(run, regions, output)
     if moves:
         figures.draw_moves(run, output)
@@ -102,12 +102,6 @@ def _text(value: Any) -> str:
             return ", ".join(_text(each) for each in value)
         case _:
             return str(value)
-
-
-def _make_folder(path: Path) -> None:
-    if path.exists() and not path.is_dir():
-        raise MhsbError(f"{path} is not a folder; name one for the report")
-    path.mkdir(parents=True, exist_ok=True)
 
 
 def main() -> int:

@@ -65,6 +65,7 @@ def summary(run: RecordedRun) -> Summary:
         "goals_sent": recording.goals_sent,
         "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
         "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
+        "goals_replaced": sum(goal.outcome is Outcome.REPLACED for goal in run.goals),
         "goals_superseded": sum(each.fate is Fate.SUPERSEDED for each in run.fates),
         "goals_refused": sum(each.fate is Fate.REFUSED for each in run.fates),
         "goals_lost": sum(each.fate is Fate.LOST for each in run.fates),

@@ -13,6 +13,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
@@ -79,6 +80,7 @@ def compare(
     except RequestError as error:
         raise command_line.UsageError(f"--weights: {error}") from error
     workers = jobs_of(jobs, scheduler)
+    make_output_folder(output, "the comparison")
     arm = load_machine(machine)
     asked = requests(arm, moves, truths)
     comparisons = compare_all(arm, chosen, asked, workers)

@@ -102,12 +102,14 @@ class GoalRun:
     replan          None where the arm was there already, or on its way there
     goal_distance   m, measured tip to goal at the end of the goal's time
     reference_jump  rad, of the reference at the hand-over
+    overdue         s, since the motion in force should have ended; negative where it goes on
     """
 
     goal: TimedGoal
     replan: Replan | None
     goal_distance: float
     reference_jump: float
+    overdue: float
 
 
 class HeadlessRun:
@@ -155,7 +157,9 @@ class HeadlessRun:
                 self._sample()
             simulator.step()
         tip = self.machine.tip_position(simulator.joint_state.position)
-        return GoalRun(goal, replan, float(np.hypot(*(tip - (goal.x, goal.z)))), jump)
+        distance = float(np.hypot(*(tip - (goal.x, goal.z))))
+        overdue = (simulator.time_ns - self._command.trajectory.end_ns) / SECOND_NS
+        return GoalRun(goal, replan, distance, jump, overdue)
 
     def _plan(self, goal: Goal) -> Replan | None:
         """A plan from what is in force; None where that leads to the goal already."""

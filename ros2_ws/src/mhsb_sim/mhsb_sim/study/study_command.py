@@ -14,6 +14,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import table_for
@@ -93,6 +94,7 @@ def study(
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     workers = jobs_of(jobs, scheduler)
+    make_output_folder(output, "the study")
     arm = load_machine(machine)
     if benchmark:
         if seed or any(each is not None for each in (scenarios, variations, plant, faults)):
@@ -142,7 +144,6 @@ def study_scenarios(
     bar = tqdm(run_study(arm, wanted, workers), total=len(wanted), unit="scenario", disable=None)
     order = {scenario.name: number for number, scenario in enumerate(wanted)}
     results = sorted(bar, key=lambda result: order[result.scenario.name])
-    output.mkdir(parents=True, exist_ok=True)
     comparison = compare(results)
     for name, content in (("summary", as_dicts(results)), ("comparison", comparison)):
         (output / f"{name}.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
@@ -178,7 +179,6 @@ def study_draws(
     runs = run_draws(machine, wanted, count, seed, jobs, plant, goals, controllers)
     bar = tqdm(runs, total=count, unit="draw", disable=None)
     records = [record for each in bar for record in each]
-    output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(draws_as_dicts(records), indent=2)
     (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
     return draws_as_text(records)
@@ -225,7 +225,6 @@ def study_faults(
         run_faults(machine, faults, SIDES[0], jobs), total=len(faults), unit="fault", disable=None
     )
     results = list(bar)
-    output.mkdir(parents=True, exist_ok=True)
     text = json.dumps([asdict(result.record) for result in results], indent=2)
     (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
     draw_faults(results, output)

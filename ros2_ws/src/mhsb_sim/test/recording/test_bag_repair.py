@@ -71,6 +71,24 @@ def test_a_repair_that_was_cut_off_is_begun_anew(whole):
     assert times(whole) == list(range(kept))
 
 
+def test_a_file_that_was_cut_off_later_is_mended_though_its_metadata_are_there(whole):
+    path = bag_format.data_file(whole)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    kept = repair(whole)
+    assert times(whole) == list(range(kept))
+    assert kept > 0.15 * COUNT
+    with pytest.raises(BagError, match="is complete"):
+        repair(whole)
+
+
+def test_a_torn_recording_whose_folder_was_renamed_is_mended_under_its_own_name(whole):
+    tear(whole, 0.8)
+    renamed = whole.rename(whole.with_name("kept"))
+    kept = repair(renamed)
+    assert times(renamed) == list(range(kept))
+    assert sorted(path.name for path in renamed.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
+
+
 def test_a_complete_recording_is_left_alone(whole):
     with pytest.raises(BagError, match="is complete; there is nothing to repair"):
         repair(whole)
