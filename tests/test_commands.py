@@ -72,6 +72,8 @@ BAD_ARGUMENTS = [
     (("mhsb_planner", "goal", "0.5", "up"), "Z takes"),
     (("mhsb_planner", "goal", "0.5"), "missing Z"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "positive time"),
+    (("mhsb_planner", "goal", "0.5", "0.1", "--tolerance", "-1"), "--tolerance takes a distance"),
+    (("mhsb_planner", "goal", "0.5", "0.1", "--psi-range", "3", "1"), "not 3 and 1"),
     (("mhsb_planner", "planner_node", "--fast"), "--fast"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/nowhere.yaml"), "nowhere"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "table:=/nowhere.npz"), "nowhere"),

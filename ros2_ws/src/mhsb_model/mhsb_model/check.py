@@ -167,7 +167,8 @@ def _workspace_lines(found: dict[str, Any]) -> list[str]:
         f"  {found['held']} are held at supply pressure",
         f"  {found['boosted']} need boost ({by_joint})",
         f"  {found['too_heavy']} are beyond the highest boost pressure",
-        f"  {found['no_posture']} have no posture within the joint limits",
+        f"  {found['no_posture']} have no posture within the joint limits at "
+        f"{PSI_SAMPLES} angles of the end link",
     ]
 
 

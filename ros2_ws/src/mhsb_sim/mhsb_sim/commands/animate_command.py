@@ -128,8 +128,9 @@ def _cut(move: Move, begin: float, end: float | None) -> Move:
     """The part between two times [s]; UsageError where there is nothing."""
     rows = (move.time >= begin) & (move.time <= (move.time[-1] if end is None else end))
     if np.count_nonzero(rows) < 2:
+        last = "the end" if end is None else f"--end {end:g}"
         raise command_line.UsageError(
-            f"nothing lies between --begin {begin:g} and --end; there are "
+            f"nothing lies between --begin {begin:g} and {last}; there are "
             f"{move.time[-1]:.1f} s in all"
         )
     return replace(
