@@ -301,6 +301,15 @@ class Machine:
                 )
         return problems
 
+    def check_all_revolute(self, source: str = "(in memory)") -> None:
+        """Raise MachineFileError where a joint slides, which no plan or simulation allows for."""
+        if self.has_telescope:
+            problem = (
+                f"joints.{self.slides.index(True)}.kind: prismatic joints are looked at by `ros2 "
+                "run mhsb_model check` alone; plans and simulations need all joints revolute"
+            )
+            raise MachineFileError(source, [problem])
+
     def check_in_workspace(self, x: float, z: float) -> None:
         """Raise OutOfWorkspaceError where the tip may not be asked to go to (x, z)."""
         area = self.config.workspace
@@ -323,14 +332,7 @@ def load_machine(path: str | Path | None = None) -> Machine:
     Raises MachineFileError with all problems, and where a joint slides.
     """
     machine = described_machine(path)
-    if machine.has_telescope:
-        raise MachineFileError(
-            str(path),
-            [
-                f"joints.{machine.slides.index(True)}.kind: prismatic joints are looked at by "
-                "`ros2 run mhsb_model check` alone; plans and simulations need all joints revolute"
-            ],
-        )
+    machine.check_all_revolute(str(path))
     return machine
 
 
