@@ -21,6 +21,7 @@ from mhsb_planner.ros import planner_parameters
 from mhsb_sim.ros import sim_parameters
 
 FOLDER = Path(__file__).resolve().parent
+OF_SEVERAL_KINDS = ("joints.0", "link", "limits", "linkage")
 GENERATED = "<!-- written by docs/reference.py -->\n"
 
 
@@ -88,7 +89,7 @@ def _parameter_row(node: Node, name: str) -> str:
 
 def machine_file_page() -> str:
     """Every key of a machine file, with range, unit and meaning."""
-    sections = "\n\n".join(_sections("", schema.MachineConfig))
+    sections = "\n\n".join(dict.fromkeys(_sections("", schema.MachineConfig)))
     return f"""# The machine file
 
 {GENERATED}
@@ -111,7 +112,7 @@ def _sections(path: str, model: type[schema.Section]) -> Iterator[str]:
         rows.append(_key_row(name, field, bool(inner), place))
         below += [(place + (".0" if many else ""), each) for each in inner]
     title = f"`{path}`" if path else "Top level"
-    kinds = f" ({model.__name__})" if path.endswith("linkage") else ""
+    kinds = f" ({model.__name__})" if path.endswith(OF_SEVERAL_KINDS) else ""
     text = _cell(inspect.cleandoc(model.__doc__ or "").replace("\n\n", " "))
     header = "| key | values | default | meaning |\n|---|---|---|---|\n"
     yield f"## {title}{kinds}\n\n{text}\n\n{header}" + "\n".join(rows)

@@ -34,6 +34,8 @@ COMMANDS = {
 
 NODES = ("planner_node", "sim_node", "record", "viewer")
 
+TELESCOPE = str(ROOT / "config/telescope_arm.yaml")
+
 BAD_ARGUMENTS = [
     (("mhsb_model", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
     (("mhsb_planner", "build_table", "--spacing", "-0.05"), "spacing"),
@@ -61,6 +63,20 @@ BAD_ARGUMENTS = [
     (
         ("mhsb_planner", "reproduce", "--machine", str(ROOT / "config/mhsb_arm4.yaml")),
         "the machine must have 3 joints, as the paper's (is mhsb_arm4)",
+    ),
+    (
+        ("mhsb_planner", "plan", "--machine", TELESCOPE, "--start=0.5", "0", "--goal=0.5", "0.3"),
+        "prismatic joints are looked at by",
+    ),
+    (("mhsb_planner", "build_table", "--machine", TELESCOPE), "prismatic joints are looked at by"),
+    (("mhsb_sim", "demo", "--machine", TELESCOPE, "--output", "x"), "prismatic joints are looked"),
+    (
+        ("mhsb_sim", "sim_node", "--ros-args", "-p", f"machine:={TELESCOPE}"),
+        "prismatic joints are looked at by",
+    ),
+    (
+        ("mhsb_planner", "planner_node", "--ros-args", "-p", f"machine:={TELESCOPE}"),
+        "prismatic joints are looked at by",
     ),
     (("mhsb_planner", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_planner", "build_table", "--scheduler", "x", "--jobs", "2"), "leave it out with"),

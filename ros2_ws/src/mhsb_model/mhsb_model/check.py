@@ -13,9 +13,8 @@ import tyro
 
 from mhsb_model import command_line, hydraulics
 from mhsb_model.linkages import linkage
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine, described_machine
 from mhsb_model.obstacles.clearance import clearances
-from mhsb_model.statics import piston_forces_in
 from mhsb_model.types import FloatArray
 
 GRID = 0.05
@@ -34,7 +33,7 @@ def check(
         file: Machine file (YAML, SI units); the suite's own arm when left out.
         json_: Print one JSON object, in SI units, instead of text.
     """
-    machine = load_machine(file)
+    machine = described_machine(file)
     if json_:
         print(json.dumps(facts(machine)))
     else:
@@ -82,12 +81,13 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
                 arrays.cap_area[j], arrays.rod_area[j], arrays.tank_pressure, force, force
             )
         )
+    slides = machine.slides[j]
     return {
         "linkage": joint.linkage.kind,
-        "range_rad": [float(lower), float(upper)],
+        "range_m" if slides else "range_rad": [float(lower), float(upper)],
         "moment_arm_m": [float(least), float(largest)],
         "stroke_m": float(np.ptp(lengths)),
-        "straight_out_torque_nm": torque,
+        "straight_out_force_n" if slides else "straight_out_torque_nm": torque,
         "straight_out_load_pressure_pa": pressure,
     }
 
@@ -98,15 +98,19 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
         "straight out: [N m]  p_L [MPa]"
     ]
     for number, joint in enumerate(joints, start=1):
-        lower, upper = map(math.degrees, joint["range_rad"])
+        slides, pressure = "range_m" in joint, joint["straight_out_load_pressure_pa"]
+        lower, upper = (1e3 * q for q in joint["range_m"]) if slides else map(
+            math.degrees, joint["range_rad"]
+        )
+        torque = joint["straight_out_force_n" if slides else "straight_out_torque_nm"]
         least, largest = joint["moment_arm_m"]
-        torque, pressure = joint["straight_out_torque_nm"], joint["straight_out_load_pressure_pa"]
+        arms = f" mm{'-':>14s}" if slides else f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
         shown = "    outside the joint's range"
         if torque is not None:
-            shown = f"{torque:10.1f} {pressure / 1e6:16.2f}"
+            newtons = f"{torque:8.1f} N" if slides else f"{torque:10.1f}"
+            shown = f"{newtons} {pressure / 1e6:16.2f}"
         lines.append(
-            f"{number:5d}  {joint['linkage']:12s} {lower:7.1f} …{upper:6.1f}"
-            f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
+            f"{number:5d}  {joint['linkage']:12s} {lower:7.1f} …{upper:6.1f}{arms}"
             f"  {1e3 * joint['stroke_m']:12.1f}  {shown}"
         )
     return lines
@@ -217,8 +221,7 @@ def _lightest_hold(machine: Machine, x: float, z: float) -> FloatArray | None:
     postures = machine.postures(x, z, psi)
     if len(postures) == 0:
         return None
-    force = np.empty(postures.shape)
-    piston_forces_in(machine.arrays, postures, force)
+    force = machine.piston_forces_in(postures)
     needed = hydraulics.required_pressures(machine.arrays, force, np.zeros(force.shape))
     return np.array(needed[np.argmin(needed.max(axis=1))])
 

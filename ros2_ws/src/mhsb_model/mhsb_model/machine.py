@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mhsb_model import kinematics, statics
+from mhsb_model import kinematics, statics, telescope_dynamics, telescopes
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
@@ -27,7 +27,7 @@ from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
-from mhsb_model.schema import LINKAGE_KINDS, MachineConfig, problems_across
+from mhsb_model.schema import JOINT_KINDS, LINKAGE_KINDS, MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
@@ -53,6 +53,7 @@ class Machine:
     """A manipulator with n joints, each driven by one actuator.
 
     Vectors over joints are float64[n]: angles in rad, torques in N m, forces in N, lengths in m.
+    Where a joint slides, its q is in m and its torque a force in N.
     """
 
     config: MachineConfig
@@ -95,6 +96,16 @@ class Machine:
     def actuator_names(self) -> tuple[str, ...]:
         """`actuator_1` … in the order of the machine file."""
         return tuple(f"actuator_{i + 1}" for i in range(self.joint_count))
+
+    @cached_property
+    def slides(self) -> telescopes.Slides:
+        """Of each joint, whether it is prismatic."""
+        return tuple(joint.kind == "prismatic" for joint in self.config.joints)
+
+    @property
+    def has_telescope(self) -> bool:
+        """Whether a joint is prismatic."""
+        return any(self.slides)
 
     @cached_property
     def kept_joints(self) -> tuple[int, ...]:
@@ -161,27 +172,48 @@ class Machine:
 
     def tip_position(self, q: FloatArray) -> FloatArray:
         """Tip (x, z) at the joint angles q, float64[2]."""
-        return np.array(kinematics.tip_position(self.arrays.link_length, q))
+        length = self.arrays.link_length
+        if self.has_telescope:
+            length, q = telescopes.extended(self.slides, length, q), self._turned(q)
+        return np.array(kinematics.tip_position(length, q))
+
+    @property
+    def _chain(self) -> statics.Chain:
+        return statics.Chain(*statics.chain_of(self.arrays))
+
+    def _turned(self, q: FloatArray) -> FloatArray:
+        return telescopes.turned(self.slides, q)
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """∂(x, z)/∂q, float64[2, n]."""
+        if self.has_telescope:
+            return telescopes.tip_jacobian(self.slides, self.arrays.link_length, q)
         return kinematics.tip_jacobian(self.arrays.link_length, q)
 
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
         """Postures within limits at (x, z) for the end-link angles psi, float64[found, n].
 
-        All with three joints, of more those of `tip_postures.postures`.
+        All with three joints, of more those of `tip_postures.postures`; with telescopes those of
+        `tip_postures.telescope_postures`.
         """
+        if self.has_telescope:
+            angles = np.asarray(psi, dtype=float)
+            return tip_postures.telescope_postures(self.arrays, self.slides, x, z, angles)
         return tip_postures.postures(self.arrays, x, z, np.asarray(psi, dtype=float))
 
     def gravity_torque(self, q: FloatArray) -> FloatArray:
         """Torques that hold the arm and its payload."""
+        if self.has_telescope:
+            rest = np.zeros(self.joint_count)
+            return self.inverse_dynamics(q, rest, rest)
         torque = np.empty(self.joint_count)
         statics.gravity_torque(self.arrays, q, torque)
         return torque
 
     def inverse_dynamics(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Torques that move the arm and its payload, gravity included; q̇ [rad/s], q̈ [rad/s²]."""
+        if self.has_telescope:
+            return telescope_dynamics.torques(self._chain, self.slides, q, qd, qdd)
         weight, torque = np.empty(self.joint_count), np.empty(self.joint_count)
         work = np.empty((statics.MOTION_WORK, self.joint_count))
         state = (np.array(values, dtype=np.float64) for values in (q, qd, qdd))
@@ -190,16 +222,28 @@ class Machine:
 
     def piston_forces(self, q: FloatArray) -> FloatArray:
         """Cylinder forces that hold the arm and its payload, positive resists extension."""
+        if self.has_telescope:
+            return self.gravity_torque(q) / self.moment_arms(q)
         force = np.empty(self.joint_count)
         statics.piston_forces(self.arrays, np.array(q), force)  # a copy: one type for the kernel
         return force
 
+    def piston_forces_in(self, postures: FloatArray) -> FloatArray:
+        """The same in each of the postures float64[k, n], float64[k, n]."""
+        if self.has_telescope:
+            return np.array([self.piston_forces(q) for q in postures]).reshape(postures.shape)
+        force = np.empty(postures.shape)
+        statics.piston_forces_in(self.arrays, postures, force)
+        return force
+
     def mass_matrix(self, q: FloatArray) -> FloatArray:
         """Mass matrix of links and payload, float64[n, n] kg m²."""
+        if self.has_telescope:
+            return telescope_dynamics.mass_matrix(self._chain, self.slides, q)
         return statics.mass_matrix(self.arrays, q)
 
     def moment_arms(self, q: FloatArray) -> FloatArray:
-        """Signed moment arms r = dL/dq."""
+        """Signed moment arms r = dL/dq; 1 where a joint slides."""
         rows = self.arrays.linkage
         return np.array([linkage.moment_arm(rows[j], q[j]) for j in range(self.joint_count)])
 
@@ -257,6 +301,15 @@ class Machine:
                 )
         return problems
 
+    def check_all_revolute(self, source: str = "(in memory)") -> None:
+        """Raise MachineFileError where a joint slides, which no plan or simulation allows for."""
+        if self.has_telescope:
+            problem = (
+                f"joints.{self.slides.index(True)}.kind: prismatic joints are looked at by `ros2 "
+                "run mhsb_model check` alone; plans and simulations need all joints revolute"
+            )
+            raise MachineFileError(source, [problem])
+
     def check_in_workspace(self, x: float, z: float) -> None:
         """Raise OutOfWorkspaceError where the tip may not be asked to go to (x, z)."""
         area = self.config.workspace
@@ -274,7 +327,17 @@ class Machine:
 
 
 def load_machine(path: str | Path | None = None) -> Machine:
-    """Machine of a YAML file, or the suite's own; raises MachineFileError with all problems."""
+    """Machine of a YAML file, or the suite's own, to plan for and to simulate.
+
+    Raises MachineFileError with all problems, and where a joint slides.
+    """
+    machine = described_machine(path)
+    machine.check_all_revolute(str(path))
+    return machine
+
+
+def described_machine(path: str | Path | None = None) -> Machine:
+    """The same with prismatic joints, too, which nothing plans for yet."""
     file = Path(path) if path else config_file(MACHINE_FILE)
     try:
         content = read_yaml(file)
@@ -304,8 +367,9 @@ def _validated(content: Any, source: str) -> Machine:
 
 
 def _path(item: Any) -> str:
-    """Where in the file, without the kind of linkage that pydantic puts in between."""
-    return ".".join(str(part) for part in item["loc"] if part not in LINKAGE_KINDS)
+    """Where in the file, without the kinds of joint and linkage that pydantic puts in between."""
+    kinds = (*LINKAGE_KINDS, *JOINT_KINDS)
+    return ".".join(str(part) for part in item["loc"] if part not in kinds)
 
 
 def _sentence(item: Any) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -28,6 +28,20 @@ class Link(Section):
     length: Positive = Field(le=20, description="joint to next joint [m]")
     mass: NonNegative = Field(description="[kg]")
     center_of_mass: NonNegative = Field(description="distance from the link's joint [m]")
+    inertia: NonNegative = Field(description="about the centre of mass, in the plane [kg m²]")
+
+
+class Extension(Section):
+    """The sliding part of a telescope; retracted, its tip lies `length` beyond the link before."""
+
+    length: NonNegative = Field(
+        le=20, description="tip of the link before to the own tip at q = 0 [m]"
+    )
+    mass: NonNegative = Field(description="[kg]")
+    center_of_mass: float = Field(
+        ge=-20,
+        description="at q = 0, beyond the tip of the link before; negative inside that link [m]",
+    )
     inertia: NonNegative = Field(description="about the centre of mass, in the plane [kg m²]")
 
 
@@ -69,9 +83,18 @@ class FourBar(Section):
     parent_pin: Pin = Field(description="of the cylinder")
 
 
-Linkage = Annotated[SliderCrank | FourBar, Field(discriminator="kind")]
-LINKAGE_KINDS = ("slider_crank", "four_bar")
-PLANNED_KINDS = ("slew", "prismatic")
+class Direct(Section):
+    """A cylinder along a telescope: L = retracted length + q, r = dL/dq = 1."""
+
+    kind: Literal["direct"]
+    retracted_length: Positive = Field(le=20, description="pin to pin at q = 0 [m]")
+
+
+TurningLinkage = Annotated[SliderCrank | FourBar, Field(discriminator="kind")]
+Linkage = SliderCrank | FourBar | Direct
+LINKAGE_KINDS = ("slider_crank", "four_bar", "direct")
+JOINT_KINDS = ("revolute", "prismatic")
+PLANNED_KINDS = ("slew",)
 """Of joints that a machine file will be able to have."""
 
 
@@ -83,29 +106,66 @@ class Cylinder(Section):
 
 
 class Limits(Section):
-    """Range of a joint."""
+    """Range of a revolute joint."""
 
     lower: Angle = Field(description="[rad]")
     upper: Angle = Field(description="[rad]")
 
 
+class Stroke(Section):
+    """Range of a prismatic joint, from where it is retracted."""
+
+    lower: NonNegative = Field(le=20, description="[m]")
+    upper: Positive = Field(le=20, description="[m]")
+
+
 def _known_kind(kind: Any) -> Any:
     """Kinds that a later version of the file will have are refused by name."""
     if kind in PLANNED_KINDS:
-        raise ValueError(f"{kind} joints are not there yet; all joints have to be revolute")
+        raise ValueError(f"{kind} joints are not there yet; joints are {' or '.join(JOINT_KINDS)}")
     return kind
 
 
-class Joint(Section):
-    """A revolute joint, its link, its linkage and the cylinder that drives it."""
+class RevoluteJoint(Section):
+    """A joint in the plane, its link, its linkage and the cylinder that drives it."""
 
     kind: Annotated[Literal["revolute"], BeforeValidator(_known_kind)] = Field(
         default="revolute", description="of the joint; schema version 2 needs it"
     )
     link: Link
     limits: Limits
-    linkage: Linkage
+    linkage: TurningLinkage
     cylinder: Cylinder
+
+
+class PrismaticJoint(Section):
+    """A telescope along the link before, and the cylinder that drives it directly.
+
+    q [m] is how far it is extended; a force [N] stands where other joints have a torque.
+    """
+
+    kind: Literal["prismatic"]
+    link: Extension
+    limits: Stroke
+    linkage: Direct
+    cylinder: Cylinder
+
+
+def _joint_tag(content: Any) -> str:
+    """Whatever does not say `prismatic` is held to be revolute, and told what is wrong with it."""
+    kind = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
+    return "prismatic" if kind == "prismatic" else "revolute"
+
+
+Joint = Annotated[
+    Annotated[RevoluteJoint, Tag("revolute")] | Annotated[PrismaticJoint, Tag("prismatic")],
+    Discriminator(_joint_tag),
+]
+
+
+def unit_of(joint: RevoluteJoint | PrismaticJoint) -> str:
+    """Of q: rad, or m where the joint slides."""
+    return "m" if isinstance(joint, PrismaticJoint) else "rad"
 
 
 class Payload(Section):
@@ -313,7 +373,9 @@ class Simulation(Section):
     circuit_substeps: int = Field(
         ge=1, le=100, description="of the circuit in one of the mechanics [-]"
     )
-    start_posture: tuple[Angle, ...] = Field(description="joint angles at the start [rad]")
+    start_posture: tuple[Angle, ...] = Field(
+        description="joint angles at the start [rad], extensions of telescopes [m]"
+    )
 
 
 class Stiction(Section):
@@ -443,7 +505,7 @@ def problems_across(config: MachineConfig) -> list[str]:
     """Every rule across fields that the configuration breaks, as `path: sentence`."""
     problems = _workspace_problems(config) + _hydraulic_problems(config)
     problems += _start_problems(config) + _keep_out_problems(config) + _version_problems(config)
-    problems += _kept_problems(config)
+    problems += _kept_problems(config) + _telescope_problems(config)
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
     return problems
@@ -452,6 +514,7 @@ def problems_across(config: MachineConfig) -> list[str]:
 def _workspace_problems(config: MachineConfig) -> list[str]:
     area = config.workspace
     reach = sum(joint.link.length for joint in config.joints)
+    reach += sum(joint.limits.upper for joint in config.joints if joint.kind == "prismatic")
     problems = []
     if area.min_radius >= area.max_radius:
         problems.append(
@@ -468,7 +531,8 @@ def _workspace_problems(config: MachineConfig) -> list[str]:
 def _version_problems(config: MachineConfig) -> list[str]:
     """In files of version 1 all joints are revolute, later ones name the kind of each."""
     return [
-        f"joints.{index}.kind: is missing; in schema_version 2 a joint has one: revolute"
+        f"joints.{index}.kind: is missing; in schema_version 2 a joint has one: "
+        f"{' or '.join(JOINT_KINDS)}"
         for index, joint in enumerate(config.joints)
         if config.schema_version > 1 and "kind" not in joint.model_fields_set
     ]
@@ -483,6 +547,31 @@ def _kept_problems(config: MachineConfig) -> list[str]:
         f"motion.kept_joints: {list(kept)} must be {joints - 2} different ones of the joints 1 to "
         f"{joints}, so that two are left to reach the tip position"
     ]
+
+
+def _telescope_problems(config: MachineConfig) -> list[str]:
+    """A telescope slides along a link that turns."""
+    kinds = [joint.kind for joint in config.joints]
+    if "prismatic" not in kinds:
+        return []
+    problems = []
+    if kinds[0] == "prismatic":
+        problems.append("joints.0.kind: joint 1 must be revolute, a telescope needs a link before")
+    problems += [
+        f"joints.{index}.kind: two prismatic joints in succession slide along one line; give one "
+        "the stroke of both"
+        for index in range(1, len(kinds))
+        if kinds[index - 1] == kinds[index] == "prismatic"
+    ]
+    if (turning := kinds.count("revolute")) < 2:
+        problems.append(
+            f"joints: {turning} of them are revolute, a chain with a telescope needs at least 2"
+        )
+    if config.keep_out != KeepOut():
+        problems.append("keep_out: nothing keeps clear with a telescope yet; leave it out")
+    if config.schema_version < 2:
+        problems.append("schema_version: prismatic joints need version 2")
+    return problems
 
 
 def _hydraulic_problems(config: MachineConfig) -> list[str]:
@@ -516,8 +605,8 @@ def _start_problems(config: MachineConfig) -> list[str]:
             f"the machine has {len(config.joints)} joints"
         ]
     return [
-        f"simulation.start_posture.{j}: {q:g} rad is outside the joint's limits "
-        f"[{joint.limits.lower:g}, {joint.limits.upper:g}] rad"
+        f"simulation.start_posture.{j}: {q:g} {unit_of(joint)} is outside the joint's limits "
+        f"[{joint.limits.lower:g}, {joint.limits.upper:g}] {unit_of(joint)}"
         for j, (q, joint) in enumerate(zip(start, config.joints, strict=True))
         if not joint.limits.lower <= q <= joint.limits.upper
     ]
@@ -539,12 +628,12 @@ def _keep_out_problems(config: MachineConfig) -> list[str]:
     return problems
 
 
-def _joint_problems(path: str, joint: Joint) -> list[str]:
-    problems = []
+def _joint_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> list[str]:
+    problems, unit = [], unit_of(joint)
     if joint.limits.lower >= joint.limits.upper:
         problems.append(
-            f"{path}.limits.lower: {joint.limits.lower:g} rad must be below "
-            f"upper {joint.limits.upper:g} rad"
+            f"{path}.limits.lower: {joint.limits.lower:g} {unit} must be below "
+            f"upper {joint.limits.upper:g} {unit}"
         )
     if joint.cylinder.rod >= joint.cylinder.bore:
         problems.append(

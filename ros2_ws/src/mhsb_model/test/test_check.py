@@ -81,3 +81,11 @@ def test_json_has_the_numbers_of_the_text_in_si_units(machine):
     shown = [joint["straight_out_torque_nm"] for joint in found["joints"]]
     assert shown[1] is None  # straight is outside of its range
     np.testing.assert_allclose([shown[0], shown[2]], [torque[0], torque[2]])
+
+
+def test_a_telescope_is_told_in_millimetres_and_newtons(telescope_machine):
+    text = "\n".join(check.report(telescope_machine))
+    assert re.search(r"3  direct +0\.0 … 250\.0 mm +- +250\.0 +-?0\.0 N", text)
+    found = check.facts(telescope_machine)
+    assert found["joints"][2]["range_m"] == [0.0, 0.25]
+    assert found["workspace"]["held"] + found["workspace"]["boosted"] > 650

@@ -9,7 +9,7 @@ import yaml
 
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
-from mhsb_model.machine import MACHINE_FILE, load_machine
+from mhsb_model.machine import MACHINE_FILE, described_machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 
 
@@ -171,17 +171,16 @@ def test_a_file_of_version_2_that_names_the_joints_is_the_same_machine(load, mac
     assert again.changed(payload=1.0).config.schema_version == 2
 
 
-@pytest.mark.parametrize("kind", ["slew", "prismatic"])
-def test_kinds_of_joints_that_are_to_come_are_refused_by_name(load, kind):
+def test_kinds_of_joints_that_are_to_come_are_refused_by_name(load):
     def spoil(content):
         version_2(content)
-        content["joints"][1]["kind"] = kind
+        content["joints"][1]["kind"] = "slew"
         content["joints"][2]["kind"] = "screw"
 
     with pytest.raises(MachineFileError) as caught:
         load(spoil)
     one, other = caught.value.problems
-    assert one.startswith(f"joints.1.kind: value error, {kind} joints are not there yet")
+    assert one.startswith("joints.1.kind: value error, slew joints are not there yet")
     assert other.startswith("joints.2.kind: input should be 'revolute'")
 
 
@@ -296,3 +295,64 @@ def test_a_machine_sent_to_another_process_is_the_same_and_as_little_to_be_writt
         np.testing.assert_array_equal(here, there)
         if isinstance(here, np.ndarray):
             assert not there.flags.writeable
+
+
+def test_a_machine_with_a_telescope_is_described_and_not_planned_for(telescope_machine):
+    assert telescope_machine.slides == (False, False, True)
+    assert telescope_machine.arrays.joint_max[2] == 0.25
+    assert telescope_machine.cylinder_lengths(np.array([0.0, -1.0, 0.2]))[2] == 0.33 + 0.2
+    assert telescope_machine.moment_arms(np.array([0.0, -1.0, 0.2]))[2] == 1.0
+    arrays = telescope_machine.arrays
+    fastest = arrays.main_pump_flow / arrays.rod_area[2]
+    assert telescope_machine.fastest_joints[2] == pytest.approx(fastest)
+    with pytest.raises(MachineFileError, match=r"joints\.2\.kind: prismatic joints are looked at"):
+        load_machine(config_file("telescope_arm.yaml"))
+
+
+def spoilt_telescope(tmp_path, change) -> list[str]:
+    """What is told of the telescope's file after a change to its content."""
+    content = yaml.safe_load(config_file("telescope_arm.yaml").read_text(encoding="utf-8"))
+    change(content)
+    file = tmp_path / "machine.yaml"
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(MachineFileError) as caught:
+        described_machine(file)
+    return caught.value.problems
+
+
+def test_everything_wrong_with_telescopes_is_told_at_once(tmp_path):
+    def spoil(content):
+        boom, _, telescope = content["joints"]
+        content["joints"] = [telescope, dict(telescope), boom]
+        content["keep_out"] = {"boxes": [{"x_min": 0, "z_min": 0, "x_max": 1, "z_max": 1}]}
+        content["schema_version"] = 1
+        content["simulation"]["start_posture"] = [0.5, 0.1, 0.0]
+
+    told = "\n".join(spoilt_telescope(tmp_path, spoil))
+    for sentence in (
+        "joints.0.kind: joint 1 must be revolute",
+        "joints.1.kind: two prismatic joints in succession slide along one line",
+        "joints: 1 of them are revolute, a chain with a telescope needs at least 2",
+        "keep_out: nothing keeps clear with a telescope yet",
+        "schema_version: prismatic joints need version 2",
+        "simulation.start_posture.0: 0.5 m is outside the joint's limits [0, 0.25] m",
+    ):
+        assert sentence in told
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "sentence"),
+    [
+        (["limits", "lower"], -0.1, r"joints\.2\.limits\.lower: .*greater than or equal to 0"),
+        (["limits", "lower"], 0.3, r"joints\.2\.limits\.lower: 0\.3 m must be below upper 0\.25 m"),
+        (["link", "length"], -0.1, r"joints\.2\.link\.length: .*greater than or equal to 0"),
+        (["linkage", "kind"], "four_bar", r"joints\.2\.linkage\.kind: input should be 'direct'"),
+        (["linkage", "retracted_length"], 0.2, r"from 0\.2 m to 0\.45 m within \[0, 0\.25\] m"),
+    ],
+)
+def test_each_wrong_value_of_a_telescope_has_its_sentence(tmp_path, path, value, sentence):
+    def spoil(content):
+        section, key = path
+        content["joints"][2][section][key] = value
+
+    assert re.search(sentence, "\n".join(spoilt_telescope(tmp_path, spoil)))

@@ -1,6 +1,8 @@
-"""Postures with the tip at a point, of planar chains with three or more revolute joints.
+"""Postures with the tip at a point, of planar chains with three or more joints.
 
-The tip leaves n − 2 angles free. Here these are
+The tip leaves n − 2 joints free. Where telescopes are in the chain, their extensions are among
+these, and with them held the rest is a chain of revolute joints (`telescope_postures`). Of that the
+free angles are
 
     free = (q₁ … q₍ₙ₋₃₎, ψ),  ψ = Σ q
 
@@ -17,6 +19,7 @@ import math
 
 import numpy as np
 
+from mhsb_model import telescopes
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits, wrap_near
 from mhsb_model.kernels.kernel import kernel
@@ -26,7 +29,7 @@ LEAST_JOINTS = 3
 """Fewer leave no angle free at a tip position, which is what all planners choose."""
 
 INNER_SAMPLES = 24
-"""Angles of each inner joint for which postures are looked for."""
+"""Angles of each inner joint, and extensions of a telescope, for which postures are looked for."""
 
 TANGENT = 1e-12
 """A cosine beyond ±1 by no more than this is a touching triangle, computed with rounding."""
@@ -97,6 +100,37 @@ def postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArra
                     found[count] = q
                     count += 1
     return found[:count]
+
+
+@kernel
+def _two_joint_postures(m: MachineArrays, x: float, z: float) -> FloatArray:
+    """Postures within limits at (x, z) m of a chain with two joints, float64[found, 2]."""
+    found, count = np.empty((2, 2)), 0
+    q = np.empty(2)
+    for side in (-1, 1):
+        if close_chain(m, x, z, 0, 1, side, q) and within_limits(m, q):
+            found[count] = q
+            count += 1
+    return found[:count]
+
+
+def telescope_postures(
+    m: MachineArrays, slides: telescopes.Slides, x: float, z: float, psi: FloatArray
+) -> FloatArray:
+    """Postures within limits at (x, z) m of a chain in which joints slide, float64[found, n].
+
+    `INNER_SAMPLES` extensions of each telescope, limits included. Where two joints turn, these
+    close the chain in closed form, and ψ follows; where more do, ψ is one of `psi` [rad].
+    """
+    found = [np.empty((0, len(slides)))]
+    for extension in telescopes.extension_samples(m, slides, INNER_SAMPLES):
+        held = telescopes.with_extensions_held(m, slides, extension)
+        if len(held.link_length) == 2:
+            angles = _two_joint_postures(held, x, z)
+        else:
+            angles = postures(held, x, z, psi)
+        found.append(telescopes.with_extensions(slides, angles, extension))
+    return np.concatenate(found)
 
 
 @kernel

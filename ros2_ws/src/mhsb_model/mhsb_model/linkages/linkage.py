@@ -3,7 +3,8 @@
 A linkage is one row of `LINKAGE_WIDTH` numbers, its kind first, so that kernels can take the
 linkages of all joints as one array. Sign convention: r = dL/dq, so that τ = r F and the piston's
 speed is r q̇; r is negative where extension turns the joint negatively. The equations of the
-kinds are in `slider_crank` and `four_bar`.
+kinds are in `slider_crank` and `four_bar`; a `direct` cylinder along a telescope has L = L₀ + q,
+with q [m] in place of an angle, and r = 1.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages import four_bar, slider_crank
-from mhsb_model.schema import Linkage, SliderCrank
+from mhsb_model.schema import Direct, Linkage, SliderCrank
 from mhsb_model.types import FloatArray
 
 SLIDER_CRANK = 0.0
 FOUR_BAR = 1.0
+DIRECT = 2.0
 LINKAGE_WIDTH = 10
 """The kind, then the numbers of the longer kind; the shorter one leaves the last at zero."""
 
@@ -30,6 +32,8 @@ def linkage_row(linkage: Linkage) -> FloatArray:
     """Numbers of a linkage as the kernels take them, float64[LINKAGE_WIDTH]."""
     if isinstance(linkage, SliderCrank):
         numbers = [SLIDER_CRANK, *slider_crank.numbers(linkage)]
+    elif isinstance(linkage, Direct):
+        numbers = [DIRECT, linkage.retracted_length]
     else:
         numbers = [FOUR_BAR, *four_bar.numbers(linkage)]
     row = np.zeros(LINKAGE_WIDTH)
@@ -40,12 +44,14 @@ def linkage_row(linkage: Linkage) -> FloatArray:
 @kernel(inline="always")
 def motion(linkage: FloatArray, q: float) -> tuple[float, float, float]:
     """L(q) [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad]."""
+    if linkage[0] == DIRECT:
+        return linkage[1] + q, 1.0, 0.0
     return motion_at(linkage, math.cos(q), math.sin(q))
 
 
 @kernel(inline="always")
 def motion_at(linkage: FloatArray, cosine: float, sine: float) -> tuple[float, float, float]:
-    """The same at cos q and sin q, where they are known."""
+    """The same at cos q and sin q, where they are known; not for a direct cylinder."""
     if linkage[0] == FOUR_BAR:
         _, _, length, arm, slope = four_bar.motion(linkage, cosine, sine)
         return length, arm, slope

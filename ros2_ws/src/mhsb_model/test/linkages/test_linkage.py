@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mhsb_model.linkages import linkage
-from mhsb_model.schema import Pin, SliderCrank
+from mhsb_model.schema import Direct, Pin, SliderCrank
 
 radii = st.floats(0.01, 1.0)
 angles = st.floats(-3.0, 3.0)
@@ -82,3 +82,12 @@ def test_the_joint_angle_is_found_where_the_moment_arm_changes_much():
             length = linkage.cylinder_length(row, q)
             found = linkage.joint_angle(row, length, lower, upper, guess)
             assert linkage.cylinder_length(row, found) == pytest.approx(length, abs=1e-14)
+
+
+def test_a_direct_cylinder_is_as_much_longer_as_its_joint_is_extended():
+    row = linkage.linkage_row(Direct(kind="direct", retracted_length=0.33))
+    extension = np.linspace(0.0, 0.25, 11)
+    found = linkage.motions(row, extension)
+    assert found[:, 0].tolist() == (0.33 + extension).tolist()
+    assert found[:, 1:].tolist() == [[1.0, 0.0]] * 11
+    assert linkage.joint_angle(row, 0.43, 0.0, 0.25, 0.2) == pytest.approx(0.1, abs=1e-15)

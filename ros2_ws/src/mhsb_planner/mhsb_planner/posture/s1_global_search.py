@@ -293,8 +293,9 @@ def build_posture_table(
     jobs: threads, or a cluster; the result does not depend on them. progress(done, total) is told
     the nodes, cancelled() is asked between tasks.
     Raises RequestError for a useless spacing, PlanningCancelledError, ClusterError, and
-    EmptyTableError where no node has a posture.
+    EmptyTableError where no node has a posture; MachineFileError where a joint slides.
     """
+    machine.check_all_revolute()
     nodes = grid_nodes(machine, spacing)
     position = nodes.astype(np.float64) * spacing
     posture = np.empty((len(nodes), *machine.patterns.shape))

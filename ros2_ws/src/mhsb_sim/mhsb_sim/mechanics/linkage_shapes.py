@@ -10,7 +10,7 @@ import numpy as np
 from mhsb_model import kinematics
 from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.machine import Machine
-from mhsb_model.schema import FourBar, Pin
+from mhsb_model.schema import Direct, FourBar, Pin
 from mhsb_model.types import FloatArray
 
 BARREL_SHARE = 0.85
@@ -40,6 +40,8 @@ def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
     angle = np.concatenate(([0.0], np.cumsum(q)))  # of the link before each joint, and of the last
     bars = []
     for j, joint in enumerate(machine.config.joints):
+        if isinstance(joint.linkage, Direct):
+            continue  # within the boom
         parent_pin = _pin(joints[j], angle[j], joint.linkage.parent_pin)
         rod_end = child_pin = _pin(joints[j], angle[j + 1], joint.linkage.child_pin)
         if isinstance(joint.linkage, FourBar):

@@ -4,6 +4,7 @@ Linkages have no mass: a cylinder acts on its joint alone, by τ = r(q) F with t
 `mhsb_model.linkages`, which holds for every kind and is exact. (Rocker and coupler as bodies of
 50 g, closed by an equality constraint, are 4e-4 of the torque off and double the time of a step.)
 The plane is x (forward), z (up); joints turn about −y, so that a positive angle raises the tip.
+A telescope slides along its link's x axis, from the tip of the link before.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ import math
 import mujoco
 
 from mhsb_model.machine import Machine
-from mhsb_model.schema import FourBar, Joint, Linkage, Pin
+from mhsb_model.schema import Direct, FourBar, Linkage, Pin, PrismaticJoint, RevoluteJoint
 from mhsb_sim.mechanics.linkage_shapes import BESIDE
 
 RAISING_AXIS = (0.0, -1.0, 0.0)
+ALONG_AXIS = (1.0, 0.0, 0.0)
 SLENDER = 1e-6
 """Inertia of a link about its own axis [kg m²]: of no effect in the plane, but not zero."""
 
@@ -29,10 +31,10 @@ FLOOR_HEIGHT = -1.2  # m
 
 
 def build_model(machine: Machine) -> mujoco.MjModel:
-    """MuJoCo model of a machine: n hinge joints and n motors on them, in its order.
+    """MuJoCo model of a machine: n hinge or slide joints and n motors on them, in its order.
 
-    Control k is the torque of cylinder k about joint k [N m]. MuJoCo's own reset after a bad
-    state is off: a diverged state stays where it can be seen.
+    Control k is the torque of cylinder k about joint k [N m], its force where that slides [N].
+    MuJoCo's own reset after a bad state is off: a diverged state stays where it can be seen.
     """
     spec = mujoco.MjSpec()
     spec.modelname = machine.name
@@ -93,7 +95,9 @@ def _add_surroundings(spec: mujoco.MjSpec) -> None:
     spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)
 
 
-def _add_link(parent: mujoco.MjsBody, offset: float, index: int, joint: Joint) -> mujoco.MjsBody:
+def _add_link(
+    parent: mujoco.MjsBody, offset: float, index: int, joint: RevoluteJoint | PrismaticJoint
+) -> mujoco.MjsBody:
     link = joint.link
     body = parent.add_body(
         name=f"link_{index + 1}",
@@ -103,13 +107,17 @@ def _add_link(parent: mujoco.MjsBody, offset: float, index: int, joint: Joint) -
         ipos=(link.center_of_mass, 0.0, 0.0),
         inertia=(SLENDER, link.inertia, link.inertia),
     )
+    slides, limits = joint.kind == "prismatic", (joint.limits.lower, joint.limits.upper)
     body.add_joint(
         name=f"joint_{index + 1}",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=RAISING_AXIS,
+        type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
+        axis=ALONG_AXIS if slides else RAISING_AXIS,
         limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        range=(math.degrees(joint.limits.lower), math.degrees(joint.limits.upper)),
+        range=limits if slides else tuple(map(math.degrees, limits)),
     )
+    if slides:
+        _draw_extension(body, link.length, joint.limits.upper)
+        return body
     width = 0.06 * link.length + 0.015
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -126,10 +134,23 @@ def _add_link(parent: mujoco.MjsBody, offset: float, index: int, joint: Joint) -
     return body
 
 
+def _draw_extension(body: mujoco.MjsBody, length: float, stroke: float) -> None:
+    """The sliding part from its tip back, as long as it ever shows."""
+    half = 0.5 * (length + stroke)
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=(length - half, 0.0, 0.0),
+        size=(half, 0.012, 0.015),
+        rgba=STEEL,
+    )
+
+
 def _add_pins(
     parent: mujoco.MjsBody, body: mujoco.MjsBody, offset: float, index: int, linkage: Linkage
 ) -> None:
-    """Pins that are fixed in a link, as sites `actuator_k_…`."""
+    """Pins that are fixed in a link, as sites `actuator_k_…`; a direct cylinder shows none."""
+    if isinstance(linkage, Direct):
+        return
     pins = [
         ("parent_pin", parent, offset, linkage.parent_pin),
         ("child_pin", body, 0.0, linkage.child_pin),

@@ -2,7 +2,8 @@
 
 Frames: `base_link` at joint 1 (x forward, y to the left, z up), `link_1` … at the joints with x
 along the link, `tip` at the end, `work_plane` at the base with the arm's plane laid flat (x
-forward, y up). A positive angle raises the link, so that joints turn about −y.
+forward, y up). A positive angle raises the link, so that joints turn about −y; telescopes slide
+along x, from the tip of the link before.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ def robot_description(machine: Machine) -> str:
     parent, at = "base_link", 0.0
     for index, joint in enumerate(machine.config.joints):
         child = f"link_{index + 1}"
-        _add_link(robot, child, joint.link.length, _inertial_of(machine, index))
-        _add_revolute(robot, machine, index, parent, child, at)
+        stroke = joint.limits.upper if machine.slides[index] else 0.0
+        _add_link(robot, child, joint.link.length, stroke, _inertial_of(machine, index))
+        _add_joint(robot, machine, index, parent, child, at)
         parent, at = child, joint.link.length
     SubElement(robot, "link", name="tip").append(_payload(machine))
     _add_fixed(robot, "tip_mount", parent, "tip", f"{at:.9g} 0 0", "0 0 0")
@@ -62,24 +64,29 @@ def _inertial(mass: float, center: float, along: float, across: float) -> Elemen
     return inertial
 
 
-def _add_link(robot: Element, name: str, length: float, inertial: Element) -> None:
+def _add_link(
+    robot: Element, name: str, length: float, stroke: float, inertial: Element
+) -> None:
+    """A link from its joint to its tip, and as far back as its stroke makes it show."""
     link = SubElement(robot, "link", name=name)
     link.append(inertial)
     visual = SubElement(link, "visual")
-    SubElement(visual, "origin", xyz=f"{length / 2:.9g} 0 0", rpy="0 0 0")
+    SubElement(visual, "origin", xyz=f"{(length - stroke) / 2:.9g} 0 0", rpy="0 0 0")
+    length += stroke
     thick = f"{THICKNESS * length:.9g}"
     SubElement(SubElement(visual, "geometry"), "box", size=f"{length:.9g} {thick} {thick}")
 
 
-def _add_revolute(
+def _add_joint(
     robot: Element, machine: Machine, index: int, parent: str, child: str, at: float
 ) -> None:
-    a = machine.arrays
-    joint = SubElement(robot, "joint", name=machine.joint_names[index], type="revolute")
+    a, slides = machine.arrays, machine.slides[index]
+    kind = "prismatic" if slides else "revolute"
+    joint = SubElement(robot, "joint", name=machine.joint_names[index], type=kind)
     SubElement(joint, "origin", xyz=f"{at:.9g} 0 0", rpy="0 0 0")
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
-    SubElement(joint, "axis", xyz="0 -1 0")
+    SubElement(joint, "axis", xyz="1 0 0" if slides else "0 -1 0")
     area = max(a.cap_area[index], a.rod_area[index])
     limits = {
         "lower": a.joint_min[index],

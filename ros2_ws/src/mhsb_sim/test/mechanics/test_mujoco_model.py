@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, described_machine, load_machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
 
@@ -122,3 +123,19 @@ def test_a_bad_state_stays_visible_instead_of_being_reset(machine: Machine) -> N
     data.qvel[0] = np.nan
     mujoco.mj_step(model, data)
     assert not np.all(np.isfinite(data.qvel))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_telescope_moves_as_the_analytic_chain_does(seed: int) -> None:
+    machine = described_machine(config_file("telescope_arm.yaml"))
+    model, random = build_model(machine), np.random.default_rng(seed)
+    q = random.uniform(machine.arrays.joint_min, machine.arrays.joint_max)
+    qd, qdd = random.normal(size=3), random.normal(size=3)
+    still = at_rest(model, q)
+    np.testing.assert_allclose(still.site("tip").xpos[[0, 2]], machine.tip_position(q), atol=1e-12)
+    np.testing.assert_allclose(mass_matrix(model, still), machine.mass_matrix(q), atol=1e-9)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.qacc[:] = q, qd, qdd
+    mujoco.mj_inverse(model, data)
+    torque = machine.inverse_dynamics(q, qd, qdd)
+    np.testing.assert_allclose(torque, data.qfrc_inverse, rtol=1e-9, atol=1e-9)

@@ -6,11 +6,17 @@ import mujoco
 import numpy as np
 import pytest
 
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, described_machine
 from mhsb_sim.mechanics.robot_description import robot_description
 
 
 @pytest.fixture(scope="module")
 def arm(machine):
+    return read_by_mujoco(machine)
+
+
+def read_by_mujoco(machine: Machine) -> mujoco.MjModel:
     """MuJoCo's arm, with bodies where the URDF has fixed joints."""
     text = robot_description(machine)
     keep = '<mujoco><compiler fusestatic="false" balanceinertia="true"/></mujoco></robot>'
@@ -18,6 +24,16 @@ def arm(machine):
 
 
 def test_tip_and_mass_matrix_are_the_machines(arm, machine):
+    agree(arm, machine)
+
+
+def test_those_of_a_telescope_are_too():
+    machine = described_machine(config_file("telescope_arm.yaml"))
+    agree(read_by_mujoco(machine), machine)
+
+
+def agree(arm: mujoco.MjModel, machine: Machine) -> None:
+    """In 50 random postures."""
     rng, data = np.random.default_rng(0), mujoco.MjData(arm)
     limits = machine.arrays
     for q in rng.uniform(limits.joint_min, limits.joint_max, (50, 3)):
