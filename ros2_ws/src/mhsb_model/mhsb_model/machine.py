@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mhsb_model import kinematics, statics, telescope_dynamics, telescopes
+from mhsb_model import kinematics, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
@@ -28,6 +28,8 @@ from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import JOINT_KINDS, LINKAGE_KINDS, MachineConfig, problems_across
+from mhsb_model.telescopes import telescope_dynamics
+from mhsb_model.telescopes import telescope_kinematics as telescopes
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"

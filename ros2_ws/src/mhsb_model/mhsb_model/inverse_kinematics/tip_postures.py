@@ -19,10 +19,10 @@ import math
 
 import numpy as np
 
-from mhsb_model import telescopes
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits, wrap_near
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.telescopes import telescope_kinematics as telescopes
 from mhsb_model.types import FloatArray
 
 LEAST_JOINTS = 3

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model import telescopes
 from mhsb_model.machine import Machine
+from mhsb_model.telescopes import telescope_kinematics as telescopes
 from mhsb_model.types import FloatArray
 
 shares = st.tuples(*[st.floats(0.0, 1.0)] * 3).map(np.array)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_model import telescopes
 from mhsb_model.statics import Chain
+from mhsb_model.telescopes import telescope_kinematics as telescopes
 from mhsb_model.types import FloatArray
 
 
