@@ -26,7 +26,7 @@ from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.study.controller_comparison import SIDES, as_text, compare
 from mhsb_sim.study.draw_limits import as_text as draws_as_text
-from mhsb_sim.study.draws import GOALS, run_draws
+from mhsb_sim.study.draws import GOALS, DrawRecord, run_draws
 from mhsb_sim.study.draws import as_dicts as draws_as_dicts
 from mhsb_sim.study.fault_figures import draw_faults
 from mhsb_sim.study.fault_study import FAULTS, run_faults
@@ -177,10 +177,13 @@ def study_draws(
     compile_simulator()  # so that the processes find compiled kernels
     table_for(machine)  # likewise
     runs = run_draws(machine, wanted, count, seed, jobs, plant, goals, controllers)
-    bar = tqdm(runs, total=count, unit="draw", disable=None)
-    records = [record for each in bar for record in each]
-    text = json.dumps(draws_as_dicts(records), indent=2)
-    (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
+    records: list[DrawRecord] = []
+    try:
+        for each in tqdm(runs, total=count, unit="draw", disable=None):
+            records += each
+    finally:  # what has been run is kept, whatever ends it
+        if records:
+            write_json(output / "summary.json", draws_as_dicts(records))
     return draws_as_text(records)
 
 

@@ -1,4 +1,5 @@
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,8 @@ from mhsb_model.command_line import UsageError
 from mhsb_model.machine import Machine
 from mhsb_sim.commands.simulate_command import plant_of
 from mhsb_sim.errors import UnknownControllerError
+from mhsb_sim.study import study_command
+from mhsb_sim.study.draws import DrawRecord
 from mhsb_sim.study.study_command import study
 
 
@@ -43,6 +46,20 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(UsageError, match=sentence):
         study(output=tmp_path, **options)
+
+
+def test_draws_that_were_run_are_kept_when_the_study_is_interrupted(
+    machine: Machine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> Iterator[list[DrawRecord]]:
+        yield [DrawRecord("coordinated", 0, {})]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_command, "run_draws", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        study_command.study_draws(machine, machine, None, 5, 7, 1, tmp_path)
+    [record] = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert record["draw"] == 0
 
 
 def test_draws_are_given_to_the_controllers_that_are_named(
