@@ -257,10 +257,16 @@ class GoalLifecycle:
         return sent.replan if sent.request.settings is settings else None
 
     def _target_of(self, in_hand: GoalInHand, wall: float, lead: float) -> tuple[Goal, float]:
-        """Where a plan should lead, and when the goal comes again [s]; 0: never."""
+        """Where a plan should lead, and when the goal comes again [s]; 0: it never moved.
+
+        To where a goal has stopped the arm goes as it followed it: a plan that is free to take
+        another posture may swing the tip far beyond.
+        """
         stream, goal = self._stream, in_hand.goal
-        if in_hand.exact or not stream.moves(wall):
+        if stream.velocity == (0.0, 0.0):
             return goal, 0.0
+        if in_hand.exact or not stream.moves(wall):
+            return goal, stream.period
         return stream.ahead(goal, lead + stream.period), stream.period
 
     def _go_to_where_the_stream_ended(self) -> None:

@@ -23,7 +23,7 @@ LONGEST_PERIOD = 0.5
 FASTEST, SLOWEST = 0.5, 1e-3
 """A goal that moves faster is another one; one that moves slower stands [m/s]."""
 
-FURTHEST = 1.9e-3
+FURTHEST = 1.7e-3
 """A plan may end so far beyond where the goal was last [m]."""
 
 LATE = 1.5

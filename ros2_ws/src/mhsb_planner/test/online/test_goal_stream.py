@@ -1,11 +1,18 @@
 """Goals that stream: the velocity that is told from them, and what becomes of each."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Outcome, Verdict
+from mhsb_planner.evaluation.lock_step import World
+from mhsb_planner.evaluation.streaming_benchmark import lines
 from mhsb_planner.online.goal_stream import FURTHEST, GoalStream
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.online.settings import Settings
+from mhsb_planner.planners.options import PlanOptions
 
 
 def heard(samples: list[tuple[float, float, float]]) -> GoalStream:
@@ -132,3 +139,45 @@ def test_at_fifty_goals_a_second_plans_are_finished_and_the_newest_goal_follows(
     assert codes.count(Verdict.OK) > 20
     assert len(world.planned) - planned > 20
     world.check_that_each_goal_was_answered_once()
+
+
+class UnevenWorld(World):
+    """Planning takes now a few milliseconds, now much longer."""
+
+    random = np.random.default_rng(0)
+
+    @property
+    def planning_time(self):
+        slow = self.random.random() < 0.25
+        return self.random.uniform(0.015, 0.05) if slow else self.random.uniform(0.003, 0.008)
+
+    @planning_time.setter
+    def planning_time(self, _):
+        """It is drawn."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "seed"), [(1, 3), (3, 3), (4, 1)])
+def test_however_long_plans_take_the_arm_does_not_swing_far_beyond_where_a_goal_stops(
+    machine, table, number, seed
+):
+    """Plans that were free to take another posture swung the tip by up to 26 mm."""
+    [line] = itertools.islice(lines(machine, 0.1), number, number + 1)
+    world = UnevenWorld(
+        machine, Replanner(machine, table), Settings(machine, PlanOptions(planner="integrated"))
+    )
+    world.random = np.random.default_rng(seed)
+    world.goal(*line.begin.tolist())
+    world.until(lambda: world.tip_is_at(*line.begin.tolist()), 30.0)
+    began = world.now
+    while (passed := world.now - began) * 0.1 < line.length:
+        goal = line.at(0.1 * passed)
+        world.goal(*goal.tolist())
+        world.pass_time(0.05)
+    ahead = (line.end - line.begin) / line.length
+    beyond = 0.0
+    while not world.tip_is_at(*goal.tolist()):
+        world.pass_time(world.step)
+        tip = machine.tip_position(world.arm.reference.position)
+        beyond = max(beyond, float((tip - goal) @ ahead))
+    assert beyond < 4e-3
