@@ -33,5 +33,5 @@ def test_a_part_of_a_recording_becomes_a_film(story, call, tmp_path):
 def test_a_part_with_nothing_in_it_is_refused(story, call, tmp_path):
     code, _, errors = call(story.folder, "--output", tmp_path / "x.gif", "--begin", 60)
     assert code == 2
-    assert "nothing lies between --begin 60 and --end" in errors
+    assert "nothing lies between --begin 60 and the end" in errors
     assert not (tmp_path / "x.gif").exists()
