@@ -77,15 +77,21 @@ def run(
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing left to flush
+        _drop_output()
         return READER_GONE
     except OSError as error:
-        if error.errno == errno.ENOSPC and error.filename is None:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return _fail(name, f"what is printed cannot be written: {error.strerror}", FAILED)
+        if error.errno == errno.ENOSPC:  # of standard output, or of a file, which it may not name
+            _drop_output()
+            place = error.filename or "the output"
+            return _fail(name, f"{place} cannot be written: {error.strerror}", FAILED)
         if error.filename is None:  # not about a file that somebody named
             raise
         return _fail(name, f"{error.filename}: {error.strerror}", FAILED)
+
+
+def _drop_output() -> None:
+    """Nothing is left to flush when the process ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def without_ros_arguments(arguments: Sequence[str]) -> list[str]:

@@ -203,5 +203,5 @@ def test_what_finds_no_room_to_be_printed_is_told_in_a_sentence(tmp_path):
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         child = run_script(tmp_path, "    print('result')", full)
         _, errors = child.communicate(timeout=30)
-    assert errors.strip() == "count: what is printed cannot be written: No space left on device"
+    assert errors.strip() == "count: the output cannot be written: No space left on device"
     assert child.returncode == 1

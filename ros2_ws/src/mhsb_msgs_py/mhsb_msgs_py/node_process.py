@@ -134,7 +134,10 @@ def serving(make_node: Callable[[], NodeType]) -> Iterator[tuple[SingleThreadedE
 
 
 def _warn_of_unknown_parameters(node: Node) -> None:
-    """rclpy drops what is set from outside and not declared without a word."""
+    """rclpy drops what is set from outside and not declared without a word.
+
+    It tells neither what was set nor what is declared but by these two attributes.
+    """
     for name in sorted(node._parameter_overrides):
         if node.has_parameter(name) or name.startswith("qos_overrides."):
             continue

@@ -112,6 +112,8 @@ def _with_charging(
 ) -> Energy:
     """With what charges lines before boosts; rows of modes begin at those of the profile."""
     charging = charging_energy(machine, profile.speed, profile.force, modes)
+    if charging == 0.0:
+        return energy
     losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging
     return replace(
         energy,

@@ -21,7 +21,7 @@ class SearchTime:
     deadline: Deadline = NEVER
     reserve: float = 0.0
     found: bool = False
-    _began: float = field(default_factory=now)
+    _began: float = field(default_factory=now, init=False)
 
     @property
     def half_gone(self) -> bool:

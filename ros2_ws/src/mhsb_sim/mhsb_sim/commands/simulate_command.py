@@ -124,8 +124,8 @@ def simulate(
     seconds = time.perf_counter() - began
     samples = run.samples()
     elements = energy_elements(planned_energy(arm, samples), simulator.energies)
-    summary = summarize(results, samples, simulator.energies, seconds, elements)
-    summary["guard_interventions"] = simulator.guard.interventions.count
+    interventions = simulator.guard.interventions.count
+    summary = summarize(results, samples, simulator.energies, seconds, elements, interventions)
     if output is not None:
         write(output, samples, summary)
         draw_move_page(simulated_move(kept_out, samples, goals, elements), output / PICTURE)
@@ -138,7 +138,7 @@ def simulate(
             print("\n".join(energy_text(elements)))
     missed = [result for result in results if is_missed(result)]
     for result in missed:
-        print(f"simulate: {missed_sentence(result, summary)}", file=sys.stderr)
+        print(f"simulate: {missed_sentence(result, interventions)}", file=sys.stderr)
     return 1 if missed else 0
 
 
@@ -147,12 +147,12 @@ def is_missed(result: GoalRun) -> bool:
     return result.overdue > OVERDUE and result.goal_distance > REACHED
 
 
-def missed_sentence(result: GoalRun, summary: dict[str, Any]) -> str:
+def missed_sentence(result: GoalRun, interventions: int) -> str:
     """Where the tip was instead."""
     return (
         f"the goal ({result.goal.x:g}, {result.goal.z:g}) m is missed: the tip is "
         f"{1e3 * result.goal_distance:.0f} mm from it {result.overdue:.1f} s after its motion "
-        f"should have ended; the guard intervened {summary['guard_interventions']} times: the arm "
+        f"should have ended; the guard intervened {interventions} times: the arm "
         "that is simulated may ask more than plans and servo know of, --plant and --vary say what"
     )
 
@@ -199,8 +199,9 @@ def summarize(
     energies: dict[str, float],
     seconds: float,
     elements: list[Element],
+    interventions: int,
 ) -> dict[str, Any]:
-    """The run in plain numbers; `seconds` of computing."""
+    """The run in plain numbers; `seconds` of computing, `interventions` of the guard."""
     chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)
     return {
         "goals": [_goal_numbers(result) for result in results],
@@ -212,6 +213,7 @@ def summarize(
         "max_supply_pressure_mpa": float(samples.supply_pressure.max() / 1e6),
         "max_chamber_pressure_mpa": float(chambers.max() / 1e6),
         "mode_switches": int(np.count_nonzero(np.diff(samples.modes.astype(int), axis=0))),
+        "guard_interventions": interventions,
         "energy_measured_j": {"mp": energies["main_pump"], "sp": energies["servo_pumps"]},
         "energy_by_source_j": energy_by_source(energies),
         "energies_j": energies,

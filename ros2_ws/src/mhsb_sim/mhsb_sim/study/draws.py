@@ -149,14 +149,19 @@ class DrawStudy:
 
     def records(self, draw: int) -> list[DrawRecord]:
         """Every controller in a draw; nothing that goes wrong there is left out."""
-        random, names = np.random.default_rng((self._seed, draw)), self._controllers
-        drawn: dict[str, float | str] = {}
+        names = self._controllers
         try:
-            sequence = self.sequence(random)
-            plant, drawn = varied(self._plant, self._variations, random, sequence.moment)
+            sequence, plant, drawn = self.drawn(draw)
         except Exception as error:  # whatever it is, it is this draw's result
-            return [DrawRecord(name, draw, drawn, failure=_reason(error)) for name in names]
+            return [DrawRecord(name, draw, {}, failure=_reason(error)) for name in names]
         return [self.record(name, draw, drawn, plant, sequence) for name in names]
+
+    def drawn(self, draw: int) -> tuple[GoalSequence, Machine, dict[str, float | str]]:
+        """Plans, plant, and what was drawn for it; raises whatever goes wrong."""
+        random = np.random.default_rng((self._seed, draw))
+        sequence = self.sequence(random)
+        plant, drawn = varied(self._plant, self._variations, random, sequence.moment)
+        return sequence, plant, drawn
 
     def sequence(self, random: np.random.Generator) -> GoalSequence:
         """Goals anywhere that the arm could go to from its start, planned one after the other."""

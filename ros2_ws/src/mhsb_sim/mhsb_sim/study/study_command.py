@@ -94,7 +94,6 @@ def study(
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     workers = jobs_of(jobs, scheduler)
-    make_output_folder(output, "the study")
     arm = load_machine(machine)
     if benchmark:
         if seed or any(each is not None for each in (scenarios, variations, plant, faults)):
@@ -140,6 +139,7 @@ def study_scenarios(
 ) -> list[str]:
     """Run all scenarios; writes summary.json, comparison.json and figures in the folder `output`;
     their table."""
+    make_output_folder(output, "the study")
     compile_simulator()  # so that the processes find compiled kernels
     bar = tqdm(run_study(arm, wanted, workers), total=len(wanted), unit="scenario", disable=None)
     order = {scenario.name: number for number, scenario in enumerate(wanted)}
@@ -173,6 +173,7 @@ def study_draws(
         if value < lowest:
             raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
     wanted = load_variations(plant, variations)
+    make_output_folder(output, "the study")
     compile_planner()
     compile_simulator()  # so that the processes find compiled kernels
     table_for(machine)  # likewise
@@ -195,6 +196,7 @@ def study_benchmark(
     count = protocol.file.draws if draws is None else draws
     if count < 1:
         raise command_line.UsageError(f"--draws: {count} is below 1")
+    make_output_folder(output, "the study")
     compile_planner()
     compile_simulator()
     table_for(machine)
@@ -222,6 +224,7 @@ def study_faults(
     machine: Machine, faults: Sequence[str], jobs: Jobs, output: Path
 ) -> list[str]:
     """Run all faults; writes summary.json and figures in the folder `output`; their table."""
+    make_output_folder(output, "the study")
     compile_planner()
     compile_simulator()
     bar = tqdm(

@@ -29,7 +29,7 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.draws import DrawStudy, GoalSequence
 from mhsb_sim.study.replay import replay
 from mhsb_sim.study.servo_study import Script, judge, perform, supply_overshoot
-from mhsb_sim.study.variations import Variations, varied
+from mhsb_sim.study.variations import Variations
 
 Gains = dict[str, float]
 
@@ -120,9 +120,7 @@ def draws_of(machine: Machine, variations: Variations, count: int, seed: int) ->
     """Draws 0 … count − 1 of a seed, with their plans; the same as `draws.run_draws` makes."""
     study = DrawStudy(machine, variations, seed)
     for number in range(count):
-        random = np.random.default_rng((seed, number))
-        sequence = study.sequence(random)
-        plant, _ = varied(machine, variations, random, sequence.moment)
+        sequence, plant, _ = study.drawn(number)
         yield Draw(machine, plant, sequence, number)
 
 

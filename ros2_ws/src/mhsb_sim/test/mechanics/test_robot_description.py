@@ -23,17 +23,10 @@ def read_by_mujoco(machine: Machine) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(text.replace("</robot>", keep))
 
 
-def test_tip_and_mass_matrix_are_the_machines(arm, machine):
-    agree(arm, machine)
-
-
-def test_those_of_a_telescope_are_too():
-    machine = described_machine(config_file("telescope_arm.yaml"))
-    agree(read_by_mujoco(machine), machine)
-
-
-def agree(arm: mujoco.MjModel, machine: Machine) -> None:
-    """In 50 random postures."""
+@pytest.mark.parametrize("file", ["mhsb_arm3.yaml", "telescope_arm.yaml"])
+def test_tip_and_mass_matrix_are_the_machines(file):
+    machine = described_machine(config_file(file))
+    arm = read_by_mujoco(machine)
     rng, data = np.random.default_rng(0), mujoco.MjData(arm)
     limits = machine.arrays
     for q in rng.uniform(limits.joint_min, limits.joint_max, (50, 3)):
