@@ -5,7 +5,7 @@ their documentation are the command line. Whatever goes wrong by the user's doin
 sentence on standard error:
 
     exit code  0    done (or what the command itself returns)
-               1    the command failed
+               1    the command failed, or a file that it was given cannot be used
                2    the arguments cannot be used
                130  interrupted, and 141 where the reader of the output went away: both silent
 """
@@ -30,7 +30,7 @@ import tyro
 # The events of a failed parse are not yet public in tyro; its version is pinned for that reason.
 from tyro import _errors as parse_errors
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import ArgumentError, MhsbError
 
 FAILED = 1
 USAGE = 2
@@ -38,7 +38,7 @@ INTERRUPTED = 130
 READER_GONE = 141
 
 
-class UsageError(MhsbError):
+class UsageError(ArgumentError):
     """The arguments of a command cannot be used."""
 
 
@@ -70,7 +70,7 @@ def run(
         code = _parse(command, arguments, name)() or 0
         sys.stdout.flush()  # so that a reader who went away is noticed here
         return code
-    except UsageError as error:
+    except ArgumentError as error:
         return _fail(name, error, USAGE)
     except MhsbError as error:
         return _fail(name, error, FAILED)

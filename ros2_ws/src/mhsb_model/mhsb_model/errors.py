@@ -26,6 +26,11 @@ def _restored(
     return error
 
 
+class ArgumentError(MhsbError):
+    """What was asked for makes no sense: a value out of its range, a name that is not there,
+    options that do not go together."""
+
+
 class MachineFileError(MhsbError):
     """A machine file cannot be used; `problems` lists everything that is wrong, by path."""
 

@@ -22,7 +22,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 
 from mhsb_model import process
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import ArgumentError, MhsbError
 
 HEARTBEAT = 0.5
 """The executor wakes at least this often [s]: a signal may come just before it begins to wait."""
@@ -34,7 +34,7 @@ SHARED_MEMORY_LOCK = re.compile(r"/dev/shm/fastrtps_[0-9a-f]{16}_el")
 NodeType = TypeVar("NodeType", bound=Node)
 
 
-class RosArgumentsError(MhsbError):
+class RosArgumentsError(ArgumentError):
     """What follows `--ros-args` cannot be used."""
 
 

@@ -20,7 +20,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mhsb_planner.errors import ClusterError, WorkersLostError
+from mhsb_planner.errors import ClusterAddressError, ClusterError, WorkersLostError
 from mhsb_planner.tasks import Preparation, cancel_with, pass_on, perform
 
 Result = TypeVar("Result")
@@ -134,7 +134,8 @@ def _identity(address: str) -> dict[str, Any]:
     try:
         return asyncio.run(asked())
     except ValueError as error:
-        raise ClusterError(address, f"not an address like tcp://10.0.0.2:8786: {error}") from error
+        trouble = f"not an address like tcp://10.0.0.2:8786: {error}"
+        raise ClusterAddressError(address, trouble) from error
     except (OSError, TimeoutError) as error:
         raise ClusterError(
             address,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import ArgumentError, MhsbError
 
 
 class InfeasibleGoalError(MhsbError):
@@ -79,7 +79,7 @@ class PlanningCancelledError(MhsbError):
         super().__init__(f"{work} was cancelled")
 
 
-class RequestError(MhsbError):
+class RequestError(ArgumentError):
     """A value in a planning request is out of its range."""
 
     def __init__(self, name: str, value: object, rule: str) -> None:
@@ -94,6 +94,10 @@ class ClusterError(MhsbError):
     def __init__(self, address: str, trouble: str) -> None:
         self.address = address
         super().__init__(f"cluster at {address}: {trouble}")
+
+
+class ClusterAddressError(ClusterError, ArgumentError):
+    """What was given is not an address."""
 
 
 class WorkersLostError(MhsbError):

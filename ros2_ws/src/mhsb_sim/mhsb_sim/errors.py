@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import ArgumentError, MhsbError
 
 
 class SimulationDivergedError(MhsbError):
@@ -26,7 +26,7 @@ class PlantError(MhsbError):
     """An arm is not of the build that its servo knows."""
 
 
-class FaultError(MhsbError):
+class FaultError(ArgumentError):
     """What is to fail is not there, or not written as faults are."""
 
 
@@ -46,7 +46,7 @@ class HandOverError(MhsbError):
     """The simulator did not take a plan."""
 
 
-class UnknownControllerError(MhsbError):
+class UnknownControllerError(ArgumentError):
     """No controller has the name that was asked for."""
 
     def __init__(self, name: str, valid: Iterable[str]) -> None:

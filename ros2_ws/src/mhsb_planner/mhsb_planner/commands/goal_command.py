@@ -18,7 +18,7 @@ from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 
-ACCEPTED, REFUSED, NO_ANSWER = 0, 1, 2
+ACCEPTED, REFUSED, NO_ANSWER = 0, 1, 3
 
 
 def goal(
@@ -32,7 +32,7 @@ def goal(
 ) -> int:
     """Send the tip to (X, Z) and print what the planner says.
 
-    Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 2: nobody
+    Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 3: nobody
     answered in time. What else will do at the goal is set as parameters of the planner and stays
     until it is changed (goal_tolerance, goal_psi_min, goal_psi_max; goal_segment, goal_box).
 

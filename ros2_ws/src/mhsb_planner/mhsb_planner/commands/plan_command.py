@@ -19,32 +19,36 @@ from mhsb_model.files.output_folders import make_room_for
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.errors import RequestError
+from mhsb_planner.commands.plan_arguments import (
+    Box,
+    Circle,
+    Point,
+    angle_of,
+    as_asked,
+    case_line,
+    goal_region_of,
+    range_of,
+    refuse_idle,
+    replaced,
+    request,
+)
 from mhsb_planner.evaluation.move import planned_move
 from mhsb_planner.evaluation.move_page import draw_move_page
 from mhsb_planner.evaluation.operating_point import (
     OperatingPoint,
-    Range,
     Sample,
     best_operating_point,
 )
-from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
-from mhsb_planner.goal_region import Angle, Region, region_of
+from mhsb_planner.evaluation.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.cavitation import cavitating_steps
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
-from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlannerKind, PlanOptions
-from mhsb_planner.planners.options import DEFAULT_SPEED_EXCESS
+from mhsb_planner.planner import Plan, Planner, PlannerKind
 from mhsb_planner.planners.registry import summaries
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.area_shortfall import area_along_motion, area_along_path, reference_area
-from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
-from mhsb_planner.search.s2_search import SearchMethod, Weights
+from mhsb_planner.search.s2_search import SearchMethod
 from mhsb_planner.search.s2_step import EnergyReading
-
-Point = tuple[float, float]
-Box = tuple[float, float, float, float]
-Circle = tuple[float, float, float]
 
 SHORT = 1.0
 """A plan that took no longer is made once more, for the sake of the times that are told [s]."""
@@ -62,19 +66,17 @@ def plan(
     weights: Annotated[
         tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3")
     ] = None,
-    area_weight: Annotated[float, tyro.conf.arg(metavar="W4")] = 0.0,
+    area_weight: Annotated[float | None, tyro.conf.arg(metavar="W4")] = None,
     planner: Annotated[
         PlannerKind | None,
         tyro.conf.arg(help=f"Where postures come from: {summaries()}; table when left out."),
     ] = None,
     initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
-    search: SearchMethod = "exact",
-    heuristic_scale: Annotated[
-        float, tyro.conf.arg(metavar="PER_M")
-    ] = DEFAULT_HEURISTIC_SCALE,
+    search: SearchMethod | None = None,
+    heuristic_scale: Annotated[float | None, tyro.conf.arg(metavar="PER_M")] = None,
     trajectory: TrajectoryKind | None = None,
-    max_speed_excess: float = DEFAULT_SPEED_EXCESS,
-    energy_reading: EnergyReading = "paper",
+    max_speed_excess: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None,
+    energy_reading: EnergyReading | None = None,
     payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
     supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
     v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S")] = None,
@@ -88,7 +90,7 @@ def plan(
     via: Annotated[
         tuple[Point, ...], tyro.conf.arg(metavar="X Z"), tyro.conf.UseAppendAction
     ] = (),
-    via_tolerance: Annotated[float, tyro.conf.arg(metavar="M")] = PlanOptions.via_tolerance,
+    via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
     zone_box: Annotated[
         tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
     ] = (),
@@ -107,22 +109,25 @@ def plan(
     Args:
         start: Tip position at the start [m].
         goal: Tip position at the goal [m].
-        case: One of the paper's cases, such as 1-1; it sets start, goal, weights and planner.
+        case: One of the paper's cases, such as 1-1; it sets start, goal, weights, planner and
+            initial angle of joint 3. What of these is given as well counts, and is told.
         machine: Machine file (YAML); the suite's own arm when left out.
         table: Posture table (npz); built and kept in the user's cache when left out.
         weights: Of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
         area_weight: Of the velocity polytope's area that is lost along the tip's path, for the
-            integrated planner [1/m]; 0 leaves the area out.
+            integrated planner [1/m]; the area is left out where this is.
         initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture
             table at the start when left out.
-        search: The exact search, or the published one with one label for each node.
-        heuristic_scale: Of the published search, cost per distance from the goal [1/m].
+        search: The exact search, or the published one with one label for each node, of the table
+            and the fixed planner; exact when left out.
+        heuristic_scale: Of the published search, cost per distance from the goal [1/m]; 1 when
+            left out.
         trajectory: How the trajectory is made: polynomial as published, or the discrete path
             followed; when left out followed for the integrated planner, for the others a
             polynomial, or followed where V_max makes that the cheaper.
         max_speed_excess: How far pistons may pass V_max on a polynomial, as a share of it; it
-            is stretched until they do not.
-        energy_reading: Price of boosted oil that the search minimises.
+            is stretched until they do not; 0.1 when left out.
+        energy_reading: Price of boosted oil that the search minimises; the paper's when left out.
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Of the main pump [Pa]; the machine file's when left out.
         v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out.
@@ -135,7 +140,7 @@ def plan(
         goal_segment: Other end of a line, from the goal on, anywhere on which the tip may end [m].
         goal_box: How far to either side of the goal, forward and up, the tip may end [m].
         via: Point that the tip passes on its way [m]; may be given several times, in their order.
-        via_tolerance: Distance at which it may pass them [m].
+        via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
         zone_box: Two opposite corners [m] of a box that the arm keeps out of, beside the machine
             file's zones; may be given several times.
         zone_circle: Centre and radius [m] of a circle that the arm keeps out of, likewise.
@@ -145,15 +150,33 @@ def plan(
     """
     if plot is not None and plot.suffix.lower() != ".png":
         raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
-    if plot is not None:
-        make_room_for(plot, "the picture")
     asked = request(start, goal, case, weights, planner, initial_j3)
     ranges = (
-        _range("supply-pressure", supply_pressure_range, supply_pressure),
-        _range("v-max", v_max_range, v_max),
+        range_of("supply-pressure", supply_pressure_range, supply_pressure),
+        range_of("v-max", v_max_range, v_max),
     )
+    wishes: dict[str, Any] = {
+        "energy_reading": energy_reading,
+        "via_tolerance": via_tolerance,
+        "search": search,
+        "heuristic_scale": heuristic_scale,
+        "trajectory": trajectory,
+        "max_speed_excess": max_speed_excess,
+        "area_weight": area_weight,
+    }
+    refuse_idle(asked, {**wishes, "initial_j3": initial_j3, "via": via})
+    options = replace(
+        asked.options,
+        goal_psi=angle_of(goal_psi, goal_psi_range),
+        goal_region=goal_region_of(asked.goal, goal_tolerance, goal_segment, goal_box),
+        via=via,
+        **{name: value for name, value in wishes.items() if value is not None},
+    )
+    if plot is not None:
+        make_room_for(plot, "the picture")
     base = load_machine(machine)
-    arm = base.changed(
+    arm = as_asked(
+        base,
         payload=payload,
         supply_pressure=supply_pressure,
         max_piston_speed=v_max,
@@ -161,19 +184,6 @@ def plan(
     )
     compile_planner()
     suite = Planner(arm, table_for(base, table))
-    options = replace(
-        asked.options,
-        energy_reading=energy_reading,
-        goal_psi=_angle(goal_psi, goal_psi_range),
-        goal_region=_region(asked.goal, goal_tolerance, goal_segment, goal_box),
-        via=via,
-        via_tolerance=via_tolerance,
-        search=search,
-        heuristic_scale=heuristic_scale,
-        trajectory=trajectory,
-        max_speed_excess=max_speed_excess,
-        area_weight=area_weight,
-    )
     began = time.perf_counter()
     base.check_in_workspace(*asked.start)
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
@@ -194,79 +204,21 @@ def plan(
     if plot is not None:
         draw_move_page(planned_move(suite.machine, made, asked.goal, _title(case, asked)), plot)
     if json_:
-        print(json.dumps(as_json(suite.machine, made, seconds) | area | curve_json(found)))
+        content = as_json(suite.machine, made, seconds) | area | curve_json(found)
+        print(json.dumps(content | {"case": case, "replaced": replaced(asked)}))
     else:
         lines = as_text(suite.machine, made, seconds)
-        print("\n".join([*lines, area_line(area), *point_lines(found)]))
+        print("\n".join([*case_line(asked), *lines, area_line(area), *point_lines(found)]))
 
 
 def _advance(bar: tqdm, _: Sample) -> None:
     bar.update()
 
 
-def _range(name: str, given: Point | None, fixed: float | None) -> Range | None:
-    """The range of an option, which must not be given with a fixed value."""
-    if given is None:
-        return None
-    if fixed is not None:
-        raise command_line.UsageError(f"give --{name} or --{name}-range, not both")
-    try:
-        return Range(*given)
-    except RequestError as error:
-        raise command_line.UsageError(f"--{name}-range: {error}") from error
-
-
-def _angle(exact: float | None, between: Point | None) -> Angle:
-    """The end link's angle asked for, one or a range of them."""
-    if exact is not None and between is not None:
-        raise command_line.UsageError("give --goal-psi or --goal-psi-range, not both")
-    return exact if between is None else between
-
-
-def _region(
-    goal: Point, tolerance: float | None, end: Point | None, box: Point | None
-) -> Region | None:
-    """Where else than at the goal the tip may end."""
-    segment = None if end is None else (end[0] - goal[0], end[1] - goal[1])
-    try:
-        return region_of(tolerance, segment, box)
-    except RequestError as error:
-        raise command_line.UsageError(str(error)) from error
-
-
-def request(
-    start: Point | None,
-    goal: Point | None,
-    case: str | None,
-    weights: tuple[float, float, float] | None,
-    planner: str | None,
-    initial_j3: float | None,
-) -> PaperCase:
-    """What is asked for: the case where one is named, with what is given itself in its place."""
-    named = paper_case(case) if case is not None else None
-    start = start or (named.start if named else None)
-    goal = goal or (named.goal if named else None)
-    if start is None or goal is None:
-        raise command_line.UsageError("give --start X Z and --goal X Z, or --case NAME")
-    base = named or PaperCase("", start, goal, ENERGY_OPTIMAL)
-    try:
-        chosen = Weights(*weights) if weights is not None else base.weights
-    except RequestError as error:
-        raise command_line.UsageError(f"--weights: {error}") from error
-    return replace(
-        base,
-        start=start,
-        goal=goal,
-        weights=chosen,
-        planner=planner or base.planner,
-        initial_j3=base.initial_j3 if initial_j3 is None else initial_j3,
-    )
-
-
 def _title(case: str | None, asked: PaperCase) -> str:
     """Of the picture: which motion, and by which planner."""
     (x, z), (goal_x, goal_z) = asked.start, asked.goal
-    of_case = f"Case {case}: " if case else ""
+    of_case = f"Case {case}{', changed' if replaced(asked) else ''}: " if case else ""
     way = f"({x:g}, {z:g}) m to ({goal_x:g}, {goal_z:g}) m"
     return f"{of_case}{way}, planned by {asked.options.planner}"
 

@@ -19,6 +19,7 @@ class FixedPlanner:
     summary = "keeps joint 3 and changes it by 1 degree at a time where the others have no solution"
     trajectory: TrajectoryKind = "polynomial"
     weighs_area = False
+    takes: tuple[str, ...] = ("search", "heuristic_scale", "initial_j3")
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """The path of least cost, or the published search's."""

@@ -41,6 +41,7 @@ class IntegratedPlanner:
     summary = "decides postures together with path and modes"
     trajectory: TrajectoryKind = "followed"
     weighs_area = True
+    takes: tuple[str, ...] = ()
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """Own paths; in between, as soon as these have no motion or take long, or half the time is

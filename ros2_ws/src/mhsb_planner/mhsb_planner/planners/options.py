@@ -46,7 +46,7 @@ class PlanOptions:
                      weigh it; 0 leaves the area out
 
     Raises RequestError for angles and points that are not finite, a tolerance that is not
-    positive, and a weight that is negative or not finite.
+    positive, a weight that is negative or not finite, and weights that are all 0.
     """
 
     weights: Weights = ENERGY_OPTIMAL
@@ -74,6 +74,10 @@ class PlanOptions:
             raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
         if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
             raise RequestError("area weight", self.area_weight, "must be finite and not negative")
+        weights = self.weights
+        if not (weights.energy or weights.time or weights.switches or self.area_weight):
+            rule = "must not all be 0: any motion would be as good as any other; raise one of them"
+            raise RequestError("weights", "0 0 0", rule)
         if not 0.0 <= self.max_speed_excess <= HIGHEST_SPEED_EXCESS:
             rule = f"must be within 0 … {HIGHEST_SPEED_EXCESS:g}"
             raise RequestError("max_speed_excess", self.max_speed_excess, rule)

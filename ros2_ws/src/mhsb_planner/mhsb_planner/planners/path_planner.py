@@ -75,12 +75,15 @@ class PathPlanner(Protocol):
     summary      where postures come from, for people: a clause that follows its name
     trajectory   how S3 begins unless it is told
     weighs_area  whether w₄ may be above 0
+    takes        of the options that not all planners look at, those that it does: `search`,
+                 `heuristic_scale`, `initial_j3`
     """
 
     name: str
     summary: str
     trajectory: TrajectoryKind
     weighs_area: bool
+    takes: tuple[str, ...]
 
     def paths(
         self, graph: StepGraph, task: Task, time: SearchTime

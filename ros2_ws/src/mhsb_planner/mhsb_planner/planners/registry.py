@@ -41,3 +41,8 @@ def weighing_area() -> str:
     """The planners for which w₄ may be above 0, in quotation marks."""
     able = (f"'{planner.name}'" for planner in PLANNERS.values() if planner.weighs_area)
     return " or ".join(able)
+
+
+def taking(option: str) -> str:
+    """The planners that look at an option which not all of them do."""
+    return " or ".join(planner.name for planner in PLANNERS.values() if option in planner.takes)

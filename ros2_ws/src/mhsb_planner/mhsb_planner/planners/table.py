@@ -26,6 +26,7 @@ class TablePlanner:
     summary = "takes the postures of the posture table"
     trajectory: TrajectoryKind = "polynomial"
     weighs_area = False
+    takes: tuple[str, ...] = ("search", "heuristic_scale")
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """The path of least cost, or the published search's."""

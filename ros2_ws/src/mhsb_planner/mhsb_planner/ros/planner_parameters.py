@@ -337,6 +337,7 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
         for point in asked.goal_via:
             _check_via(machine, point)
         asked.machine(machine)
+        _ = asked.options  # raises where they cannot be planned with
     except MhsbError as error:
         return str(error)
     return None

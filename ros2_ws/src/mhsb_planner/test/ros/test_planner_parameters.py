@@ -214,3 +214,12 @@ def test_what_makes_no_sense_at_the_goal_is_refused(node, machine, changes, reas
     said = planner_parameters.refusal(node, machine, parameters)
     assert reason in said
     assert "\n" not in said
+
+
+def test_weights_that_are_all_zero_are_refused_with_the_reason(node, machine):
+    assert planner_parameters.refusal(
+        node, machine, [Parameter("weights", value=[0.0, 0.0, 0.0])]
+    ) == (
+        "weights must not all be 0: any motion would be as good as any other; raise one of them "
+        "(is 0 0 0)"
+    )

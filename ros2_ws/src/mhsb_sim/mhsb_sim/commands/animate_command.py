@@ -14,8 +14,9 @@ from mhsb_model import command_line
 from mhsb_model.files.output_folders import make_room_for
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.commands.plan_command import Point, request
+from mhsb_planner.commands.plan_arguments import Point, replaced, request
 from mhsb_planner.evaluation.move import Move, planned_move
+from mhsb_planner.evaluation.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.planner import ONLINE_PLANNER, Planner, PlannerKind
 from mhsb_planner.posture.posture_table_cache import table_for
@@ -36,9 +37,9 @@ def animate(
     start: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
     goal: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
     case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
-    planner: PlannerKind = ONLINE_PLANNER,
+    planner: PlannerKind | None = None,
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    namespace: str = "",
+    namespace: str | None = None,
     begin: Annotated[float, tyro.conf.arg(metavar="S")] = 0.0,
     end: Annotated[float | None, tyro.conf.arg(metavar="S")] = None,
     speed: float = 1.0,
@@ -57,9 +58,10 @@ def animate(
         start: Tip position at the start of a plan [m].
         goal: Tip position at its goal [m].
         case: One of the paper's cases, such as 1-1.
-        planner: That plans, as in `mhsb_planner plan`.
+        planner: That plans, as in `mhsb_planner plan`; the case's own, without a case the
+            integrated one when left out.
         machine: Machine file (YAML) of the arm; the suite's own when left out.
-        namespace: Namespace of the recorded topics, such as /left.
+        namespace: Namespace of the recorded topics, such as /left; none when left out.
         begin: First instant that is shown, after the start [s].
         end: Last one [s]; to the end when left out.
         speed: Seconds that pass in one second of the film.
@@ -67,12 +69,14 @@ def animate(
         width: Of the picture [dots].
     """
     _check(output, bag, (start, goal, case), speed, rate, width)
+    _refuse_idle(bag, planner, namespace)
     make_room_for(output, "the animation")
     arm = load_machine(machine)
     if bag is not None:
-        move, goals = _recorded(arm, bag, namespace)
+        move, goals = _recorded(arm, bag, namespace or "")
     else:
-        move, goals = _planned(arm, start, goal, case, planner)
+        kind = planner or (None if case else ONLINE_PLANNER)
+        move, goals = _planned(arm, request(start, goal, case, planner=kind))
     shown = _cut(move, begin, end)
     frames = write_film(shown, goals, output, speed=speed, rate=rate, width=width)
     print(f"{frames} pictures of {shown.duration:.1f} s in {output}")
@@ -99,6 +103,20 @@ def _check(
         raise command_line.UsageError(f"--width: {width} must be within {SMALLEST} … {LARGEST}")
 
 
+def _refuse_idle(bag: Path | None, planner: str | None, namespace: str | None) -> None:
+    """Raise UsageError where an option that was given changes nothing."""
+    if bag is not None and planner is not None:
+        raise command_line.UsageError(
+            f"--planner {planner} has no effect: a recording has been planned already; leave it "
+            "out, or give --start and --goal, or --case NAME, instead of the recording"
+        )
+    if bag is None and namespace is not None:
+        raise command_line.UsageError(
+            f"--namespace {namespace} has no effect: a plan has no topics; leave it out, or give a "
+            "recording"
+        )
+
+
 def _recorded(machine: Machine, bag: Path, namespace: str) -> tuple[Move, list[Sent]]:
     run = recorded_run(read_recording(bag, namespace), machine)
     move, first_ns = whole_run(run, f"{'/'.join(bag.resolve().parts[-2:])}, as recorded")
@@ -110,16 +128,14 @@ def _recorded(machine: Machine, bag: Path, namespace: str) -> tuple[Move, list[S
     return move, sorted(goals, key=lambda sent: sent.time)
 
 
-def _planned(
-    machine: Machine, start: Point | None, goal: Point | None, case: str | None, kind: str
-) -> tuple[Move, list[Sent]]:
-    asked = request(start, goal, case, None, kind, None)
+def _planned(machine: Machine, asked: PaperCase) -> tuple[Move, list[Sent]]:
     machine.check_in_workspace(*asked.start)
     compile_planner()
     suite = Planner(machine, table_for(machine))
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
     plan = suite.plan(asked.goal, at_rest, options=asked.options)
-    (x, z), of_case = asked.goal, f"Case {case}: " if case else ""
+    changed = ", changed" if replaced(asked) else ""
+    (x, z), of_case = asked.goal, f"Case {asked.name}{changed}: " if asked.name else ""
     move = planned_move(machine, plan, asked.goal, f"{of_case}to ({x:g}, {z:g}) m, as planned")
     return move, [Sent(0.0, asked.goal)]
 

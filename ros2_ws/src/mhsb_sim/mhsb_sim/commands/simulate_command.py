@@ -19,7 +19,7 @@ from mhsb_model import command_line
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.commands.plan_command import Box, Circle
+from mhsb_planner.commands.plan_arguments import Box, Circle, as_asked
 from mhsb_planner.evaluation.move_page import draw_move_page
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, energy_of_states
@@ -28,6 +28,7 @@ from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
+from mhsb_sim.errors import VariationError
 from mhsb_sim.servo import controller_class
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
@@ -97,22 +98,28 @@ def simulate(
         output: Folder for samples.csv (100 Hz, SI units), summary.json and move.png: path, joints,
             modes, operating regions, pressures and energy on one page.
         json_: Print one JSON object instead of text.
-        audit: Also print where all energy and all oil went, and what the plans had expected.
+        audit: Also print where all energy and all oil went, and what the plans had expected; with
+            --json that is there anyway.
     """
     goals = [_timed_goal(*values) for values in itertools.chain(*goal)]
     if not goals:
         raise command_line.UsageError("give --goal X Z T, once or several times")
+    if audit and json_:
+        raise command_line.UsageError(
+            "--audit has no effect with --json, which has it all: energies_j, volumes_m3 and "
+            "energy_elements_j; leave it out"
+        )
     if seed < 0:
         raise command_line.UsageError(f"--seed: {seed} is below 0")
     if output is not None:
         make_output_folder(output, "the run")
-    arm = load_machine(machine).changed(payload=payload)
+    arm = as_asked(load_machine(machine), payload=payload)
     real = plant_of(arm, plant, vary)
     controller_class(controller)  # refuses an unknown one before anything takes time
     compile_planner()
     compile_simulator()
     replanner = Replanner(arm, table_for(arm))
-    kept_out = arm.changed(zones=arm.zones.with_more(zone_box, zone_circle))
+    kept_out = as_asked(arm, zones=arm.zones.with_more(zone_box, zone_circle))
     replanner.change(kept_out)
     replanner.warm_up([planner])
     simulator = Simulator(arm, controller, seed, plant=real)
@@ -126,6 +133,7 @@ def simulate(
     elements = energy_elements(planned_energy(arm, samples), simulator.energies)
     interventions = simulator.guard.interventions.count
     summary = summarize(results, samples, simulator.energies, seconds, elements, interventions)
+    summary["volumes_m3"] = simulator.volumes
     if output is not None:
         write(output, samples, summary)
         draw_move_page(simulated_move(kept_out, samples, goals, elements), output / PICTURE)
@@ -169,7 +177,13 @@ def plant_of(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machin
             raise command_line.UsageError(
                 f"--vary: {text!r} is not KEY=FACTOR with a number, such as payload=1.3"
             ) from None
-    return scaled(plant, factors, load_variations(plant)) if factors else plant
+    if not factors:
+        return plant
+    variations = load_variations(plant)
+    try:
+        return scaled(plant, factors, variations)
+    except VariationError as error:
+        raise command_line.UsageError(f"--vary: {error}") from error
 
 
 def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:

@@ -16,7 +16,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import ArgumentError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.errors import FaultError
 from mhsb_sim.servo import CONTROLLERS
@@ -96,7 +96,7 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
 
 
 def declare(node: Node, plant: Machine) -> SimParameters:
-    """Declare all other parameters and read them; MhsbError where they do not go together."""
+    """Declare all other parameters and read them; ArgumentError where they do not go together."""
     node.declare_parameter(
         "seed",
         0,
@@ -143,7 +143,7 @@ def declare(node: Node, plant: Machine) -> SimParameters:
         node.declare_parameter(f"{symptom}_limit", stop, _ranged(f"{unit} is stopped", *limits))
     result = check(node, plant, node.get_parameters(list(CHECKED)))
     if not result.successful:
-        raise MhsbError(result.reason)
+        raise ArgumentError(result.reason)
     return read(node)
 
 

@@ -18,7 +18,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
 from mhsb_planner.evaluation.moves import case_moves, random_moves
-from mhsb_planner.planner import PLANNER_KINDS, Planner, warm_up
+from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
@@ -38,6 +38,9 @@ from mhsb_sim.study.planner_comparison import (
 from mhsb_sim.study.supply_comparison import as_markdown, by_case, totals
 from mhsb_sim.study.supply_comparison import as_text as supplies_as_text
 
+TRUTHS = 10
+"""Of so many random moves the ground truth is sought unless it is told otherwise."""
+
 
 def compare(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/compare"),
@@ -48,7 +51,7 @@ def compare(
         2.0,
     ),
     moves: int = 100,
-    truths: int = 10,
+    truths: int | None = None,
     jobs: int | None = None,
     scheduler: Scheduler = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
@@ -65,24 +68,31 @@ def compare(
         machine: Machine file (YAML); the suite's own arm when left out.
         weights: Of energy [1/J], time [1/s] and mode switches.
         moves: Number of random moves between nodes of the grid.
-        truths: Of so many of these the ground truth is sought, too; seconds each.
+        truths: Of so many of these the ground truth is sought, too, seconds each; of 10, or of all
+            where there are fewer, when left out.
         jobs: Processes; as many as there are processors when left out.
         scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         json_: Print summary.json instead of text.
     """
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
-    for name, count in (("--moves", moves), ("--truths", truths)):
+    sought = min(TRUTHS, moves) if truths is None else truths
+    for name, count in (("--moves", moves), ("--truths", sought)):
         if count < 0:
             raise command_line.UsageError(f"{name}: {count} is negative")
+    if sought > moves:
+        raise command_line.UsageError(
+            f"--truths: {sought} is above the number of random moves, {moves}; give at most that, "
+            "or more --moves"
+        )
     try:
-        chosen = Weights(*weights)
+        chosen = PlanOptions(weights=Weights(*weights)).weights
     except RequestError as error:
         raise command_line.UsageError(f"--weights: {error}") from error
     workers = jobs_of(jobs, scheduler)
     make_output_folder(output, "the comparison")
     arm = load_machine(machine)
-    asked = requests(arm, moves, truths)
+    asked = requests(arm, moves, sought)
     comparisons = compare_all(arm, chosen, asked, workers)
     found = list(tqdm(comparisons, total=len(asked), unit="move", disable=None))
     cases, others = found[: len(found) - moves], found[len(found) - moves :]

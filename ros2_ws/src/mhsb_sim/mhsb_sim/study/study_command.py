@@ -52,7 +52,7 @@ def study(
     scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     draws: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
-    seed: int = 0,
+    seed: int | None = None,
     goals: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     controllers: Annotated[list[str] | None, tyro.conf.arg(metavar="NAME")] = None,
@@ -80,7 +80,7 @@ def study(
             config/study_scenarios_NAME.yaml where there is one for the machine's name.
         variations: File (YAML) of what plants may be like; the suite's own when left out.
         draws: Number of draws; when left out 100 with --variations, the file's with --benchmark.
-        seed: Of the draws.
+        seed: Of the draws; 0 when left out.
         goals: Random goals of each draw; six when left out.
         plant: Plant file (YAML) of what is varied, where that is not the machine itself.
         controllers: Those that draws are given to; all when left out.
@@ -93,14 +93,21 @@ def study(
     """
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
+    kind = _kind(benchmark, faults is not None, draws is not None or variations is not None)
+    given = {
+        "scenarios": scenarios,
+        "variations": variations,
+        "draws": draws,
+        "seed": seed,
+        "goals": goals,
+        "plant": plant,
+        "controllers": controllers,
+        "faults": faults,
+    }
+    _refuse_idle(kind, [name for name, value in given.items() if value is not None])
     workers = jobs_of(jobs, scheduler)
     arm = load_machine(machine)
     if benchmark:
-        if seed or any(each is not None for each in (scenarios, variations, plant, faults)):
-            raise command_line.UsageError(
-                "--benchmark: its file is the protocol; leave out --scenarios, --variations, "
-                "--plant, --seed and --faults"
-            )
         lines = study_benchmark(arm, load_protocol(arm), draws, workers, output)
         _tell(lines, output / "summary.json", json_)
         return
@@ -108,26 +115,49 @@ def study(
         lines = study_faults(arm, faults or FAULTS, workers, output)
         _tell(lines, output / "summary.json", json_)
         return
-    if variations is not None or draws is not None:
-        if scenarios is not None:
-            raise command_line.UsageError(
-                "--scenarios: draws make their own goals; leave it out for these"
-            )
+    if kind == "draws":
         real = load_plant(arm, plant) if plant else arm
         count = DRAWS if draws is None else draws
         each = GOALS if goals is None else goals
         names = controllers or list(CONTROLLERS)
-        lines = study_draws(arm, real, variations, count, seed, workers, output, each, names)
+        lines = study_draws(arm, real, variations, count, seed or 0, workers, output, each, names)
         _tell(lines, output / "summary.json", json_)
         return
-    if goals is not None:
-        raise command_line.UsageError("--goals: goes with --draws; scenarios have their own")
-    if controllers is not None:
-        raise command_line.UsageError("--controllers: goes with --draws; scenarios compare all")
-    if plant is not None:
-        raise command_line.UsageError("--plant: goes with --draws; scenarios are the machine's own")
     lines = study_scenarios(arm, load_scenarios(scenarios, arm.name), workers, output)
     _tell(lines, output / "comparison.json", json_)
+
+
+def _kind(benchmark: bool, faults: bool, draws: bool) -> str:
+    """Which of the studies is asked for: that of an option, or that of scenarios."""
+    kinds = {"benchmark": benchmark, "faults": faults, "draws": draws}
+    return next((name for name, asked in kinds.items() if asked), "scenarios")
+
+
+USED = {
+    "benchmark": ("draws",),
+    "faults": ("faults",),
+    "draws": ("variations", "draws", "seed", "goals", "plant", "controllers"),
+    "scenarios": ("scenarios",),
+}
+"""Options that each kind of study looks at, beside those that all do."""
+
+OWN = {
+    "benchmark": "its file is the protocol",
+    "faults": "every fault comes during the same lift",
+    "draws": "draws make their own goals",
+    "scenarios": "scenarios are of the machine's own, and every controller gets them",
+}
+
+
+def _refuse_idle(kind: str, given: Sequence[str]) -> None:
+    """Raise UsageError where an option was given that this kind of study does not look at."""
+    idle = [f"--{name}" for name in given if name not in USED[kind]]
+    if not idle:
+        return
+    names = ", ".join(idle)
+    if kind == "scenarios":
+        raise command_line.UsageError(f"{names}: goes with --draws; {OWN[kind]}")
+    raise command_line.UsageError(f"--{kind}: {OWN[kind]}; leave out {names}")
 
 
 def _tell(lines: Sequence[str], file: Path, as_json: bool) -> None:

@@ -47,7 +47,8 @@ def tune_servo(
         machine: Machine file (YAML) to tune and to change; the suite's own arm when left out.
         budget: Trials of each controller, each of them on all scenarios and draws.
         draws: Number of draws; with 0 the scenarios alone count.
-        variations: File (YAML) of what plants may be like; the suite's own when left out.
+        variations: File (YAML) of what plants may be like; the suite's own when left out. Not
+            with --draws 0.
         seed: Of the search and of the draws.
         jobs: Processes; as many as there are processors when left out.
         scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
@@ -58,6 +59,11 @@ def tune_servo(
     for name, value, lowest in (("budget", budget, 1), ("draws", draws, 0), ("seed", seed, 0)):
         if value < lowest:
             raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
+    if draws == 0 and variations is not None:
+        raise command_line.UsageError(
+            f"--variations {variations} has no effect: with --draws 0 nothing is varied; leave out "
+            "one of the two"
+        )
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     workers = jobs_of(jobs, scheduler)
