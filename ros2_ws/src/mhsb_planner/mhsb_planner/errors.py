@@ -36,7 +36,8 @@ class ZoneError(MhsbError):
 class NoPathError(MhsbError):
     """Goal and start are each feasible, but no sequence of steps joins them.
 
-    among  the obstacles that steps had to keep clear of
+    among   the obstacles that steps had to keep clear of
+    inside  which of them the arm is in at the start, as a clause; else empty
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class NoPathError(MhsbError):
         start: tuple[float, float],
         goal: tuple[float, float],
         among: tuple[str, ...] = (),
+        inside: str = "",
     ) -> None:
         self.start = start
         self.goal = goal
@@ -51,7 +53,7 @@ class NoPathError(MhsbError):
         clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
             f"no sequence of admissible steps leads from ({start[0]:.4g}, {start[1]:.4g}) m "
-            f"to ({goal[0]:.4g}, {goal[1]:.4g}) m{clear}"
+            f"to ({goal[0]:.4g}, {goal[1]:.4g}) m{clear}{f'; {inside}' if inside else ''}"
         )
 
 

@@ -30,6 +30,7 @@ class Plan:
              motion at all [s]
     area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
     cavitations     of actuators whose static loads drive them faster than inlets fill
+    start_in        what obstacle the arm is in or touches at the start, as a clause; else empty
     """
 
     path: DiscretePath
@@ -38,11 +39,14 @@ class Plan:
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
     cavitations: tuple[Cavitation, ...] = ()
+    start_in: str = ""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the motion asks of the machine beyond its limits; one sentence for each."""
-        return tuple(map(str, (*self.motion.overloads, *self.cavitations)))
+        """What obstacle the start is in, and what the motion asks of the machine beyond its limits;
+        one sentence for each."""
+        start = (self.start_in,) if self.start_in else ()
+        return (*start, *map(str, (*self.motion.overloads, *self.cavitations)))
 
     @property
     def lower_bound(self) -> float:

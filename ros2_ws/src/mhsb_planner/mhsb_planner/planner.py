@@ -23,7 +23,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
 from mhsb_planner.goal_region import AT_GOAL_ANGLE, AT_GOAL_DISTANCE, is_met
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
@@ -48,6 +48,7 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import area_shortfall, goal_clearance
 from mhsb_planner.search.area_shortfall import area_term
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.goal_clearance import start_in
 from mhsb_planner.search.s2_graph import StepGraph
 
 __all__ = [
@@ -132,12 +133,16 @@ class Planner:
             if rest is not None and self._leads_to(goal, rest, options):
                 making.go_on(rest, task.bound(self.graph))
             try:
-                return making.best_along(paths_by_way(planner, self.graph, task, making.time))
+                plan = making.best_along(paths_by_way(planner, self.graph, task, making.time))
+                return replace(plan, start_in=start_in(self.machine, start.position))
             except DeadlineError:
                 raise
             except MhsbError as error:
                 refused = refused or error
         assert refused is not None
+        if isinstance(refused, NoPathError):
+            inside = start_in(self.machine, start.position)
+            raise NoPathError(refused.start, refused.goal, refused.among, inside)
         raise refused
 
     def follow(

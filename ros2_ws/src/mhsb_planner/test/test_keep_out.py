@@ -1,18 +1,22 @@
 """Plans among obstacles: around them, refused where there is no way, and never through."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
 
+from mhsb_model.command import Command
+from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import FINEST, clearances
 from mhsb_model.obstacles.zones import Zones
-from mhsb_model.trajectory import MotionState
+from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import NoPathError, ZoneError
 from mhsb_planner.motion.s3_trajectory import FitMethod
-from mhsb_planner.online.verdicts import code_of
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.online.verdicts import announcement, code_of
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -131,6 +135,47 @@ def test_a_zone_set_over_the_arm_may_be_left(planner, arm, kind):
     assert distance[0] == pytest.approx(-0.1)
     assert distance.min() >= -0.101
     assert distance[np.argmax(distance > 1e-3) :].min() > 0.0
+
+
+@pytest.mark.parametrize("kind", PLANNER_KINDS)
+@pytest.mark.parametrize(
+    ("edge", "sentence"),
+    [
+        (-0.1, r"the arm starts 0.1 m deep in the keep-out box \(0.45, -0.15\) … \(0.65, 0.05\) m"),
+        (0.0, r"the arm touches the keep-out box \(0.55, -0.15\) … \(0.75, 0.05\) m at the start"),
+    ],
+)
+def test_a_start_in_or_at_a_zone_is_told_by_name(planner, arm, kind, edge, sentence):
+    x, z = START
+    zones = Zones(tip_boxes=((x + edge, z - 0.1, x + edge + 0.2, z + 0.1),))
+    start = posture_at(planner, *START)
+    planner.change(arm.changed(zones=zones))
+    plan = planned(planner, kind, start=start)
+    assert re.fullmatch(sentence, plan.warnings[0])
+
+
+def test_a_verdict_tells_in_which_zone_the_arm_starts(planner, arm, table):
+    x, z = START
+    crowded = arm.changed(zones=Zones(tip_boxes=((x - 0.1, z - 0.1, x + 0.1, z + 0.1),)))
+    held = Command.hold(0, posture_at(planner, *START), np.zeros(3, dtype=np.uint8))
+    replan = Replanner(crowded, table).replan(held, SECOND_NS, GOAL, 0.1, PlanOptions())
+    told = announcement(replan, Goal(1, *GOAL))
+    assert "; the arm starts 0.1 m deep in the keep-out box (0.45, -0.15)" in told
+
+
+def test_a_start_that_is_clear_of_all_zones_is_not_told(planner, arm):
+    x, z = START
+    planner.change(arm.changed(zones=Zones(tip_boxes=((x + 0.02, z, x + 0.2, z + 0.1),))))
+    assert not any("start" in each for each in planned(planner).warnings)
+
+
+def test_where_no_way_leads_on_the_zone_that_the_start_is_in_is_told_too(planner, arm):
+    x, z = START
+    start = posture_at(planner, *START)
+    around, wall = (x - 0.1, z - 0.1, x + 0.1, z + 0.1), (-0.1, 0.20, 1.1, 0.30)
+    planner.change(arm.changed(zones=Zones(tip_boxes=(around, wall))))
+    with pytest.raises(NoPathError, match=r"; the arm starts 0\.1 m deep in the keep-out box"):
+        planned(planner, start=start)
 
 
 def test_steps_are_those_that_stay_clear_on_their_way(graph, machine):

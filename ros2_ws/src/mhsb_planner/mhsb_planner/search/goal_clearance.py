@@ -1,4 +1,4 @@
-"""Goals at which the arm would be in an obstacle, or nearer to one than paths get."""
+"""Goals at which the arm would be in an obstacle or nearer to one than paths get; starts in one."""
 
 from __future__ import annotations
 
@@ -9,6 +9,22 @@ from mhsb_model.obstacles.clearance import clearances, tip_clearance
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import ZoneError
+
+TOUCHING = 5e-4
+"""Clearance up to which the arm touches an obstacle [m]; motions that keep clear stay away."""
+
+
+def start_in(machine: Machine, posture: FloatArray) -> str:
+    """What obstacle the arm is in or touches in a posture [rad], as a clause; else nothing.
+
+    Zones can be set over an arm, which may leave them.
+    """
+    clearance, name = machine.clearance(posture)
+    if clearance > TOUCHING:
+        return ""
+    return f"the arm starts {-clearance:.4g} m deep in {name}" if clearance < -TOUCHING else (
+        f"the arm touches {name} at the start"
+    )
 
 
 def check_tip(machine: Machine, x: float, z: float) -> None:
