@@ -57,7 +57,7 @@ BAD_ARGUMENTS = [
         "--v-max or --v-max-range, not both",
     ),
     (("mhsb_planner", "plan", "--case", "1-1", "--zone-box", "-0.5", "0.1"), "takes X1 Z1 X2 Z2"),
-    (("mhsb_planner", "plan", "--case", "1-1", "--zone-circle", "0.5", "0", "-1"), "radius: input"),
+    (("mhsb_planner", "plan", "--case=1-1", "--zone-circle", "0.5", "0", "-1"), "radius: must be"),
     (("mhsb_planner", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_planner", "build_table", "--scheduler", "x", "--jobs", "2"), "leave it out with"),
     (("mhsb_sim", "study", "--scheduler", "nonsense"), "not an address like tcp://10.0.0.2:8786"),

@@ -18,6 +18,7 @@ from mhsb_model import kinematics, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.value_paths import set_value, value_at
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.inverse_kinematics import tip_postures
@@ -27,16 +28,13 @@ from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
-from mhsb_model.schema import JOINT_KINDS, LINKAGE_KINDS, MachineConfig, problems_across
+from mhsb_model.schema import MachineConfig, problems_across
 from mhsb_model.telescopes import telescope_dynamics
 from mhsb_model.telescopes import telescope_kinematics as telescopes
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
-
-LONGEST_VALUE = 40
-"""Characters of a wrong value that a message repeats."""
 
 WITHOUT_TABLE: dict[str, Any] = {
     "joints": {"__all__": {"kind"}},  # all are of one
@@ -363,24 +361,8 @@ def _validated(content: Any, source: str) -> Machine:
     try:
         config = MachineConfig.model_validate(content)
     except ValidationError as error:
-        problems = [f"{_path(item)}: {_sentence(item)}" for item in error.errors()]
-        raise MachineFileError(source, problems) from error
+        raise MachineFileError(source, problems_of(error, MachineConfig)) from error
     return Machine.from_config(config, source)
-
-
-def _path(item: Any) -> str:
-    """Where in the file, without the kinds of joint and linkage that pydantic puts in between."""
-    kinds = (*LINKAGE_KINDS, *JOINT_KINDS)
-    return ".".join(str(part) for part in item["loc"] if part not in kinds)
-
-
-def _sentence(item: Any) -> str:
-    """What is wrong, and the value, unless nobody here knows what it means."""
-    message, value = str(item["msg"]).lower(), item.get("input")
-    if not isinstance(value, str | int | float | bool) or item["type"] == "extra_forbidden":
-        return message
-    shown = value[:LONGEST_VALUE] if isinstance(value, str) else value
-    return f"{message} (is {shown!r})"
 
 
 def _arrays(config: MachineConfig) -> MachineArrays:

@@ -24,6 +24,9 @@ MOST_VALUES = 100_000
 
 
 OF_TOKENS = re.compile(r"expected [^']*('<[a-z ]+>')?, but found '<[a-z ]+>'")
+PLAIN_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}")
+"""Keys that are repeated in messages: names, nothing that could be a secret."""
+
 QUOTED = re.compile(r"(['\"]).{3,}\1|!\S+")
 
 
@@ -47,6 +50,8 @@ def read_yaml(path: Path) -> Any:
         if _size(node, {}) > MOST_VALUES:
             reason = f"has more than {MOST_VALUES} values, with anchors written out; shorten it"
             raise YamlFileError(path, reason)
+        if twice := _keys_given_twice(node):  # constructing merges what anchors bring
+            raise YamlFileError(path, f"{'; '.join(twice)}; keep one of each")
         return loader.construct_document(node)
     except RecursionError:
         raise YamlFileError(path, "is nested too deeply, or in itself; make it flatter") from None
@@ -88,6 +93,29 @@ def _size(node: yaml.Node, known: dict[int, int]) -> int:
         children = [child for pair in parts for child in pair] if _is_mapping(node) else parts
         known[id(node)] = 1 + sum(_size(child, known) for child in children)
     return known[id(node)]
+
+
+def _keys_given_twice(node: yaml.Node) -> list[str]:
+    """Keys that a section has more than once, of which all but the last would be lost."""
+    found, seen = [], set()
+    waiting: list[tuple[str, yaml.Node]] = [("", node)]
+    while waiting:
+        path, node = waiting.pop(0)
+        if id(node) in seen or isinstance(node, yaml.ScalarNode):
+            continue
+        seen.add(id(node))
+        if not _is_mapping(node):
+            waiting += [(f"{path}{number}.", each) for number, each in enumerate(node.value)]
+            continue
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else ""
+            shown, line = name if PLAIN_KEY.fullmatch(name) else "…", key.start_mark.line + 1
+            if name and name in lines:
+                found.append(f"{path}{shown}: is there in line {lines[name]} and in line {line}")
+            lines.setdefault(name, line)
+            waiting.append((f"{path}{shown}.", value))
+    return found
 
 
 def _is_mapping(node: yaml.Node) -> bool:

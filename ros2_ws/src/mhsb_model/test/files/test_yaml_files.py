@@ -67,6 +67,33 @@ def test_what_is_wrong_is_told_by_its_place_and_not_by_its_words(refused, conten
     assert "\n" not in reason
 
 
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (
+            "a: 1\nlink:\n  mass: 2\n  length: 1\n  mass: 3\n",
+            "link.mass: is there in line 3 and in line 5; keep one of each",
+        ),
+        ("joints:\n- {q: 1}\n- {q: 1, q: 2}\n", "joints.1.q: is there in line 3 and in line 3; "),
+        (
+            "a: 1\na: {b: 1, b: 2}\n",
+            "a: is there in line 1 and in line 2; a.b: is there in line 2 and in line 2; keep one",
+        ),
+        ("'secret word': 1\n'secret word': 2\n", "…: is there in line 1 and in line 2; "),
+    ],
+)
+def test_a_key_that_is_there_twice_is_refused_by_its_path(refused, content, sentence):
+    reason = refused(content)
+    assert reason.startswith(sentence)
+    assert "secret" not in reason
+
+
+def test_a_section_of_an_anchor_is_merged_and_its_values_replaced(tmp_path):
+    file = tmp_path / "file.yaml"
+    file.write_text("a: &a {mass: 1, length: 2}\nb: {<<: *a, mass: 3}\n")
+    assert read_yaml(file)["b"] == {"mass": 3, "length": 2}
+
+
 def test_a_missing_file_a_folder_and_a_file_that_must_not_be_read_are_told(tmp_path):
     locked = tmp_path / "locked.yaml"
     locked.touch(mode=0o000)

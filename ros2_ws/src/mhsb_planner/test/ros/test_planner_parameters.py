@@ -97,7 +97,7 @@ def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, 
     [
         ("zone_boxes", [0.7, 0.1, 0.9], r"zone_boxes takes 4 for each, x z x z .*3 numbers"),
         ("tip_zone_circles", [0.7, 0.1], r"takes 3 for each, x z \[m\] of the centre, radius"),
-        ("zone_circles", [0.7, 0.1, -0.1], r"radius: input should be greater than 0 \(is -0\.1\)"),
+        ("zone_circles", [0.7, 0.1, -0.1], r"radius: must be above 0 m \(is -0\.1\); raise it"),
         ("zone_boxes", [0.7, 0.1, 0.7, 0.3], r"x_min: 0\.7 m must be below x_max 0\.7 m"),
         ("zone_boxes", [-0.1, -0.1, 0.1, 0.1], r"-0\.1 m from joint 1, where link 1 always is"),
         ("zone_boxes", [0.7, 0.1, float("nan"), 0.3], r"x_.*finite number"),

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
@@ -80,10 +81,7 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
     except YamlFileError as error:
         raise ScenarioError(str(error)) from None
     except ValidationError as error:
-        problems = [
-            f"{'.'.join(map(str, item['loc']))}: {item['msg'].lower()}" for item in error.errors()
-        ]
-        raise ScenarioError(f"{path}: {'; '.join(problems)}") from error
+        raise ScenarioError(f"{path}: {'; '.join(problems_of(error, ProtocolFile))}") from error
     return Protocol(file, variations_of(machine, file.variations, str(path)))
 
 

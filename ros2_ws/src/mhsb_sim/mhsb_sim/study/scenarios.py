@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
@@ -90,10 +91,7 @@ def load_scenarios(file: Path | None = None, machine_name: str | None = None) ->
     except YamlFileError as error:
         raise ScenarioError(str(error)) from None
     except ValidationError as error:
-        problems = [
-            f"{'.'.join(map(str, item['loc']))}: {item['msg'].lower()}" for item in error.errors()
-        ]
-        raise ScenarioError(f"{file}: {'; '.join(problems)}") from error
+        raise ScenarioError(f"{file}: {'; '.join(problems_of(error, StudyConfig))}") from error
     scenarios = scenarios_of(config)
     unknown = set(config.training) - {scenario.name for scenario in scenarios}
     if unknown:

@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.value_paths import ValuePathError
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
@@ -70,10 +71,7 @@ def variations_of(machine: Machine, content: Any, source: str) -> Variations:
         try:
             variations[str(name)] = Variation.model_validate(given)
         except ValidationError as error:
-            problems += [
-                ".".join(map(str, (name, *item["loc"]))) + f": {item['msg'].lower()}"
-                for item in error.errors()
-            ]
+            problems += problems_of(error, Variation, str(name))
     if problems:
         raise VariationError(f"{source}: {'; '.join(problems)}")
     varied(machine, variations, np.random.default_rng(0), float)  # whether all keys are known

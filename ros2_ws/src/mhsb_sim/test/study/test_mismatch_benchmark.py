@@ -116,7 +116,7 @@ def test_summaries_count_what_is_lost_and_fails_and_tell_quantiles() -> None:
 @pytest.mark.parametrize(
     ("change", "error", "sentence"),
     [
-        ({"seed": -1}, ScenarioError, "seed: input should be greater than or equal to 0"),
+        ({"seed": -1}, ScenarioError, "seed: must be at least 0"),
         ({"sequences": []}, ScenarioError, "sequences: "),
         ({"extra": 1}, ScenarioError, "extra: "),
         ({"variations": {"payload": {"keys": ["payload.mass"]}}}, VariationError, "payload"),

@@ -73,7 +73,7 @@ def test_a_factor_goes_by_a_variations_name_or_by_a_path(machine: Machine) -> No
         ({"circuit.softness": 2.0}, "there is no 'softness'; valid are bulk_modulus"),
         ({"overlap": 2.0}, "imperfections.valve_overlap is 0, whatever the factor 2"),
         ({"name": 2.0}, "name is no number"),
-        ({"payload": -1.0}, "payload.mass: input should be greater than or equal to 0"),
+        ({"payload": -1.0}, "payload.mass: must be at least 0 kg"),
     ],
 )
 def test_a_factor_that_makes_no_sense_is_refused_in_a_sentence(
@@ -88,11 +88,11 @@ def test_a_factor_that_makes_no_sense_is_refused_in_a_sentence(
     ("text", "sentence"),
     [
         ("", "names no variation"),
-        ("a: {keys: [payload.mass], factor: [1, 2]}", "a.source: field required"),
+        ("a: {keys: [payload.mass], factor: [1, 2]}", "a.source: is missing; add it"),
         ("a: {keys: [payload.mass], source: x}", "needs exactly one of factor, value"),
         ("a: {keys: [payload.mass], factor: [2, 1], source: x}", "has its higher end first"),
         ("a: {keys: [payload.weight], factor: [1, 2], source: x}", "there is no 'weight'"),
-        ("a: {keys: [circuit.bulk_modulus], value: [-1, -1], source: x}", "greater than 0"),
+        ("a: {keys: [circuit.bulk_modulus], value: [-1, -1], source: x}", "must be above 0"),
     ],
 )
 def test_a_file_that_makes_no_sense_is_refused_in_a_sentence(
