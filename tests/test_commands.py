@@ -320,6 +320,18 @@ def test_an_arm_that_does_not_get_there_is_told_and_fails(start, tmp_path):
     assert goal["goal_distance_mm"] > 100.0
 
 
+def test_an_interrupt_of_a_long_command_is_told_in_one_sentence(start, tmp_path):
+    child = start(
+        *("mhsb_planner", "build_table", "--solver", "slsqp", "--jobs", "2"),
+        *("--output", tmp_path / "table.npz"),
+    )
+    child.wait_for("posture table", 120)
+    assert child.stop(signal.SIGINT, 120) == 130
+    assert child.output.endswith("build_table: interrupted; no result was kept\n")
+    assert "Traceback" not in child.output
+    assert not (tmp_path / "table.npz").exists()
+
+
 def test_a_command_that_is_not_there_is_answered_with_those_that_are():
     script = "source scripts/ros2_run.sh; ros2 run mhsb_planner plam; ros2 run mhsb_plan goal"
     run = subprocess.run(["bash", "-c", script], cwd=ROOT, capture_output=True, text=True)

@@ -7,7 +7,8 @@ sentence on standard error:
     exit code  0    done (or what the command itself returns)
                1    the command failed, or a file that it was given cannot be used
                2    the arguments cannot be used
-               130  interrupted, and 141 where the reader of the output went away: both silent
+               130  interrupted, with a sentence that tells what was kept, and where
+               141  the reader of the output went away: silent
 """
 
 from __future__ import annotations
@@ -37,6 +38,17 @@ USAGE = 2
 INTERRUPTED = 130
 READER_GONE = 141
 
+NOTHING_KEPT = "no result was kept"
+
+
+_kept: list[str] = []
+"""What an interrupt of the running command leaves, in words; the last one holds."""
+
+
+def keep(words: str) -> None:
+    """From now on an interrupt of this command tells these words: what is kept then, and where."""
+    _kept[:] = [words]
+
 
 class UsageError(ArgumentError):
     """The arguments of a command cannot be used."""
@@ -64,6 +76,7 @@ def run(
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     name = name or Path(sys.argv[0]).stem
+    _kept.clear()
     try:
         if node:
             arguments = without_ros_arguments(arguments)
@@ -75,7 +88,7 @@ def run(
     except MhsbError as error:
         return _fail(name, error, FAILED)
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return _fail(name, f"interrupted; {_kept[0] if _kept else NOTHING_KEPT}", INTERRUPTED)
     except BrokenPipeError:
         _drop_output()
         return READER_GONE

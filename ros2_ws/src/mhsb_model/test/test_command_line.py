@@ -11,7 +11,7 @@ from typing import IO, Annotated, Literal
 import pytest
 import tyro
 
-from mhsb_model.command_line import run, without_ros_arguments
+from mhsb_model.command_line import keep, run, without_ros_arguments
 from mhsb_model.errors import MhsbError
 
 
@@ -181,10 +181,26 @@ def run_script(
     )
 
 
-def test_an_interrupt_ends_quietly_with_130(tmp_path):
+def test_an_interrupt_ends_with_130_and_a_sentence(tmp_path):
     child = run_script(tmp_path, "    raise KeyboardInterrupt")
-    assert child.communicate(timeout=30) == ("", "")
+    assert child.communicate(timeout=30) == ("", "count: interrupted; no result was kept\n")
     assert child.returncode == 130
+
+
+def test_an_interrupt_tells_what_was_kept_last_by_this_command(capsys):
+    def save() -> None:
+        keep("a.json has 3 of 5 runs")
+        keep("a.json has 4 of 5 runs")
+        raise KeyboardInterrupt
+
+    def wait() -> None:
+        raise KeyboardInterrupt
+
+    assert (run(save, [], name="save"), run(wait, [], name="wait")) == (130, 130)
+    assert capsys.readouterr().err.splitlines() == [
+        "save: interrupted; a.json has 4 of 5 runs",
+        "wait: interrupted; no result was kept",
+    ]
 
 
 def test_a_reader_who_goes_away_ends_the_command_quietly(tmp_path):

@@ -61,7 +61,7 @@ def goal(
             changes = _changes(tolerance, psi_range)
             told = _send_and_wait(sender, executor, (x, z), changes, wait, timeout, say)
     except ExternalShutdownException:
-        return command_line.INTERRUPTED
+        raise KeyboardInterrupt from None
     if told.trouble:
         say(told.trouble)
     if json:
@@ -128,6 +128,8 @@ def _send_and_wait(
     verdict = sender.ask(executor, *target, timeout)
     if verdict is None:
         return Told(NO_ANSWER, f"the planner gave no answer within {timeout:g} s")
+    if verdict.code.accepted:
+        command_line.keep("the goal stays, and the arm goes there; the planner's ~/stop ends that")
     say("\n".join(_verdict_lines(verdict)))
     if not verdict.code.accepted:
         return Told(REFUSED, verdict=verdict)

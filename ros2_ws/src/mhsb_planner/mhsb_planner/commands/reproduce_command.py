@@ -106,6 +106,7 @@ def reproduce(
         raise RequestError("the machine", arm.name, f"must have {JOINTS} joints, as the paper's")
     workers = jobs_of(jobs, scheduler)
     make_output_folder(output, "what is reproduced")
+    command_line.keep(f"{output} has the figures that were ready, and no new table and summary")
     asked = settings() | integrated_settings() | area_settings()
     for scale in HEURISTIC_SCALES:
         asked |= published_settings(scale=scale)

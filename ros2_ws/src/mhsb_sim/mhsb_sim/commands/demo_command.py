@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 import sys
 import time
@@ -37,6 +38,9 @@ from mhsb_sim.simulation.plant_check import check_plant
 from mhsb_sim.simulation.plant_files import load_plant
 
 GOALS_FILE = "demo_goals.yaml"
+UNFINISHED, RESULTS = "unfinished", ("bag", "report", "summary.json")
+"""Where a demo puts what it makes until all of it is there, and what that is."""
+
 REST = 2.0
 """Time at rest after a goal that was waited for [s]."""
 
@@ -67,7 +71,8 @@ def demo(
 
     Starts sim_node and planner_node, sends goals on a timer, records into DIR/bag, writes
     DIR/report and DIR/summary.json. Runs in the domain of ROS_DOMAIN_ID, where no other planner
-    or simulator may be. What an earlier demo left in DIR is replaced.
+    or simulator may be. What an earlier demo left in DIR is replaced once all of it is there anew;
+    until then it is in DIR/unfinished.
 
     Args:
         output: Folder for recording, report and summary.
@@ -84,7 +89,7 @@ def demo(
     if plant:
         check_plant(arm, load_plant(arm, plant))
     began = time.monotonic()
-    clear(output)
+    unfinished = begin(output)
     settings = (f"machine:={machine.resolve()}",) if machine else ()
     of_plant = (f"plant:={plant.resolve()}",) if plant else ()
     compile_nodes()
@@ -92,12 +97,13 @@ def demo(
         with ros_running(), serving(GoalSender) as (executor, sender):
             refuse_company(sender, executor)
             with _shown(machine) if view else nullcontext():
-                _run(sender, executor, wanted, ((*settings, *of_plant), settings), output)
+                _run(sender, executor, wanted, ((*settings, *of_plant), settings), unfinished)
     except ExternalShutdownException:
-        return command_line.INTERRUPTED
+        raise KeyboardInterrupt from None
     print("writing the report")
-    summary = write_report(output / "bag", output / "report", arm)
-    shutil.move(output / "report" / "summary.json", output / "summary.json")
+    summary = write_report(unfinished / "bag", unfinished / "report", arm)
+    shutil.move(unfinished / "report" / "summary.json", unfinished / "summary.json")
+    finish(output)
     print("\n".join(summary_lines(summary)))
     print(f"done in {time.monotonic() - began:.0f} s; see {output}/report and summary.json")
     if problem := shortfall(summary):
@@ -146,13 +152,23 @@ def _goal(file: Path, number: int, values: Any) -> TimedGoal:
     )
 
 
-def clear(output: Path) -> None:
-    """Make the folder, without what an earlier demo has left; nothing else is touched."""
+def begin(output: Path) -> Path:
+    """The folder for what a demo makes until all of it is there, emptied."""
     make_output_folder(output, "the demo's output")
-    for name in ("bag", "report"):
-        if (output / name).is_dir():
-            shutil.rmtree(output / name)
-    (output / "summary.json").unlink(missing_ok=True)
+    unfinished = output / UNFINISHED
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir()
+    command_line.keep(f"what was recorded is in {unfinished}; all else in {output} is as it was")
+    return unfinished
+
+
+def finish(output: Path) -> None:
+    """Put what the demo has made in the place of what an earlier one left; all else stays."""
+    for name in RESULTS:
+        old = output / name
+        shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
+        os.replace(output / UNFINISHED / name, old)
+    (output / UNFINISHED).rmdir()
 
 
 def _run(

@@ -79,17 +79,20 @@ def write_film(
     times = move.time[0] + np.minimum(np.arange(count) * hundredths / 100 * speed, move.duration)
     frames = list(_with_one_palette([film.frame(time) for time in times]))
     part = file.with_name(f"{file.name}.part")
-    with part.open("wb") as stream:
-        frames[0].save(
-            stream,
-            format="GIF",
-            save_all=True,
-            append_images=frames[1:],
-            duration=10 * hundredths,
-            loop=0,
-            optimize=True,
-        )
-    os.replace(part, file)
+    try:
+        with part.open("wb") as stream:
+            frames[0].save(
+                stream,
+                format="GIF",
+                save_all=True,
+                append_images=frames[1:],
+                duration=10 * hundredths,
+                loop=0,
+                optimize=True,
+            )
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
     return count
 
 

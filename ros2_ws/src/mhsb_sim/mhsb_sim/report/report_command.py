@@ -48,6 +48,7 @@ def report(
             energy.
         json_: Print the summary as one JSON object instead of text.
     """
+    command_line.keep(f"{output} has no new {SUMMARY_FILE}, but may have new figures")
     content = write_report(bag, output, load_machine(machine), table, namespace, moves=moves)
     if json_:
         print(json.dumps(content))

@@ -215,6 +215,8 @@ def study_draws(
     finally:  # what has been run is kept, whatever ends it
         if records:
             write_json(output / "summary.json", draws_as_dicts(records))
+            done = len({record.draw for record in records})
+            command_line.keep(f"{output}/summary.json has {done} of {count} draws")
     return draws_as_text(records)
 
 

@@ -85,6 +85,7 @@ def tune_servo(
             print(f"{controller}: cost {found.cost:.3f} with {gains}", flush=True)
         if not dry_run:
             write_gains(file.resolve(), controller, found.gains)
+            command_line.keep(f"{file} has the new gains of {', '.join(best)}")
     if json_:
         print(json.dumps({name: asdict(trial) for name, trial in best.items()}))
 

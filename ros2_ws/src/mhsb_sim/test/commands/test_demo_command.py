@@ -6,7 +6,14 @@ import pytest
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import config_file
-from mhsb_sim.commands.demo_command import GOALS_FILE, TimedGoal, read_goals, shortfall
+from mhsb_sim.commands.demo_command import (
+    GOALS_FILE,
+    TimedGoal,
+    begin,
+    finish,
+    read_goals,
+    shortfall,
+)
 
 GOOD = {"goals_sent": 11, "goals_refused": 0, "lost": []}
 
@@ -34,3 +41,27 @@ def test_a_run_falls_short_where_goals_were_lost_or_refused_and_says_why():
         "2 of 11 goals were lost, the first at (0.55, -0.6) m: it got no verdict"
     )
     assert "1 of 11 goals were refused" in shortfall(GOOD | {"goals_refused": 1})
+
+
+def test_what_an_earlier_demo_made_stays_until_all_of_it_is_there_anew(tmp_path):
+    for name in ("bag", "report"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "old").touch()
+    (tmp_path / "summary.json").write_text("old")
+    (tmp_path / "notes.txt").touch()
+    unfinished = begin(tmp_path)
+    (unfinished / "half").touch()  # and here it was interrupted
+    assert (tmp_path / "report" / "old").exists()
+    assert (tmp_path / "summary.json").read_text() == "old"
+
+    assert begin(tmp_path) == unfinished
+    assert list(unfinished.iterdir()) == []
+    for name in ("bag", "report"):
+        (unfinished / name).mkdir()
+        (unfinished / name / "new").touch()
+    (unfinished / "summary.json").write_text("new")
+    finish(tmp_path)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == sorted(
+        ["bag", "new", "report", "new", "summary.json", "notes.txt"]
+    )
+    assert (tmp_path / "summary.json").read_text() == "new"
