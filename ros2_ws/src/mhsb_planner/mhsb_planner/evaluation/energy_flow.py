@@ -19,6 +19,7 @@ from mhsb_model.figure_style import (
     VERMILION,
     YELLOW,
 )
+from mhsb_model.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,6 +47,9 @@ GAP = 0.045
 
 LEAST_PITCH = 0.125
 """Between two labels, likewise."""
+
+LEADER = 0.03
+"""How far a label is from its bar, as a share of the width."""
 
 
 def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
@@ -75,26 +79,56 @@ def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, 
 
 
 def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
-    top, written = (1.0 - scale * sum(given.values())) / 2, -1.0
-    for name, value in given.items():
-        height = scale * value
-        _draw_bar(LEFT - BAR, top, height, name, axes)
-        written = max(top + height / 2, written + LEAST_PITCH)
-        _write(LEFT - BAR - 0.02, written, name, value, total, "right", axes)
-        top += height
+    heights = [scale * value for value in given.values()]
+    tops = (1.0 - sum(heights)) / 2 + np.cumsum([0.0, *heights[:-1]])
+    for name, top, height in zip(given, tops, heights, strict=True):
+        _draw_bar(LEFT - BAR, float(top), height, name, axes)
+    _write_all(given, tops + np.array(heights) / 2, total, LEFT - BAR, -1, axes)
 
 
 def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
     """Bars on the right, each with its band from the stack on the left."""
-    leaves, top, written = (1.0 - scale * sum(taken.values())) / 2, 0.0, -1.0
-    for name, value in taken.items():
-        height = scale * value
-        _draw_band(leaves, top, height, name, axes)
+    heights = np.array([scale * value for value in taken.values()])
+    above = np.cumsum([0.0, *heights[:-1]])
+    leaves, tops = (1.0 - heights.sum()) / 2 + above, above + GAP * np.arange(len(heights))
+    for name, leave, top, height in zip(taken, leaves, tops, heights, strict=True):
+        _draw_band(leave, top, height, name, axes)
         _draw_bar(RIGHT, top, height, name, axes)
-        written = max(top + height / 2, written + LEAST_PITCH)
-        _write(RIGHT + BAR + 0.02, written, name, value, total, "left", axes)
-        leaves += height
-        top += height + GAP
+    _write_all(taken, tops + heights / 2, total, RIGHT + BAR, 1, axes)
+
+
+def label_places(middles: FloatArray, pitch: float = LEAST_PITCH) -> FloatArray:
+    """Heights of labels as near to their bars' middles as leaves each the pitch, within 0 … 1.
+
+    middles  float64[k], increasing, as shares of the height, from above
+    """
+    pitch = min(pitch, 1.0 / max(len(middles), 1))
+    own = pitch * np.arange(len(middles))
+    lowest = 1.0 - pitch / 2 - own[-1] if len(middles) else 0.0
+    # Less what the pitch takes, heights may not decrease, which a running maximum sees to.
+    free = np.clip(middles - own, pitch / 2, lowest)
+    return np.asarray(np.maximum.accumulate(free) + own)
+
+
+def _write_all(
+    parts: Mapping[str, float],
+    middles: FloatArray,
+    total: float,
+    edge: float,
+    side: int,
+    axes: Axes,
+) -> None:
+    """Names and amounts beside the bars, to the right (1) or left (-1), with thin lines to them."""
+    for (name, value), middle, height in zip(
+        parts.items(), middles, label_places(middles), strict=True
+    ):
+        near, far = edge + side * 0.005, edge + side * LEADER
+        axes.plot([near, far], [middle, height], color=GREY, linewidth=0.6)
+        text = f"{name}\n{value:.0f} J, {100 * value / total:.0f} %"
+        where = "left" if side > 0 else "right"
+        axes.text(
+            far + side * 0.008, height, text, ha=where, va="center", fontsize=8, linespacing=1.05
+        )
 
 
 def _draw_bar(left: float, top: float, height: float, name: str, axes: Axes) -> None:
@@ -111,10 +145,3 @@ def _draw_band(leaves: float, arrives: float, height: float, name: str, axes: Ax
     x = LEFT + (RIGHT - LEFT) * along
     color = COLORS.get(name, PALE)
     axes.fill_between(x, shift, shift + height, color=color, alpha=0.35, linewidth=0)
-
-
-def _write(
-    x: float, y: float, name: str, value: float, total: float, side: str, axes: Axes
-) -> None:
-    text = f"{name}\n{value:.0f} J, {100 * value / total:.0f} %"
-    axes.text(x, y, text, ha=side, va="center", fontsize=8.5, linespacing=1.1)

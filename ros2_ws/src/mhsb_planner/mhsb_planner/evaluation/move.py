@@ -32,7 +32,7 @@ class Move:
 
     machine    that moved, or was to
     title      of the picture
-    goal       (x, z) m, None where there is none
+    goals      (x, z) m each, in their order
     time       float64[k] s
     position   float64[k, n] rad
     reference  float64[k, n] rad that the servo followed; None where nothing was measured
@@ -47,7 +47,7 @@ class Move:
 
     machine: Machine
     title: str
-    goal: tuple[float, float] | None
+    goals: tuple[tuple[float, float], ...]
     time: FloatArray
     position: FloatArray
     reference: FloatArray | None
@@ -81,7 +81,7 @@ def planned_move(machine: Machine, plan: Plan, goal: tuple[float, float], title:
     return Move(
         machine=machine,
         title=title,
-        goal=goal,
+        goals=(goal,),
         time=offset_ns / SECOND_NS,
         position=position,
         reference=None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -70,6 +70,8 @@ def draw_move_page(move: Move, file: Path) -> None:
 
 
 def _draw_path(move: Move, axes: Axes) -> None:
+    from matplotlib.patheffects import Normal, Stroke
+
     draw_workspace_axes(move.machine, axes)
     draw_obstacles(move.machine, axes)
     for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
@@ -80,12 +82,26 @@ def _draw_path(move: Move, axes: Axes) -> None:
     for mode in Mode:
         who = "all actuators" if mode is Mode.N else "an actuator"
         axes.plot([], [], color=PATH_COLOR[mode], linewidth=2.6, label=f"tip, {who} in {mode.name}")
-    if move.goal is not None:
+    several = len(move.goals) > 1
+    for number, (place, who) in enumerate(_places(move.goals), start=1):
         axes.plot(
-            *move.goal, marker="o", markersize=9, markerfacecolor="white",
-            markeredgecolor=BLACK, linestyle="none", label="goal",
+            *place, marker="o", markersize=9, markerfacecolor="white", markeredgecolor=BLACK,
+            linestyle="none", label="goal" if number == 1 else None, zorder=4,
         )  # fmt: skip
+        if several:
+            axes.annotate(
+                who, place, (7, 7), textcoords="offset points", fontsize=10, fontweight="bold",
+                path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()], zorder=5,
+            )  # fmt: skip
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), fontsize=8, ncols=2)
+
+
+def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, float], str]]:
+    """Each place of goals once, with the numbers that they have in their order."""
+    numbers: dict[tuple[float, float], list[str]] = {}
+    for number, place in enumerate(goals, start=1):
+        numbers.setdefault(place, []).append(str(number))
+    return [(place, ", ".join(who)) for place, who in numbers.items()]
 
 
 def _draw_joints(move: Move, axes: Axes) -> None:

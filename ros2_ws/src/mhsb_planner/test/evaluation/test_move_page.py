@@ -1,8 +1,12 @@
 """The page of a move is drawn, and its regions end where valve and pumps do."""
 
+from dataclasses import replace
+from itertools import combinations
+
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mhsb_model.figure_style import RESOLUTION
@@ -24,7 +28,7 @@ def move(machine):
     modes[30:60, 0], modes[60:, 1] = Mode.DB, Mode.SB
     pressure = np.full((91, 3), 4e6)
     return Move(
-        machine, "A move", (0.5, 0.2), time, position, position, modes,
+        machine, "A move", ((0.5, 0.2),), time, position, position, modes,
         np.full((91, 3), 0.005), np.full((91, 3), 900.0), pressure, {"cap side": pressure / 2},
         {"main pump": -90.0, "throttling": 60.0, "leakage": 30.0}, "a test",
     )  # fmt: skip
@@ -74,6 +78,55 @@ def test_bands_are_as_high_as_their_share_and_small_ones_are_left_out():
     words = [text.get_text() for text in axes.texts]
     assert words[0] == "main pump\n80 J, 80 %"
     assert not any("friction" in each for each in words)
+
+
+@pytest.mark.parametrize(
+    "shares",
+    [
+        [0.6, 0.37, 0.01, 0.01, 0.01],
+        [0.005, 0.005, 0.005, 0.98, 0.005],
+        [0.97, 0.005, 0.005, 0.005, 0.005, 0.005, 0.005],
+        [1.0],
+        [1 / 12] * 12,
+    ],
+)
+def test_labels_of_thin_bands_keep_apart_and_within_the_picture(shares):
+    middles = np.cumsum(shares) - np.array(shares) / 2
+    places = energy_flow.label_places(middles)
+    pitch = min(energy_flow.LEAST_PITCH, 1.0 / len(shares))
+    assert np.all(np.diff(places) >= pitch - 1e-12)
+    assert places[0] >= pitch / 2 - 1e-12
+    assert places[-1] <= 1.0 - pitch / 2 + 1e-12
+
+
+def test_labels_that_have_room_stand_at_the_middle_of_their_bands():
+    middles = np.array([0.2, 0.5, 0.8])
+    assert energy_flow.label_places(middles).tolist() == pytest.approx(middles.tolist())
+
+
+def test_labels_as_drawn_do_not_overlap():
+    figure = Figure((5.0, 2.6))
+    axes = figure.subplots()
+    energy = {"main pump": -506.0, "servo pumps": -11.0, "throttling": 214.0, "leakage": 275.0}
+    energy |= {"oil to the tank": 13.0, "servo pump losses": 5.0, "friction": 8.0}
+    energy_flow.draw_energy_flow(energy, axes)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    boxes = [text.get_window_extent(renderer) for text in axes.texts]
+    assert len(boxes) == 7
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+
+
+def test_every_goal_is_drawn_at_its_place_with_its_number(move):
+    figure = Figure()
+    axes = figure.subplots()
+    places = ((0.5, 0.2), (0.6, -0.3), (0.5, 0.2))
+    move_page._draw_path(replace(move, goals=places), axes)
+    circles = [line.get_xydata()[0].tolist() for line in axes.lines if line.get_markersize() == 9]
+    assert circles[:2] == [[0.5, 0.2], [0.6, -0.3]]
+    assert [(text.get_text(), text.xy) for text in axes.texts] == [
+        ("1, 3", (0.5, 0.2)),
+        ("2", (0.6, -0.3)),
+    ]
 
 
 def test_without_energy_the_diagram_says_so():

@@ -41,7 +41,7 @@ COLORS = 96
 SWATCH = 8  # dots
 WHITE = "#ffffff"
 
-EVERY, BESIDE = 20, 0.03
+EVERY, BESIDE = 5, 0.08
 """Instants between two that are looked at for the room that cylinders take, and more of it [m]."""
 
 LINES = (BLACK, GREEN, PURPLE, GREY)

@@ -38,7 +38,7 @@ def whole_run(run: RecordedRun, title: str) -> tuple[Move, int]:
     time_ns = _instants(run, run.followed.stamp_ns, run.followed.end_ns)
     if len(time_ns) < 2:
         raise BagError("the recording has no actuator_states; was the simulator running?")
-    return _measured(run, title, None, time_ns), int(time_ns[0])
+    return _measured(run, title, (), time_ns), int(time_ns[0])
 
 
 def _until_rest(run: RecordedRun, goal: GoalRecord, end_ns: int) -> int:
@@ -62,11 +62,11 @@ def _move(run: RecordedRun, number: int, goal: GoalRecord, time_ns: IntArray) ->
     place = (goal.verdict.goal_x, goal.verdict.goal_z)
     fate = goal.outcome.value if goal.outcome else "under way"
     title = f"Goal {number}: ({place[0]:.4g}, {place[1]:.4g}) m, as recorded, {fate}"
-    return _measured(run, title, place, time_ns)
+    return _measured(run, title, (place,), time_ns)
 
 
 def _measured(
-    run: RecordedRun, title: str, goal: tuple[float, float] | None, time_ns: IntArray
+    run: RecordedRun, title: str, goals: tuple[tuple[float, float], ...], time_ns: IntArray
 ) -> Move:
     states, table = run.recording.joint_states, run.recording.actuators
     rows = np.searchsorted(table.time_ns, time_ns)
@@ -75,7 +75,7 @@ def _measured(
     return Move(
         machine=run.machine,
         title=title,
-        goal=goal,
+        goals=goals,
         time=(time_ns - time_ns[0]) / SECOND_NS,
         position=_at(time_ns, states.time_ns, states.position),
         reference=run.followed.sample_many(time_ns)[0],

@@ -26,7 +26,7 @@ def simulated_move(
     return Move(
         machine=machine,
         title=f"To {places} m, as simulated",
-        goal=(goals[-1].x, goals[-1].z),
+        goals=tuple((goal.x, goal.z) for goal in goals),
         time=samples.time - samples.time[0],
         position=samples.position,
         reference=samples.reference,

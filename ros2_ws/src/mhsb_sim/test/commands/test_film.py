@@ -1,5 +1,7 @@
 """A film shows the arm move, in the colours of its modes, at the pace that was asked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
@@ -7,7 +9,8 @@ from PIL import Image, ImageSequence
 from mhsb_model.figure_style import MODE_COLOR
 from mhsb_model.modes import Mode
 from mhsb_planner.evaluation.move import Move
-from mhsb_sim.commands.film import Sent, write_film
+from mhsb_sim.commands.film import BARREL, SIZE, Sent, _Film, write_film
+from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, linkage_bars
 
 WIDTH = 480
 
@@ -22,7 +25,7 @@ def move(machine):
     modes[20:40, 0], modes[40:, 0] = Mode.DB, Mode.SB
     flat, goal = np.zeros((61, 3)), (0.5, 0.2)
     return Move(
-        machine, "A move", goal, time, position, None, modes, flat, flat, flat + 4e6, {}, {}, ""
+        machine, "A move", (goal,), time, position, None, modes, flat, flat, flat + 4e6, {}, {}, ""
     )  # fmt: skip
 
 
@@ -66,3 +69,22 @@ def test_a_goal_is_shown_from_its_time_on(frames):
 
     before = max(map(dark, frames[4:10]))
     assert min(map(dark, frames[10:16])) > before + 8
+
+
+def test_cylinders_lie_within_the_stage_with_all_of_their_width(machine, move, tmp_path):
+    position = np.tile(machine.config.simulation.start_posture, (61, 1))
+    position[:, 0] = np.linspace(machine.arrays.joint_min[0], machine.arrays.joint_max[0], 61)
+    film = _Film(replace(move, position=position), [], WIDTH)
+    per_metre = np.diff(film._stage.transData.transform([[0, 0], [1, 1]]), axis=0).min()
+    half = (BARREL + 2.0) / 2 * (WIDTH / SIZE[0]) / 72 / per_metre  # m
+    for q in position:
+        bars = [bar for bar in linkage_bars(machine, q) if bar.paint == BARREL_PAINT]
+        ends = np.array([end[[0, 2]] for bar in bars for end in (bar.start, bar.end)])
+        for low, high, values in zip(
+            (film._stage.get_xlim()[0], film._stage.get_ylim()[0]),
+            (film._stage.get_xlim()[1], film._stage.get_ylim()[1]),
+            ends.T,
+            strict=True,
+        ):
+            assert low <= values.min() - half
+            assert values.max() + half <= high

@@ -7,6 +7,7 @@ from dataclasses import replace
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.figure_style import RESOLUTION, WIDTH, telling_rows
@@ -16,6 +17,7 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_sim.recording.bag_reader import read_recording
 from mhsb_sim.recording.recording import Timed
 from mhsb_sim.report import figures
+from mhsb_sim.report.estimate_figure import courses_of, draw_courses
 from mhsb_sim.report.recorded_run import recorded_run
 from mhsb_sim.report.run_axes import mode_spans
 
@@ -58,6 +60,7 @@ def learnt_in(run):
     for k, time_ns in enumerate(times):
         spread, known = 2.0 / (1 + k), k > 4
         values = [Estimate("payload", "", 10.0 + spread, spread, known)]
+        values += [Estimate(name, "", 0.02, 0.01, known) for name in ("pump_lag", "delay")]
         for actuator in run.machine.actuator_names:
             values += [
                 Estimate(quantity, actuator, 1.0 - 0.1 * spread, 0.1 * spread, known)
@@ -75,6 +78,20 @@ def test_what_the_servo_has_learnt_is_drawn_where_it_has_told_it(run, tmp_path):
     picture = matplotlib.image.imread(tmp_path / "estimates.png")[..., :3]
     assert picture.shape[1] == WIDTH * RESOLUTION
     assert len(np.unique((255 * picture).astype(np.uint8).reshape(-1, 3), axis=0)) > 50
+
+
+def test_lag_and_delay_are_drawn_in_ms_and_a_legend_tells_what_pale_means(run):
+    learnt, figure = learnt_in(run), Figure(layout="constrained")
+    draw_courses(learnt, courses_of(learnt), figure)
+    labels = {axes.get_ylabel(): axes for axes in figure.axes}
+    for label in ("lag of pumps\n[ms]", "delay\n[ms]"):
+        assert labels[label].lines[0].get_ydata() == pytest.approx(20.0)
+    assert not any("bulk" in label for label in labels)  # of which nothing was told
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert sorted(told) == sorted([
+        "the whole arm", "actuator 1", "actuator 2", "actuator 3",
+        "95 % interval", "the same, not known yet",
+    ])  # fmt: skip
 
 
 def test_thinning_keeps_every_peak():

@@ -19,7 +19,7 @@ def test_a_move_lasts_from_its_take_over_to_the_next_or_to_its_rest(run):
     for move, begin, end in zip(moves[:-1], taken_over, taken_over[1:], strict=False):
         assert move.duration <= (end - begin) / 1e9 + 1e-9
     for move, goal in zip(moves, [each for each in run.goals if each.taken_over_ns], strict=True):
-        assert move.goal == (goal.verdict.goal_x, goal.verdict.goal_z)
+        assert move.goals == ((goal.verdict.goal_x, goal.verdict.goal_z),)
         assert f"({goal.verdict.goal_x:.4g}, {goal.verdict.goal_z:.4g}) m" in move.title
 
 
