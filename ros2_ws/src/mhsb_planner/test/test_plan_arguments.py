@@ -7,7 +7,13 @@ import pytest
 
 from mhsb_model.command_line import UsageError
 from mhsb_model.errors import ArgumentError
-from mhsb_planner.commands.plan_arguments import case_line, refuse_idle, replaced, request
+from mhsb_planner.commands.plan_arguments import (
+    case_line,
+    case_title,
+    refuse_idle,
+    replaced,
+    request,
+)
 from mhsb_planner.evaluation.paper_cases import paper_cases
 from mhsb_planner.planner import PLANNER_KINDS, PlanOptions
 from mhsb_planner.search.s2_search import Weights
@@ -81,7 +87,9 @@ def test_what_is_given_in_place_of_what_a_case_says_is_told():
         "--weights 0 15 2 in place of its 0.5 0 2",
         "--planner integrated in place of its table",
     ]
-    assert case_line(asked)[0].startswith("not Case 1-1 of the paper any more: --goal 0.6 0.1 in")
+    assert case_line(asked)[0].startswith("Case 1-1, but with --goal 0.6 0.1 in place of")
+    assert case_title(asked) == "Case 1-1, changed: "
+    assert case_title(request(None, None, "1-1", planner="integrated")) == "Case 1-1: "
 
 
 def test_a_case_as_it_is_and_a_move_without_a_case_have_nothing_to_tell():

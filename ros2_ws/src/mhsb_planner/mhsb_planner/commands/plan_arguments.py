@@ -67,7 +67,13 @@ def replaced(asked: PaperCase) -> list[str]:
 def case_line(asked: PaperCase) -> list[str]:
     """The same as a sentence, where there is anything to say."""
     said = replaced(asked)
-    return [f"not Case {asked.name} of the paper any more: {', '.join(said)}"] if said else []
+    return [f"Case {asked.name}, but with {', '.join(said)}"] if said else []
+
+
+def case_title(asked: PaperCase) -> str:
+    """How a picture of it begins, which tells the planner anyway; empty without a case."""
+    changed = any(not each.startswith("--planner") for each in replaced(asked))
+    return f"Case {asked.name}{', changed' if changed else ''}: " if asked.name else ""
 
 
 def _words(value: object) -> str:

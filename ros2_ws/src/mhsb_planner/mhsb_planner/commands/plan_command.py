@@ -26,6 +26,7 @@ from mhsb_planner.commands.plan_arguments import (
     angle_of,
     as_asked,
     case_line,
+    case_title,
     goal_region_of,
     range_of,
     refuse_idle,
@@ -202,7 +203,7 @@ def plan(
     seconds = {**made.seconds, "total": time.perf_counter() - began}
     area = polytope_areas_of(suite, made)
     if plot is not None:
-        draw_move_page(planned_move(suite.machine, made, asked.goal, _title(case, asked)), plot)
+        draw_move_page(planned_move(suite.machine, made, asked.goal, _title(asked)), plot)
     if json_:
         content = as_json(suite.machine, made, seconds) | area | curve_json(found)
         print(json.dumps(content | {"case": case, "replaced": replaced(asked)}))
@@ -215,12 +216,11 @@ def _advance(bar: tqdm, _: Sample) -> None:
     bar.update()
 
 
-def _title(case: str | None, asked: PaperCase) -> str:
+def _title(asked: PaperCase) -> str:
     """Of the picture: which motion, and by which planner."""
     (x, z), (goal_x, goal_z) = asked.start, asked.goal
-    of_case = f"Case {case}{', changed' if replaced(asked) else ''}: " if case else ""
     way = f"({x:g}, {z:g}) m to ({goal_x:g}, {goal_z:g}) m"
-    return f"{of_case}{way}, planned by {asked.options.planner}"
+    return f"{case_title(asked)}{way}, {asked.options.planner} planner"
 
 
 def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str, Any]:

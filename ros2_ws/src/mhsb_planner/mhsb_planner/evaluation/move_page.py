@@ -22,12 +22,14 @@ from mhsb_model.figure_style import (
     written_figure,
 )
 from mhsb_model.hydraulics import oil_of
+from mhsb_model.kinematics import joint_positions
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.evaluation.energy_flow import draw_energy_flow
 from mhsb_planner.evaluation.move import Move
 from mhsb_planner.evaluation.workspace_drawing import (
+    BORDER,
     draw_arm,
     draw_obstacles,
     draw_workspace_axes,
@@ -76,6 +78,7 @@ def _draw_path(move: Move, axes: Axes) -> None:
     draw_obstacles(move.machine, axes)
     for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
         draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
+    _show_all_of_the_arm(move, axes)
     tip = move.tip
     for begin, end, mode in spans(strongest(move.modes)):
         axes.plot(*tip[begin : end + 1].T, color=PATH_COLOR[mode], linewidth=2.6)
@@ -94,6 +97,18 @@ def _draw_path(move: Move, axes: Axes) -> None:
                 path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()], zorder=5,
             )  # fmt: skip
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), fontsize=8, ncols=2)
+
+
+def _show_all_of_the_arm(move: Move, axes: Axes) -> None:
+    """Widen the axes where a joint lies beyond the workspace at either end."""
+    length = move.machine.arrays.link_length
+    ends = [joint_positions(length, np.ascontiguousarray(move.position[k])) for k in (0, -1)]
+    low, high = np.vstack(ends).min(axis=0) - BORDER, np.vstack(ends).max(axis=0) + BORDER
+    for limits, put, least, most in (
+        (axes.get_xlim(), axes.set_xlim, low[0], high[0]),
+        (axes.get_ylim(), axes.set_ylim, low[1], high[1]),
+    ):
+        put(min(limits[0], least), max(limits[1], most))
 
 
 def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, float], str]]:

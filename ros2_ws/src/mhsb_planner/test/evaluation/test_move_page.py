@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mhsb_model.figure_style import RESOLUTION
+from mhsb_model.kinematics import joint_positions
 from mhsb_model.modes import Mode
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.evaluation import energy_flow, move_page
@@ -114,6 +115,15 @@ def test_labels_as_drawn_do_not_overlap():
     boxes = [text.get_window_extent(renderer) for text in axes.texts]
     assert len(boxes) == 7
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+
+
+def test_joints_beyond_the_workspace_are_within_the_picture(move):
+    axes = Figure().subplots()
+    back = move.position + [np.pi / 2 + 0.5, 0.0, 0.0]
+    move_page._draw_path(replace(move, position=back), axes)
+    elbow = joint_positions(move.machine.arrays.link_length, back[0])[1]
+    assert elbow[0] < -0.1
+    assert axes.get_xlim()[0] < elbow[0]
 
 
 def test_every_goal_is_drawn_at_its_place_with_its_number(move):

@@ -14,7 +14,7 @@ from mhsb_model import command_line
 from mhsb_model.files.output_folders import make_room_for
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.commands.plan_arguments import Point, replaced, request
+from mhsb_planner.commands.plan_arguments import Point, case_title, request
 from mhsb_planner.evaluation.move import Move, planned_move
 from mhsb_planner.evaluation.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner
@@ -134,9 +134,9 @@ def _planned(machine: Machine, asked: PaperCase) -> tuple[Move, list[Sent]]:
     suite = Planner(machine, table_for(machine))
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
     plan = suite.plan(asked.goal, at_rest, options=asked.options)
-    changed = ", changed" if replaced(asked) else ""
-    (x, z), of_case = asked.goal, f"Case {asked.name}{changed}: " if asked.name else ""
-    move = planned_move(machine, plan, asked.goal, f"{of_case}to ({x:g}, {z:g}) m, as planned")
+    x, z = asked.goal
+    title = f"{case_title(asked)}to ({x:g}, {z:g}) m, as planned"
+    move = planned_move(machine, plan, asked.goal, title)
     return move, [Sent(0.0, asked.goal)]
 
 
