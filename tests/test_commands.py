@@ -32,6 +32,9 @@ COMMANDS = {
     ("mhsb_sim", "demo"): "[m]",
 }
 
+WITHOUT_RESULT = ("planner_node", "sim_node", "viewer")
+"""All others have one, which scripts may read."""
+
 NODES = ("planner_node", "sim_node", "record", "viewer")
 
 TELESCOPE = str(ROOT / "config/telescope_arm.yaml")
@@ -106,6 +109,7 @@ BAD_ARGUMENTS = [
     (("mhsb_sim", "compare", "--weights", "-1", "0", "2"), "not negative"),
     (("mhsb_sim", "tune", "--budget", "0"), "--budget"),
     (("mhsb_sim", "record"), "--output DIR"),
+    (("mhsb_sim", "record", "--repair", "x", "--duration", "1"), "--duration 1 has no effect"),
     (("mhsb_sim", "record", "--output", "x", "--duration", "-1"), "above 0"),
     (("mhsb_sim", "viewer", "--port", "99999"), "--port"),
     (("mhsb_sim", "animate", "--output", "x.mp4"), "must end in .gif"),
@@ -189,10 +193,11 @@ def told(start, monkeypatch, capfd):
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[1])
-def test_help_tells_the_units(start, command):
+def test_help_tells_the_units_and_json_where_there_is_a_result(start, command):
     child = start(*command, "--help")
     assert child.wait() == 0
     assert COMMANDS[command] in child.output
+    assert ("--json" in child.output) is (command[1] not in WITHOUT_RESULT)
     assert "Traceback" not in child.output
 
 

@@ -315,6 +315,7 @@ def planning(
     moves: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.moves,
     truths: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.truths,
     parts: Annotated[list[str] | None, tyro.conf.arg(metavar="PART")] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Measure planning, print a table and write the figures as JSON.
 
@@ -329,6 +330,7 @@ def planning(
         truths: Of these, those with ground truth, 10 to 40 s each; a minute with four joints.
         parts: Keys of the JSON file that are measured; all, of arms with more than three joints
             those of any machine, when left out.
+        json_: Print the JSON file instead of text.
     """
     for name, count in (("moves", moves), ("collocations", collocations)):
         if count < 1:
@@ -344,6 +346,9 @@ def planning(
     )
     figures = measure(arm, effort, jobs, parts or possible)
     write_json(output, figures)
+    if json_:
+        print(output.read_text(encoding="utf-8"))
+        return
     print("\n".join(as_text(figures)))
     print(f"written to {output}")
 

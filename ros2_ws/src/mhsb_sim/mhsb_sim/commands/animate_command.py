@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -45,6 +46,7 @@ def animate(
     speed: float = 1.0,
     rate: Annotated[float, tyro.conf.arg(metavar="PER_S")] = 12.0,
     width: int = 800,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Draw a recording, or a plan, as an animated GIF.
 
@@ -67,6 +69,7 @@ def animate(
         speed: Seconds that pass in one second of the film.
         rate: Pictures in one second of the film, at most 50.
         width: Of the picture [dots].
+        json_: Print one JSON object instead of text.
     """
     _check(output, bag, (start, goal, case), speed, rate, width)
     _refuse_idle(bag, planner, namespace)
@@ -79,7 +82,11 @@ def animate(
         move, goals = _planned(arm, request(start, goal, case, planner=kind))
     shown = _cut(move, begin, end)
     frames = write_film(shown, goals, output, speed=speed, rate=rate, width=width)
-    print(f"{frames} pictures of {shown.duration:.1f} s in {output}")
+    if json_:
+        told = {"output": str(output), "pictures": frames, "shown_s": shown.duration}
+        print(json.dumps(told))
+    else:
+        print(f"{frames} pictures of {shown.duration:.1f} s in {output}")
 
 
 def _check(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shutil
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -66,6 +67,7 @@ def demo(
     goals: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     view: bool = False,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> int:
     """Replan an arm online over ROS 2, record it and report on it.
 
@@ -82,7 +84,21 @@ def demo(
         plant: Plant file (YAML), such as config/realistic_plant.yaml: what the simulated arm has
             other than the machine that planner and servo know.
         view: Show the arm in a browser meanwhile, at the address that is printed.
+        json_: Print DIR/summary.json at the end; all else goes to standard error.
     """
+    with redirect_stdout(sys.stderr) if json_ else nullcontext():
+        summary = _demo(output, machine, goals, plant, view)
+    if json_:
+        print(json.dumps(summary))
+    if problem := shortfall(summary):
+        raise MhsbError(problem)
+    return 0
+
+
+def _demo(
+    output: Path, machine: Path | None, goals: Path | None, plant: Path | None, view: bool
+) -> dict[str, Any]:
+    """All of it; what is in summary.json."""
     file = goals or config_file(GOALS_FILE)
     wanted = read_goals(file)
     arm = load_machine(machine)  # a file that cannot be used is told here, not by a node
@@ -106,9 +122,7 @@ def demo(
     finish(output)
     print("\n".join(summary_lines(summary)))
     print(f"done in {time.monotonic() - began:.0f} s; see {output}/report and summary.json")
-    if problem := shortfall(summary):
-        raise MhsbError(problem)
-    return 0
+    return summary
 
 
 @contextmanager

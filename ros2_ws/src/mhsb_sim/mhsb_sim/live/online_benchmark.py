@@ -157,6 +157,7 @@ def online(
     ),
     seed: int = 0,
     stream: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 60.0,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> int:
     """Measure replanning online, print a table and write the figures as JSON.
 
@@ -168,6 +169,7 @@ def online(
         condition: What goes on beside the nodes, of idle, loaded and one_core.
         seed: Of goals and the times between them.
         stream: How long a goal streams at 50 Hz [s]; 0 leaves it out.
+        json_: Print the JSON file instead of text.
     """
     if unknown := [name for name in condition if name not in CONDITIONS]:
         raise UsageError(f"--condition: {unknown[0]} is not one of {', '.join(CONDITIONS)}")
@@ -179,13 +181,17 @@ def online(
         for name in condition:
             figures[name] = measure(CONDITIONS[name], wanted, name)
             write_json(output, figures)
+            command_line.keep(f"{output} has the conditions up to {name}")
         if stream > 0.0:
             figures["stream"] = measure_stream(machine, stream)
             write_json(output, figures)
     except ExternalShutdownException:
-        return command_line.INTERRUPTED
-    print("\n".join(as_text(figures)))
-    print(f"written to {output}")
+        raise KeyboardInterrupt from None
+    if json_:
+        print(output.read_text(encoding="utf-8"))
+    else:
+        print("\n".join(as_text(figures)))
+        print(f"written to {output}")
     return 0
 
 

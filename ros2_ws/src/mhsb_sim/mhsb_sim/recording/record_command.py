@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json as json_format
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,18 +40,19 @@ READY_WHEN = (topics.JOINT_STATES, topics.PLAN_STATUS)
 class Recorder(Node):
     """Subscribes to the suite's topics as raw bytes and writes them as they come."""
 
-    def __init__(self, bag: BagWriter, duration: float | None) -> None:
+    def __init__(self, bag: BagWriter, duration: float | None, silent: bool = False) -> None:
         super().__init__(NODE_NAME)
         self._bag = bag
         self._heard: set[str] = set()
         self._ready = False
+        self._silent = silent
         for topic in topics.SUITE_TOPICS:
             self._subscribe(topic)
         wall = Clock(clock_type=ClockType.STEADY_TIME)  # whatever /clock does
         self.create_timer(FLUSH_PERIOD, bag.flush, clock=wall)
         if duration is not None:
             self.create_timer(duration, self._end, clock=wall)
-        print(f"recording into {bag.folder}", flush=True)
+        self._say(f"recording into {bag.folder}")
 
     def _subscribe(self, topic: Topic) -> None:
         name = self.resolve_topic_name(topic.name)
@@ -84,7 +86,11 @@ class Recorder(Node):
         self._heard.add(topic.name)
         if not self._ready and all(each.name in self._heard for each in READY_WHEN):
             self._ready = True
-            print("ready: simulator and planner are heard", flush=True)
+            self._say("ready: simulator and planner are heard")
+
+    def _say(self, words: str) -> None:
+        if not self._silent:
+            print(words, flush=True)
 
     def _end(self) -> None:
         rclpy.try_shutdown(context=self.context)
@@ -101,20 +107,34 @@ class Record:
     repair: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """instead of recording, complete a recording that was cut off, up to its tear"""
 
+    json: bool = False
+    """print one JSON object at the end instead of text"""
+
     def run(self) -> int:
         """Record or repair; returns the exit code."""
         if (self.output is None) == (self.repair is None):
             raise UsageError("give either --output DIR or --repair DIR; see record --help")
         if self.duration is not None and self.duration <= 0:
             raise UsageError(f"--duration is {self.duration:g} s; it must be above 0")
+        if self.duration is not None and self.repair is not None:
+            raise UsageError(
+                f"--duration {self.duration:g} has no effect: with --repair nothing is recorded; "
+                "leave it out"
+            )
         if self.repair is not None:
-            print(f"kept {repair(self.repair)} messages in {self.repair}")
+            self._tell("kept", repair(self.repair), self.repair)
             return 0
         assert self.output is not None
         with process.orderly(CLOSING), BagWriter(self.output) as bag:
-            code = spin_node(lambda: Recorder(bag, self.duration))
-        print(f"recorded {bag.message_count} messages in {self.output}")
+            code = spin_node(lambda: Recorder(bag, self.duration, self.json))
+        self._tell("recorded", bag.message_count, self.output)
         return code
+
+    def _tell(self, done: str, messages: int, folder: Path) -> None:
+        if self.json:
+            print(json_format.dumps({"folder": str(folder), "messages": messages}))
+        else:
+            print(f"{done} {messages} messages in {folder}")
 
 
 def main() -> int:

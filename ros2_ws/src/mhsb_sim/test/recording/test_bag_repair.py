@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from mhsb_sim.recording import bag_format
 from mhsb_sim.recording.bag_format import BagError, BagTopic
 from mhsb_sim.recording.bag_repair import repair
 from mhsb_sim.recording.bag_writer import BagWriter
+from mhsb_sim.recording.record_command import Record
 
 TOPIC = BagTopic("/modes", "std_msgs/msg/UInt8MultiArray", "")
 COUNT = 3000
@@ -98,3 +100,12 @@ def test_a_complete_recording_is_left_alone(whole):
 def test_a_folder_without_a_recording_is_refused(tmp_path):
     with pytest.raises(BagError, match=r"holds no file .*; name the folder of a recording"):
         repair(tmp_path)
+
+
+def test_the_command_prints_what_it_kept_as_json(whole, capsys):
+    tear(whole, 0.5)
+    assert Record(repair=whole, json=True).run() == 0
+    assert json.loads(capsys.readouterr().out) == {
+        "folder": str(whole),
+        "messages": len(times(whole)),
+    }

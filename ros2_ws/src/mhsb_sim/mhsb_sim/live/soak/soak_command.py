@@ -219,6 +219,7 @@ def soak(
     minutes: float = 10.0,
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/soak"),
     seed: int = 0,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> int:
     """Let random things happen to both nodes, print each promise and whether it held.
 
@@ -231,6 +232,7 @@ def soak(
         minutes: How long [min]; memory is judged for nodes older than three minutes.
         output: Folder, whose content is replaced.
         seed: Of all that is random.
+        json_: Print summary.json instead of text.
     """
     if not minutes > 0.0:
         raise UsageError(f"--minutes is {minutes:g}; it must be above 0")
@@ -240,14 +242,18 @@ def soak(
     warm_up(planner)
     goals = seeded_goals(planner, GOALS, seed)
     _clear(output)
+    command_line.keep(f"{output} has recording and output of the nodes, and no summary")
     try:
         events = watched(machine, goals, minutes, output, seed)
     except ExternalShutdownException:
-        return command_line.INTERRUPTED
+        raise KeyboardInterrupt from None
     kept = {promise: look(events) for promise, look in PROMISES.items()}
     write_json(output / "summary.json", summary(events, kept, minutes, seed))
-    print("\n".join(as_text(kept)))
-    print(f"written to {output}/summary.json")
+    if json_:
+        print((output / "summary.json").read_text(encoding="utf-8"))
+    else:
+        print("\n".join(as_text(kept)))
+        print(f"written to {output}/summary.json")
     return 0 if all(each.held for each in kept.values()) else command_line.FAILED
 
 
