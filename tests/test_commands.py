@@ -325,6 +325,17 @@ def test_an_arm_that_does_not_get_there_is_told_and_fails(start, tmp_path):
     assert goal["goal_distance_mm"] > 100.0
 
 
+def test_an_interrupt_while_a_goal_is_on_its_way_tells_that_it_stays(start, arm):
+    arm.until(lambda: arm.matched)
+    child = start("mhsb_planner", "goal", "0.55", "0.60", "--wait", "--timeout", "30")
+    child.wait_for("OK: the tip goes to", 30)
+    assert child.stop(signal.SIGINT) == 130
+    assert child.output.splitlines()[-1] == (
+        "goal: interrupted; the goal stays, and the arm goes there; the planner's ~/stop ends that"
+    )
+    assert "Traceback" not in child.output
+
+
 def test_an_interrupt_of_a_long_command_is_told_in_one_sentence(start, tmp_path):
     child = start(
         *("mhsb_planner", "build_table", "--solver", "slsqp", "--jobs", "2"),

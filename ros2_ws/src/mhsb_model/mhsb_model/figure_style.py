@@ -71,8 +71,11 @@ def written_figure(path: Path, height: float, width: float = WIDTH) -> Iterator[
         yield figure
         figure.align_ylabels()
         part = path.with_name(f"{path.name}.part")
-        figure.savefig(part, format="png")
-        os.replace(part, path)
+        try:
+            figure.savefig(part, format="png")
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
 
 
 def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:

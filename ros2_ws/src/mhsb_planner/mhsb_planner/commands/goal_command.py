@@ -55,6 +55,7 @@ def goal(
         raise command_line.UsageError(
             f"--psi-range takes the least and the greatest angle, not {low:g} and {high:g}"
         )
+    command_line.keep("no goal was sent")
     say = _nothing if json else partial(print, flush=True)
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
@@ -125,6 +126,7 @@ def _send_and_wait(
             return Told(NO_ANSWER, f"the planner did not take its parameters within {timeout:g} s")
         if refused:
             return Told(REFUSED, f"the planner refused its parameters: {refused}")
+    command_line.keep("the goal was sent, and what the planner says was not waited for")
     verdict = sender.ask(executor, *target, timeout)
     if verdict is None:
         return Told(NO_ANSWER, f"the planner gave no answer within {timeout:g} s")
