@@ -137,6 +137,15 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     tip = arm.machine.tip_position(arm.references[-1].state.position)
     assert np.hypot(*(tip - AWAY)) < 1e-4
 
+    # A zone set over the arm is told by name when it leaves it.
+    x, z = tip
+    taken, reason = setter.set(tip_zone_boxes=(x - 0.05, z - 0.05, x + 0.05, z + 0.05))
+    assert taken, reason
+    verdict = arm.ask(*UP)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    assert re.search(r"the arm starts 0\.0[45]\d* m deep in the keep-out box", verdict.sentence)
+    assert arm.ending_of(verdict).outcome is Outcome.REACHED
+
 
 def test_the_example_of_the_documentation_is_a_section_that_machine_files_may_have():
     text = (Path(__file__).parents[1] / "docs" / "zones.md").read_text(encoding="utf-8")
