@@ -51,6 +51,7 @@ GAINS = np.dtype(
         (name, "f8")
         for name in (
             "step",  # s
+            "valve_lag",  # s, by which a spool follows its command
             "supply_margin",  # Pa, the plan's and the servo's own
             "spared",  # Pa, the part of it that inertia may use up
             "max_boost_pressure",  # Pa
@@ -85,6 +86,8 @@ AXIS = np.dtype(
     [
         ("position_gain", "f8"),  # 1/s, k_p
         ("force_bandwidth", "f8"),  # rad/s, ω_F
+        ("fastest_force", "f8"),  # rad/s, ω_F of a servo whose commands act at once
+        ("fastest_position", "f8"),  # 1/s, its k_p
         ("bias_time", "f8"),  # s, in which d follows
         ("length", "f8"),  # m, of the cylinder in the reference now
         ("arm", "f8"),  # m, moment arm there
@@ -150,6 +153,7 @@ def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     config, arrays = machine.config, machine.arrays
     gains = np.zeros(1, GAINS)
     gains["step"] = config.simulation.step
+    gains["valve_lag"] = config.circuit.valve_damping / (math.pi * config.circuit.valve_frequency)
     gains["supply_margin"] = arrays.boost_margin + supply_margin
     gains["spared"] = spared_margin(oil_of(arrays))
     gains["max_boost_pressure"] = arrays.max_boost_pressure
@@ -172,6 +176,7 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     axes["position_gain"] = np.minimum(
         own.position_gain * frequency, POSITION_SHARE * axes["force_bandwidth"]
     )
+    axes["fastest_force"], axes["fastest_position"] = axes["force_bandwidth"], axes["position_gain"]
     axes["integral_gain"] = own.integral_gain * axes["position_gain"] ** 2
     axes["bias_time"] = np.maximum(
         config.servo.force_bias_time, BIAS_RESERVE * axes["force_bandwidth"] / frequency**2

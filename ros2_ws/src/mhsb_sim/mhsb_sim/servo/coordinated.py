@@ -23,7 +23,14 @@ from mhsb_model.types import IntArray
 from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
-from mhsb_sim.servo.cascade import Servo, joins_rail, piston_demands, servo_of, set_targets
+from mhsb_sim.servo.cascade import (
+    POSITION_SHARE,
+    Servo,
+    joins_rail,
+    piston_demands,
+    servo_of,
+    set_targets,
+)
 from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.estimates import estimates_of
 from mhsb_sim.servo.line_estimate import SHUT, weigh_lines
@@ -34,6 +41,7 @@ from mhsb_sim.servo.servo_pumps import (
     look_ahead,
     pumps_of,
     spare_flow,
+    watch_draws,
 )
 from mhsb_sim.servo.valve_estimate import Valves, inverse, learn, valves_of
 
@@ -48,7 +56,11 @@ DAMPED = 4.0
 shortest without overshoot."""
 
 ONE_PUMP = 0.8
-"""Share of a pump's flow up to which a line can do without the rail before its mode ends."""
+"""Share of a pump's flow up to which a line can do without the rail before its mode ends; once shut
+off it stays so up to all of it."""
+
+LAG_BORNE = 0.9
+"""Phase [rad] that a force loop may lose at ω_F: it is left with 38 degrees of margin."""
 
 CATCHING_UP = 1.1
 """Share of the reference's speed that a piston may always be told."""
@@ -60,7 +72,7 @@ IDLE_SHARE = 0.02
 class CoordinatedController:
     """Valve and servo pumps on one demand; see the module's text."""
 
-    usual_error = 6e-3
+    usual_error = 3e-3
 
     def __init__(self, machine: Machine, signals: ServoSignals) -> None:
         servo = machine.config.servo.coordinated
@@ -95,10 +107,28 @@ def control(s: Servo, v: Valves, p: Pumps) -> None:
         set_target(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
     weigh_lines(s, p.lines)
     look_ahead(s, p)
+    watch_draws(s, p)
     keep_up(s, p)
     p.spare[0] = spare_flow(s, p)
     join_lines(s, p)
     drive_pumps(s, p)
+    heed_delay(s, p)
+
+
+@kernel
+def heed_delay(s: Servo, p: Pumps) -> None:
+    """Force loops no faster than what is late bears, ω_F T ≤ LAG_BORNE c, and k_p with them.
+
+    T: from a measurement to what the valve makes of it, a step, the spool's lag and the commands'
+    delay as it is learnt; c: softness of the oil, where it is stiffer than the machine file's.
+    """
+    own, step = p.drives.record[0], s.gains[0].step
+    late = step + s.gains[0].valve_lag + own.delay * own.step
+    most = LAG_BORNE * min(p.lines.believed[0], 1.0) / late
+    for j in range(len(s.axes)):
+        axis = s.axes[j]
+        axis.force_bandwidth = min(axis.fastest_force, most)
+        axis.position_gain = min(axis.fastest_position, POSITION_SHARE * axis.force_bandwidth)
 
 
 @kernel
@@ -228,7 +258,8 @@ def join_lines(s: Servo, p: Pumps) -> None:
             drop = axis.supply_target - c.tank_pressure
             leakage, _ = orifice(c.leakage_coefficient, drop, c.laminar_pressure)
             more = p.lines.believed[1 + j] * (axis.leakage - leakage)
-            shed = axis.line_flow - more < ONE_PUMP * c.servo_pump_flow
+            most = ONE_PUMP if axis.joined > 0.0 else 1.0
+            shed = axis.line_flow - more < most * c.servo_pump_flow
         leaves = leaves or shed
         if leaves and (shed or not coasting):
             axis.joined = 0.0

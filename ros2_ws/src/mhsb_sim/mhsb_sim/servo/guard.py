@@ -51,7 +51,7 @@ use up its margin, and a reserve that is measured comes late."""
 RELEASE_ABOVE, RELEASE_AFTER = 4.5e5, 0.3
 """Reserve in N [Pa] above which it is let go, once it has lasted [s]."""
 
-FULL_PACE_ABOVE, HOLD_BELOW = -6e4, -2.0e5
+FULL_PACE_ABOVE, HOLD_BELOW = -8e4, -2.0e5
 """Reserve in N [Pa]: full pace above, none below, linear in between."""
 
 BOOSTED_FULL_ABOVE, BOOSTED_HOLD_BELOW = -0.5e5, -2.5e5
@@ -98,6 +98,7 @@ OVERALL = np.dtype(
         ("supply", "f8"),  # Pa, what the main pump leaves at the lines in N, filtered
         ("supply_rate", "f8"),  # Pa/s
         ("error", "f8"),  # m, of the tip
+        ("behind", "f8"),  # m, likewise, less what it is ahead
         ("awake", "f8"),  # 0 until the filters have begun
         ("slowings", "f8"),  # times that the pace began to fall
         ("slowed", "f8"),  # s, in all
@@ -156,7 +157,7 @@ def watch(g: Guard) -> bool:
     """
     look(g)
     pace, o, changed = g.pace[0], g.overall[0], False
-    share = max((ERROR_HOLDS - o.error / o.usual_error) / (ERROR_HOLDS - 1.0), 0.0)
+    share = max((ERROR_HOLDS - o.behind / o.usual_error) / (ERROR_HOLDS - 1.0), 0.0)
     for j in range(len(g.actuators)):
         actuator = g.actuators[j]
         changed = ask(actuator, BOOSTED[g.scheduled[j]], o.step) or changed
@@ -214,7 +215,7 @@ def look(g: Guard) -> None:
             actuator.reserve += o.step / BOOSTED_SMOOTHING * lasting
         else:
             actuator.reserve = actuator.unboosted
-    o.error = tip_error(g.length, g.reference[0, 0], g.actuators)
+    o.error, o.behind = tip_errors(g.length, g.reference[0, 0], g.wanted, g.actuators)
     o.awake = 1.0
 
 
@@ -259,12 +260,27 @@ def share_of(actuator: Record, boosted: bool) -> float:
 
 
 @kernel
-def tip_error(length: FloatArray, q: FloatArray, actuators: Records) -> float:
-    """|J(q) Δq| [m]: how far the tip is from its reference; links length[n] [m], q[n] [rad]."""
-    angle = turned = x = z = 0.0
+def tip_errors(
+    length: FloatArray, q: FloatArray, speed: FloatArray, actuators: Records
+) -> tuple[float, float]:
+    """|J Δq|, how far the tip is from its reference [m], and the same less what it is ahead.
+
+    links length[n] [m], q[n] [rad], speed[n] [rad/s] at full pace. What it is ahead, slowing would
+    not mend.
+    """
+    angle = turned = turning = x = z = along = across = 0.0
     for j in range(len(q)):
         angle += q[j]
         turned += actuators[j].off
-        x -= length[j] * turned * math.sin(angle)
-        z += length[j] * turned * math.cos(angle)
-    return math.hypot(x, z)
+        turning += speed[j]
+        right, up = -length[j] * math.sin(angle), length[j] * math.cos(angle)
+        x += right * turned
+        z += up * turned
+        along += right * turning
+        across += up * turning
+    error = math.hypot(x, z)
+    ahead = x * along + z * across
+    if ahead <= 0.0:
+        return error, error
+    ahead /= math.hypot(along, across)
+    return error, math.sqrt(max(0.0, error * error - ahead * ahead))

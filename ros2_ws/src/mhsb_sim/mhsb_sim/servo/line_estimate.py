@@ -90,7 +90,7 @@ def lines_of(count: int) -> Lines:
         covariance=np.diag(deviation**2),
         balances=balances,
         row=np.zeros((count + 1, 1 + count)),
-        before=np.zeros((count + 1, 3)),
+        before=np.zeros((count + 1, 4)),
         taken=np.zeros((count + 1, 3)),
         fed=np.zeros((count + 1, 2)),
         carried=np.zeros(1 + count),
@@ -215,11 +215,11 @@ def take_line(
     taken[2] = 0.0
     if axis.speed > 0.0:
         taken[0] += (cap - before[1]) / axis.cap_stiffness
-        taken[2] = cylinder.cap_area * axis.speed * step
+        taken[2] = cylinder.cap_area * (sensor.length - before[3])
     elif axis.speed < 0.0:
         taken[0] += (rod - before[2]) / axis.rod_stiffness
-        taken[2] = -cylinder.rod_area * axis.speed * step
-    before[0], before[1], before[2] = line, cap, rod
+        taken[2] = cylinder.rod_area * (before[3] - sensor.length)
+    before[0], before[1], before[2], before[3] = line, cap, rod, sensor.length
 
 
 @kernel

@@ -35,7 +35,7 @@ SHARE_OF_PAYLOAD, FRICTION_DEVIATION = 0.2, 0.5
 PAYLOAD_WANDER, FRICTION_WANDER = 1e-3, 5e-3
 """Standard deviations by which they may wander from spell to spell, of the payload as a share."""
 
-TORQUE = 4.0
+TORQUE = 5.5
 """Standard deviation of a spell's torque [N m]: swings, sensors, moment arms."""
 
 LARGEST_SHARE, LARGEST_FRICTION = 2.0, 3.0

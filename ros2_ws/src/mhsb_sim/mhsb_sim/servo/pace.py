@@ -35,6 +35,9 @@ FASTEST_SLOWING = 8.0
 FASTEST_RECOVERY = 2.0
 """Largest ṡ [1/s]."""
 
+FASTEST_TURN = 200.0
+"""Largest |s̈| [1/s²]: what braking takes off a line's need, its pumps have 40 ms to follow."""
+
 NEARLY_FULL, NEARLY_NONE = 1e-3, 1e-4
 """1 − s below which a rate that is to be 1 is 1, and s below which one that is to be 0 is 0."""
 
@@ -50,7 +53,7 @@ def full_pace() -> Records:
 def keep_pace(pace: Record, wanted: float, step: float) -> None:
     """Move the rate towards the wanted one (0 … 1) over a step [s]; ṡ stays continuous.
 
-    s̈ = ω² (s_wanted − s) − 2 ω ṡ, with ṡ within its limits and s within 0 … 1.
+    s̈ = ω² (s_wanted − s) − 2 ω ṡ, with s̈ and ṡ within their limits and s within 0 … 1.
     """
     before, goal = pace.rate, wanted
     if pace.rests > 0.0:
@@ -63,6 +66,7 @@ def keep_pace(pace: Record, wanted: float, step: float) -> None:
         pace.rate = pace.change = 0.0
     else:
         jerk = STIFFNESS * (STIFFNESS * (goal - before) - 2.0 * pace.change)
+        jerk = min(max(jerk, -FASTEST_TURN), FASTEST_TURN)
         change = pace.change + step * jerk
         pace.change = min(max(change, -FASTEST_SLOWING), FASTEST_RECOVERY)
         rate = before + step * pace.change

@@ -24,7 +24,8 @@ from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo
 from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
-from mhsb_sim.servo.line_estimate import CLEAR, Lines, lines_of
+from mhsb_sim.servo.draw_estimate import drawn_less, draws_of, observe
+from mhsb_sim.servo.line_estimate import CLEAR, SHUT, Lines, lines_of
 from mhsb_sim.servo.pump_estimate import Drives, drives_of, follow_drives
 from mhsb_sim.servo.reference import AHEAD
 
@@ -76,6 +77,7 @@ class Pumps(NamedTuple):
     lines: Lines
     doubt: FloatArray  # [n + 1] m³/s, of what lines leak; the last one is the rail's
     drives: Drives
+    draws: Records  # DRAW[n + 1], the last row is the rail's
     looks: FloatArray  # [FINE + REFERENCE_POINTS − 1] s, times ahead of `coasting`
 
 
@@ -107,6 +109,7 @@ def pumps_of(machine: Machine, signals: ServoSignals) -> Pumps:
         lines=lines_of(n),
         doubt=np.zeros(n + 1),
         drives=drives_of(lag, step, full_flow, oil.servo_pump_slew, count),
+        draws=draws_of(n),
         looks=points * preview / AHEAD,
     )
     foresee(pumps)
@@ -153,7 +156,7 @@ def look_ahead(s: Servo, p: Pumps) -> None:
     Flow: A_dir |u| of the demanded speed, leakage, and what the next point of the reference adds
     while the pump follows. Oil, p.volume [m³]: ∫ (A_dir |v| + leakage) dt + A_dir ΔF/k_h of the
     reference, by the trapezoidal rule, with moment arms linear about point `AHEAD`; ΔF compresses
-    the chamber.
+    the chamber, once the piston sets out. The first is what the flow of now draws up to point 1.
     """
     reference, cylinders, axes = s.reference, s.cylinders, s.axes
     volume, g = p.volume, p.gains[0]
@@ -169,8 +172,10 @@ def look_ahead(s: Servo, p: Pumps) -> None:
         cap, rod = cylinder.cap_area, cylinder.rod_area
         pressed = (axis.force_ahead - axis.force) / axis.stiffness
         pressed *= cap if axis.speed_ahead > 0.0 else -rod
-        axis.line_flow = inlet_area(cap, rod, axis.demand) * abs(axis.demand) + leakage
-        before = 0.0
+        axis.line_flow = told_flow(axis, cylinder) + leakage
+        before, moving = 0.0, 0
+        for k in range(1, AHEAD + 1):
+            moving += 1 if reference[k, 1, j] != 0.0 else 0
         for k in range(len(reference)):
             if k == 0:
                 speed = axis.speed
@@ -181,13 +186,55 @@ def look_ahead(s: Servo, p: Pumps) -> None:
                 speed = (axis.arm_ahead + axis.arm_slope_ahead * way) * reference[k, 1, j]
             flow = leakage + abs(speed) * inlet_area(cap, rod, speed)
             if k == 0:
-                volume[j, k] = 0.0
+                volume[j, k] = spacing * flow
             else:
-                volume[j, k] = volume[j, k - 1] + 0.5 * spacing * (before + flow)
-                volume[j, k] += pressed / AHEAD if k <= AHEAD else 0.0
+                drawn = volume[j, k - 1] if k > 1 else 0.0
+                volume[j, k] = drawn + 0.5 * spacing * (before + flow)
+                moves = k <= AHEAD and reference[k, 1, j] != 0.0
+                volume[j, k] += pressed / moving if moves else 0.0
             if k == 1:
                 axis.line_flow += max(0.0, flow - before) * g.pump_rise
             before = flow
+
+
+@kernel(inline="always")
+def watch_draws(s: Servo, p: Pumps) -> None:
+    """Observe what lines draw, and take what they draw less than told off what they are about to.
+
+    All that is joined to the rail is one line with it.
+    """
+    axes, draws, lines, own, rail = s.axes, p.draws, p.lines, p.drives.record[0], s.rail_pressure[0]
+    c, g, squeeze, n = s.constants[0], p.gains[0], lines.believed[0], len(s.axes)
+    lag = s.gains[0].valve_lag + own.delay * own.step
+    supplied = lines.fed[n, 0] - c.bleed_conductance * (rail - c.tank_pressure)
+    joined_told, capacity, alone = 0.0, squeeze * c.rail_capacity, rail > g.fed_below
+    line_capacity = squeeze * c.line_capacity
+    for j in range(n):
+        axis, line, shut = axes[j], s.sensors[j].line_pressure, s.actuators[j].join < SHUT
+        told = told_flow(axis, s.cylinders[j])
+        own_supply = lines.fed[j, 0] - lines.believed[1 + j] * axis.leakage
+        if axis.joined > 0.0:
+            supplied += own_supply
+            joined_told += told
+            capacity += line_capacity
+        alone = alone and (shut or axis.joined > 0.0)
+        own_alone = shut and line > g.fed_below and axis.line_flow > 0.0
+        observe(draws[j], line, own_supply, told, line_capacity, lag, own.step, own_alone)
+        if own_alone:
+            axis.line_flow -= min(drawn_less(draws[j], axis.supply_target), told)
+    observe(draws[n], rail, supplied, joined_told, capacity, lag, own.step, alone)
+
+
+@kernel
+def told_flow(axis: Record, cylinder: Record) -> float:
+    """Flow [m³/s] that a piston is told to take, A_dir |u|; against the motion it seldom does.
+
+    Such a demand is that of a piston which is held up, by a valve whose overlap is not known yet.
+    """
+    motion = axis.speed_ahead if axis.speed_ahead != 0.0 else axis.speed
+    if axis.demand * motion < 0.0:
+        return 0.0
+    return inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand) * abs(axis.demand)
 
 
 @kernel
@@ -207,7 +254,8 @@ def coasting_limit(
     to exceed what is drawn by then and what the pressure may rise by, V(t) + C Δp(t), at each point
     ahead, and `FINE` times up to the first: pressure is highest when the pump has slowed down to
     what is drawn, soon after.
-    volume float64[REFERENCE_POINTS] m³, V at the points; coasting
+    volume float64[REFERENCE_POINTS] m³, V at the points, as in `look_ahead`, quadratic up to the
+    first; coasting
     float64[FINE + REFERENCE_POINTS − 1] s, τ (1 − e^(−t/τ)) at all these times from 0 on;
     rise: Δp [Pa] now, rise_ahead from point `AHEAD` on, linear in between; pending: oil [m³] that
     comes whatever is told now; doubt: flow [m³/s] that may not be drawn after all; spacing: from
@@ -217,7 +265,7 @@ def coasting_limit(
     for k in range(1, FINE):
         share = k / FINE
         room = capacity * (rise + share / AHEAD * (rise_ahead - rise)) - pending
-        drawn = share * (volume[1] - doubt * spacing)
+        drawn = share * (volume[0] + share * (volume[1] - volume[0]) - doubt * spacing)
         limit = min(limit, (drawn + room) / coasting[k])
     for k in range(1, len(volume)):
         way = min(k / AHEAD, 1.0)
@@ -335,6 +383,7 @@ def rail_demand(s: Servo, p: Pumps, pending: float) -> float:
             )
             drawn += through
     target, ahead = p.rail_target[0], p.rail_target[1]
+    drawn -= min(drawn_less(p.draws[len(axes)], target), drawn)
     return pump_demand(
         drawn,
         rail_pressure,

@@ -11,9 +11,11 @@ Kalman filter with slowly wandering a, b, c takes up window after window. The va
 
     |x| = |u|/(a G) + o min(|u|/u_s, 1).
 
-What the motion does not tell keeps its standard deviation. Source: J.-J. Slotine, W. Li, Applied
-Nonlinear Control, Section 8.7 (least squares with integrated regressors); G. Tao, P. Kokotović,
-Adaptive Control of Plants with Unknown Dead-zones (the smooth inverse).
+What the motion does not tell keeps its standard deviation. A piston that is told to move while its
+reference rests, and moves less than that, tells of overlap, too, with a as it is known by then.
+Source: J.-J. Slotine, W. Li, Applied Nonlinear Control, Section 8.7 (least squares with integrated
+regressors); G. Tao, P. Kokotović, Adaptive Control of Plants with Unknown Dead-zones (the smooth
+inverse).
 """
 
 from __future__ import annotations
@@ -35,6 +37,9 @@ SLOWEST = 1e-3
 
 LEAST_SHARE = 0.3
 """Share of the reference's way that a piston has to have gone for the valve to have been open."""
+
+LEAST_TOLD = 1e-5
+"""Way [m] that a resting piston has to lack of what it was told, to be learnt from."""
 
 DEVIATION = (0.15, 0.02, 0.3)
 """Standard deviations of a, b, c before anything is learnt."""
@@ -59,7 +64,8 @@ VALVE = np.dtype(
         ("opening", "f8"),  # x of the last step, 0 where the valve was not the servo's to open
         ("speed_gain", "f8"),  # G of the last step [m/s]
         ("steps", "i8"),  # of the window so far
-        ("sign", "f8"),  # of the motion in it
+        ("sign", "f8"),  # of the motion in it, or of the opening where the reference rests
+        ("moves", "i8"),  # 1 where the reference moves in it
         ("opened", "f8"),  # m, ∫ G |x| dt
         ("open", "f8"),  # m, ∫ G dt
         ("wanted", "f8"),  # m, ∫ |v_ref| dt
@@ -108,13 +114,14 @@ def learn(
     """
     valve = valves.records[j]
     opening, gain = valve.opening, valve.speed_gain
-    sign = math.copysign(1.0, speed)
-    steady = abs(speed) >= SLOWEST and opening * sign > 0.0 and abs(opening) < 1.0
-    if not steady or (valve.steps > 0 and sign != valve.sign):
+    moves = abs(speed) >= SLOWEST
+    sign = math.copysign(1.0, speed if moves else opening)
+    steady = opening * sign > 0.0 and abs(opening) < 1.0
+    if not steady or (valve.steps > 0 and (sign != valve.sign or moves != valve.moves)):
         valve.steps = 0
         return
     if valve.steps == 0:
-        valve.sign, valve.length, valve.force = sign, length, force
+        valve.sign, valve.moves, valve.length, valve.force = sign, moves, length, force
         valve.opened = valve.open = valve.wanted = 0.0
         valve.steps = 1
         return
@@ -126,11 +133,19 @@ def learn(
         return
     valve.steps = 0
     way = sign * (length - valve.length)
-    if way < LEAST_SHARE * valve.wanted:
-        return
     squeezed = sign * (force - valve.force) / stiffness
-    update(valves.estimate[j], valves.covariance[j], way, valve.opened, -valve.open, -squeezed)
-    a, b = valves.estimate[j, 0], valves.estimate[j, 1]
+    estimate, covariance = valves.estimate[j], valves.covariance[j]
+    if moves:
+        if way < LEAST_SHARE * valve.wanted:
+            return
+        update(estimate, covariance, way, valve.opened, -valve.open, -squeezed)
+    else:
+        passed = estimate[0] * valve.opened
+        told = passed - estimate[1] * valve.open - estimate[2] * squeezed
+        if told < max(way, 0.0) + LEAST_TOLD:
+            return
+        update(estimate, covariance, way - passed, 0.0, -valve.open, -squeezed)
+    a, b = estimate[0], estimate[1]
     valve.gain = min(max(a, GAIN_RANGE[0]), GAIN_RANGE[1])
     valve.overlap = min(max(b / valve.gain, 0.0), LARGEST_OVERLAP)
 

@@ -67,6 +67,8 @@ def figures_of(records: Sequence[DrawRecord]) -> list[Figure]:
     if holds:
         share = float(100.0 * np.mean(holds))
         found.append(Figure("95 % interval holds it [% of draws]", share, 98.0, 92.0, len(holds)))
+    held = sum(bool(record.held) for record in records)
+    found.append(Figure("plan held until stopped [draws]", held, np.inf, runs=len(records)))
     guarded = sum(bool(record.interventions) for record in records)
     found.append(Figure("guard acted [draws]", guarded, np.inf, runs=len(records)))
     return found
@@ -87,4 +89,5 @@ def as_text(records: Sequence[DrawRecord]) -> list[str]:
             lines.append(
                 f"  {figure.name:42s}{figure.runs:6d}{figure.value:10.3g}  {limit}{verdict}"
             )
-    return lines + sorted({f"draw {r.draw}: {r.failure}" for r in records if r.failure})
+    told = [(r.draw, r.failure or r.held) for r in records]
+    return lines + [f"draw {draw}: {reason}" for draw, reason in sorted(set(told)) if reason]

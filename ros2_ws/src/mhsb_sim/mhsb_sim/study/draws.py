@@ -72,6 +72,8 @@ class DrawRecord:
     payload_kg, payload_half_interval_kg, payload_error_percent, payload_holds
                           as in `draw_measures.told_payload`; None where it is not to be told
     failure               why the draw failed, empty where it did not
+    held                  why the guard held a plan until supervision would have stopped the arm,
+                          which ends the run: it neither arrives nor rests; empty where it did not
     """
 
     controller: str
@@ -95,6 +97,7 @@ class DrawRecord:
     payload_error_percent: float | None = None
     payload_holds: bool | None = None
     failure: str = ""
+    held: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +220,7 @@ class DrawStudy:
             error = 1e3 * run.tip_error(plant)
             sources = energy_by_source(run.energies).values()
             told, lost = told_payload(plant, run), time_lost(sequence.commands, run)
+            planned = max(planned_time(sequence.commands), run.step)
             return DrawRecord(
                 controller,
                 draw,
@@ -226,18 +230,19 @@ class DrawStudy:
                 supply_overshoot_mpa=float(supply_overshoot(plant, run).max() / 1e6),
                 relief_opened=run.energies["relief_valves"] > 0.0,
                 time_lost=lost,
-                later_percent=100.0 * lost / max(planned_time(sequence.commands), run.step),
+                later_percent=None if run.held else 100.0 * lost / planned,
                 interventions=run.interventions,
+                held=run.held,
                 rho_s=float(1e-3 * error.max() / max(highest_tip_speed(plant, run), LOWEST_SPEED)),
                 energy_hydraulic_j=sum(source["hydraulic"] for source in sources),
                 energy_shaft_j=sum(source["shaft"] for source in sources),
-                rest_error_mm=rest_error(error, run.step),
+                rest_error_mm=None if run.held else rest_error(error, run.step),
                 flow_suffices=flow_suffices(self._machine, plant, sequence.commands),
                 payload_kg=told.value if told else None,
                 payload_half_interval_kg=told.half_interval if told else None,
                 payload_error_percent=told.error_percent if told else None,
                 payload_holds=told.holds if told else None,
-                spool_deviation_percent=spool_deviation(simulator),  # the run goes on for it
+                spool_deviation_percent=None if run.held else spool_deviation(simulator),
                 failure=sequence.refused,
             )
         except Exception as error:  # as above

@@ -18,9 +18,13 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.simulation.simulator import Simulator
+from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 ESTIMATED_EVERY = 100
 """Steps from one look at what the servo has learnt of its payload to the next."""
+
+HELD_TOO_LONG = SupervisionLimits().held[1]
+"""Time [s] for which a plan may be held."""
 
 LONGEST = 3.0
 """Times its duration that a run whose plans are slowed may take."""
@@ -39,6 +43,7 @@ class Replay:
     interventions  of the guard, in all
     payload    float64[r, 3], time [s], what the servo takes it for [kg], its standard deviation
                [kg]; no rows where it does not learn
+    held       why the guard held the plan until the run was ended, empty where it did not
     """
 
     step: float
@@ -49,6 +54,7 @@ class Replay:
     energies: dict[str, float]
     interventions: int = 0
     payload: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    held: str = ""
 
     @property
     def time(self) -> FloatArray:
@@ -84,8 +90,8 @@ class Replay:
 def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -> Replay:
     """Run a simulator for `duration` [s] and give it each command at its stamp.
 
-    The commands' stamps increase; each continues what the simulator follows by then. Raises
-    SimulationDivergedError.
+    The commands' stamps increase; each continues what the simulator follows by then. A plan that
+    the guard holds for as long as supervision bears ends the run. Raises SimulationDivergedError.
     """
     end_ns = round(duration * SECOND_NS)
     most = round(LONGEST * duration * SECOND_NS / simulator.step_ns)
@@ -97,7 +103,7 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
     waiting = list(reversed(commands))
     payload: list[tuple[float, float, float]] = []
     k = 0
-    while simulator.plan_time_ns < end_ns and k < most:
+    while simulator.plan_time_ns < end_ns and k < most and simulator.guard.held < HELD_TOO_LONG:
         if waiting and simulator.plan_time_ns >= waiting[-1].stamp_ns:
             command = waiting.pop()
             simulator.set_plan(command.trajectory, command.schedule)
@@ -112,6 +118,7 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
                 if each.quantity == "payload"
             ]
     step = simulator.step_ns / SECOND_NS
+    held = simulator.guard.sentence if simulator.guard.held >= HELD_TOO_LONG else ""
     return Replay(
         step,
         reference[:k],
@@ -121,4 +128,5 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
         simulator.energies,
         simulator.guard.interventions.count,
         np.array(payload).reshape(-1, 3),
+        held,
     )

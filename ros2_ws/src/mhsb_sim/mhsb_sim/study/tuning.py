@@ -140,7 +140,7 @@ def cost_of(script: Script, controller: str, gains: Gains) -> float:
 
 
 def cost_of_draw(draw: Draw, controller: str, gains: Gains) -> float:
-    """As `cost_of`, and 10 more for an arm that falls."""
+    """As `cost_of`, and 10 more for an arm that falls or is held for good."""
     try:
         tuned = with_gains(draw.machine, controller, gains)
         simulator = Simulator(tuned, controller, seed=draw.number, plant=draw.plant)
@@ -149,7 +149,8 @@ def cost_of_draw(draw: Draw, controller: str, gains: Gains) -> float:
         return FAILURE_COST
     error = 1e3 * run.tip_error(draw.plant)
     overshoot = float(supply_overshoot(draw.plant, run).max() / 1e6)
-    relief, fell = run.energies["relief_valves"] > 0.0, bool(error.max() > LOST)
+    relief = run.energies["relief_valves"] > 0.0
+    fell = bool(error.max() > LOST) or bool(run.held)
     return _cost_of_run(float(np.sqrt(np.mean(error**2))), overshoot, relief, fell)
 
 

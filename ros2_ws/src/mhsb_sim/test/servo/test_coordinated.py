@@ -6,7 +6,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
-from mhsb_sim.servo.coordinated import CoordinatedController
+from mhsb_sim.servo.cascade import POSITION_SHARE
+from mhsb_sim.servo.coordinated import CoordinatedController, heed_delay
 from mhsb_sim.simulation.simulator import Simulator
 
 RAMP, CRUISE = 0.4, 0.8  # s
@@ -91,3 +92,24 @@ def test_a_piston_in_boost_is_told_no_speed_that_its_pump_cannot_keep_up_with(
     for _ in range(2):
         controller.update()
     assert axes["demand"][0] > 1.5 * left / m.cap_area[0]
+
+
+@pytest.mark.parametrize(("late", "softness"), [(0, 1.0), (2, 1.0), (5, 1.0), (5, 0.6), (5, 1.5)])
+def test_a_force_loop_that_is_late_keeps_a_phase_margin_of_38_degrees(
+    machine: Machine, late: int, softness: float
+) -> None:
+    """Of ω_F/(c s) with the spool's lag, a step and the delay as dead time, at its crossing."""
+    controller = CoordinatedController(machine, Simulator(machine)._signals)
+    servo, _, pumps = controller._control.args
+    pumps.drives.record["delay"], pumps.lines.believed[0] = late, softness
+    usual = servo.axes["force_bandwidth"].copy()
+    heed_delay(servo, pumps)
+    bandwidth, oil = servo.axes["force_bandwidth"], machine.config.circuit
+    crossing = bandwidth / min(softness, 1.0)
+    spool = oil.valve_damping / (np.pi * oil.valve_frequency)
+    dead = spool + (1 + late) * machine.config.simulation.step
+    assert np.all(np.degrees(np.pi / 2 - crossing * dead) >= 38.0)
+    assert np.all(bandwidth <= usual)
+    assert np.all(servo.axes["position_gain"] <= POSITION_SHARE * bandwidth)
+    if late == 0:
+        np.testing.assert_array_equal(bandwidth, usual)

@@ -5,7 +5,7 @@ from mhsb_model.hydraulics import pressure_against
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_sim.servo import guard
-from mhsb_sim.servo.guard import GUARDED, ask, followed, share_of, tip_error
+from mhsb_sim.servo.guard import GUARDED, ask, followed, share_of, tip_errors
 from mhsb_sim.simulation.simulator import Simulator
 
 STEP = 1e-3
@@ -34,7 +34,7 @@ def test_the_reserve_is_the_pressure_beyond_load_and_valve(machine: Machine) -> 
             assert state.actuators["reserve"][j] == pytest.approx(own, abs=6e4)
 
 
-def test_the_tips_error_is_that_of_the_postures(machine: Machine) -> None:
+def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
     random = np.random.default_rng(1)
     actuators = np.zeros(3, GUARDED)
     for _ in range(50):
@@ -42,8 +42,12 @@ def test_the_tips_error_is_that_of_the_postures(machine: Machine) -> None:
         off = random.normal(0.0, 1e-4, 3)
         actuators["off"] = off
         exact = machine.tip_position(q + off) - machine.tip_position(q)
-        found = tip_error(machine.arrays.link_length, q, actuators)
-        assert found == pytest.approx(float(np.hypot(*exact)), rel=1e-3, abs=1e-7)
+        speed = random.normal(0.0, 0.1, 3)
+        way = machine.tip_position(q + 1e-6 * speed) - machine.tip_position(q)
+        ahead = max(0.0, float(exact @ way) / float(np.hypot(*way)))
+        error, behind = tip_errors(machine.arrays.link_length, q, speed, actuators)
+        assert error == pytest.approx(float(np.hypot(*exact)), rel=1e-3, abs=1e-7)
+        assert behind**2 == pytest.approx(error**2 - ahead**2, rel=5e-3, abs=1e-9)
 
 
 def test_a_pressure_that_falls_steadily_is_followed_without_lag() -> None:

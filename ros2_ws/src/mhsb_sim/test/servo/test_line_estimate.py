@@ -40,6 +40,7 @@ def weigh(machine: Machine, squeeze: float, share: float, speed: float, join: fl
         pressure = 6e6 + 1e6 * np.sin(20.0 * time)
         rate = 20e6 * np.cos(20.0 * time)
         servo.axes["speed"][0] = speed
+        servo.sensors["length"][0] += speed * STEP
         servo.sensors["line_pressure"][0] = pressure
         servo.modules["flow"][0] = (
             share * leakage_at(constants, pressure)

@@ -6,7 +6,13 @@ from scipy.integrate import cumulative_trapezoid
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
-from mhsb_sim.servo.pace import FASTEST_RECOVERY, FASTEST_SLOWING, full_pace, keep_pace
+from mhsb_sim.servo.pace import (
+    FASTEST_RECOVERY,
+    FASTEST_SLOWING,
+    FASTEST_TURN,
+    full_pace,
+    keep_pace,
+)
 from mhsb_sim.servo.reference import Reference
 
 STEP = 1e-3
@@ -33,6 +39,8 @@ def test_the_rate_is_smooth_within_its_limits_and_comes_back_to_one(wanted: np.n
     assert change.min() >= -FASTEST_SLOWING
     assert change.max() <= FASTEST_RECOVERY
     np.testing.assert_allclose(np.diff(rate), STEP * change[1:], atol=1e-3)
+    turns = np.abs(np.diff(change))[(rate[1:] > 0.0) & (rate[1:] < 1.0)]
+    assert turns.max() <= FASTEST_TURN * STEP * (1.0 + 1e-9)
     assert rate[-1] == 1.0
     assert change[-1] == 0.0
     lost = cumulative_trapezoid(1.0 - np.concatenate([[1.0], rate]), dx=STEP)

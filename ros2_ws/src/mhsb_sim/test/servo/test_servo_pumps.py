@@ -27,7 +27,7 @@ def test_what_may_not_be_drawn_after_all_or_is_on_its_way_lowers_the_flow_that_c
     None
 ):
     spacing, drawn, capacity = 0.04, 6e-6, 2e-14
-    volume = drawn * spacing * np.arange(6)
+    volume = drawn * spacing * np.array([1, 1, 2, 3, 4, 5])
     points = np.concatenate([np.arange(4) / 4, np.arange(1, 6)])
     coasting = volumes_at(0.02, 0.0, 0.0, spacing * points)
 

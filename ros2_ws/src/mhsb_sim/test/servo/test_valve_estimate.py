@@ -60,6 +60,23 @@ def test_at_rest_nothing_is_learnt() -> None:
     np.testing.assert_array_equal(valves.covariance, fresh.covariance)
 
 
+def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
+    """Opened a little further each time, as the inverse does, until its piston would move."""
+    valves, overlap = valves_of(1), 0.025
+    valve = valves.records[0]
+    for _ in range(40):
+        valve["speed_gain"] = SPEED_GAIN
+        opening = inverse(valve, 1e-3)
+        speed = SPEED_GAIN * metered_opening(opening, overlap)
+        length = 0.5
+        for _ in range(WINDOW + 1):
+            valve["opening"] = opening
+            learn(valves, 0, 0.0, length, 1000.0, STIFFNESS, STEP)
+            length += speed * STEP
+    assert speed > 5e-4
+    assert valve["overlap"] == pytest.approx(overlap, abs=8e-3)
+
+
 @pytest.mark.parametrize("demand", [-0.012, -EDGE, 2e-3, 0.012])
 def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: float) -> None:
     valve, gain, overlap = valves_of(1).records[0], 0.9, 0.025

@@ -10,6 +10,7 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.replay import replay
 
 LIFTED = np.array([1.0, -1.3, -1.7])
+STRETCHED = np.array([0.2, -0.15, -0.1])
 
 
 def test_it_is_the_simulators_run_with_each_command_at_its_stamp(
@@ -32,6 +33,17 @@ def test_it_is_the_simulators_run_with_each_command_at_its_stamp(
     learnt = next(each for each in other.estimates if each.quantity == "payload")
     np.testing.assert_allclose(run.payload[-1], (0.5, learnt.value, learnt.deviation))
     assert np.all(run.chamber_pressure >= run.pressure[:, 0:-3:3])
+
+
+def test_a_plan_that_is_held_for_good_ends_the_run_and_says_why(
+    machine: Machine, motion: Callable[..., tuple[Trajectory, ModeSchedule]]
+) -> None:
+    heavy = machine.with_values({"payload.mass": 40.0})
+    simulator = Simulator(machine, plant=heavy)
+    plan = motion(simulator.reference, STRETCHED)
+    run = replay(simulator, [Command(*plan)], 20.0)
+    assert "pace" in run.held
+    assert run.time[-1] < 15.0
 
 
 def test_what_was_followed_is_a_trajectory_with_its_modes(
