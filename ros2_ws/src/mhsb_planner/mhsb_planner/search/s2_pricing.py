@@ -17,8 +17,11 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.obstacles.clearance import move_is_clear, travel
+from mhsb_model.statics import gravity_torque
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.workspace import stays_inside
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.search.s2_layout import Layout
 from mhsb_planner.search.s2_step import (
@@ -27,7 +30,6 @@ from mhsb_planner.search.s2_step import (
     Postures,
     Scratch,
     describe,
-    middle_forces,
     new_scratch,
     steps_to_node,
 )
@@ -153,18 +155,40 @@ def largest_number(layout: Layout, patterns: ModeArray) -> int:
 
 
 @kernel
-def _middle_forces(
-    m: MachineArrays, layout: Layout, force: FloatArray, begin: int, end: int
+def _middle_loads(
+    empty: MachineArrays,
+    one_kg: MachineArrays,
+    layout: Layout,
+    bare: FloatArray,
+    for_each_kg: FloatArray,
+    begin: int,
+    end: int,
 ) -> None:
-    """Cylinder forces half-way along the moves from postures begin … end, to force[moves, n]."""
+    """Loads half-way along the moves from postures begin … end, to bare, for_each_kg[moves, n].
+
+    empty, one_kg: the machine with such a payload; not a number as in `middle_forces`, the oracle.
+    """
+    n = layout.posture.shape[1]
+    middle = np.empty(n)
     for i in range(begin, end):
-        row = layout.move[i]
+        start, move = layout.posture[i], layout.move[i]
         for node in layout.neighbors[layout.node[i]]:
-            if node >= 0:
-                first = layout.first[node]
-                count = layout.first[node + 1] - first
-                middle_forces(m, layout.posture[i], layout.posture, first, force[row : row + count])
-                row += count
+            if node < 0:
+                continue
+            for k in range(layout.first[node], layout.first[node + 1]):
+                last = layout.posture[k]
+                if stays_inside(empty, start, last):
+                    for j in range(n):
+                        middle[j] = 0.5 * (start[j] + last[j])
+                    gravity_torque(empty, middle, bare[move])
+                    gravity_torque(one_kg, middle, for_each_kg[move])
+                    for j in range(n):
+                        arm = moment_arm(empty.linkage[j], middle[j])
+                        bare[move, j] /= arm
+                        for_each_kg[move, j] = for_each_kg[move, j] / arm - bare[move, j]
+                else:
+                    bare[move] = for_each_kg[move] = math.nan
+                move += 1
 
 
 def posture_loads(m: MachineArrays, layout: Layout) -> Loads:
@@ -179,11 +203,11 @@ def middle_loads(
     m: MachineArrays, layout: Layout, jobs: int | None = None, deadline: Deadline = NEVER
 ) -> Loads:
     """Forces at the middle of all moves, in the order of `Layout.move`."""
-    bare, loaded = (np.empty((layout.move[-1], layout.posture.shape[1])) for _ in range(2))
-    for payload, force in ((0.0, bare), (1.0, loaded)):
-        work = partial(_middle_forces, m._replace(payload=payload), layout, force)
-        _in_parallel(work, len(layout.posture), jobs, deadline)
-    return Loads(bare, loaded - bare)
+    empty, one_kg = (m._replace(payload=payload) for payload in (0.0, 1.0))
+    bare, for_each_kg = (np.empty((layout.move[-1], layout.posture.shape[1])) for _ in range(2))
+    work = partial(_middle_loads, empty, one_kg, layout, bare, for_each_kg)
+    _in_parallel(work, len(layout.posture), jobs, deadline)
+    return Loads(bare, for_each_kg)
 
 
 class PricedSteps:
