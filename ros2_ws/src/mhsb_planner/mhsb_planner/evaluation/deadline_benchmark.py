@@ -32,7 +32,7 @@ SEED = 0
 PLANNERS: tuple[PlannerKind, ...] = ("table", "integrated")
 
 HEAVY_PAYLOAD, LOW_PRESSURE = 16.0, 2.5e6  # kg, Pa
-LINK_RADII = (0.03, 0.03, 0.02)  # m
+LINK_RADIUS, LAST_LINK_RADIUS = 0.03, 0.02  # m
 ZONES = Zones(
     circles=((0.80, 0.25, 0.08), (0.45, -0.75, 0.10)), tip_boxes=((0.45, 0.30, 0.60, 0.40),)
 )
@@ -70,7 +70,8 @@ class Request(NamedTuple):
 def machines(base: Machine) -> dict[str, Machine]:
     """The machines by name."""
     content = base.config.model_dump()
-    content["keep_out"] |= {"link_radii": LINK_RADII, "self_collision": True}
+    radii = (*(base.joint_count - 1) * (LINK_RADIUS,), LAST_LINK_RADIUS)
+    content["keep_out"] |= {"link_radii": radii, "self_collision": True}
     thick = Machine.from_config(type(base.config).model_validate(content))
     return {
         "plain": base,

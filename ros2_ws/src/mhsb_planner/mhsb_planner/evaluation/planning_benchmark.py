@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -102,9 +103,16 @@ class Effort:
 
 
 def measure(
-    machine: Machine, effort: Effort, jobs: int | None = None, parts: Sequence[str] = PARTS
+    machine: Machine,
+    effort: Effort,
+    jobs: int | None = None,
+    parts: Sequence[str] = PARTS,
+    keep: Callable[[Figures], object] | None = None,
 ) -> Figures:
-    """Figures of these parts of the benchmark, by the keys of its JSON file, and the yardstick."""
+    """Figures of these parts of the benchmark, by the keys of its JSON file, and the yardstick.
+
+    keep: is given those that there are after each part, so that none is lost.
+    """
     figures: Figures = {}
     warm_up(Planner(machine, build_posture_table(machine, jobs=jobs)))
     table = build_posture_table(machine, jobs=jobs)
@@ -133,7 +141,12 @@ def measure(
             _growth_figures(machine, spacing, effort, jobs) for spacing in effort.spacings
         ],
     }
-    return figures | {part: work() for part, work in measured.items() if part in parts}
+    for part, work in measured.items():
+        if part in parts:
+            figures[part] = work()
+            if keep:
+                keep(figures)
+    return figures
 
 
 # --- Posture table -------------------------------------------------------------------------------
@@ -344,13 +357,17 @@ def planning(
     effort = Effort(
         moves=moves, truths=truths, boosted=boosted, scenes=scenes, collocations=collocations
     )
-    figures = measure(arm, effort, jobs, parts or possible)
-    write_json(output, figures)
+    figures = measure(arm, effort, jobs, parts or possible, partial(_keep, output))
     if json_:
         print(output.read_text(encoding="utf-8"))
         return
     print("\n".join(as_text(figures)))
     print(f"written to {output}")
+
+
+def _keep(output: Path, figures: Figures) -> None:
+    write_json(output, figures)
+    command_line.keep(f"{output} has what was measured, up to '{list(figures)[-1]}'")
 
 
 def as_text(figures: Figures) -> list[str]:

@@ -97,11 +97,11 @@ class Simulator:
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
-        self._substeps = settings.circuit_substeps
+        self._substeps = self.plant.config.simulation.circuit_substeps
         self._last_substeps = self._substeps // 2
         self._first_substeps = self._substeps - self._last_substeps
         self._sag = self.plant.config.imperfections.supply_sag
-        self._inner_steps = settings.mechanics_substeps
+        self._inner_steps = self.plant.config.simulation.mechanics_substeps
         self._model = build_model(self.plant)
         self._model.opt.timestep = settings.step / self._inner_steps
         self._payload = self.plant.config.payload.mass
