@@ -294,7 +294,7 @@ def test_a_case_of_the_paper_brings_its_weights(start):
 
 def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
     there, on = ("0.6", "0.1", "2.0"), ("0.55", "-0.3", "3.0")
-    simulate = ("mhsb_sim", "simulate")
+    simulate = ("mhsb_sim", "simulate", "--zone-circle", "0.458", "-0.316", "0.01")
     first = start(*simulate, "--goal", *there, *on, "--output", tmp_path, "--audit")
     second = start(*simulate, "--goal", *there, "--goal", *on, "--json")
     assert first.wait(180) == 0, first.output
@@ -307,6 +307,9 @@ def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
             del goal["plan_ms"]
     assert summary == again
     assert summary["reference_jump_max_rad"] <= 1e-6
+    [warning] = summary["goals"][0]["warnings"]
+    assert warning.startswith("the arm starts 0.00")
+    assert f"warning: to (0.6, 0.1) m: {warning}" in first.output
     energy_gap, volume_gap = re.findall(r"unaccounted for.*\((\S+) % of delivered", first.output)
     assert abs(float(energy_gap)) < 0.1
     assert abs(float(volume_gap)) < 0.1

@@ -92,7 +92,6 @@ class Direct(Section):
 
 TurningLinkage = Annotated[SliderCrank | FourBar, Field(discriminator="kind")]
 Linkage = SliderCrank | FourBar | Direct
-LINKAGE_KINDS = ("slider_crank", "four_bar", "direct")
 JOINT_KINDS = ("revolute", "prismatic")
 PLANNED_KINDS = ("slew",)
 """Of joints that a machine file will be able to have."""

@@ -249,6 +249,7 @@ def _goal_numbers(result: GoalRun) -> dict[str, Any]:
             "energy_planned_j": plan.energy.paper,
             "energy_planned_series_j": plan.energy.series,
             "plan_ms": 1e3 * plan.took,
+            "warnings": list(plan.warnings),
         }
     return numbers
 
@@ -262,9 +263,15 @@ def as_text(summary: dict[str, Any]) -> list[str]:
             f"{goal['x']:6.3f} {goal['z']:7.3f}  {goal['time_s']:9.2f}  {planned}"
             f"  {goal['goal_distance_mm']:12.2f}"
         )
+    warnings = [
+        f"warning: to ({goal['x']:g}, {goal['z']:g}) m: {warning}"
+        for goal in summary["goals"]
+        for warning in goal.get("warnings", ())
+    ]
     main, servo = (summary["energy_by_source_j"][name] for name in ("main_pump", "servo_pumps"))
     return [
         *lines,
+        *warnings,
         f"tip error {summary['tip_error_rms_mm']:.2f} mm RMS, "
         f"{summary['tip_error_max_mm']:.2f} mm at most",
         f"pressures at most {summary['max_supply_pressure_mpa']:.2f} MPa in the supply lines, "
