@@ -23,14 +23,12 @@ from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.circuit.elements import orifice
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.cascade import Servo
+from mhsb_sim.servo.coasting import FINE, coasting_limit, coasting_volumes
 from mhsb_sim.servo.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_sim.servo.draw_estimate import drawn_less, draws_of, observe
 from mhsb_sim.servo.line_estimate import CLEAR, SHUT, Lines, lines_of
 from mhsb_sim.servo.pump_estimate import Drives, drives_of, follow_drives
 from mhsb_sim.servo.reference import AHEAD
-
-FINE = 4
-"""Looks that a coasting pump is given up to the first point of the reference ahead."""
 
 AT_LEAST = 0.15
 """Share of what a line lacks that is charged however little is known of line and pump."""
@@ -123,21 +121,6 @@ def foresee(p: Pumps) -> None:
     delay, later = own.delay * own.step, (own.latest - own.delay) * own.step
     coasting_volumes(own.lag, delay, 0.0, p.looks, p.coasting)
     coasting_volumes((1.0 + DOUBTS * own.deviation) * own.lag, delay, later, p.looks, p.slow)
-
-
-@kernel
-def coasting_volumes(
-    lag: float, delay: float, later: float, time: FloatArray, volumes: FloatArray
-) -> None:
-    """What a pump delivers up to each time [s] once told to stop, per flow that it has then [s].
-
-    It is told at time 0, and nothing counts of what it does before that can act, at its delay [s].
-    From then on t where that comes `later` [s], and τ (1 − e^(−t/τ)) with its lag τ [s] after that.
-    """
-    for k in range(len(time)):
-        left = max(time[k] - delay, 0.0)
-        late = min(left, later)
-        volumes[k] = late - lag * math.expm1(-(left - late) / lag)
 
 
 @kernel
@@ -235,44 +218,6 @@ def told_flow(axis: Record, cylinder: Record) -> float:
     if axis.demand * motion < 0.0:
         return 0.0
     return inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand) * abs(axis.demand)
-
-
-@kernel
-def coasting_limit(
-    volume: FloatArray,
-    coasting: FloatArray,
-    capacity: float,
-    rise: float,
-    rise_ahead: float,
-    pending: float,
-    doubt: float,
-    spacing: float,
-) -> float:
-    """Largest flow [m³/s] from which a pump can be stopped without filling its line too far.
-
-    From Q it delivers at least Q τ (1 − e^(−t/τ)) up to t, beyond what is on its way. That is not
-    to exceed what is drawn by then and what the pressure may rise by, V(t) + C Δp(t), at each point
-    ahead, and `FINE` times up to the first: pressure is highest when the pump has slowed down to
-    what is drawn, soon after.
-    volume float64[REFERENCE_POINTS] m³, V at the points, as in `look_ahead`, quadratic up to the
-    first; coasting
-    float64[FINE + REFERENCE_POINTS − 1] s, τ (1 − e^(−t/τ)) at all these times from 0 on;
-    rise: Δp [Pa] now, rise_ahead from point `AHEAD` on, linear in between; pending: oil [m³] that
-    comes whatever is told now; doubt: flow [m³/s] that may not be drawn after all; spacing: from
-    point to point [s].
-    """
-    limit = np.inf
-    for k in range(1, FINE):
-        share = k / FINE
-        room = capacity * (rise + share / AHEAD * (rise_ahead - rise)) - pending
-        drawn = share * (volume[0] + share * (volume[1] - volume[0]) - doubt * spacing)
-        limit = min(limit, (drawn + room) / coasting[k])
-    for k in range(1, len(volume)):
-        way = min(k / AHEAD, 1.0)
-        room = capacity * (rise + way * (rise_ahead - rise)) - pending
-        drawn = volume[k] - doubt * spacing * k
-        limit = min(limit, (drawn + room) / coasting[FINE - 1 + k])
-    return limit
 
 
 @kernel(inline="always")

@@ -2,7 +2,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from mhsb_model.types import FloatArray
-from mhsb_sim.servo.servo_pumps import coasting_limit, coasting_volumes
+from mhsb_sim.servo.coasting import coasting_limit, coasting_volumes
 
 
 def volumes_at(lag: float, delay: float, later: float, time: FloatArray) -> FloatArray:
