@@ -201,24 +201,16 @@ def test_help_tells_the_units_and_json_where_there_is_a_result(start, command):
     assert "Traceback" not in child.output
 
 
-@pytest.mark.parametrize(("arguments", "words"), BAD_ARGUMENTS)
-def test_a_bad_argument_is_one_sentence_and_exit_code_2(
-    told, tmp_path, monkeypatch, arguments, words
+@pytest.mark.parametrize(
+    ("code", "arguments", "words"),
+    [(2, *each) for each in BAD_ARGUMENTS] + [(1, *each) for each in UNUSABLE],
+)
+def test_what_cannot_be_used_is_one_sentence_and_its_exit_code(
+    told, tmp_path, monkeypatch, code, arguments, words
 ):
     monkeypatch.chdir(tmp_path)
-    code, output = told(*arguments)
-    assert code == 2, output
-    assert words in output
-    assert len(output.strip().splitlines()) == 1, output
-
-
-@pytest.mark.parametrize(("arguments", "words"), UNUSABLE)
-def test_what_cannot_be_used_or_had_is_one_sentence_and_exit_code_1(
-    told, tmp_path, monkeypatch, arguments, words
-):
-    monkeypatch.chdir(tmp_path)
-    code, output = told(*arguments)
-    assert code == 1, output
+    ended, output = told(*arguments)
+    assert ended == code, output
     assert words in output
     assert len(output.strip().splitlines()) == 1, output
 
