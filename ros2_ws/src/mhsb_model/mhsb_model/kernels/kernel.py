@@ -53,13 +53,20 @@ class PlainKernel(Kernel):
 
 
 def kernel(
-    function: Callable[..., Any] | None = None, *, plain: bool = False, **options: Any
+    function: Callable[..., Any] | None = None,
+    *,
+    plain: bool = False,
+    borrows: bool = False,
+    **options: Any,
 ) -> Any:
     """Compile a function with numba when it is first called.
 
     plain    only for calls by other kernels
+    borrows  it works on arrays that are there, and neither makes nor returns any, nor calls what
+             returns any: references to arrays are not counted in it. A call with a tuple of fifty
+             arrays takes 0.7 µs longer where they are
     options  as of `numba.njit`
     """
     if function is None:
-        return partial(kernel, plain=plain, **options)
-    return (PlainKernel if plain else Kernel)(function, options)
+        return partial(kernel, plain=plain, borrows=borrows, **options)
+    return (PlainKernel if plain else Kernel)(function, {**options, "_nrt": not borrows})

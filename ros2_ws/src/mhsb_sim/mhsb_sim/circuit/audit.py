@@ -19,7 +19,7 @@ from mhsb_sim.records import Record, Records
 BESIDE = ("friction", "main_pump_shaft")
 """Energies that are no item of the balance: within `piston_work`, and before `main_pump`."""
 
-@kernel
+@kernel(borrows=True)
 def audit(
     net: Records,
     count: int,
@@ -81,7 +81,7 @@ def audit_main_pump(flow: float, pressure: float, c: Record, e: Record, volume: 
     volume.main_pump += flow * c.substep
 
 
-@kernel
+@kernel(borrows=True)
 def audit_drag(modules: Records, c: Record, e: Record) -> None:
     """Add what turning the servo pumps takes beside the pressure, in a substep; c: CONSTANTS."""
     for k in range(len(modules)):

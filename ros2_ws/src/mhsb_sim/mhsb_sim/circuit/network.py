@@ -219,7 +219,7 @@ def rub(actuator: Record, speed: float, c: Record, dt: float) -> None:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: int) -> None:
     """Advance the circuit in place, pistons at length[n] [m] moving at speed[n] [m/s].
 

@@ -24,7 +24,7 @@ def stamp(
     conductance[j, i] -= slope
 
 
-@kernel
+@kernel(borrows=True)
 def solve_in_place(matrix: FloatArray, right: FloatArray, size: int) -> None:
     """Solve the symmetric positive definite system of the leading `size` rows into `right`.
 

@@ -321,7 +321,7 @@ def demand_speed(axis: Record, known: float, force: float, error: float, step: f
     axis.demand = min(max(demand, -most), most)
 
 
-@kernel
+@kernel(borrows=True)
 def supply_need(
     hold: float, force: float, speed: float, cylinder: Record, constants: Records, gains: Records
 ) -> float:
@@ -343,7 +343,7 @@ def supply_need(
     return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 
 
-@kernel
+@kernel(borrows=True)
 def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
     """Write the supply pressures that an actuator needs from now on, and later at point `AHEAD`.
 
@@ -360,7 +360,7 @@ def set_targets(axis: Record, cylinder: Record, constants: Records, gains: Recor
     axis.supply_target = max(now, axis.target_ahead)
 
 
-@kernel
+@kernel(borrows=True)
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
     """Whether actuator j draws on the rail: by its mode, or served by a module of another line."""
     draws = ON_RAIL[modes[j]]

@@ -14,7 +14,7 @@ FINE = 4
 """Looks that a coasting pump is given up to the first point of the reference ahead."""
 
 
-@kernel
+@kernel(borrows=True)
 def coasting_volumes(
     lag: float, delay: float, later: float, time: FloatArray, volumes: FloatArray
 ) -> None:
@@ -29,7 +29,7 @@ def coasting_volumes(
         volumes[k] = late - lag * math.expm1(-(left - late) / lag)
 
 
-@kernel
+@kernel(borrows=True)
 def coasting_limit(
     volume: FloatArray,
     coasting: FloatArray,

@@ -95,7 +95,7 @@ class CoordinatedController:
         return estimates_of(*self._learnt)
 
 
-@kernel
+@kernel(borrows=True)
 def control(s: Servo, v: Valves, p: Pumps) -> None:
     """One step of the controller."""
     piston_demands(s)
@@ -115,7 +115,7 @@ def control(s: Servo, v: Valves, p: Pumps) -> None:
     heed_delay(s, p)
 
 
-@kernel
+@kernel(borrows=True)
 def heed_delay(s: Servo, p: Pumps) -> None:
     """Force loops no faster than what is late bears, ω_F T ≤ LAG_BORNE c, and k_p with them.
 
@@ -131,7 +131,7 @@ def heed_delay(s: Servo, p: Pumps) -> None:
         axis.position_gain = min(axis.fastest_position, POSITION_SHARE * axis.force_bandwidth)
 
 
-@kernel
+@kernel(borrows=True)
 def open_valve(
     axis: Record,
     sensor: Record,
@@ -174,7 +174,7 @@ def open_valve(
     axis.bound = 1.0 if held else 0.0
 
 
-@kernel
+@kernel(borrows=True)
 def set_target(
     axis: Record,
     sensor: Record,
@@ -294,7 +294,7 @@ def join_lines(s: Servo, p: Pumps) -> None:
     rail_target[1] = min(rail_target[1], bearable)
 
 
-@kernel
+@kernel(borrows=True)
 def has_own_pump(j: int, module_home: IntArray, serves: IntArray) -> bool:
     """Whether the module of actuator j's own line serves it."""
     found = False

@@ -71,6 +71,9 @@ ERROR_LIFTS = 0.9
 """Distance of the tip from its reference, in usual ones, beyond which a load that has sagged counts
 as held, also where it is let down: it has to be lifted back."""
 
+LIFTING = 1e5
+"""Pressure beyond what holds it [Pa] that this takes: a piston that stalls has all there is."""
+
 SOON = 1
 """Number of the point of the reference by which it is told that a motion sets out."""
 
@@ -149,7 +152,7 @@ def guard_of(
     )
 
 
-@kernel
+@kernel(borrows=True)
 def watch(g: Guard) -> bool:
     """One step of the guard: look, ask for boost, set the pace.
 
@@ -175,7 +178,7 @@ def watch(g: Guard) -> bool:
     return changed
 
 
-@kernel
+@kernel(borrows=True)
 def look(g: Guard) -> None:
     """Filter what is measured, and write every actuator's reserves and the tip's error."""
     c, o = g.constants[0], g.overall[0]
@@ -207,7 +210,7 @@ def look(g: Guard) -> None:
                 soon = pressure_against(k, cap, rod, tank, actuator.force, ahead)
             if o.error > ERROR_LIFTS * o.usual_error and away * actuator.force < 0.0:
                 held = pressure_against(k, cap, rod, tank, actuator.force, 0.0)
-                needed = max(needed, held)
+                needed = max(needed, held + LIFTING)
         least = max(0.0, needed, soon)
         actuator.unboosted = o.supply + FORESIGHT * min(o.supply_rate, 0.0) - least
         if BOOSTED[g.modes[j]]:
@@ -259,7 +262,7 @@ def share_of(actuator: Record, boosted: bool) -> float:
     return min(max(min(pressure, opening), 0.0), 1.0)
 
 
-@kernel
+@kernel(borrows=True)
 def tip_errors(
     length: FloatArray, q: FloatArray, speed: FloatArray, actuators: Records
 ) -> tuple[float, float]:

@@ -57,7 +57,7 @@ class IndependentController:
         self._control()
 
 
-@kernel
+@kernel(borrows=True)
 def control(s: Servo, own_gains: Records, integrals: FloatArray) -> None:
     """One step of the controller.
 

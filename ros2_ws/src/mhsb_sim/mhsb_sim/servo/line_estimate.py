@@ -137,7 +137,7 @@ def weigh_lines(s: Servo, lines: Lines) -> None:
                 update(lines, row, oil, spread)
 
 
-@kernel
+@kernel(borrows=True)
 def feed(modules: Records, module_home: IntArray, serves: IntArray, fed: FloatArray) -> None:
     """Write what pumps feed into each line alone and into the rail, [n + 1, 2] as `Lines.fed`."""
     fed[:] = 0.0
@@ -154,7 +154,7 @@ def feed(modules: Records, module_home: IntArray, serves: IntArray, fed: FloatAr
                 fed[home, 1] = 1.0
 
 
-@kernel
+@kernel(borrows=True)
 def balance(
     own: Record,
     row: FloatArray,
@@ -196,7 +196,7 @@ def balance(
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def take_line(
     axis: Record,
     cylinder: Record,
@@ -222,7 +222,7 @@ def take_line(
     before[0], before[1], before[2], before[3] = line, cap, rod, sensor.length
 
 
-@kernel
+@kernel(borrows=True)
 def update(lines: Lines, row: FloatArray, oil: float, spread: float) -> None:
     """Kalman filter: oil = row · (c, λ) + noise of that variance [m³, m⁶]."""
     believed, covariance, carried = lines.believed, lines.covariance, lines.carried

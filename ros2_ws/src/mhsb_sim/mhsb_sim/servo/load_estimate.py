@@ -73,7 +73,7 @@ def load_of(payload: float, count: int, *, learns: bool) -> Load:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def weigh(load: Load, j: int, steady: bool, torque: float, friction: float) -> bool:
     """Take a step of actuator j into its spell; whether the load was learnt from it.
 
@@ -94,7 +94,7 @@ def weigh(load: Load, j: int, steady: bool, torque: float, friction: float) -> b
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def update(load: Load, j: int, torque: float, friction: float) -> None:
     """Kalman filter: torque = Y δm + friction δφ + noise [N m]."""
     covariance, carried, believed = load.covariance, load.carried, load.believed

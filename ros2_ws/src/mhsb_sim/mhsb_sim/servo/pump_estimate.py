@@ -72,7 +72,7 @@ class Drives(NamedTuple):
     sent: FloatArray  # [m, LATEST + 1] m³/s, commands of the last steps, the newest first
     before: FloatArray  # [m, 2] m³/s, Q a step ago, and at the start of the window
     driven: FloatArray  # [m, LATEST + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
-    squares: FloatArray  # [3, LATEST + 1] Σ x², Σ x y, Σ y² of all windows, in full flows
+    squares: FloatArray  # [4, LATEST + 1] Σ x², Σ x y, Σ y² of all windows, in full flows; Σ left
     flow: FloatArray  # [m] m³/s, Q when what is commanded now begins to act
     pending: FloatArray  # [m] m³ that it delivers until then
 
@@ -88,13 +88,13 @@ def drives_of(lag: float, step: float, full_flow: float, slew: float, count: int
         sent=np.zeros((count, LATEST + 1)),
         before=np.zeros((count, 2)),
         driven=np.zeros((count, LATEST + 1)),
-        squares=np.zeros((3, LATEST + 1)),
+        squares=np.zeros((4, LATEST + 1)),
         flow=np.zeros(count),
         pending=np.zeros(count),
     )
 
 
-@kernel
+@kernel(borrows=True)
 def follow_drives(d: Drives, modules: Records) -> bool:
     """Take a step of all pumps into the window, before they are commanded anew.
 
@@ -128,7 +128,7 @@ def follow_drives(d: Drives, modules: Records) -> bool:
     return learnt
 
 
-@kernel
+@kernel(borrows=True)
 def take(squares: FloatArray, driven: FloatArray, rise: float, own: Record) -> bool:
     """Take a pump's window into the squares; whether it tells anything. rise: in full flows."""
     x = driven[own.delay] / own.full_flow
@@ -145,12 +145,12 @@ def take(squares: FloatArray, driven: FloatArray, rise: float, own: Record) -> b
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def settle_on(own: Record, squares: FloatArray) -> None:
     """Write the delay with the least squares, the θ and lag that go with it, and their doubts."""
     prior = (READING / (DEVIATION * own.file)) ** 2
     least = math.inf
-    left = np.empty(LATEST + 1)
+    left = squares[3]
     for i in range(LATEST + 1):
         weight = squares[0, i] + prior
         theta = (squares[1, i] + prior * own.file) / weight
@@ -165,7 +165,7 @@ def settle_on(own: Record, squares: FloatArray) -> None:
     own.lag = -own.step / math.log1p(-own.theta)
 
 
-@kernel
+@kernel(borrows=True)
 def foreseen(own: Record, flow: float, sent: FloatArray) -> tuple[float, float]:
     """Q [m³/s] when the next command begins to act, and the oil [m³] that comes until then.
 

@@ -114,7 +114,7 @@ class Reference:
         return self.trajectory.sample(self.own_time_ns(time_ns))
 
 
-@kernel
+@kernel(borrows=True)
 def evaluate(
     offset_ns: IntArray,
     position: FloatArray,

@@ -114,7 +114,7 @@ def pumps_of(machine: Machine, signals: ServoSignals) -> Pumps:
     return pumps
 
 
-@kernel
+@kernel(borrows=True)
 def foresee(p: Pumps) -> None:
     """Write how pumps coast, by what is known of their lag and their commands' delay."""
     own = p.drives.record[0]
@@ -123,7 +123,7 @@ def foresee(p: Pumps) -> None:
     coasting_volumes((1.0 + DOUBTS * own.deviation) * own.lag, delay, later, p.looks, p.slow)
 
 
-@kernel
+@kernel(borrows=True)
 def is_served(j: int, serves: IntArray) -> bool:
     """Whether any module is in use for actuator j."""
     found = False
@@ -261,7 +261,7 @@ def pump_demand(
     return min(drawn + charge, limit)
 
 
-@kernel
+@kernel(borrows=True)
 def spare_flow(s: Servo, p: Pumps) -> float:
     """Flow [m³/s] that lines may be charged with; 0 while no pump is in use.
 
@@ -292,7 +292,7 @@ def spare_flow(s: Servo, p: Pumps) -> float:
     return max(0.0, left) + max(0.0, g.pressure_gain * pent_up)
 
 
-@kernel
+@kernel(borrows=True)
 def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
     """Whether a module in use feeds the rail: lent and switched over, or its line joined."""
     if home == user:

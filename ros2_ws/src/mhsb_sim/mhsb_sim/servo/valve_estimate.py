@@ -98,7 +98,7 @@ def inverse(valve: Record, demand: float) -> float:
     return demand / (valve.speed_gain * valve.gain) + valve.overlap * across
 
 
-@kernel
+@kernel(borrows=True)
 def learn(
     valves: Valves,
     j: int,
@@ -150,7 +150,7 @@ def learn(
     valve.overlap = min(max(b / valve.gain, 0.0), LARGEST_OVERLAP)
 
 
-@kernel
+@kernel(borrows=True)
 def update(
     estimate: FloatArray, covariance: FloatArray, y: float, p: float, s: float, f: float
 ) -> None:

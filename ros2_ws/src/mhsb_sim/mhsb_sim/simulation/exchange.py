@@ -31,7 +31,7 @@ LENGTH, SPEED, ARM, ANGLE = range(4)
 """Rows of `pistons`, float64[4, n]: L(q) [m], r(q) q̇ [m/s], r(q) [m] and q [rad] now."""
 
 
-@kernel
+@kernel(borrows=True)
 def move_pistons(
     linkage: FloatArray,
     position: FloatArray,
@@ -73,7 +73,7 @@ def told(channel: Record, reading: float, before: float, step: float) -> float:
     return channel.told
 
 
-@kernel
+@kernel(borrows=True)
 def measure(
     noises: FloatArray,
     pistons: FloatArray,
@@ -120,7 +120,7 @@ def measure(
         believed[k].flow = told(channels[i], reading, believed[k].flow, h)
 
 
-@kernel
+@kernel(borrows=True)
 def apply_forces(
     actuators: Records,
     pressure: FloatArray,
@@ -143,7 +143,7 @@ def apply_forces(
     return good
 
 
-@kernel
+@kernel(borrows=True)
 def send(believed: Believed, circuit: Circuit, queue: FloatArray, place: IntArray) -> None:
     """Carry the servo's commands to the circuit, late by the queue's rows less one.
 
@@ -167,7 +167,7 @@ def send(believed: Believed, circuit: Circuit, queue: FloatArray, place: IntArra
         circuit.modules[k].lend = due[2 * n + m + k]
 
 
-@kernel
+@kernel(borrows=True)
 def believe(believed: Believed) -> None:
     """Move join valves and diverters as the servo takes them to follow its commands in a step."""
     decay = believed.constants[0].switching_decay
@@ -180,7 +180,7 @@ def believe(believed: Believed) -> None:
             module.to_rail = first_order_lag(module.to_rail, module.lend, decay)
 
 
-@kernel
+@kernel(borrows=True)
 def push(
     believed: Believed,
     queue: FloatArray,
@@ -206,7 +206,7 @@ def push(
     )
 
 
-@kernel
+@kernel(borrows=True)
 def follow(
     circuit: Circuit,
     linkage: FloatArray,

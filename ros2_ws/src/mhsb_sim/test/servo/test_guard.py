@@ -34,6 +34,21 @@ def test_the_reserve_is_the_pressure_beyond_load_and_valve(machine: Machine) -> 
             assert state.actuators["reserve"][j] == pytest.approx(own, abs=6e4)
 
 
+def test_a_piston_that_stalls_below_its_reference_with_all_pressure_there_is_gets_boost(
+    machine: Machine,
+) -> None:
+    for sagged, asked_for in ((0.0, Mode.N), (0.5e-3, Mode.DB)):
+        simulator = Simulator(machine)
+        simulator.advance(0.3)
+        state = simulator.guard._state
+        state.sensors["cap_pressure"][0] = state.sensors["line_pressure"][0]
+        state.sensors["rod_pressure"][0] = machine.arrays.tank_pressure
+        state.sensors["length"][0] -= sagged
+        for _ in range(300):
+            guard.watch(state)
+        assert state.actuators["wanted"][0] == asked_for
+
+
 def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
     random = np.random.default_rng(1)
     actuators = np.zeros(3, GUARDED)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import gc
+import weakref
 from collections.abc import Callable
 from itertools import combinations, pairwise
 
@@ -231,6 +233,17 @@ def test_the_pistons_do_the_work_that_lifts_the_arm(machine: Machine, motion: Mo
     lifted = potential_energy(machine, simulator.joint_state.position) - before
     spent = simulator.energies["piston_work"] - simulator.energies["friction"]
     assert spent == pytest.approx(lifted, rel=5e-3)
+
+
+def test_a_simulator_that_is_no_longer_used_leaves_no_memory_behind(machine: Machine) -> None:
+    """Its kernels borrow their arrays: none of them counts a reference too many."""
+    simulator = Simulator(machine)
+    simulator.advance(0.2)
+    servo, guarded, circuit = simulator._signals, simulator.guard._state, simulator._circuit
+    arrays = [weakref.ref(each) for each in (servo.sensors, guarded.actuators, circuit.pressure)]
+    del simulator, servo, guarded, circuit
+    gc.collect()
+    assert [each() for each in arrays] == [None, None, None]
 
 
 def potential_energy(machine: Machine, q: FloatArray) -> float:
