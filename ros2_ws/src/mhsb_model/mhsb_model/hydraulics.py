@@ -123,7 +123,7 @@ class Oil(NamedTuple):
     leakage_flow: float  # m³/s, one valve at the supply pressure
 
 
-@kernel
+@kernel(borrows=True)
 def oil_of(m: MachineArrays) -> Oil:
     """These numbers of a machine."""
     return Oil(
@@ -236,13 +236,13 @@ def flow_for_pistons(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
     return flow
 
 
-@kernel
+@kernel(borrows=True)
 def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
     """`pressure_to_move` of actuator j [Pa]."""
     return pressure_to_move(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)
 
 
-@kernel
+@kernel(borrows=True)
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
     """`lacks_pressure` of actuator j."""
     return lacks_pressure(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)

@@ -25,7 +25,7 @@ class Chain(NamedTuple):
     gravity: float  # m/s²
 
 
-@kernel
+@kernel(inline="always")
 def chain_of(m: MachineArrays) -> Chain:
     """The links and the payload of a machine."""
     return Chain(m.link_length, m.link_mass, m.link_center, m.link_inertia, m.payload, m.gravity)
@@ -123,7 +123,7 @@ def moving_torques(
         torque[j] += weight[j]
 
 
-@kernel
+@kernel(borrows=True)
 def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
     """`gravity_torques` of a machine in the posture q[n], written to torque[n] [N m]."""
     angle = 0.0
@@ -133,7 +133,7 @@ def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
     gravity_torques(chain_of(m), torque, torque)
 
 
-@kernel
+@kernel(borrows=True)
 def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
     """F = τ / r under gravity, written to force[n] [N]; F > 0 resists extension."""
     gravity_torque(m, q, force)
@@ -141,7 +141,7 @@ def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
         force[j] /= moment_arm(m.linkage[j], q[j])
 
 
-@kernel
+@kernel(borrows=True)
 def piston_forces_in(m: MachineArrays, posture: FloatArray, force: FloatArray) -> None:
     """The same in each of the postures[k, n] [rad], written to force[k, n] [N]."""
     for k in range(len(posture)):

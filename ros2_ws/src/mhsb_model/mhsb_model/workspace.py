@@ -18,7 +18,7 @@ LOOKS = 8
 """Instants at which a straight joint move is looked at, between its ends."""
 
 
-@kernel
+@kernel(borrows=True)
 def node_set_excess(m: MachineArrays, x: float, z: float) -> float:
     """How far the tip at (x, z) m lies outside the region [m]; negative within it."""
     return excess_of(m.min_x, m.min_radius, m.max_radius, x, z)

@@ -26,7 +26,7 @@ def wrap_near(angle: float, center: float) -> float:
     return angle - 2.0 * math.pi * turns
 
 
-@kernel
+@kernel(borrows=True)
 def joint_angles(
     m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray
 ) -> bool:
@@ -51,7 +51,7 @@ def joint_angles(
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def within_limits(m: MachineArrays, q: FloatArray, tolerance: float = 0.0) -> bool:
     """Whether every joint lies within its limits, widened by `tolerance` rad."""
     for j in range(len(q)):

@@ -55,7 +55,7 @@ def outer_tip(
     return x * cosine + z * sine, z * cosine - x * sine, heading
 
 
-@kernel
+@kernel(borrows=True)
 def posture_at(
     m: MachineArrays, x: float, z: float, free: FloatArray, elbow: int, q: FloatArray
 ) -> bool:
@@ -71,7 +71,7 @@ def posture_at(
     return joint_angles(m, ahead, up, free[inner] - heading, elbow, q) and within_limits(m, q)
 
 
-@kernel
+@kernel(borrows=True)
 def inner_angles(m: MachineArrays, number: int, samples: int, q: FloatArray) -> None:
     """Put angles of the inner joints into q: `number` counts their even samples, ends included."""
     for i in range(len(q) - 3):
@@ -146,7 +146,7 @@ def _rigid(link_length: FloatArray, q: FloatArray, first: int, last: int) -> tup
     return math.hypot(ahead, across), math.atan2(across, ahead), heading
 
 
-@kernel
+@kernel(borrows=True)
 def close_chain(
     m: MachineArrays, x: float, z: float, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
@@ -178,7 +178,7 @@ def close_chain(
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def side_of(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
     """The `side` of `close_chain` on which joints i < j close the chain in posture q[n] [rad].
 

@@ -217,7 +217,7 @@ def leeway_from(m: MachineArrays, rows: FloatArray, q: FloatArray, kept: float) 
     return leeway
 
 
-@kernel
+@kernel(borrows=True)
 def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool) -> float:
     """Farther than this no point of the arm moves between two postures [m]; D above."""
     turn, farthest = 0.0, 0.0
@@ -228,7 +228,7 @@ def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders
     return farthest
 
 
-@kernel
+@kernel(borrows=True)
 def _half_way(
     m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool, middle: FloatArray
 ) -> None:

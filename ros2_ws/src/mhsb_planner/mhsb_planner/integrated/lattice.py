@@ -193,7 +193,7 @@ def _with_more_rows(known: Known) -> Known:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def _put(known: Known, lattice: Lattice, row: int, points: Postures, i: int) -> None:
     """Put the lattice point of a row at points[i]; its forces are those of `_load`."""
     rest = known.point[row]
@@ -212,7 +212,7 @@ def _load(t: Terms, known: Known, row: int, points: Postures, i: int) -> None:
     points.force[i] = known.force[row]
 
 
-@kernel
+@kernel(borrows=True)
 def _meet(known: Known, point: int) -> int:
     """A new row for a point that has not been met."""
     row = known.rows[0]
@@ -222,7 +222,7 @@ def _meet(known: Known, point: int) -> int:
     return row
 
 
-@kernel
+@kernel(borrows=True)
 def _remaining(t: Terms, length: FloatArray, goals: FloatArray) -> float:
     least = math.inf
     for k in range(len(goals)):
@@ -230,7 +230,7 @@ def _remaining(t: Terms, length: FloatArray, goals: FloatArray) -> float:
     return least
 
 
-@kernel
+@kernel(borrows=True)
 def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
     """Whether the goal lies between the points next to the one with the indices at[n]."""
     for j in range(len(at)):
@@ -249,7 +249,7 @@ class Origin(NamedTuple):
     cost: float  # so far
 
 
-@kernel
+@kernel(borrows=True)
 def _relax(
     t: Terms, f: Frontier, known: Known, state: int, target: int, cost: float, least: float
 ) -> bool:
@@ -274,7 +274,7 @@ def _relax(
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def _take(
     t: Terms,
     w: Memory,

@@ -160,7 +160,7 @@ def sweep_corner(
     return cost
 
 
-@kernel
+@kernel(borrows=True)
 def _move(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
     """Move a corner along cylinder j [m] as far as its limits allow; False where it stays."""
     one = cylinder_length(m.linkage[j], m.joint_min[j])

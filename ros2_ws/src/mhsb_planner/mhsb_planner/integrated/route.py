@@ -139,7 +139,7 @@ def new_memory(t: Terms) -> Memory:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def place(m: MachineArrays, points: Postures, i: int, length: FloatArray, near: int) -> None:
     """Put the posture with the cylinder lengths `length` [m] at points[i].
 
@@ -153,14 +153,14 @@ def place(m: MachineArrays, points: Postures, i: int, length: FloatArray, near: 
     piston_forces(m, points.posture[i], points.force[i])
 
 
-@kernel
+@kernel(borrows=True)
 def _outside(m: MachineArrays, posture: FloatArray) -> float:
     """How far the tip lies outside the workspace [m]; negative within it."""
     x, z = tip_position(m.link_length, posture)
     return node_set_excess(m, x, z)
 
 
-@kernel
+@kernel(borrows=True)
 def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     """Whether the tip gets out of the workspace from points[here] to the other, or further out.
 
@@ -181,7 +181,7 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     return _outside(m, points.posture[HALF_WAY]) > allowed
 
 
-@kernel
+@kernel(borrows=True)
 def price_piece(t: Terms, w: Memory, here: int) -> int:
     """Price the step from w.points[here] to the other one in all patterns.
 
@@ -232,13 +232,13 @@ def pieces_between(start: FloatArray, end: FloatArray, piece: float) -> int:
     return max(1, math.ceil(stroke / piece - 1e-9))
 
 
-@kernel
+@kernel(borrows=True)
 def least_step(t: Terms, start: FloatArray, end: FloatArray) -> float:
     """Least cost of any way between two cylinder lengths[n], in any modes."""
     return least_cost_between(t.circuit, start, end, t.weight)
 
 
-@kernel
+@kernel(borrows=True)
 def _cost_of(t: Terms, w: Memory, p: int) -> float:
     """w₁ E + w₂ T + w₄ M of the piece priced in pattern p."""
     cost = w.scratch.cost
@@ -247,7 +247,7 @@ def _cost_of(t: Terms, w: Memory, p: int) -> float:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     """Take the piece from w.points[here], reached at w.value[here], to the other point.
 
@@ -276,7 +276,7 @@ def _advance(t: Terms, w: Memory, here: int, parent: IntArray) -> float:
     return least
 
 
-@kernel
+@kernel(borrows=True)
 def switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray) -> int:
     """Actuators that change their mode to hold the loads force[n] [N], from modes[n]."""
     count = 0
@@ -287,7 +287,7 @@ def switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray) -> i
     return count
 
 
-@kernel
+@kernel(borrows=True)
 def _ended(t: Terms, w: Memory, at: int) -> float:
     """Least cost at w.points[at], the switches to the holding modes there included.
 

@@ -78,7 +78,7 @@ def warm_up(machine: Machine) -> None:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def _fastest(
     m: MachineArrays, h: float, i: int, position: FloatArray, velocity: FloatArray,
     acceleration: FloatArray,

@@ -357,7 +357,7 @@ def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
     return motion_profile(machine, *trajectory.middles())
 
 
-@kernel
+@kernel(borrows=True)
 def way_out(m: MachineArrays, position: FloatArray) -> float:
     """How far a joint goes beyond its limits [rad], other than where it comes back from beyond.
 
@@ -373,7 +373,7 @@ def way_out(m: MachineArrays, position: FloatArray) -> float:
     return farthest
 
 
-@kernel
+@kernel(borrows=True)
 def _within_budget(m: MachineArrays, modes: ModeArray) -> tuple[int, int]:
     """How many intervals, the first ones, keep the module budget; what the next is beyond it."""
     for k in range(len(modes)):

@@ -47,7 +47,7 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
             limit[j, mode] = flow_limit(m, j, mode, force[j])
 
 
-@kernel
+@kernel(borrows=True)
 def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
     """Largest inlet flow of joint j in a mode under a force [N], extending, retracting [m³/s]."""
     oil, cap, rod = hydraulics.oil_of(m), m.cap_area[j], m.rod_area[j]
@@ -178,7 +178,7 @@ def flow_scale(m: MachineArrays) -> FloatArray:
     return scale
 
 
-@kernel
+@kernel(borrows=True)
 def shared_flow(m: MachineArrays) -> float:
     """Q_MP − n q_leak: what the main pump gives all cylinders together [m³/s]."""
     return m.main_pump_flow - len(m.cap_area) * m.leakage_flow

@@ -27,7 +27,7 @@ TANGENT = 1e-12
 """A cosine beyond ±1 by no more than this is a touching triangle, computed with rounding."""
 
 
-@kernel
+@kernel(borrows=True)
 def feasible(m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray) -> bool:
     """Whether the posture (ψ, elbow) at (x, z) m exists within limits; the last three of q[n]."""
     return joint_angles(m, x, z, psi, elbow, q) and within_limits(m, q)
@@ -87,7 +87,7 @@ def _critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) ->
     return count
 
 
-@kernel
+@kernel(borrows=True)
 def _step_inside(
     m: MachineArrays, x: float, z: float, end: float, middle: float, elbow: int, q: FloatArray
 ) -> float:

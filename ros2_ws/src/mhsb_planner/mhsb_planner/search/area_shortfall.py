@@ -153,7 +153,7 @@ def _profile(
     return AreaProfile(np.hypot(*np.diff(tip, axis=0).T), area)
 
 
-@kernel
+@kernel(borrows=True)
 def _areas(m: MachineArrays, posture: FloatArray, modes: ModeArray, area: FloatArray) -> None:
     for k in range(len(area)):
         area[k] = posture_area(m, posture[k], modes[k])

@@ -38,7 +38,7 @@ ELBOW_UP, ELBOW_DOWN = -1, 1
 """Side of the elbow, by the sign of the angle from what is before to the line from elbow to tip."""
 
 
-@kernel
+@kernel(borrows=True)
 def _solution(
     m: MachineArrays,
     x: float,
@@ -93,7 +93,7 @@ def _posture(
     return False
 
 
-@kernel
+@kernel(borrows=True)
 def _fill(
     m: MachineArrays,
     position: FloatArray,

@@ -54,7 +54,7 @@ def least_cost(
     return volume_weight * (volume + leakage * duration) + time_weight * duration
 
 
-@kernel
+@kernel(borrows=True)
 def least_cost_between(
     c: Circuit, start: FloatArray, goal: FloatArray, weight: FloatArray
 ) -> float:

@@ -71,7 +71,7 @@ class Terms(NamedTuple):
     clearance: FloatArray  # [postures] m, from the nearest of them; empty where there are none
 
 
-@kernel
+@kernel(borrows=True)
 def price(
     t: Terms, i: int, s: Scratch, state: IntArray, pattern: IntArray, cost: FloatArray, found: int
 ) -> int:
@@ -104,12 +104,13 @@ def price(
             if s.status[p] == status:
                 state[found] = node * len(patterns) + p
                 pattern[found] = p
-                cost[found] = s.cost[p]
+                for k in range(cost.shape[1]):
+                    cost[found, k] = s.cost[p, k]
                 found += 1
     return found
 
 
-@kernel
+@kernel(borrows=True)
 def _bar_collisions(t: Terms, i: int, first: int, count: int, middle: FloatArray) -> None:
     """Make middle[k] not a number where the move from posture i to first + k is not clear.
 
@@ -148,7 +149,7 @@ def _price_range(
     return state[:found].copy(), pattern[:found].copy(), cost[:found].copy()
 
 
-@kernel
+@kernel(borrows=True)
 def largest_number(layout: Layout, patterns: ModeArray) -> int:
     """More steps than these leave no posture."""
     return layout.neighbors.shape[1] * len(patterns)

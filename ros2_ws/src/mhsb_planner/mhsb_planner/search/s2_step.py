@@ -157,14 +157,14 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def _hold_pressure(c: Circuit, j: int, force: float) -> float:
     """p_L of a cylinder that holds its load [Pa]."""
     d = 0 if force > 0.0 else 1
     return abs(force) * c.per_area[j, d] + c.outlet[j, d]
 
 
-@kernel
+@kernel(borrows=True)
 def _more_leakage(c: Circuit, need: float) -> float:
     """What a valve leaks more at the supply pressure `need` [Pa] than at P_S [m³/s]."""
     if need <= c.supply_pressure:
@@ -216,7 +216,7 @@ def new_scratch(patterns: ModeArray) -> Scratch:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def steps_to_node(
     c: Circuit,
     patterns: ModeArray,
@@ -378,7 +378,7 @@ def middle_forces(
         piston_forces(m, middle, force[k])
 
 
-@kernel
+@kernel(borrows=True)
 def bar_collisions(
     m: MachineArrays,
     obstacles: FloatArray,
