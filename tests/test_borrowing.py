@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "ros2_ws" / "src").glob("*/mhsb_*/**/*.py"))
-MAKES_NO_ARRAY = {"np.isnan", "np.isfinite", "np.searchsorted"}
+MAKES_NO_ARRAY = {"np.isnan", "np.isfinite", "np.searchsorted", "np.rint"}
 """Of a single value."""
 
 

@@ -60,8 +60,8 @@ def test_by_default_it_writes_where_the_planner_looks(machine, tmp_path, monkeyp
 @pytest.mark.parametrize(
     ("arguments", "code", "sentence"),
     [
-        (("--spacing", "-0.05"), 1, "spacing must be above 0 and at most 1.029 m"),
-        (("--jobs", "0"), 1, "jobs must be at least 1"),
+        (("--spacing", "-0.05"), 2, "spacing must be above 0 and at most 1.029 m"),
+        (("--jobs", "0"), 2, "jobs must be at least 1"),
         (("--solver", "guess"), 2, "global"),
         (("--machine", "none.yaml"), 1, "none.yaml"),
         (("--output", "/dev/null/table.npz"), 1, "cannot be written"),

@@ -113,7 +113,7 @@ def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _Work) -> floa
     return projected_area(w.cross, w.scale, w.limit, pattern, w.flow)
 
 
-@kernel(borrows=True)
+@kernel
 def _slide(
     m: MachineArrays,
     x: float,
@@ -216,7 +216,7 @@ def _leave_out(sample: FloatArray, value: FloatArray, posture: FloatArray) -> No
             value[s] = -1.0
 
 
-@kernel(borrows=True)
+@kernel
 def _best_known(
     m: MachineArrays,
     pattern: ModeArray,
