@@ -184,6 +184,8 @@ def _initialize(arguments: list[str] | None) -> None:
         reason = _without_places(error).removeprefix("failed to initialize rcl: ")
         if reason.startswith("["):  # nothing but a list of what is not known
             reason = f"unknown arguments {reason}"
+        if "ROS_DOMAIN_ID" in reason:
+            raise RosError(f"{reason}; give a number from 0 to 101, or unset it") from error
         raise RosArgumentsError(f"after --ros-args: {reason}") from error
     finally:
         set_logger_level("rcl", LoggingSeverity.UNSET)

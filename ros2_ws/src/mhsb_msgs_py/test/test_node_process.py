@@ -62,7 +62,7 @@ def test_ros_arguments_that_cannot_be_used_are_told_in_one_line(
     script = tmp_path / "idle.py"
     script.write_text(BODY)
     child = start_process(sys.executable, script, "--ros-args", *arguments)
-    assert child.wait() == 1
+    assert child.wait() == 2
     assert child.output.startswith("idle: after --ros-args: ")
     assert sentence in child.output
     assert len(child.output.splitlines()) == 1
@@ -81,7 +81,7 @@ def test_a_parameter_that_the_node_does_not_have_is_told(start_process, tmp_path
     ("environment", "sentence"),
     [
         ({"FASTRTPS_DEFAULT_PROFILES_FILE": "/nowhere.xml"}, "/nowhere.xml, which cannot be read"),
-        ({"ROS_DOMAIN_ID": "home"}, "ROS_DOMAIN_ID is not an integral number"),
+        ({"ROS_DOMAIN_ID": "home"}, "not an integral number; give a number from 0 to 101"),
     ],
 )
 def test_an_environment_that_ros_cannot_use_is_told_in_one_line(
