@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mhsb_model.types import FloatArray, IntArray
+from mhsb_model.types import BoolArray, FloatArray, IntArray
 
 
 class MachineArrays(NamedTuple):
-    """Numbers of a machine with n joints; SI units."""
+    """Numbers of a machine with n joints; SI units.
 
-    link_length: FloatArray  # [n] m
+    Where a joint slides, its q is in m, and its torque a force.
+    """
+
+    slides: BoolArray  # [n] whether a joint is prismatic; all others turn
+    link_length: FloatArray  # [n] m, retracted
     link_mass: FloatArray  # [n] kg
-    link_center: FloatArray  # [n] m, centre of mass from the link's joint
+    link_center: FloatArray  # [n] m, centre of mass from the link's joint, retracted
     link_inertia: FloatArray  # [n] kg m², about the centre of mass
-    joint_min: FloatArray  # [n] rad
-    joint_max: FloatArray  # [n] rad
+    joint_min: FloatArray  # [n] rad or m
+    joint_max: FloatArray  # [n] rad or m
     linkage: FloatArray  # [n, LINKAGE_WIDTH]
     cap_area: FloatArray  # [n] m²
     rod_area: FloatArray  # [n] m², annulus on the rod side

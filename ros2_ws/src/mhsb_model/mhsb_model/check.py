@@ -13,7 +13,7 @@ import tyro
 
 from mhsb_model import command_line, hydraulics
 from mhsb_model.linkages import linkage
-from mhsb_model.machine import Machine, described_machine
+from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray
 
@@ -33,7 +33,7 @@ def check(
         file: Machine file (YAML, SI units); the suite's own arm when left out.
         json_: Print one JSON object, in SI units, instead of text.
     """
-    machine = described_machine(file)
+    machine = load_machine(file)
     if json_:
         print(json.dumps(facts(machine)))
     else:
@@ -81,7 +81,7 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
                 arrays.cap_area[j], arrays.rod_area[j], arrays.tank_pressure, force, force
             )
         )
-    slides = machine.slides[j]
+    slides = bool(machine.arrays.slides[j])
     return {
         "linkage": joint.linkage.kind,
         "range_m" if slides else "range_rad": [float(lower), float(upper)],

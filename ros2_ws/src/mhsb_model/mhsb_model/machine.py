@@ -22,6 +22,7 @@ from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.value_paths import set_value, value_at
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.inverse_kinematics import tip_postures
+from mhsb_model.inverse_kinematics.telescope_postures import telescope_postures
 from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
@@ -29,9 +30,7 @@ from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import MachineConfig, problems_across
-from mhsb_model.telescopes import telescope_dynamics
-from mhsb_model.telescopes import telescope_kinematics as telescopes
-from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
@@ -97,15 +96,15 @@ class Machine:
         """`actuator_1` … in the order of the machine file."""
         return tuple(f"actuator_{i + 1}" for i in range(self.joint_count))
 
-    @cached_property
-    def slides(self) -> telescopes.Slides:
-        """Of each joint, whether it is prismatic."""
-        return tuple(joint.kind == "prismatic" for joint in self.config.joints)
-
     @property
     def has_telescope(self) -> bool:
         """Whether a joint is prismatic."""
-        return any(self.slides)
+        return bool(self.arrays.slides.any())
+
+    @property
+    def is_3r(self) -> bool:
+        """Whether three joints turn, and nothing else moves."""
+        return self.joint_count == LEAST_JOINTS and not self.has_telescope
 
     @cached_property
     def kept_joints(self) -> tuple[int, ...]:
@@ -172,48 +171,47 @@ class Machine:
 
     def tip_position(self, q: FloatArray) -> FloatArray:
         """Tip (x, z) at the joint angles q, float64[2]."""
-        length = self.arrays.link_length
-        if self.has_telescope:
-            length, q = telescopes.extended(self.slides, length, q), self._turned(q)
-        return np.array(kinematics.tip_position(length, q))
+        return np.array(kinematics.tip_position(self.arrays, q))
 
-    @property
-    def _chain(self) -> statics.Chain:
-        return statics.Chain(*statics.chain_of(self.arrays))
+    def tip_positions(self, postures: FloatArray) -> FloatArray:
+        """Tips (x, z) in the postures float64[k, n], float64[k, 2]."""
+        return np.asarray(kinematics.tip_positions(self.arrays, as_frozen(postures)))
 
-    def _turned(self, q: FloatArray) -> FloatArray:
-        return telescopes.turned(self.slides, q)
+    def joint_positions(self, q: FloatArray) -> FloatArray:
+        """(x, z) of all joints and of the tip, float64[n + 1, 2]."""
+        return np.asarray(kinematics.joint_positions(self.arrays, as_frozen(np.asarray(q))))
+
+    def link_angles(self, q: FloatArray) -> FloatArray:
+        """Angle of each link [rad], float64[n], or of postures float64[k, n] in each of them."""
+        return np.cumsum(np.where(self.arrays.slides, 0.0, q), axis=-1)
+
+    def end_link_angle(self, q: FloatArray) -> float:
+        """ψ, the angle of the last link [rad]: the sum of all angles, without extensions."""
+        return float(kinematics.end_link_angle(self.arrays, q))
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """∂(x, z)/∂q, float64[2, n]."""
-        if self.has_telescope:
-            return telescopes.tip_jacobian(self.slides, self.arrays.link_length, q)
-        return kinematics.tip_jacobian(self.arrays.link_length, q)
+        return kinematics.tip_jacobian(self.arrays, q)
 
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
         """Postures within limits at (x, z) for the end-link angles psi, float64[found, n].
 
         All with three joints, of more those of `tip_postures.postures`; with telescopes those of
-        `tip_postures.telescope_postures`.
+        `telescope_postures`.
         """
         if self.has_telescope:
             angles = np.asarray(psi, dtype=float)
-            return tip_postures.telescope_postures(self.arrays, self.slides, x, z, angles)
+            return telescope_postures(self.arrays, x, z, angles)
         return tip_postures.postures(self.arrays, x, z, np.asarray(psi, dtype=float))
 
     def gravity_torque(self, q: FloatArray) -> FloatArray:
         """Torques that hold the arm and its payload."""
-        if self.has_telescope:
-            rest = np.zeros(self.joint_count)
-            return self.inverse_dynamics(q, rest, rest)
         torque = np.empty(self.joint_count)
         statics.gravity_torque(self.arrays, q, torque)
         return torque
 
     def inverse_dynamics(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Torques that move the arm and its payload, gravity included; q̇ [rad/s], q̈ [rad/s²]."""
-        if self.has_telescope:
-            return telescope_dynamics.torques(self._chain, self.slides, q, qd, qdd)
         weight, torque = np.empty(self.joint_count), np.empty(self.joint_count)
         work = np.empty((statics.MOTION_WORK, self.joint_count))
         state = (np.array(values, dtype=np.float64) for values in (q, qd, qdd))
@@ -222,24 +220,18 @@ class Machine:
 
     def piston_forces(self, q: FloatArray) -> FloatArray:
         """Cylinder forces that hold the arm and its payload, positive resists extension."""
-        if self.has_telescope:
-            return self.gravity_torque(q) / self.moment_arms(q)
         force = np.empty(self.joint_count)
         statics.piston_forces(self.arrays, np.array(q), force)  # a copy: one type for the kernel
         return force
 
     def piston_forces_in(self, postures: FloatArray) -> FloatArray:
         """The same in each of the postures float64[k, n], float64[k, n]."""
-        if self.has_telescope:
-            return np.array([self.piston_forces(q) for q in postures]).reshape(postures.shape)
         force = np.empty(postures.shape)
         statics.piston_forces_in(self.arrays, postures, force)
         return force
 
     def mass_matrix(self, q: FloatArray) -> FloatArray:
         """Mass matrix of links and payload, float64[n, n] kg m²."""
-        if self.has_telescope:
-            return telescope_dynamics.mass_matrix(self._chain, self.slides, q)
         return statics.mass_matrix(self.arrays, q)
 
     def moment_arms(self, q: FloatArray) -> FloatArray:
@@ -301,15 +293,6 @@ class Machine:
                 )
         return problems
 
-    def check_all_revolute(self, source: str = "(in memory)") -> None:
-        """Raise MachineFileError where a joint slides, which no plan or simulation allows for."""
-        if self.has_telescope:
-            problem = (
-                f"joints.{self.slides.index(True)}.kind: prismatic joints are looked at by `ros2 "
-                "run mhsb_model check` alone; plans and simulations need all joints revolute"
-            )
-            raise MachineFileError(source, [problem])
-
     def check_in_workspace(self, x: float, z: float) -> None:
         """Raise OutOfWorkspaceError where the tip may not be asked to go to (x, z)."""
         area = self.config.workspace
@@ -327,17 +310,7 @@ class Machine:
 
 
 def load_machine(path: str | Path | None = None) -> Machine:
-    """Machine of a YAML file, or the suite's own, to plan for and to simulate.
-
-    Raises MachineFileError with all problems, and where a joint slides.
-    """
-    machine = described_machine(path)
-    machine.check_all_revolute(str(path))
-    return machine
-
-
-def described_machine(path: str | Path | None = None) -> Machine:
-    """The same with prismatic joints, too, which nothing plans for yet."""
+    """Machine of a YAML file, or the suite's own; raises MachineFileError with all problems."""
     file = Path(path) if path else config_file(MACHINE_FILE)
     try:
         content = read_yaml(file)
@@ -371,6 +344,7 @@ def _arrays(config: MachineConfig) -> MachineArrays:
     bore = np.array([joint.cylinder.bore for joint in joints])
     rod = np.array([joint.cylinder.rod for joint in joints])
     return MachineArrays(
+        slides=frozen(np.array([joint.kind == "prismatic" for joint in joints])),
         link_length=frozen(np.array([joint.link.length for joint in joints])),
         link_mass=frozen(np.array([joint.link.mass for joint in joints])),
         link_center=frozen(np.array([joint.link.center_of_mass for joint in joints])),

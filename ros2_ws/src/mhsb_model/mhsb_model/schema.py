@@ -566,8 +566,6 @@ def _telescope_problems(config: MachineConfig) -> list[str]:
         problems.append(
             f"joints: {turning} of them are revolute, a chain with a telescope needs at least 2"
         )
-    if config.keep_out != KeepOut():
-        problems.append("keep_out: nothing keeps clear with a telescope yet; leave it out")
     if config.schema_version < 2:
         problems.append("schema_version: prismatic joints need version 2")
     return problems

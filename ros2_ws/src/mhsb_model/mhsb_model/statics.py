@@ -9,15 +9,16 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import joint_positions
+from mhsb_model.kinematics import extended, joint_positions, turned
 from mhsb_model.linkages.linkage import moment_arm
-from mhsb_model.types import FloatArray
+from mhsb_model.types import BoolArray, FloatArray
 
 
 class Chain(NamedTuple):
     """What is moved: n links and a payload, a point mass at the tip."""
 
-    length: FloatArray  # [n] m
+    slides: BoolArray  # [n] whether its joint is prismatic
+    length: FloatArray  # [n] m, retracted, likewise the centre
     mass: FloatArray  # [n] kg
     center: FloatArray  # [n] m, centre of mass from the link's joint
     inertia: FloatArray  # [n] kg m², about the centre of mass
@@ -28,31 +29,45 @@ class Chain(NamedTuple):
 @kernel(inline="always")
 def chain_of(m: MachineArrays) -> Chain:
     """The links and the payload of a machine."""
-    return Chain(m.link_length, m.link_mass, m.link_center, m.link_inertia, m.payload, m.gravity)
+    return Chain(
+        m.slides, m.link_length, m.link_mass, m.link_center, m.link_inertia, m.payload, m.gravity
+    )
 
 
 @kernel
-def link_directions(q: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
-    """Cosine and sine of each link's angle q₁ + … + qⱼ, written to cosine[n] and sine[n]."""
+def link_directions(slides: BoolArray, q: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
+    """Cosine and sine of each link's angle, written to cosine[n] and sine[n]."""
     angle = 0.0
     for j in range(len(q)):
-        angle += q[j]
+        angle += turned(slides, q, j)
         cosine[j], sine[j] = math.cos(angle), math.sin(angle)
 
 
 @kernel(inline="always")
-def gravity_torques(c: Chain, cosine: FloatArray, torque: FloatArray) -> None:
+def gravity_torques(
+    c: Chain, q: FloatArray, cosine: FloatArray, sine: FloatArray, torque: FloatArray
+) -> None:
     """τⱼ = g Σ mᵢ (xᵢ − xⱼ) over all masses beyond joint j, written to torque[n] [N m].
 
-    Positive where the joint must lift; ∂U/∂q of the potential energy U. cosine[n] is that of
-    `link_directions`, and may be the same array as torque. Oracles: U of point masses, MuJoCo.
+    Of a joint that slides g sin θⱼ Σ mᵢ [N]. Positive where the joint must lift; ∂U/∂q of the
+    potential energy U. cosine[n], sine[n] are those of `link_directions`. Oracles: U of point
+    masses, MuJoCo.
     """
     moment = 0.0
     mass = c.payload
     for j in range(len(torque) - 1, -1, -1):
-        moment += cosine[j] * (c.mass[j] * c.center[j] + mass * c.length[j])
-        mass += c.mass[j]
-        torque[j] = c.gravity * moment
+        moment, mass = _with_link(c, q, j, cosine[j], moment, mass)
+        torque[j] = c.gravity * (mass * sine[j] if c.slides[j] else moment)
+
+
+@kernel(inline="always")
+def _with_link(
+    c: Chain, q: FloatArray, j: int, cosine: float, moment: float, mass: float
+) -> tuple[float, float]:
+    """Moment [kg m] about joint j and mass [kg] of link j and all beyond, from what is beyond."""
+    center = extended(c.slides, c.center, q, j)
+    length = extended(c.slides, c.length, q, j)
+    return moment + cosine * (c.mass[j] * center + mass * length), mass + c.mass[j]
 
 
 INERTIA_WORK = 3
@@ -65,6 +80,7 @@ MOTION_WORK = INERTIA_WORK + 2
 @kernel(inline="always")
 def inertia_torques(
     c: Chain,
+    q: FloatArray,
     cosine: FloatArray,
     sine: FloatArray,
     qd: FloatArray,
@@ -72,33 +88,46 @@ def inertia_torques(
     work: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """τ = M(q) q̈ + C(q, q̇) q̇, written to torque[n] [N m].
+    """τ = M(q) q̈ + C(q, q̇) q̇, written to torque[n] [N m], of a joint that slides [N].
 
     cosine, sine as `link_directions` has them; q̇, q̈ float64[n]; work float64[INERTIA_WORK, n].
     Outwards, each link's accelerations and the force and moment that they take; inwards, what it
-    passes on. Source: recursive Newton–Euler, R. Featherstone, Rigid Body Dynamics Algorithms, 5.3.
+    passes on. With ω, ω̇ of the link and e along, n across it, the point of it at d beyond the link
+    before, whose tip has the acceleration p̈, has
+
+        p̈ + d (ω̇ n − ω² e), and where the link slides 2 ω q̇ n + q̈ e besides (Coriolis).
+
+    Source: recursive Newton–Euler, R. Featherstone, Rigid Body Dynamics Algorithms, 5.3.
     Oracles: the mass matrix and its slopes, MuJoCo's qfrc_inverse.
     """
     n = len(torque)
     omega = alpha = ax = az = 0.0
     for j in range(n):
-        omega += qd[j]
-        alpha += qdd[j]
+        omega += turned(c.slides, qd, j)
+        alpha += turned(c.slides, qdd, j)
         inwards = omega * omega
         gx = -inwards * cosine[j] - alpha * sine[j]
         gz = -inwards * sine[j] + alpha * cosine[j]
+        if c.slides[j]:
+            across = 2.0 * omega * qd[j]
+            ax += qdd[j] * cosine[j] - across * sine[j]
+            az += qdd[j] * sine[j] + across * cosine[j]
+        center = extended(c.slides, c.center, q, j)
+        length = extended(c.slides, c.length, q, j)
         work[0, j] = c.inertia[j] * alpha
-        work[1, j] = c.mass[j] * (ax + gx * c.center[j])
-        work[2, j] = c.mass[j] * (az + gz * c.center[j])
-        ax += gx * c.length[j]
-        az += gz * c.length[j]
+        work[1, j] = c.mass[j] * (ax + gx * center)
+        work[2, j] = c.mass[j] * (az + gz * center)
+        ax += gx * length
+        az += gz * length
     moment, fx, fz = 0.0, c.payload * ax, c.payload * az
     for j in range(n - 1, -1, -1):
-        moment += work[0, j] + c.length[j] * (cosine[j] * fz - sine[j] * fx)
-        moment += c.center[j] * (cosine[j] * work[2, j] - sine[j] * work[1, j])
+        center = extended(c.slides, c.center, q, j)
+        length = extended(c.slides, c.length, q, j)
+        moment += work[0, j] + length * (cosine[j] * fz - sine[j] * fx)
+        moment += center * (cosine[j] * work[2, j] - sine[j] * work[1, j])
         fx += work[1, j]
         fz += work[2, j]
-        torque[j] = moment
+        torque[j] = cosine[j] * fx + sine[j] * fz if c.slides[j] else moment
 
 
 @kernel(inline="always")
@@ -116,9 +145,9 @@ def moving_torques(
     [N m]; q̇, q̈ float64[n]; work float64[MOTION_WORK, n].
     """
     cosine, sine = work[INERTIA_WORK], work[INERTIA_WORK + 1]
-    link_directions(q, cosine, sine)
-    gravity_torques(c, cosine, weight)
-    inertia_torques(c, cosine, sine, qd, qdd, work, torque)
+    link_directions(c.slides, q, cosine, sine)
+    gravity_torques(c, q, cosine, sine, weight)
+    inertia_torques(c, q, cosine, sine, qd, qdd, work, torque)
     for j in range(len(torque)):
         torque[j] += weight[j]
 
@@ -126,11 +155,15 @@ def moving_torques(
 @kernel(borrows=True)
 def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
     """`gravity_torques` of a machine in the posture q[n], written to torque[n] [N m]."""
-    angle = 0.0
+    chain, angle = chain_of(m), 0.0
     for j in range(len(q)):
-        angle += q[j]
-        torque[j] = math.cos(angle)
-    gravity_torques(chain_of(m), torque, torque)
+        angle += turned(m.slides, q, j)
+        torque[j] = angle
+    moment, mass = 0.0, m.payload
+    for j in range(len(q) - 1, -1, -1):
+        angle = torque[j]
+        moment, mass = _with_link(chain, q, j, math.cos(angle), moment, mass)
+        torque[j] = m.gravity * (mass * math.sin(angle) if m.slides[j] else moment)
 
 
 @kernel(borrows=True)
@@ -150,23 +183,32 @@ def piston_forces_in(m: MachineArrays, posture: FloatArray, force: FloatArray) -
 
 @kernel
 def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ over links and payload, float64[n, n] [kg m²]."""
+    """M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ over links and payload, float64[n, n] [kg m²].
+
+    Jᵢ moves the centre of link i, eᵢ turns it. Where one joint of two slides [kg m], where both do
+    [kg].
+    """
     n = len(q)
-    points = joint_positions(m.link_length, q)
+    points = joint_positions(m, q)
     result = np.zeros((n, n))
-    angle = 0.0
+    cosine, sine, column = np.empty(n), np.empty(n), np.empty((3, n))
+    link_directions(m.slides, q, cosine, sine)
     for i in range(n + 1):
         if i < n:
-            angle += q[i]
-            px = points[i, 0] + m.link_center[i] * math.cos(angle)
-            pz = points[i, 1] + m.link_center[i] * math.sin(angle)
+            center = extended(m.slides, m.link_center, q, i)
+            px, pz = points[i, 0] + center * cosine[i], points[i, 1] + center * sine[i]
             mass, inertia, moved = m.link_mass[i], m.link_inertia[i], i + 1
         else:
             px, pz = points[n, 0], points[n, 1]
             mass, inertia, moved = m.payload, 0.0, n
         for j in range(moved):
+            if m.slides[j]:
+                column[0, j], column[1, j], column[2, j] = cosine[j], sine[j], 0.0
+            else:
+                column[0, j], column[1, j] = points[j, 1] - pz, px - points[j, 0]
+                column[2, j] = 1.0
+        for j in range(moved):
             for k in range(moved):
-                arm = (px - points[j, 0]) * (px - points[k, 0])
-                arm += (pz - points[j, 1]) * (pz - points[k, 1])
-                result[j, k] += mass * arm + inertia
+                arm = column[0, j] * column[0, k] + column[1, j] * column[1, k]
+                result[j, k] += mass * arm + inertia * column[2, j] * column[2, k]
     return result

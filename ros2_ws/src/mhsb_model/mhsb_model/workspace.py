@@ -8,7 +8,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import tip_position
+from mhsb_model.kinematics import farthest_move, tip_position, turned
 from mhsb_model.types import FloatArray
 
 INSIDE_TOLERANCE = 1e-5
@@ -39,21 +39,21 @@ def stays_inside(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
     """
     outermost = -math.inf
     for ends in (start, end):
-        x, z = tip_position(m.link_length, ends)
+        x, z = tip_position(m, ends)
         outermost = max(outermost, node_set_excess(m, x, z))
     allowed = max(0.0, outermost) + INSIDE_TOLERANCE
     # On its way the tip is never farther from the nearer end than the links' half turns take it.
     turn, farthest = 0.0, 0.0
     for j in range(len(start)):
-        turn += end[j] - start[j]
-        farthest += 0.5 * m.link_length[j] * abs(turn)
+        turn += turned(m.slides, end, j) - turned(m.slides, start, j)
+        farthest += 0.5 * farthest_move(m, start, end, turn, j)
     if outermost + farthest <= allowed:
         return True
     q = np.empty(len(start))
     for look in range(1, LOOKS + 1):
         for j in range(len(q)):
             q[j] = start[j] + (end[j] - start[j]) * look / (LOOKS + 1)
-        x, z = tip_position(m.link_length, q)
+        x, z = tip_position(m, q)
         if node_set_excess(m, x, z) > allowed:
             return False
     return True

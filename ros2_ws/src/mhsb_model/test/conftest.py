@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from mhsb_model.files.config_files import config_file
-from mhsb_model.machine import MACHINE_FILE, Machine, described_machine, load_machine
+from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
 
 
 @pytest.fixture(scope="session")
@@ -15,7 +15,7 @@ def machine() -> Machine:
 @pytest.fixture(scope="session")
 def telescope_machine() -> Machine:
     """Two booms, of which the second extends."""
-    return described_machine(config_file("telescope_arm.yaml"))
+    return load_machine(config_file("telescope_arm.yaml"))
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ postures = st.tuples(st.floats(-0.8, 1.5), st.floats(-2.0, 0.1), st.floats(-2.1,
 def mass_points(machine: Machine, q: FloatArray) -> list[tuple[float, FloatArray]]:
     """Each link as two half masses about its centre with the link's inertia, and the payload."""
     arrays = machine.arrays
-    joints = kinematics.joint_positions(arrays.link_length, q)
+    joints = kinematics.joint_positions(arrays, q)
     points = []
     for i, angle in enumerate(np.cumsum(q)):
         along = np.array([np.cos(angle), np.sin(angle)])

@@ -207,7 +207,7 @@ class Planner:
     ) -> bool:
         """Whether the rest of a plan ends at the goal; what it passed on its way is not known."""
         end = rest.position[-1]
-        tip, angle = self.machine.tip_position(end), float(end.sum())
+        tip, angle = self.machine.tip_position(end), self.machine.end_link_angle(end)
         region, psi = options.goal_region, options.goal_psi
         there = is_met(goal, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
         return there and not options.via
@@ -226,7 +226,7 @@ class Planner:
         if brake is not None:
             departure = brake.position[-1] if isinstance(brake, Trajectory) else brake.posture
         if isinstance(brake, Steering) and options.period > 0.0 and options.goal_psi is None:
-            psi, turn = float(departure.sum()), TURNING * options.period
+            psi, turn = self.machine.end_link_angle(departure), TURNING * options.period
             options = replace(options, goal_psi=(psi - turn, psi + turn))
         return Task(goal, start, modes, brake, departure, options, area)
 

@@ -1,8 +1,8 @@
 """Postures with the tip at a point, of planar chains with three or more joints.
 
 The tip leaves n − 2 joints free. Where telescopes are in the chain, their extensions are among
-these, and with them held the rest is a chain of revolute joints (`telescope_postures`). Of that the
-free angles are
+these, and with them held the rest is a chain of joints that turn (`telescope_postures`). Of such a
+chain the free angles are
 
     free = (q₁ … q₍ₙ₋₃₎, ψ),  ψ = Σ q
 
@@ -22,7 +22,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits, wrap_near
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.telescopes import telescope_kinematics as telescopes
+from mhsb_model.kinematics import extended, turned
 from mhsb_model.types import FloatArray
 
 LEAST_JOINTS = 3
@@ -103,7 +103,7 @@ def postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArra
 
 
 @kernel
-def _two_joint_postures(m: MachineArrays, x: float, z: float) -> FloatArray:
+def two_joint_postures(m: MachineArrays, x: float, z: float) -> FloatArray:
     """Postures within limits at (x, z) m of a chain with two joints, float64[found, 2]."""
     found, count = np.empty((2, 2)), 0
     q = np.empty(2)
@@ -114,35 +114,17 @@ def _two_joint_postures(m: MachineArrays, x: float, z: float) -> FloatArray:
     return found[:count]
 
 
-def telescope_postures(
-    m: MachineArrays, slides: telescopes.Slides, x: float, z: float, psi: FloatArray
-) -> FloatArray:
-    """Postures within limits at (x, z) m of a chain in which joints slide, float64[found, n].
-
-    `INNER_SAMPLES` extensions of each telescope, limits included. Where two joints turn, these
-    close the chain in closed form, and ψ follows; where more do, ψ is one of `psi` [rad].
-    """
-    found = [np.empty((0, len(slides)))]
-    for extension in telescopes.extension_samples(m, slides, INNER_SAMPLES):
-        held = telescopes.with_extensions_held(m, slides, extension)
-        if len(held.link_length) == 2:
-            angles = _two_joint_postures(held, x, z)
-        else:
-            angles = postures(held, x, z, psi)
-        found.append(telescopes.with_extensions(slides, angles, extension))
-    return np.concatenate(found)
-
-
-@kernel
-def _rigid(link_length: FloatArray, q: FloatArray, first: int, last: int) -> tuple[float, ...]:
+@kernel(borrows=True)
+def _rigid(m: MachineArrays, q: FloatArray, first: int, last: int) -> tuple[float, float, float]:
     """Links first … last − 1 as one: its length [m], its direction, and by how much the last link
     is turned [rad], both from the first link."""
     heading, ahead, across = 0.0, 0.0, 0.0
     for k in range(first, last):
         if k > first:
-            heading += q[k]
-        ahead += link_length[k] * math.cos(heading)
-        across += link_length[k] * math.sin(heading)
+            heading += turned(m.slides, q, k)
+        length = extended(m.slides, m.link_length, q, k)
+        ahead += length * math.cos(heading)
+        across += length * math.sin(heading)
     return math.hypot(ahead, across), math.atan2(across, ahead), heading
 
 
@@ -150,20 +132,34 @@ def _rigid(link_length: FloatArray, q: FloatArray, first: int, last: int) -> tup
 def close_chain(
     m: MachineArrays, x: float, z: float, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Angles of joints i < j that put the tip at (x, z) m while all others are held; into q[n].
+    """Positions of joints i < j that put the tip at (x, z) m while all others are held; into q[n].
 
-    The links from i to j, and from j to the tip, are rigid, D₁ and D₂ long. With t from joint i to
-    the tip: cos γ = (t² − D₁² − D₂²)/(2 D₁ D₂), γ = ±acos the angle between them (`side`). Whether
-    there is such a posture; limits are not looked at, angles are those nearest to the middle of a
-    joint's range. Oracle: SciPy's root finder on the forward kinematics.
+    Whether there is such a posture; limits are not looked at, angles are those nearest to the
+    middle of a joint's range. There may be two, which `side` tells apart; of two joints that slide
+    there is one, on side +1. Oracle: SciPy's root finder on the forward kinematics.
     """
     heading = 0.0
     for k in range(i):
-        heading += q[k]
-        x -= m.link_length[k] * math.cos(heading)
-        z -= m.link_length[k] * math.sin(heading)
-    d1, beta1, turned = _rigid(m.link_length, q, i, j)
-    d2, beta2, _ = _rigid(m.link_length, q, j, len(q))
+        heading += turned(m.slides, q, k)
+        length = extended(m.slides, m.link_length, q, k)
+        x -= length * math.cos(heading)
+        z -= length * math.sin(heading)
+    if not m.slides[i] and not m.slides[j]:
+        return _close_by_turns(m, x, z, heading, i, j, side, q)
+    return _close_by_slides(m, x, z, heading, i, j, side, q)
+
+
+@kernel(borrows=True)
+def _close_by_turns(
+    m: MachineArrays, x: float, z: float, heading: float, i: int, j: int, side: int, q: FloatArray
+) -> bool:
+    """`close_chain` of two joints that turn, with the tip (x, z) m seen from joint i.
+
+    The links from i to j, and from j to the tip, are rigid, D₁ and D₂ long. With t from joint i to
+    the tip: cos γ = (t² − D₁² − D₂²)/(2 D₁ D₂), γ = ±acos the angle between them (`side`).
+    """
+    d1, beta1, turn = _rigid(m, q, i, j)
+    d2, beta2, _ = _rigid(m, q, j, len(q))
     if d1 == 0.0 or d2 == 0.0:
         return False
     cosine = (x * x + z * z - d1 * d1 - d2 * d2) / (2.0 * d1 * d2)
@@ -172,28 +168,106 @@ def close_chain(
     gamma = side * math.acos(min(1.0, max(-1.0, cosine)))
     qi = math.atan2(z, x) - math.atan2(d2 * math.sin(gamma), d1 + d2 * math.cos(gamma))
     q[i] = wrap_near(qi - beta1 - heading, 0.5 * (m.joint_min[i] + m.joint_max[i]))
-    q[j] = wrap_near(
-        gamma - beta2 + beta1 - turned, 0.5 * (m.joint_min[j] + m.joint_max[j])
-    )
+    q[j] = wrap_near(gamma - beta2 + beta1 - turn, 0.5 * (m.joint_min[j] + m.joint_max[j]))
     return True
 
 
 @kernel(borrows=True)
-def side_of(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
-    """The `side` of `close_chain` on which joints i < j close the chain in posture q[n] [rad].
+def _close_by_slides(
+    m: MachineArrays, x: float, z: float, heading: float, i: int, j: int, side: int, q: FloatArray
+) -> bool:
+    """`close_chain` where joint i, or j, or both slide, with the tip (x, z) m seen from joint i.
 
-    +1 where γ > 0: where the tip is to the left of the line from joint i to joint j.
+    With both joints at 0: a from joint i to joint j, b from there to the tip, e and f the
+    directions in which they slide, t the tip.
+
+        j slides, i turns   |a + b + qⱼ f| = |t|, then qᵢ turns the one to the other
+        i slides, j turns   |t − a − qᵢ e| = |b|, then qⱼ turns b
+        both slide          qᵢ e + qⱼ f = t − a − b
+    """
+    q[i] = q[j] = 0.0
+    ax, az, ahead = _offset(m, q, i, j, heading)
+    bx, bz, _ = _offset(m, q, j, len(q), ahead)
+    ex, ez, fx, fz = math.cos(heading), math.sin(heading), math.cos(ahead), math.sin(ahead)
+    if m.slides[i] and m.slides[j]:
+        across, wx, wz = ex * fz - ez * fx, x - ax - bx, z - az - bz
+        if side < 0 or abs(across) < TANGENT:
+            return False
+        q[i], q[j] = (wx * fz - wz * fx) / across, (ex * wz - ez * wx) / across
+        return True
+    if m.slides[i]:
+        found, slid = _on_circle(x - ax, z - az, -ex, -ez, bx * bx + bz * bz, side)
+        wx, wz = x - ax - slid * ex, z - az - slid * ez
+        turning, turn = j, math.atan2(wz, wx) - math.atan2(bz, bx)
+        q[i] = slid
+    else:
+        found, slid = _on_circle(ax + bx, az + bz, fx, fz, x * x + z * z, side)
+        wx, wz = ax + bx + slid * fx, az + bz + slid * fz
+        turning, turn = i, math.atan2(z, x) - math.atan2(wz, wx)
+        q[j] = slid
+    q[turning] = wrap_near(turn, 0.5 * (m.joint_min[turning] + m.joint_max[turning]))
+    return found
+
+
+@kernel(borrows=True)
+def _offset(
+    m: MachineArrays, q: FloatArray, first: int, last: int, heading: float
+) -> tuple[float, float, float]:
+    """From joint `first` to joint `last` (x, z) [m], and the direction of the link before that.
+
+    heading  direction of the link before the first [rad]
+    """
+    x, z = 0.0, 0.0
+    for k in range(first, last):
+        heading += turned(m.slides, q, k)
+        length = extended(m.slides, m.link_length, q, k)
+        x += length * math.cos(heading)
+        z += length * math.sin(heading)
+    return x, z, heading
+
+
+@kernel(borrows=True)
+def _on_circle(
+    px: float, pz: float, ex: float, ez: float, square: float, side: int
+) -> tuple[bool, float]:
+    """Whether p + s e, |e| = 1, meets the circle of radius √square about 0, and s [m].
+
+    s = −p·e ± √(square − (p × e)²): the sign is `side`, and that of (p + s e)·e.
+    """
+    across = px * ez - pz * ex
+    under = square - across * across
+    return under >= -TANGENT, side * math.sqrt(max(0.0, under)) - (px * ex + pz * ez)
+
+
+@kernel(borrows=True)
+def side_of(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
+    """The `side` of `close_chain` on which joints i < j close the chain in posture q[n].
+
+    Of two that turn +1 where γ > 0: where the tip is to the left of the line from joint i to j.
+    Of one that slides +1 where the tip is ahead, along it, of joint i, or where j turns behind j.
     """
     heading, x, z, ahead, up = 0.0, 0.0, 0.0, 0.0, 0.0
+    ex = ez = fx = fz = 0.0
     for k in range(len(q)):
-        heading += q[k]
+        heading += turned(m.slides, q, k)
+        length = extended(m.slides, m.link_length, q, k)
         along, across = math.cos(heading), math.sin(heading)
+        if k == i:
+            ex, ez = along, across
+        if k == j:
+            fx, fz = along, across
         if k >= j:
-            ahead += m.link_length[k] * along
-            up += m.link_length[k] * across
+            ahead += length * along
+            up += length * across
         elif k >= i:
-            x += m.link_length[k] * along
-            z += m.link_length[k] * across
+            x += length * along
+            z += length * across
+    if m.slides[i] and m.slides[j]:
+        return 1
+    if m.slides[i]:
+        return 1 if ahead * ex + up * ez < 0.0 else -1
+    if m.slides[j]:
+        return 1 if (x + ahead) * fx + (z + up) * fz > 0.0 else -1
     return 1 if x * up - z * ahead > 0.0 else -1
 
 

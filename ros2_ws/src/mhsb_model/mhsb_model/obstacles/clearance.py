@@ -9,8 +9,8 @@ bound those in between:
     clearance ≥ (c_start + c_end − D) / 2,   D = Σ_k L_k |Σ_{j ≤ k} Δq_j|
 
 where all joints move in proportion, and with Σ_{j ≤ k} |Δq_j| where they do not but none turns
-back. Source: Lipschitz bound of the distance function, as in conservative
-advancement (Mirtich, 1996).
+back. A joint that slides turns nothing and adds |Δq_k| to D; its L_k is the longer one. Source:
+Lipschitz bound of the distance function, as in conservative advancement (Mirtich, 1996).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import joint_positions
+from mhsb_model.kinematics import farthest_move, joint_positions, turned
 from mhsb_model.linkages.linkage import cylinder_length, joint_angle
 from mhsb_model.obstacles.zones import BOX, CIRCLE, KIND, LINK, PART, RADIUS, SHAPE
 from mhsb_model.types import FloatArray, IntArray
@@ -186,7 +186,7 @@ def clearance(
 
     leeway  float64[rows], added to each clearance [m]
     """
-    joint = joint_positions(m.link_length, q)
+    joint = joint_positions(m, q)
     least, nearest = math.inf, -1
     for k in range(len(rows)):
         distance = row_clearance(rows, k, joint) + leeway[k]
@@ -210,7 +210,7 @@ def clearances(
 @kernel
 def leeway_from(m: MachineArrays, rows: FloatArray, q: FloatArray, kept: float) -> FloatArray:
     """What each row's clearance in the posture q[n] lacks to `kept` m, float64[rows]."""
-    joint = joint_positions(m.link_length, q)
+    joint = joint_positions(m, q)
     leeway = np.empty(len(rows))
     for k in range(len(rows)):
         leeway[k] = max(0.0, kept - row_clearance(rows, k, joint))
@@ -222,9 +222,9 @@ def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders
     """Farther than this no point of the arm moves between two postures [m]; D above."""
     turn, farthest = 0.0, 0.0
     for k in range(len(start)):
-        turned = end[k] - start[k]
-        turn += abs(turned) if along_cylinders else turned
-        farthest += m.link_length[k] * abs(turn)
+        more = turned(m.slides, end, k) - turned(m.slides, start, k)
+        turn += abs(more) if along_cylinders else more
+        farthest += farthest_move(m, start, end, turn, k)
     return farthest
 
 

@@ -18,7 +18,7 @@ def test_every_solution_reaches_the_tip_with_the_asked_end_link_angle(machine, x
         wrist = np.array([x, z]) - 0.179 * np.array([math.cos(psi), math.sin(psi)])
         assert not 0.05 < np.linalg.norm(wrist) < 0.85
         return
-    assert kinematics.tip_position(machine.arrays.link_length, q) == pytest.approx((x, z), abs=1e-7)
+    assert kinematics.tip_position(machine.arrays, q) == pytest.approx((x, z), abs=1e-7)
     assert math.cos(q.sum() - psi) == pytest.approx(1.0, abs=1e-12)
     assert math.sin(q[1]) * elbow >= -1e-7
 

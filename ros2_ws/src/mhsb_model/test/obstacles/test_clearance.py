@@ -35,11 +35,9 @@ def box_distance(p, box):
 
 def measured(machine, zones, q, keep_out):
     """Least clearance in a posture by sampling: every link, every zone and link, the ground."""
-    joints = [np.zeros(2)]
-    for length, angle in zip(machine.arrays.link_length, np.cumsum(q), strict=True):
-        joints.append(joints[-1] + length * np.array([np.cos(angle), np.sin(angle)]))
+    joints = np.vstack([np.zeros(2), joints_in(machine, q)])
     links = [along(a, b) for a, b in itertools.pairwise(joints)]
-    tip, radii = joints[-1][None, :], keep_out["link_radii"]
+    tip, radii = joints[-1:], keep_out["link_radii"]
     found = [box_distance(tip, box).min() for box in zones.tip_boxes]
     found += [np.hypot(*(tip - c[:2]).T).min() - c[2] for c in zones.tip_circles]
     for link, radius in zip(links, radii, strict=True):
@@ -68,12 +66,18 @@ KEEP_OUT = {
 }
 
 
-@pytest.fixture(scope="session")
-def crowded(machine):
-    """The suite's arm among obstacles of every kind."""
-    content = machine.config.model_dump()
+@pytest.fixture(scope="module", params=["machine", "telescope_machine"])
+def arm(request):
+    """The suite's arm, and one with a telescope."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="module")
+def crowded(arm):
+    """An arm among obstacles of every kind."""
+    content = arm.config.model_dump()
     content["keep_out"] |= KEEP_OUT | ZONES.content()
-    return Machine.from_config(type(machine.config).model_validate(content))
+    return Machine.from_config(type(arm.config).model_validate(content))
 
 
 def postures(machine, count, seed=0):
@@ -184,16 +188,18 @@ def test_a_start_in_a_zone_may_leave_it_but_not_go_deeper_or_into_another(machin
 
 
 @given(st.integers(0, 10_000), st.booleans())
-def test_no_point_moves_farther_than_the_bound(machine, seed, along_cylinders):
-    start, end = postures(machine, 2, seed)
+def test_no_point_moves_farther_than_the_bound(arm, seed, along_cylinders):
+    start, end = postures(arm, 2, seed)
     shares = np.linspace(0, 1, 50)[:, None] ** ([1.0, 2.0, 0.5] if along_cylinders else 1.0)
-    way = np.array([joints_in(machine, q) for q in start + shares * (end - start)])
+    way = np.array([joints_in(arm, q) for q in start + shares * (end - start)])
     moved = np.hypot(*np.moveaxis(np.diff(way, axis=0), -1, 0)).sum(axis=0)
-    bound = clearance.travel(machine.arrays, start, end, along_cylinders)
+    bound = clearance.travel(arm.arrays, start, end, along_cylinders)
     assert moved.max() <= bound + 1e-12
 
 
 def joints_in(machine, q):
-    angle = np.cumsum(q)
-    direction = np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.cumsum(machine.arrays.link_length[:, None] * direction, axis=0)
+    """Ends of all links, float64[n, 2] m."""
+    slides = machine.arrays.slides
+    angle = np.cumsum(np.where(slides, 0.0, q))
+    length = machine.arrays.link_length + np.where(slides, q, 0.0)
+    return np.cumsum(length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]), axis=0)

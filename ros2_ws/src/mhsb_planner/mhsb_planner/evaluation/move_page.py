@@ -22,7 +22,6 @@ from mhsb_model.figure_style import (
     written_figure,
 )
 from mhsb_model.hydraulics import oil_of
-from mhsb_model.kinematics import joint_positions
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray, ModeArray
@@ -101,8 +100,7 @@ def _draw_path(move: Move, axes: Axes) -> None:
 
 def _show_all_of_the_arm(move: Move, axes: Axes) -> None:
     """Widen the axes where a joint lies beyond the workspace at either end."""
-    length = move.machine.arrays.link_length
-    ends = [joint_positions(length, np.ascontiguousarray(move.position[k])) for k in (0, -1)]
+    ends = [move.machine.joint_positions(move.position[k]) for k in (0, -1)]
     low, high = np.vstack(ends).min(axis=0) - BORDER, np.vstack(ends).max(axis=0) + BORDER
     for limits, put, least, most in (
         (axes.get_xlim(), axes.set_xlim, low[0], high[0]),

@@ -14,7 +14,6 @@ import numpy as np
 from scipy import ndimage
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
@@ -84,7 +83,7 @@ class _Grid:
         postures = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         self._shape = postures.shape[:-1]
         self._postures = frozen(postures.reshape(-1, len(axes)))
-        tip = tip_positions(m.link_length, self._postures)
+        tip = machine.tip_positions(self._postures)
         radius = np.hypot(*tip.T)
         self._inside = (tip[:, 0] >= m.min_x) & (radius >= m.min_radius)
         self._inside &= radius <= m.max_radius

@@ -18,7 +18,6 @@ from mhsb_model.figure_style import (
     VERMILION,
     YELLOW,
 )
-from mhsb_model.kinematics import joint_positions
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import CIRCLE, KIND, LINK, NUMBER, PART, RADIUS, SHAPE
 from mhsb_model.types import FloatArray
@@ -127,6 +126,6 @@ def draw_obstacles(machine: Machine, axes: Axes) -> None:
 
 def draw_arm(machine: Machine, q: FloatArray, axes: Axes, **style: Any) -> None:
     """The links in posture q [rad]."""
-    points = joint_positions(machine.arrays.link_length, np.ascontiguousarray(q))
+    points = machine.joint_positions(q)
     look: dict[str, Any] = {"color": GREY, "linewidth": 3.0, "alpha": 0.7}
     axes.plot(*points.T, marker="o", markersize=5, **(look | style))

@@ -80,7 +80,7 @@ class IntegratedSearch:
             goal_region,
             goal_psi,
             machine.tip_position(posture),
-            float(posture.sum()),
+            machine.end_link_angle(posture),
             SAME_POINT,
             SAME_POINT,
         )
@@ -254,7 +254,8 @@ def _example(machine: Machine) -> Task:
     start, end = low + 0.5 * (high - low), low + 0.52 * (high - low)
     effort = Effort(psi_spacing=0.02, expansions=2, sweeps=1)
     x, z = machine.tip_position(end)
-    goals = goal_postures(machine, float(x), float(z), float(end.sum()), effort.psi_spacing)
+    psi = machine.end_link_angle(end)
+    goals = goal_postures(machine, float(x), float(z), psi, effort.psi_spacing)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)
     priced_by = terms(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
     return Task.of(machine, start, priced_by, goals, SearchTime(), effort)

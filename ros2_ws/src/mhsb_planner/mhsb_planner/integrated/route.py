@@ -156,7 +156,7 @@ def place(m: MachineArrays, points: Postures, i: int, length: FloatArray, near: 
 @kernel(borrows=True)
 def _outside(m: MachineArrays, posture: FloatArray) -> float:
     """How far the tip lies outside the workspace [m]; negative within it."""
-    x, z = tip_position(m.link_length, posture)
+    x, z = tip_position(m, posture)
     return node_set_excess(m, x, z)
 
 
@@ -469,7 +469,7 @@ def path_of(
     """
     posture, pattern, of_step = _unrolled(t, w, via, start)
     return DiscretePath(
-        tip=tip_positions(t.machine.link_length, posture),
+        tip=tip_positions(t.machine, posture),
         posture=posture,
         modes=t.patterns[pattern],
         duration=of_step[:, DURATION],

@@ -10,7 +10,8 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import motion_at
+from mhsb_model.kinematics import extended
+from mhsb_model.linkages.linkage import motion, motion_at
 from mhsb_model.machine import Machine
 from mhsb_model.statics import INERTIA_WORK, chain_of, gravity_torques, inertia_torques
 from mhsb_model.types import FloatArray, ModeArray, as_frozen
@@ -75,16 +76,21 @@ def profile_of(
     arm, weight, push, work = np.empty(n), np.empty(n), np.zeros(n), np.empty((INERTIA_WORK, n))
     for k in range(rows):
         along, across = 1.0, 0.0  # cosine and sine of the link before
+        q = position[k]
         for j in range(n):
-            c, s = math.cos(position[k, j]), math.sin(position[k, j])
-            _, arm[j], _ = motion_at(linkage[j], c, s)
-            along, across = along * c - across * s, across * c + along * s
+            if chain.slides[j]:
+                _, arm[j], _ = motion(linkage[j], q[j])
+            else:
+                c, s = math.cos(q[j]), math.sin(q[j])
+                _, arm[j], _ = motion_at(linkage[j], c, s)
+                along, across = along * c - across * s, across * c + along * s
             cosine[j], sine[j] = along, across
-            tip[k, 0] += chain.length[j] * along
-            tip[k, 1] += chain.length[j] * across
-        gravity_torques(chain, cosine, weight)
+            length = extended(chain.slides, chain.length, q, j)
+            tip[k, 0] += length * along
+            tip[k, 1] += length * across
+        gravity_torques(chain, q, cosine, sine, weight)
         if moves:
-            inertia_torques(chain, cosine, sine, velocity[k], acceleration[k], work, push)
+            inertia_torques(chain, q, cosine, sine, velocity[k], acceleration[k], work, push)
         for j in range(n):
             speed[k, j] = arm[j] * velocity[k, j]
             force[k, j] = weight[j] / arm[j]

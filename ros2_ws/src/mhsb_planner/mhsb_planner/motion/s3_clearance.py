@@ -96,7 +96,11 @@ def _fastest(
         q3 = q5 - 2.0 * turn5 + 0.05 * h * h * acceleration[i + 1, j]
         apart = max(abs(q1 - q0), abs(q2 - q1), abs(q3 - q2), abs(q4 - q3), abs(q5 - q4))
         reach += m.link_length[j]
-        fastest += 5.0 / h * apart * reach
+        if m.slides[j]:
+            reach += max(q0, q1, q2, q3, q4, q5)
+            fastest += 5.0 / h * apart
+        else:
+            fastest += 5.0 / h * apart * reach
     return max(fastest, SLOWEST)
 
 

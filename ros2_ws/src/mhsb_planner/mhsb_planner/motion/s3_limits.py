@@ -32,7 +32,6 @@ from mhsb_model.hydraulics import (
     speed_of_drop,
 )
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED
@@ -295,7 +294,7 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 def stays_inside(machine: Machine, trajectory: Trajectory) -> bool:
     """Whether, at its points, a trajectory stays in all ranges, and everywhere off obstacles."""
-    m, tips = machine.arrays, tip_positions(machine.arrays.link_length, trajectory.position)
+    m, tips = machine.arrays, machine.tip_positions(trajectory.position)
     radius = np.hypot(tips[:, 0], tips[:, 1])
     ranges = (m.min_x - tips[:, 0], m.min_radius - radius, radius - m.max_radius)
     beyond = joint_excess(m, trajectory.position).max()

@@ -31,7 +31,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.holding import HoldingError, holding_modes
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import tip_position, tip_positions
+from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory
@@ -291,7 +291,7 @@ def _same(one: FloatArray, other: FloatArray) -> bool:
 def _admitting(machine: Machine, posture: FloatArray) -> Machine:
     """The machine, its limits widened to a start that noise has put a little outside of them."""
     arrays = machine.arrays
-    x, z = tip_position(arrays.link_length, posture)
+    x, z = tip_position(arrays, posture)
     beyond, outside = float(joint_excess(arrays, posture)), node_set_excess(arrays, x, z)
     if max(beyond, outside) <= 0.0 or beyond > START_NOISE or outside > START_NOISE:
         return machine
@@ -417,7 +417,7 @@ def _fitted(
     stretch: float,
 ) -> FittedMotion:
     at_nodes = curve.sample(curve.node_time)[0]
-    tips = tip_positions(machine.arrays.link_length, at_nodes)
+    tips = machine.tip_positions(at_nodes)
     return FittedMotion(
         trajectory,
         schedule,

@@ -8,7 +8,6 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal
-from mhsb_model.kinematics import tip_positions
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
@@ -81,8 +80,7 @@ class PlanRequest:
         if times.change_ns >= motion.end_ns:
             return options.via
         at_ns = np.append(np.arange(before.change_ns, times.change_ns, TRACED_NS), times.change_ns)
-        length = self.settings.machine.arrays.link_length
-        tip = tip_positions(length, motion.sample_many(at_ns)[0])
+        tip = self.settings.machine.tip_positions(motion.sample_many(at_ns)[0])
         passing = tuple((x, z, options.via_tolerance) for x, z in before.via)
         return tuple((x, z) for x, z, _ in still_ahead(tip, passing))
 

@@ -132,7 +132,8 @@ class Replanner:
     def _at_goal(
         self, posture: FloatArray, goal: tuple[float, float], options: PlanOptions
     ) -> bool:
-        tip, angle = self._planner.machine.tip_position(posture), float(np.sum(posture))
+        machine = self._planner.machine
+        tip, angle = machine.tip_position(posture), machine.end_link_angle(posture)
         region, psi = options.goal_region, options.goal_psi
         return is_met(goal, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from mhsb_model.errors import MhsbError
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.goal_region import is_met, tips
@@ -69,7 +67,7 @@ def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Discr
 
 def _is_there(graph: StepGraph, task: Task) -> bool:
     options, posture = task.options, task.departure
-    tip, angle = graph.machine.tip_position(posture), float(np.sum(posture))
+    tip, angle = graph.machine.tip_position(posture), graph.machine.end_link_angle(posture)
     if options.goal_region is None:
         return False  # for the search to find
     return is_met(

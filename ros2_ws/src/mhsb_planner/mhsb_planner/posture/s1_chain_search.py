@@ -1,4 +1,4 @@
-"""Posture of largest velocity polytope of a chain with more than three joints (paper, step S1).
+"""Posture of largest velocity polytope of any chain (paper, step S1).
 
 With the tip held, n − 2 angles are free. Wherever a maximum lies, in the midst of the postures or
 with some joints at their limits, two joints close the chain (`tip_postures.close_chain`) and the
@@ -22,7 +22,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import tip_jacobian
+from mhsb_model.kinematics import extended, tip_jacobian, turned
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.modes import MODE_COUNT
 from mhsb_model.statics import gravity_torque
@@ -89,9 +89,23 @@ def _samples(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     return count
 
 
+@kernel
+def units(m: MachineArrays) -> FloatArray:
+    """What counts as much of each joint as a radian, float64[n]: 1 rad of one that turns.
+
+    Of one that slides its whole range counts as half a turn [m].
+    """
+    unit = np.ones(len(m.slides))
+    for j in range(len(unit)):
+        if m.slides[j]:
+            unit[j] = (m.joint_max[j] - m.joint_min[j]) / math.pi
+    return unit
+
+
 class _Work(NamedTuple):
     """Working memory of areas, beside what is the same in all postures."""
 
+    unit: FloatArray  # [n], see `units`
     scale: FloatArray  # [n, 2], see `s1_polytope.projected_area`
     flow: float  # m³/s
     force: FloatArray  # [n]
@@ -103,7 +117,7 @@ class _Work(NamedTuple):
 def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _Work) -> float:
     """`s1_polytope.posture_area`, its oracle, with the limits of the pattern's modes alone."""
     gravity_torque(m, q, w.force)
-    columns = tip_jacobian(m.link_length, q)
+    columns = tip_jacobian(m, q)
     for j in range(len(q)):
         arm = moment_arm(m.linkage[j], q[j])
         columns[0, j] /= arm
@@ -125,7 +139,7 @@ def _slide(
     j: int,
     stride: float,
 ) -> bool:
-    """The posture with one joint turned by a stride [rad] and two others closing the chain, to
+    """The posture with one joint moved by a stride [rad or m] and two others closing the chain, to
     moved[n].
 
     A joint that would pass its limit stays there, and where it is one of the two that close the
@@ -169,18 +183,24 @@ def _ascend(
     """Ascend from the posture q, in place, by ever shorter strides down to `last` [rad]; its area.
 
     A stride is how far the joint turns that turns farthest of three that move: the rates at which
-    the tip rests are the areas that the other two's columns of the Jacobian span.
+    the tip rests are the areas that the other two's columns of the Jacobian span. Those of joints
+    that slide are by their units.
     """
     n = len(q)
     moved, best = np.empty(n), np.empty(n)
-    ahead, up = np.empty(n), np.empty(n)
+    ahead, up, unit = np.empty(n), np.empty(n), w.unit
     while stride >= last:
         heading, tx, tz = 0.0, 0.0, 0.0
         for k in range(n):  # offsets of the tip from each joint, that is the columns turned
-            ahead[k], up[k] = x - tx, z - tz
-            heading += q[k]
-            tx += m.link_length[k] * math.cos(heading)
-            tz += m.link_length[k] * math.sin(heading)
+            heading += turned(m.slides, q, k)
+            along, across = math.cos(heading), math.sin(heading)
+            if m.slides[k]:
+                ahead[k], up[k] = across * unit[k], -along * unit[k]
+            else:
+                ahead[k], up[k] = x - tx, z - tz
+            length = extended(m.slides, m.link_length, q, k)
+            tx += length * along
+            tz += length * across
         gained = area
         for a in range(n):
             for b in range(a + 1, n):
@@ -195,7 +215,7 @@ def _ascend(
                     else:
                         driver, i, j = c, a, b
                     for sign in (-1.0, 1.0):
-                        if _slide(m, x, z, q, moved, driver, i, j, sign * stride):
+                        if _slide(m, x, z, q, moved, driver, i, j, sign * stride * unit[driver]):
                             there = _area(m, moved, pattern, w)
                             if there > gained * (1.0 + SAME_AREA):
                                 gained = there
@@ -209,10 +229,12 @@ def _ascend(
 
 
 @kernel
-def _leave_out(sample: FloatArray, value: FloatArray, posture: FloatArray) -> None:
+def _leave_out(
+    sample: FloatArray, value: FloatArray, posture: FloatArray, unit: FloatArray
+) -> None:
     """Give samples that lie together with a posture a value below all areas."""
     for s in range(len(value)):
-        if np.max(np.abs(sample[s] - posture)) <= APART:
+        if np.max(np.abs(sample[s] - posture) / unit) <= APART:
             value[s] = -1.0
 
 
@@ -256,6 +278,7 @@ def largest_polytopes_of_chain(
     if count == 0:
         return False
     w = _Work(
+        units(m),
         flow_scale(m),
         shared_flow(m),
         np.empty(n),
@@ -274,15 +297,15 @@ def largest_polytopes_of_chain(
         best = _best_known(m, pattern, w, posture[:p], -1.0, posture[p])
         if p > 0:
             best = _ascend(m, x, z, pattern, w, posture[p], best, NEAR_STRIDE, ROUGH_STRIDE)
-            _leave_out(sample, value, posture[p])
+            _leave_out(sample, value, posture[p], w.unit)
         for _ in range(STARTS if p == 0 else FURTHER_STARTS):
             first = np.argmax(value)
             if value[first] < 0.0:
                 break
             q[:] = sample[first]
             top = _ascend(m, x, z, pattern, w, q, value[first], FIRST_STRIDE, ROUGH_STRIDE)
-            _leave_out(sample, value, sample[first])
-            _leave_out(sample, value, q)
+            _leave_out(sample, value, sample[first], w.unit)
+            _leave_out(sample, value, q, w.unit)
             if top > best * (1.0 + SAME_AREA):
                 best = top
                 posture[p] = q

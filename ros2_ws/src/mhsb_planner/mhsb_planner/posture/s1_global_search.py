@@ -1,6 +1,7 @@
 """Posture of largest velocity polytope at a tip position, by global search (paper, step S1).
 
-Chains with more than three joints are searched by `s1_chain_search`, those with three here.
+Chains with more than three joints, or with telescopes, are searched by `s1_chain_search`, three
+joints that turn here.
 
 With the tip held, the arm with three joints has one degree of freedom left, the end-link angle
 ψ, on each of two elbow branches. Most maxima lie at the ends of the feasible intervals, which are
@@ -20,7 +21,6 @@ from functools import partial
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray, frozen
@@ -234,9 +234,8 @@ def largest_polytopes(
     posture: FloatArray,
     area: FloatArray,
 ) -> bool:
-    """`largest_polytopes_3r` or, for more joints, `largest_polytopes_of_chain`."""
-    chain = machine.joint_count > LEAST_JOINTS
-    solve = largest_polytopes_of_chain if chain else largest_polytopes_3r
+    """`largest_polytopes_3r` or, where more joints move or some slide, that of any chain."""
+    solve = largest_polytopes_3r if machine.is_3r else largest_polytopes_of_chain
     return bool(solve(machine.arrays, x, z, patterns, posture, area))
 
 
@@ -293,9 +292,8 @@ def build_posture_table(
     jobs: threads, or a cluster; the result does not depend on them. progress(done, total) is told
     the nodes, cancelled() is asked between tasks.
     Raises RequestError for a useless spacing, PlanningCancelledError, ClusterError, and
-    EmptyTableError where no node has a posture; MachineFileError where a joint slides.
+    EmptyTableError where no node has a posture.
     """
-    machine.check_all_revolute()
     nodes = grid_nodes(machine, spacing)
     position = nodes.astype(np.float64) * spacing
     posture = np.empty((len(nodes), *machine.patterns.shape))

@@ -62,7 +62,7 @@ def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float
 @kernel
 def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
     """C_j = J_j / r_j, tip velocity per piston speed, float64[2, n] [-]."""
-    columns = kinematics.tip_jacobian(m.link_length, q)
+    columns = kinematics.tip_jacobian(m, q)
     for j in range(len(q)):
         arm = moment_arm(m.linkage[j], q[j])
         columns[0, j] /= arm

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from scipy.optimize import minimize
 
-from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS, nearest_posture
+from mhsb_model.inverse_kinematics.tip_postures import nearest_posture
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.posture.s1_polytope import polytope_area
@@ -46,7 +46,7 @@ def largest_by_slsqp(
 
     None where no posture is within limits. The same arguments give the same result.
     """
-    if machine.joint_count == LEAST_JOINTS:
+    if machine.is_3r:
         interval = np.empty((MAX_INTERVALS, 3))
         interval = interval[: feasible_intervals(machine.arrays, x, z, interval)]
         if len(interval) == 0:
@@ -69,7 +69,7 @@ def largest_by_slsqp(
         )
         if not np.all(np.isfinite(result.x)):
             continue
-        if machine.joint_count == LEAST_JOINTS:
+        if machine.is_3r:
             q = _projected(machine, x, z, interval, result.x)
         else:
             q = np.empty(machine.joint_count)

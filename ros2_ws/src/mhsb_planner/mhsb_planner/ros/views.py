@@ -15,7 +15,6 @@ from nav_msgs.msg import Path
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mhsb_model import kinematics
 from mhsb_model.command import Command
 from mhsb_model.figure_style import PATH_COLOR, rgb
 from mhsb_model.machine import Machine
@@ -117,9 +116,7 @@ def _command_markers(
     line.colors = [_color(rgb(PATH_COLOR[Mode(mode)])) for mode in boosted.tolist()]
     yield line
     posture = _marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
-    joints = kinematics.joint_positions(
-        machine.arrays.link_length, command.trajectory.position[-1]
-    )
+    joints = machine.joint_positions(command.trajectory.position[-1])
     posture.points = [_point(joint, frame) for joint in joints]
     posture.color = _color(GOAL_COLOR)
     yield posture

@@ -20,7 +20,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import tip_position, tip_positions
+from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import MODE_COUNT
@@ -88,7 +88,7 @@ def price_shortfall(
     flow_limits(m, middle, limit)
     cross_products(tip_columns(m, middle), cross)
     scale, flow = flow_scale(m), shared_flow(m)
-    here, there = tip_position(m.link_length, start), tip_position(m.link_length, end)
+    here, there = tip_position(m, start), tip_position(m, end)
     weight = term.weight * math.hypot(there[0] - here[0], there[1] - here[1])
     for p in range(len(patterns)):
         if status[p] == admitted:
@@ -143,7 +143,7 @@ def _profile(
     machine: Machine, posture: FloatArray, modes: ModeArray, deadline: Deadline = NEVER
 ) -> AreaProfile:
     """Over postures[k + 1, n] in the modes[k, n] between them."""
-    tip = tip_positions(machine.arrays.link_length, posture)
+    tip = machine.tip_positions(posture)
     area = np.empty(len(modes))
     middle = 0.5 * (posture[1:] + posture[:-1])
     for first in range(0, len(modes), SAMPLES_AT_ONCE):

@@ -102,7 +102,7 @@ def search(
     x, z = float(goal_xz[0]), float(goal_xz[1])
     deadline.check(SEARCHING)
     start, goal = start_at(graph, posture), goal_at(graph, x, z, goal_psi, deadline)
-    angle = float(posture.sum())
+    angle = graph.machine.end_link_angle(posture)
     if is_met((x, z), None, goal_psi, np.array(start.tip), angle, SAME_POINT, SAME_POINT):
         seconds = time.perf_counter() - began
         return DiscretePath.standing(np.array(start.tip), posture, modes, seconds)
@@ -172,7 +172,7 @@ def warm_up(graph: StepGraph) -> None:
     start = table.posture[here, 0]
     x, z = table.nodes[there] * table.spacing
     # A goal that is a node of the graph, and one that has to be joined to it.
-    for psi in (None, float(table.posture[there, 0].sum())):
+    for psi in (None, machine.end_link_angle(table.posture[there, 0])):
         with suppress(NoPathError, InfeasibleGoalError):  # of longer chains ψ is met by samples
             search(graph, start, table.patterns[0], (x, z), (1.0, 1.0, 1.0), goal_psi=psi)
     postures_at(machine, x, z)

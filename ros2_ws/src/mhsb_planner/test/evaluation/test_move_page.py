@@ -10,7 +10,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mhsb_model.figure_style import RESOLUTION
-from mhsb_model.kinematics import joint_positions
 from mhsb_model.modes import Mode
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.evaluation import energy_flow, move_page
@@ -121,7 +120,7 @@ def test_joints_beyond_the_workspace_are_within_the_picture(move):
     axes = Figure().subplots()
     back = move.position + [np.pi / 2 + 0.5, 0.0, 0.0]
     move_page._draw_path(replace(move, position=back), axes)
-    elbow = joint_positions(move.machine.arrays.link_length, back[0])[1]
+    elbow = move.machine.joint_positions(back[0])[1]
     assert elbow[0] < -0.1
     assert axes.get_xlim()[0] < elbow[0]
 

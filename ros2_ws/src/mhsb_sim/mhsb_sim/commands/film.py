@@ -21,7 +21,6 @@ from mhsb_model.figure_style import (
     STYLE,
     rgb,
 )
-from mhsb_model.kinematics import joint_positions
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray
 from mhsb_planner.evaluation.move import Move
@@ -206,8 +205,8 @@ class _Film:
     def _pose(self, row: int, time: float) -> None:
         """Put everything that moves to its place."""
         move = self._move
-        q = np.ascontiguousarray(move.position[row])
-        self._links.set_data(*joint_positions(move.machine.arrays.link_length, q).T)
+        q = move.position[row]
+        self._links.set_data(*move.machine.joint_positions(q).T)
         bars = linkage_bars(move.machine, q)
         barrels = [bar for bar in bars if bar.paint == BARREL_PAINT]
         others = [bar for bar in bars if bar.paint != BARREL_PAINT]

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model import kinematics
 from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Direct, FourBar, Pin
@@ -36,8 +35,8 @@ class Bar(NamedTuple):
 
 def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
     """Bars of all linkages in the posture q[n] [rad], actuator by actuator, its barrel last."""
-    joints = kinematics.joint_positions(machine.arrays.link_length, np.array(q, dtype=np.float64))
-    angle = np.concatenate(([0.0], np.cumsum(q)))  # of the link before each joint, and of the last
+    joints = machine.joint_positions(q)
+    angle = np.append(0.0, machine.link_angles(q))  # of the link before each joint, and of the last
     bars = []
     for j, joint in enumerate(machine.config.joints):
         if isinstance(joint.linkage, Direct):

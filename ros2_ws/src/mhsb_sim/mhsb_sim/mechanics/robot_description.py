@@ -33,7 +33,7 @@ def robot_description(machine: Machine) -> str:
     parent, at = "base_link", 0.0
     for index, joint in enumerate(machine.config.joints):
         child = f"link_{index + 1}"
-        stroke = joint.limits.upper if machine.slides[index] else 0.0
+        stroke = joint.limits.upper if machine.arrays.slides[index] else 0.0
         _add_link(robot, child, joint.link.length, stroke, _inertial_of(machine, index))
         _add_joint(robot, machine, index, parent, child, at)
         parent, at = child, joint.link.length
@@ -80,7 +80,7 @@ def _add_link(
 def _add_joint(
     robot: Element, machine: Machine, index: int, parent: str, child: str, at: float
 ) -> None:
-    a, slides = machine.arrays, machine.slides[index]
+    a, slides = machine.arrays, bool(machine.arrays.slides[index])
     kind = "prismatic" if slides else "revolute"
     joint = SubElement(robot, "joint", name=machine.joint_names[index], type=kind)
     SubElement(joint, "origin", xyz=f"{at:.9g} 0 0", rpy="0 0 0")

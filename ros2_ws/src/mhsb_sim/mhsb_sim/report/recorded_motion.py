@@ -48,17 +48,10 @@ def tip_motion(recording: Recording, machine: Machine, followed: Trajectory) -> 
     reference, velocity, _ = followed.sample_many(time_ns)
     return TipMotion(
         time_ns,
-        tip_positions(machine, states.position[both]),
-        tip_positions(machine, reference),
+        machine.tip_positions(states.position[both]),
+        machine.tip_positions(reference),
         _first_to_last(np.any(np.abs(velocity) > STANDSTILL, axis=1)),
     )
-
-
-def tip_positions(machine: Machine, position: FloatArray) -> FloatArray:
-    """Tips (x, z) [m] of the joint angles float64[k, n] rad, float64[k, 2]."""
-    angle = np.cumsum(position, axis=1)
-    length = machine.arrays.link_length
-    return np.column_stack([np.cos(angle) @ length, np.sin(angle) @ length])
 
 
 def followed_trajectory(recording: Recording) -> Trajectory:

@@ -6,7 +6,6 @@ from collections import Counter
 
 import numpy as np
 
-from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray
@@ -38,7 +37,7 @@ def stream_figures(recording: Recording, machine: Machine) -> Summary:
         sent_ns,
         goals,
         measured.time_ns,
-        tip_positions(machine.arrays.link_length, measured.position),
+        machine.tip_positions(measured.position),
     )
     return {
         "goals": len(goals),

@@ -32,6 +32,7 @@ import numpy as np
 
 from mhsb_model.hydraulics import oil_of, pressure_against, spared_margin
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import extended
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
@@ -62,8 +63,8 @@ GAINS = np.dtype(
 SCRATCH = MOTION_WORK + 2
 """Rows of working memory: that of the dynamics, torque and weight."""
 
-COSINES = INERTIA_WORK
-"""The row of it in which the dynamics leave the cosines of the links' angles."""
+COSINES, SINES = INERTIA_WORK, INERTIA_WORK + 1
+"""The rows of it in which the dynamics leave the cosines and sines of the links' angles."""
 
 BIAS_RESERVE = 3.0
 """τ ω²/ω_F, at least: with 1 the slowest swing would be at the limit of stability."""
@@ -72,12 +73,14 @@ POSITION_SHARE = 2.0 / 3.0
 """k_p/ω_F, at most: with 1 the fastest swing would be at the limit of stability."""
 
 REST_SPEED = 0.02
-"""u is at most this of a joint whose reference rests [rad/s], so that an arm which has sagged comes
-back below 0.05 rad/s when it is healed. Nearly closed, a valve holds by the oil's stiffness."""
+"""u is at most this of a joint whose reference rests [rad/s, m/s where it slides], so that an arm
+which has sagged comes back below 0.05 rad/s when it is healed. Nearly closed, a valve holds by the
+oil's stiffness."""
 
 REST_BAND, REST_SWING = 1e-4, 1e-3
-"""Errors of a joint [rad] between which its integral acts while the reference rests: below, it is
-not worth the valve's wear, above, it is a swing or a sag that the force loop brings back."""
+"""Errors of a joint [rad, m where it slides] between which its integral acts while the reference
+rests: below, it is not worth the valve's wear, above, it is a swing or a sag that the force loop
+brings back."""
 
 LARGEST_INTEGRAL = 2e-3
 """w is at most this [m/s]."""
@@ -229,11 +232,12 @@ def piston_demands(s: Servo) -> None:
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
     payload = load.believed[0]
     reference_forces(s, payload)
-    distance = 0.0
+    distance, q = 0.0, s.reference[0, 0]
     for j in range(len(axes) - 1, -1, -1):
         axis, cylinder, sensor = axes[j], cylinders[j], sensors[j]
-        distance += s.chain.length[j] * s.scratch[COSINES, j]
-        load.weight[j] = s.chain.gravity * distance
+        distance += extended(s.chain.slides, s.chain.length, q, j) * s.scratch[COSINES, j]
+        lifted = s.scratch[SINES, j] if s.chain.slides[j] else distance
+        load.weight[j] = s.chain.gravity * lifted
         stiffen(axis, cylinder, sensor, c)
         friction = friction_force(
             c.coulomb_friction, c.viscous_friction, c.friction_speed, axis.speed
@@ -267,7 +271,9 @@ def reference_forces(s: Servo, payload: float) -> None:
     less.
     """
     axes, links = s.axes, s.chain
-    chain = Chain(links.length, links.mass, links.center, links.inertia, payload, links.gravity)
+    chain = Chain(
+        links.slides, links.length, links.mass, links.center, links.inertia, payload, links.gravity
+    )
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
     for k in (AHEAD, 0):
         q, qd, qdd = s.reference[k, 0], s.reference[k, 1], s.reference[k, 2]

@@ -21,10 +21,11 @@ import numpy as np
 
 from mhsb_model.hydraulics import pressure_against
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import extended, turned
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, Mode
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.types import BoolArray, FloatArray, ModeArray
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.pace import keep_pace
@@ -123,7 +124,8 @@ class Guard(NamedTuple):
     constants: Records
     commands: Records  # of the circuit's actuators
     linkage: FloatArray  # [n, LINKAGE_WIDTH]
-    length: FloatArray  # [n] m, of the links
+    slides: BoolArray  # [n] of the joints
+    length: FloatArray  # [n] m, of the links, retracted
     actuators: Records  # GUARDED[n]
     overall: Records  # OVERALL[1]
 
@@ -146,6 +148,7 @@ def guard_of(
         constants=signals.circuit.constants,
         commands=signals.circuit.actuators,
         linkage=machine.arrays.linkage,
+        slides=machine.arrays.slides,
         length=machine.arrays.link_length,
         actuators=np.zeros(machine.joint_count, GUARDED),
         overall=overall,
@@ -218,7 +221,7 @@ def look(g: Guard) -> None:
             actuator.reserve += o.step / BOOSTED_SMOOTHING * lasting
         else:
             actuator.reserve = actuator.unboosted
-    o.error, o.behind = tip_errors(g.length, g.reference[0, 0], g.wanted, g.actuators)
+    o.error, o.behind = tip_errors(g.slides, g.length, g.reference[0, 0], g.wanted, g.actuators)
     o.awake = 1.0
 
 
@@ -264,21 +267,29 @@ def share_of(actuator: Record, boosted: bool) -> float:
 
 @kernel(borrows=True)
 def tip_errors(
-    length: FloatArray, q: FloatArray, speed: FloatArray, actuators: Records
+    slides: BoolArray, length: FloatArray, q: FloatArray, speed: FloatArray, actuators: Records
 ) -> tuple[float, float]:
     """|J Δq|, how far the tip is from its reference [m], and the same less what it is ahead.
 
-    links length[n] [m], q[n] [rad], speed[n] [rad/s] at full pace. What it is ahead, slowing would
-    not mend.
+    links slides[n] and length[n] [m], q[n] [rad], speed[n] [rad/s] at full pace. What it is ahead,
+    slowing would not mend.
     """
-    angle = turned = turning = x = z = along = across = 0.0
+    angle = off = turning = x = z = along = across = 0.0
     for j in range(len(q)):
-        angle += q[j]
-        turned += actuators[j].off
-        turning += speed[j]
-        right, up = -length[j] * math.sin(angle), length[j] * math.cos(angle)
-        x += right * turned
-        z += up * turned
+        angle += turned(slides, q, j)
+        cosine, sine = math.cos(angle), math.sin(angle)
+        if slides[j]:
+            x += actuators[j].off * cosine
+            z += actuators[j].off * sine
+            along += speed[j] * cosine
+            across += speed[j] * sine
+        else:
+            off += actuators[j].off
+            turning += speed[j]
+        reach = extended(slides, length, q, j)
+        right, up = -reach * sine, reach * cosine
+        x += right * off
+        z += up * off
         along += right * turning
         across += up * turning
     error = math.hypot(x, z)

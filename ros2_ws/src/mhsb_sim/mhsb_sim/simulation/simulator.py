@@ -87,7 +87,6 @@ class Simulator:
         start_ns: int = 0,
         plant: Machine | None = None,
     ) -> None:
-        machine.check_all_revolute()
         settings = machine.config.simulation
         start = settings.start_posture if posture is None else posture
         self.machine = machine

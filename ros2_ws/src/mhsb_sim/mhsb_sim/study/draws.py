@@ -23,7 +23,6 @@ from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.circuit.audit import energy_by_source
-from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.draw_measures import (
@@ -251,7 +250,7 @@ class DrawStudy:
 
 def highest_tip_speed(machine: Machine, run: Replay) -> float:
     """Of the reference that was followed [m/s]."""
-    tips = tip_positions(machine, run.reference[:, 0])
+    tips = machine.tip_positions(run.reference[:, 0])
     return float(np.hypot(*np.diff(tips, axis=0).T).max(initial=0.0)) / run.step
 
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.holding import holding_modes
-from mhsb_model.kinematics import tip_positions
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
@@ -138,10 +137,8 @@ def run_fault(machine: Machine, motion: Command, fault: str, controller: str) ->
             pressure = simulator.actuator_states
             highest = np.maximum(pressure.cap_pressure, pressure.rod_pressure)
             state = simulator.joint_state
-            tips = tip_positions(
-                machine.arrays.link_length,
-                np.array([state.position, simulator.reference.position]),
-            )
+            wanted = simulator.reference.position
+            tips = machine.tip_positions(np.array([state.position, wanted]))
             off = float(np.hypot(*(tips[0] - tips[1])))
             rows.append([since, off, *np.abs(state.velocity), *highest])
     trace = np.array(rows)

@@ -16,7 +16,6 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_sim.report.recorded_motion import tip_positions
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.symptoms import SupervisionLimits
 
@@ -73,8 +72,8 @@ class Replay:
 
     def tip_error(self, machine: Machine) -> FloatArray:
         """Distance of the tip from its reference, float64[k] m."""
-        wanted = tip_positions(machine, self.reference[:, 0])
-        return np.hypot(*(tip_positions(machine, self.position) - wanted).T)
+        wanted = machine.tip_positions(self.reference[:, 0])
+        return np.hypot(*(machine.tip_positions(self.position) - wanted).T)
 
     def followed(self, every: int = 1) -> tuple[Trajectory, ModeSchedule]:
         """What was followed: the reference of every so many steps, and all changes of mode."""

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from viser import SceneApi
 
-from mhsb_model import kinematics
 from mhsb_model.figure_style import MODE_COLOR, rgb
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
@@ -94,8 +93,8 @@ class ArmScene:
                 self._bars[self._barrels[j]].color = color
 
     def _show_posture(self, posture: FloatArray) -> None:
-        joints = kinematics.joint_positions(self._machine.arrays.link_length, np.array(posture))
-        for j, angle in enumerate(np.cumsum(posture).tolist()):
+        joints = self._machine.joint_positions(posture)
+        for j, angle in enumerate(self._machine.link_angles(posture).tolist()):
             middle = (joints[j] + joints[j + 1]) / 2
             self._links[j].position = (float(middle[0]), 0.0, float(middle[1]))
             self._links[j].wxyz = turned_up(angle)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.files.config_files import config_file
-from mhsb_model.machine import Machine, described_machine
+from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.mechanics.robot_description import robot_description
 
 
@@ -25,7 +25,7 @@ def read_by_mujoco(machine: Machine) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("file", ["mhsb_arm3.yaml", "telescope_arm.yaml"])
 def test_tip_and_mass_matrix_are_the_machines(file):
-    machine = described_machine(config_file(file))
+    machine = load_machine(config_file(file))
     arm = read_by_mujoco(machine)
     rng, data = np.random.default_rng(0), mujoco.MjData(arm)
     limits = machine.arrays

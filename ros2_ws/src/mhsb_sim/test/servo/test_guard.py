@@ -60,7 +60,8 @@ def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
         speed = random.normal(0.0, 0.1, 3)
         way = machine.tip_position(q + 1e-6 * speed) - machine.tip_position(q)
         ahead = max(0.0, float(exact @ way) / float(np.hypot(*way)))
-        error, behind = tip_errors(machine.arrays.link_length, q, speed, actuators)
+        links = machine.arrays.slides, machine.arrays.link_length
+        error, behind = tip_errors(*links, q, speed, actuators)
         assert error == pytest.approx(float(np.hypot(*exact)), rel=1e-3, abs=1e-7)
         assert behind**2 == pytest.approx(error**2 - ahead**2, rel=5e-3, abs=1e-9)
 

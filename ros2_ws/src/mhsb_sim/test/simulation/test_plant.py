@@ -9,7 +9,7 @@ import pytest
 
 from mhsb_model.errors import MachineFileError
 from mhsb_model.files.config_files import config_file
-from mhsb_model.machine import Machine, described_machine
+from mhsb_model.machine import Machine, load_machine
 from mhsb_model.schema import SupplySag
 from mhsb_sim.errors import PlantError
 from mhsb_sim.servo import CONTROLLERS
@@ -158,4 +158,4 @@ def test_a_plant_of_another_build_is_refused(machine: Machine) -> None:
 
 def test_a_telescope_is_not_simulated() -> None:
     with pytest.raises(MachineFileError, match="plans and simulations need all joints revolute"):
-        Simulator(described_machine(config_file("telescope_arm.yaml")))
+        Simulator(load_machine(config_file("telescope_arm.yaml")))

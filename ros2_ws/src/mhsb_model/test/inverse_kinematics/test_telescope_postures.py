@@ -1,15 +1,22 @@
-"""Kinematics of chains with telescopes, against complex numbers and finite differences."""
+"""Chains with telescopes: tip, Jacobian and postures, against complex numbers, finite differences
+and the forward kinematics."""
 
 import cmath
+import itertools
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mhsb_model import kinematics
+from mhsb_model.inverse_kinematics.telescope_postures import (
+    extension_samples,
+    with_extensions_held,
+)
+from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
 from mhsb_model.machine import Machine
-from mhsb_model.telescopes import telescope_kinematics as telescopes
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, frozen
 
 shares = st.tuples(*[st.floats(0.0, 1.0)] * 3).map(np.array)
 
@@ -40,9 +47,7 @@ def test_the_jacobian_is_the_derivative_of_the_tip(telescope_machine, share):
 
 
 @given(shares)
-def test_postures_at_a_tip_are_within_limits_and_put_the_tip_there(
-    telescope_machine, share
-):
+def test_postures_at_a_tip_are_within_limits_and_put_the_tip_there(telescope_machine, share):
     q = posture(telescope_machine, share)
     found = telescope_machine.postures(*telescope_machine.tip_position(q), np.zeros(1))
     arrays = telescope_machine.arrays
@@ -55,8 +60,7 @@ def test_postures_at_a_tip_are_within_limits_and_put_the_tip_there(
 
 
 def test_extensions_are_sampled_from_end_to_end(telescope_machine):
-    arrays = telescope_machine.arrays
-    samples = telescopes.extension_samples(arrays, telescope_machine.slides, 5)
+    samples = extension_samples(telescope_machine.arrays, 5)
     assert samples[:, 0] == pytest.approx([0.0, 0.0625, 0.125, 0.1875, 0.25])
 
 
@@ -68,9 +72,41 @@ def test_a_posture_with_a_sampled_extension_is_found_again(telescope_machine):
 
 
 def test_a_telescope_between_turning_joints_lengthens_the_link_before(telescope_machine):
-    slides, extension = (False, True, False), np.array([0.1])
-    held = telescopes.with_extensions_held(telescope_machine.arrays, slides, extension)
+    arrays = telescope_machine.arrays._replace(slides=np.array([False, True, False]))
+    held = with_extensions_held(arrays, np.array([0.1]))
     l1, l2, l3 = telescope_machine.arrays.link_length
     assert held.link_length == pytest.approx([l1 + l2 + 0.1, l3])
-    again = telescopes.with_extensions(slides, np.array([[0.3, 0.4]]), extension)
-    assert again.tolist() == [[0.3, 0.1, 0.4]]
+    assert held.slides.tolist() == [False, False]
+
+
+@pytest.fixture(scope="module")
+def chain(telescope_machine):
+    """Two booms with a telescope each and a jib: turns, turns, slides, turns, slides."""
+    kinds = [False, False, True, False, True]
+    return telescope_machine.arrays._replace(
+        slides=frozen(np.array(kinds)),
+        link_length=frozen(np.array([0.4, 0.3, 0.05, 0.2, 0.02])),
+        joint_min=frozen(np.where(kinds, 0.0, -2.5)),
+        joint_max=frozen(np.where(kinds, 0.3, 2.5)),
+    )
+
+
+@pytest.mark.parametrize(("i", "j"), list(itertools.combinations(range(5), 2)))
+def test_any_two_joints_close_the_chain_on_the_side_on_which_they_did(chain, i, j):
+    random = np.random.default_rng(5)
+    for q in random.uniform(chain.joint_min, chain.joint_max, (200, 5)):
+        x, z = kinematics.tip_position(chain, q)
+        side = side_of(chain, q, i, j)
+        found = q.copy()
+        found[[i, j]] = 0.17
+        assert close_chain(chain, x, z, i, j, side, found)
+        assert found == pytest.approx(q, abs=1e-5)
+        found[[i, j]] = 0.17
+        if close_chain(chain, x, z, i, j, -side, found):  # the other solution
+            assert kinematics.tip_position(chain, found) == pytest.approx((x, z), abs=1e-9)
+
+
+def test_what_telescopes_do_not_reach_is_not_closed(chain):
+    q = np.array([0.0, 0.0, 0.1, 0.0, 0.1])
+    assert not close_chain(chain, 0.0, 0.9, 2, 3, 1, q.copy())
+    assert not close_chain(chain, 0.5, 0.0, 2, 4, 1, q.copy())  # both along one line
