@@ -28,6 +28,19 @@ def extended(slides: BoolArray, rest: FloatArray, q: FloatArray, j: int) -> floa
     return rest[j] + q[j] if slides[j] else rest[j]
 
 
+@kernel
+def units(m: MachineArrays) -> FloatArray:
+    """What counts as much of each joint as a radian, float64[n]: 1 rad of one that turns.
+
+    Of one that slides its whole range counts as half a turn [m].
+    """
+    unit = np.ones(len(m.slides))
+    for j in range(len(unit)):
+        if m.slides[j]:
+            unit[j] = (m.joint_max[j] - m.joint_min[j]) / math.pi
+    return unit
+
+
 @kernel(borrows=True)
 def farthest_move(
     m: MachineArrays, start: FloatArray, end: FloatArray, turn: float, j: int

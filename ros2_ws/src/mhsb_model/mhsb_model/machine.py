@@ -196,8 +196,7 @@ class Machine:
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
         """Postures within limits at (x, z) for the end-link angles psi, float64[found, n].
 
-        All with three joints, of more those of `tip_postures.postures`; with telescopes those of
-        `telescope_postures`.
+        All with three joints, of more those of `tip_postures.postures` and `telescope_postures`.
         """
         if self.has_telescope:
             angles = np.asarray(psi, dtype=float)

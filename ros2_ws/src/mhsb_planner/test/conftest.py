@@ -220,15 +220,21 @@ def walk(machine: Machine) -> Callable[..., DiscretePath]:
 
 
 def tip_and_torque(m, q):
-    """Tips [m], and torques [N m] that hold arm and payload, in postures q[times, n]."""
-    direction = np.cumsum(q, axis=1)
-    across, up = m.link_length * np.cos(direction), m.link_length * np.sin(direction)
-    end, center = np.cumsum(across, axis=1), m.link_center * np.cos(direction)
+    """Tips [m], and torques [N m], of joints that slide forces [N], that hold arm and payload, in
+    postures q[times, n]."""
+    out = np.where(m.slides, q, 0.0)
+    direction = np.cumsum(q - out, axis=1)
+    across = (m.link_length + out) * np.cos(direction)
+    up = (m.link_length + out) * np.sin(direction)
+    end, center = np.cumsum(across, axis=1), (m.link_center + out) * np.cos(direction)
     joint = end - across
     torque = np.empty_like(q)
     for j in range(q.shape[1]):
         links = (joint + center - joint[:, [j]])[:, j:] @ m.link_mass[j:]
         torque[:, j] = m.gravity * (links + m.payload * (end[:, -1] - joint[:, j]))
+        if m.slides[j]:
+            carried = m.payload + m.link_mass[j:].sum()
+            torque[:, j] = m.gravity * carried * np.sin(direction[:, j])
     return np.column_stack([end[:, -1], up.sum(axis=1)]), torque
 
 

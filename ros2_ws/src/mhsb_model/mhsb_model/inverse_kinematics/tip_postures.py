@@ -1,8 +1,6 @@
 """Postures with the tip at a point, of planar chains with three or more joints.
 
-The tip leaves n − 2 joints free. Where telescopes are in the chain, their extensions are among
-these, and with them held the rest is a chain of joints that turn (`telescope_postures`). Of such a
-chain the free angles are
+The tip leaves n − 2 joints free. Where all joints turn, the free angles are
 
     free = (q₁ … q₍ₙ₋₃₎, ψ),  ψ = Σ q
 
@@ -10,7 +8,8 @@ the angles of the inner joints and that of the end link: the inner links held, t
 are an arm of their own, in closed form (`closed_form_3r`), with two elbow branches.
 
 Seen otherwise, two joints close the chain while all others are held (`close_chain`); which two is
-free to choose, so that every posture at a joint's limit is among those with this joint held.
+free to choose, so that every posture at a joint's limit is among those with this joint held. Where
+telescopes are in the chain, what is free are all joints but the last two that turn, which close it.
 """
 
 from __future__ import annotations
@@ -59,11 +58,14 @@ def outer_tip(
 def posture_at(
     m: MachineArrays, x: float, z: float, free: FloatArray, elbow: int, q: FloatArray
 ) -> bool:
-    """Whether there is a posture within limits at (x, z) m with these free angles; to q[n] [rad].
+    """Whether there is a posture within limits at (x, z) m with these free joints; to q[n].
 
-    free   float64[n - 2] rad
-    elbow  ∓1, the sign of q₍ₙ₋₁₎
+    free   float64[n - 2], as above [rad or m]
+    elbow  ∓1, the sign of q₍ₙ₋₁₎; of chains with telescopes the side of `close_chain`
     """
+    if slides_anywhere(m):
+        i, j = closing_joints(m)
+        return posture_with(m, x, z, i, j, free, elbow, q)
     inner = len(q) - 3
     for i in range(inner):
         q[i] = free[i]
@@ -99,18 +101,6 @@ def postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArra
                 if joint_angles(m, ahead, up, angle - heading, elbow, q) and within_limits(m, q):
                     found[count] = q
                     count += 1
-    return found[:count]
-
-
-@kernel
-def two_joint_postures(m: MachineArrays, x: float, z: float) -> FloatArray:
-    """Postures within limits at (x, z) m of a chain with two joints, float64[found, 2]."""
-    found, count = np.empty((2, 2)), 0
-    q = np.empty(2)
-    for side in (-1, 1):
-        if close_chain(m, x, z, 0, 1, side, q) and within_limits(m, q):
-            found[count] = q
-            count += 1
     return found[:count]
 
 
@@ -196,12 +186,12 @@ def _close_by_slides(
         q[i], q[j] = (wx * fz - wz * fx) / across, (ex * wz - ez * wx) / across
         return True
     if m.slides[i]:
-        found, slid = _on_circle(x - ax, z - az, -ex, -ez, bx * bx + bz * bz, side)
+        found, slid = on_circle(x - ax, z - az, -ex, -ez, bx * bx + bz * bz, side)
         wx, wz = x - ax - slid * ex, z - az - slid * ez
         turning, turn = j, math.atan2(wz, wx) - math.atan2(bz, bx)
         q[i] = slid
     else:
-        found, slid = _on_circle(ax + bx, az + bz, fx, fz, x * x + z * z, side)
+        found, slid = on_circle(ax + bx, az + bz, fx, fz, x * x + z * z, side)
         wx, wz = ax + bx + slid * fx, az + bz + slid * fz
         turning, turn = i, math.atan2(z, x) - math.atan2(wz, wx)
         q[j] = slid
@@ -227,7 +217,7 @@ def _offset(
 
 
 @kernel(borrows=True)
-def _on_circle(
+def on_circle(
     px: float, pz: float, ex: float, ez: float, square: float, side: int
 ) -> tuple[bool, float]:
     """Whether p + s e, |e| = 1, meets the circle of radius √square about 0, and s [m].
@@ -237,6 +227,46 @@ def _on_circle(
     across = px * ez - pz * ex
     under = square - across * across
     return under >= -TANGENT, side * math.sqrt(max(0.0, under)) - (px * ex + pz * ez)
+
+
+@kernel(borrows=True)
+def slides_anywhere(m: MachineArrays) -> bool:
+    """Whether a joint slides."""
+    return bool(m.slides.any())
+
+
+@kernel(borrows=True)
+def closing_joints(m: MachineArrays) -> tuple[int, int]:
+    """The last two joints that turn: all links between them, and beyond, lie in two lines."""
+    i = j = -1
+    for k in range(len(m.slides)):
+        if not m.slides[k]:
+            i, j = j, k
+    return i, j
+
+
+@kernel(borrows=True)
+def posture_with(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    i: int,
+    j: int,
+    held: FloatArray,
+    side: int,
+    q: FloatArray,
+) -> bool:
+    """Whether there is a posture within limits at (x, z) m with all joints but i < j held; to q[n].
+
+    held  float64[n - 2], in order [rad or m]
+    side  of `close_chain`
+    """
+    at = 0
+    for k in range(len(q)):
+        if k not in (i, j):
+            q[k] = held[at]
+            at += 1
+    return close_chain(m, x, z, i, j, side, q) and within_limits(m, q)
 
 
 @kernel(borrows=True)

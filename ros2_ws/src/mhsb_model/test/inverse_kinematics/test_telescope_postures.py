@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mhsb_model import kinematics
 from mhsb_model.inverse_kinematics.telescope_postures import (
     extension_samples,
+    telescope_postures,
     with_extensions_held,
 )
 from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
@@ -48,9 +49,12 @@ def test_the_jacobian_is_the_derivative_of_the_tip(telescope_machine, share):
 
 @given(shares)
 def test_postures_at_a_tip_are_within_limits_and_put_the_tip_there(telescope_machine, share):
-    q = posture(telescope_machine, share)
-    found = telescope_machine.postures(*telescope_machine.tip_position(q), np.zeros(1))
+    q = posture(telescope_machine, 1e-6 + (1.0 - 2e-6) * share)  # by rounding off the limits
+    psi = telescope_machine.end_link_angle(q)
+    angles = np.array([psi, psi + 0.1])
+    found = telescope_machine.postures(*telescope_machine.tip_position(q), angles)
     arrays = telescope_machine.arrays
+    assert np.abs(found - q).max(axis=1).min() < 1e-6
     assert np.all(found >= arrays.joint_min)
     assert np.all(found <= arrays.joint_max)
     for each in found:
@@ -60,15 +64,25 @@ def test_postures_at_a_tip_are_within_limits_and_put_the_tip_there(telescope_mac
 
 
 def test_extensions_are_sampled_from_end_to_end(telescope_machine):
-    samples = extension_samples(telescope_machine.arrays, 5)
+    samples = extension_samples(telescope_machine.arrays, np.array([2]), 5)
     assert samples[:, 0] == pytest.approx([0.0, 0.0625, 0.125, 0.1875, 0.25])
 
 
-def test_a_posture_with_a_sampled_extension_is_found_again(telescope_machine):
-    for out in (0.0, 0.25):
-        q = np.array([0.8, -1.2, out])
-        found = telescope_machine.postures(*telescope_machine.tip_position(q), np.zeros(1))
-        assert np.abs(found - q).max(axis=1).min() < 1e-9
+@pytest.mark.parametrize("kinds", ["RRP", "RPR", "RPRP", "RRPR", "RRRP"])
+def test_a_posture_is_among_those_with_its_end_link_angle(telescope_machine, kinds):
+    slides = np.array([kind == "P" for kind in kinds])
+    arrays = telescope_machine.arrays._replace(
+        slides=frozen(slides),
+        link_length=frozen(np.linspace(0.4, 0.1, len(kinds))),
+        joint_min=frozen(np.where(slides, 0.0, -2.5)),
+        joint_max=frozen(np.where(slides, 0.23, 2.5)),
+    )
+    random = np.random.default_rng(6)
+    for q in random.uniform(arrays.joint_min, arrays.joint_max, (50, len(kinds))):
+        q[slides] = np.clip(np.round(q[slides], 2), 0.01, 0.22)  # extensions that are sampled
+        psi = np.array([kinematics.end_link_angle(arrays, q)])
+        found = telescope_postures(arrays, *kinematics.tip_position(arrays, q), psi)
+        assert np.abs(found - q).max(axis=1).min() < 1e-6
 
 
 def test_a_telescope_between_turning_joints_lengthens_the_link_before(telescope_machine):

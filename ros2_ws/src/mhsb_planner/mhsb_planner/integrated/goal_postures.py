@@ -2,7 +2,8 @@
 
 The arm with three joints has one degree of freedom left there, the end link's angle ψ, on two
 elbow branches (`s1_psi_intervals_3r`). Longer chains have the inner joints' angles beside: of these
-even samples are taken, and of each the intervals of ψ.
+even samples are taken, and of each the intervals of ψ. Where joints slide, even samples of all
+joints are taken but of the two that close the chain, or, where ψ is given, of ψ.
 """
 
 from __future__ import annotations
@@ -15,8 +16,15 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.inverse_kinematics.closed_form_3r import ELBOW_BRANCHES
-from mhsb_model.inverse_kinematics.tip_postures import inner_angles, outer_tip
+from mhsb_model.inverse_kinematics.tip_postures import (
+    closing_joints,
+    inner_angles,
+    outer_tip,
+    posture_at,
+    side_of,
+)
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import units
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
@@ -38,7 +46,9 @@ class GoalPostures:
     tips      float64[count, 2] m, where each posture has its tip
     postures  the samples, with their cylinders' lengths and forces
     elbow     int64[count], ∓1, the branch of each
-    psi       float64[count] rad
+    free      float64[count, n - 2], of each what `tip_postures` has as free [rad or m]
+    turns     float64[n - 2], by how much of each that may be changed for a radian [rad or m]; 0
+              where it stays
     between   rad, the least and the greatest ψ asked for; None where all will do
     """
 
@@ -46,18 +56,9 @@ class GoalPostures:
     tips: FloatArray
     postures: Postures
     elbow: IntArray
-    psi: FloatArray
+    free: FloatArray
+    turns: FloatArray
     between: tuple[float, float] | None
-
-    @property
-    def free(self) -> bool:
-        """Whether ψ may be changed between the samples."""
-        return self.between is None
-
-    def free_angles(self, k: int) -> FloatArray:
-        """Of posture k as `tip_postures` has them, float64[n - 2] rad."""
-        posture = self.postures.posture[k]
-        return np.append(posture[: len(posture) - 3], self.psi[k])
 
 
 def goal_postures(
@@ -84,23 +85,85 @@ def goal_postures(
             refused = refused or error
     if refused is not None and not found:
         raise refused
-    tip, postures, elbow, angle = (np.concatenate(part) for part in zip(*found, strict=True))
+    tip, postures, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
     return GoalPostures(
         (x, z),
         frozen(tip),
         describe(machine.arrays, postures),
         frozen(elbow),
-        frozen(angle),
+        frozen(free),
+        frozen(_turns(machine, between)),
         between,
     )
+
+
+def _turns(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
+    """See `GoalPostures`: where ψ is asked for, what it depends on stays."""
+    if machine.has_telescope:
+        unit = units(machine.arrays)[held_joints(machine)]
+        return unit if between is None else np.zeros(len(unit))
+    turns = np.ones(machine.joint_count - 2)
+    turns[-1] = 1.0 if between is None else 0.0
+    return turns
+
+
+def held_joints(machine: Machine) -> IntArray:
+    """Joints of a chain with telescopes that are held while the others close it, in order."""
+    return np.delete(np.arange(machine.joint_count), closing_joints(machine.arrays))
 
 
 def _at(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
-    """Tips, postures, branches and angles at one point; raises as `goal_postures`."""
+    """Tips, postures, branches and what is free at one point; raises as `goal_postures`."""
     machine.check_in_workspace(x, z)
     check_tip(machine, x, z)
+    sampled = _with_telescopes if machine.has_telescope else _turning
+    posture, elbow, free = sampled(machine, x, z, between, spacing)
+    if len(posture) == 0:
+        raise InfeasibleGoalError(x, z, between)
+    kept = clear_postures(machine, x, z, posture)
+    tip = np.tile([x, z], (int(kept.sum()), 1))
+    return tip, posture[kept], elbow[kept], free[kept]
+
+
+def _with_telescopes(
+    machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Postures, branches and what is free of a chain in which joints slide."""
+    a, held = machine.arrays, held_joints(machine)
+    i, j = closing_joints(a)
+    if between is not None:
+        count = math.ceil((between[1] - between[0]) / spacing) + 1
+        posture = machine.postures(x, z, np.linspace(*between, count))
+        elbow = np.array([side_of(a, q, i, j) for q in posture], dtype=np.int64)
+        return posture, elbow, posture[:, held]
+    apart = spacing ** (1.0 / len(held)) * units(a)[held]
+    counts = np.ceil((a.joint_max - a.joint_min)[held] / apart).astype(int) + 1
+    ends = zip(a.joint_min[held], a.joint_max[held], counts, strict=True)
+    grids = np.meshgrid(*(np.linspace(*each) for each in ends), indexing="ij")
+    free = np.repeat(np.stack([grid.ravel() for grid in grids], axis=-1), 2, axis=0)
+    elbow = np.tile(np.array(ELBOW_BRANCHES, dtype=np.int64), len(free) // 2)
+    posture = np.empty((len(free), machine.joint_count))
+    kept = _closed(a, x, z, free, elbow, posture)
+    return posture[kept], elbow[kept], free[kept]
+
+
+@kernel
+def _closed(
+    m: MachineArrays, x: float, z: float, free: FloatArray, elbow: IntArray, posture: FloatArray
+) -> np.ndarray:
+    """Which of these lead to a posture within limits; those are written to posture[count, n]."""
+    within = np.empty(len(free), dtype=np.bool_)
+    for k in range(len(free)):
+        within[k] = posture_at(m, x, z, free[k], elbow[k], posture[k])
+    return within
+
+
+def _turning(
+    machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Postures, branches and free angles of a chain in which all joints turn."""
     a, n = machine.arrays, machine.joint_count
     given = between is not None and between[0] == between[1]
     apart = spacing ** (1.0 / max(1, n - 3 if given else n - 2))
@@ -112,11 +175,7 @@ def _at(
         inner_angles(a, number, samples, q)
         found.append(_with_inner(machine, x, z, q, between, apart))
     posture, elbow, angle = (np.concatenate(part) for part in zip(*found, strict=True))
-    if len(posture) == 0:
-        raise InfeasibleGoalError(x, z, between)
-    kept = clear_postures(machine, x, z, posture)
-    tip = np.tile([x, z], (int(kept.sum()), 1))
-    return tip, posture[kept], elbow[kept], angle[kept]
+    return posture, elbow, np.column_stack([posture[:, : n - 3], angle])
 
 
 def _with_inner(

@@ -209,7 +209,7 @@ def warm_up(machine: Machine) -> None:
     task = _example(machine)
     x, z = task.goals.tip
     modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
-    psi = float(task.goals.psi[0])
+    psi = machine.end_link_angle(task.goals.postures.posture[0])
     search(machine, task.start, modes, (x, z), weights, goal_psi=psi, effort=task.effort)
     goal_postures(machine, x, z, None, task.effort.psi_spacing)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):

@@ -92,7 +92,9 @@ def evenly_turned(machine: Machine, posture: FloatArray, reach: float) -> Lattic
 
     Each joint by itself, the arm being stretched out beyond it.
     """
-    axes, beyond = [], np.cumsum(machine.arrays.link_length[::-1])[::-1]
+    a = machine.arrays
+    longest = a.link_length + np.where(a.slides, a.joint_max, 0.0)
+    axes, beyond = [], np.where(a.slides, 1.0, np.cumsum(longest[::-1])[::-1])
     for j, angle in enumerate(posture):
         angles, first = _every(angle, *_limits(machine, j), reach / beyond[j])
         linkage = machine.arrays.linkage[j]

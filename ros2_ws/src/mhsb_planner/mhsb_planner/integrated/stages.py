@@ -297,9 +297,7 @@ def _swept(
     """The route after rounds of a compass search by one stride, priced by pieces so long [m]."""
     t, w, until = task.terms, task.memory, task.time.until
     rough = t._replace(piece=piece)
-    stroke, turn = stride * spacing, np.full(len(route.free), task.effort.turn * stride)
-    if not task.goals.free:
-        turn[-1] = 0.0
+    stroke, turn = stride * spacing, task.effort.turn * stride * task.goals.turns
     via, free, tip = route.via.copy(), route.free.copy(), _tip_of(task, route)
     cost = float(price_route(rough, w, via, task.start, math.inf))
     for _ in range(rounds):

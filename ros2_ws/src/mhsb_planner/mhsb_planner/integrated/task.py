@@ -26,7 +26,7 @@ class Effort:
     expansions   states of all lattices together to expand once there is a route, at most
     narrowest    m, spacing of the last lattice where there is no route yet
     strides      lengths of the compass search's strides, as shares of the lattice's spacing
-    turn         rad, by which ψ, and the inner joints, are turned per stride of one spacing
+    turn         rad, by which what is free at the goal is changed per stride of one spacing
     sweeps       rounds for each stride, at most
     """
 
@@ -115,4 +115,4 @@ class Task:
 
     def to_goal(self, via: FloatArray, k: int, cost: float) -> Route:
         """Route to the goal posture k."""
-        return Route(via, k, int(self.goals.elbow[k]), self.goals.free_angles(k), cost)
+        return Route(via, k, int(self.goals.elbow[k]), self.goals.free[k], cost)

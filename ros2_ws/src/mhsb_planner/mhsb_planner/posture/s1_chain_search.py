@@ -22,7 +22,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import extended, tip_jacobian, turned
+from mhsb_model.kinematics import extended, tip_jacobian, turned, units
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.modes import MODE_COUNT
 from mhsb_model.statics import gravity_torque
@@ -89,23 +89,10 @@ def _samples(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     return count
 
 
-@kernel
-def units(m: MachineArrays) -> FloatArray:
-    """What counts as much of each joint as a radian, float64[n]: 1 rad of one that turns.
-
-    Of one that slides its whole range counts as half a turn [m].
-    """
-    unit = np.ones(len(m.slides))
-    for j in range(len(unit)):
-        if m.slides[j]:
-            unit[j] = (m.joint_max[j] - m.joint_min[j]) / math.pi
-    return unit
-
-
 class _Work(NamedTuple):
     """Working memory of areas, beside what is the same in all postures."""
 
-    unit: FloatArray  # [n], see `units`
+    unit: FloatArray  # [n], see `kinematics.units`
     scale: FloatArray  # [n, 2], see `s1_polytope.projected_area`
     flow: float  # m³/s
     force: FloatArray  # [n]

@@ -16,9 +16,9 @@ from contextlib import suppress
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
-from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
+from mhsb_model.inverse_kinematics.tip_postures import posture_with, side_of
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import units
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
@@ -29,33 +29,14 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 
 J3_STEP = math.radians(1.0)
-"""By how much a kept joint is changed at a time where the others have no solution [rad]."""
+"""By how much a kept joint is changed at a time where the others have no solution [rad]; of one
+that slides in its unit (`kinematics.units`)."""
 
 NODES_AT_ONCE = 50
 """Nodes of a table that are filled between two looks at a deadline."""
 
 ELBOW_UP, ELBOW_DOWN = -1, 1
 """Side of the elbow, by the sign of the angle from what is before to the line from elbow to tip."""
-
-
-@kernel(borrows=True)
-def _solution(
-    m: MachineArrays,
-    x: float,
-    z: float,
-    moved: IntArray,
-    kept: FloatArray,
-    elbow: int,
-    q: FloatArray,
-) -> bool:
-    """Posture at (x, z) m with the others at kept[n − 2] rad; False where not within limits."""
-    i, j = moved[0], moved[1]
-    at = 0
-    for k in range(len(q)):
-        if k not in (i, j):
-            q[k] = kept[at]
-            at += 1
-    return close_chain(m, x, z, i, j, elbow, q) and within_limits(m, q)
 
 
 @kernel
@@ -73,19 +54,21 @@ def _posture(
     The first joint that will do, and of changes up and down by the same angle that up come first.
     False where none will do.
     """
-    changed = kept.copy()
+    changed, unit = kept.copy(), units(m)
+    i, j = moved[0], moved[1]
     change, left = 0, True
     while left:
         left, at = False, 0
         for k in range(len(q)):
-            if k in (moved[0], moved[1]):
+            if k in (i, j):
                 continue
-            up, down = kept[at] + change * J3_STEP, kept[at] - change * J3_STEP
+            step = change * J3_STEP * unit[k]
+            up, down = kept[at] + step, kept[at] - step
             left = left or up <= m.joint_max[k] or down >= m.joint_min[k]
             for sign in (1, -1):
-                changed[at] = kept[at] + sign * change * J3_STEP
+                changed[at] = kept[at] + sign * step
                 for side in (elbow, -elbow):
-                    if _solution(m, x, z, moved, changed, side, q):
+                    if posture_with(m, x, z, i, j, changed, side, q):
                         return True
             changed[at] = kept[at]
             at += 1

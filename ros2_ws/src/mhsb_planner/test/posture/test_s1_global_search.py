@@ -5,10 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from mhsb_model.errors import MachineFileError
-from mhsb_model.files.config_files import config_file
 from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
-from mhsb_model.machine import load_machine
 from mhsb_planner.errors import InfeasibleGoalError, PlanningCancelledError
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.posture.s1_polytope import polytope_area
@@ -89,8 +86,3 @@ def test_building_can_be_cancelled(machine):
     with pytest.raises(PlanningCancelledError, match="posture table was cancelled"):
         build_posture_table(machine, jobs=1, progress=progress, cancelled=stop.is_set)
     assert len(told) == 1
-
-
-def test_no_table_is_built_for_a_telescope():
-    with pytest.raises(MachineFileError, match="plans and simulations need all joints revolute"):
-        build_posture_table(load_machine(config_file("telescope_arm.yaml")))

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mhsb_model.errors import MachineFileError
-from mhsb_model.files.config_files import config_file
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.schema import SupplySag
 from mhsb_sim.errors import PlantError
 from mhsb_sim.servo import CONTROLLERS
@@ -154,8 +152,3 @@ def test_a_plant_of_another_build_is_refused(machine: Machine) -> None:
     plant = machine.with_values({"hydraulics.modules.count": 3})
     with pytest.raises(PlantError, match="the plant has 3 booster modules, the machine that its"):
         Simulator(machine, plant=plant)
-
-
-def test_a_telescope_is_not_simulated() -> None:
-    with pytest.raises(MachineFileError, match="plans and simulations need all joints revolute"):
-        Simulator(load_machine(config_file("telescope_arm.yaml")))

@@ -1,0 +1,141 @@
+"""Planning for an arm whose second boom extends."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mhsb_model.files.config_files import config_file
+from mhsb_model.inverse_kinematics.tip_postures import closing_joints, posture_at, side_of
+from mhsb_model.kinematics import tip_position
+from mhsb_model.linkages.linkage import cylinder_length
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.trajectory import MotionState
+from mhsb_model.types import frozen
+from mhsb_planner.integrated.certificate import enclose, least_cost_to
+from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, energy_lower_bound
+from mhsb_planner.search.s2_step import circuit_of
+
+START, GOAL = (0.55, -0.05), (0.75, 0.45)
+PLANNERS = ("table", "fixed", "integrated")
+
+
+@pytest.fixture(scope="module")
+def arm() -> Machine:
+    return load_machine(config_file("telescope_arm.yaml"))
+
+
+@pytest.fixture(scope="module")
+def planner(arm: Machine) -> Planner:
+    return Planner(arm, build_posture_table(arm, spacing=0.15))
+
+
+@pytest.fixture(scope="module")
+def start(arm: Machine) -> np.ndarray:
+    return postures_at(arm, *START).posture[0]
+
+
+def chain(arm: Machine, kinds: str):
+    """Arrays of the arm's cylinders on another chain of joints that turn (R) and slide (P)."""
+    like = [2 if kind == "P" else min(k, 1) for k, kind in enumerate(kinds)]
+    slides = np.array([kind == "P" for kind in kinds])
+    return arm.arrays._replace(
+        slides=frozen(slides),
+        link_length=frozen(np.linspace(0.45, 0.1, len(kinds))),
+        joint_min=frozen(arm.arrays.joint_min[like]),
+        joint_max=frozen(arm.arrays.joint_max[like]),
+        linkage=frozen(arm.arrays.linkage[like]),
+    )
+
+
+def test_no_slsqp_start_finds_a_larger_polytope(arm):
+    random = np.random.default_rng(11)
+    for _ in range(6):
+        x, z = random.uniform((0.2, -0.6), (0.8, 0.6))
+        p = int(random.integers(len(arm.patterns)))
+        found = postures_at(arm, x, z)
+        judged = largest_by_slsqp(arm, x, z, arm.patterns[p], seed=1, starts=10)
+        assert judged is not None
+        assert found.area[p] >= judged[1] * (1.0 - 1e-6)
+        assert arm.tip_position(found.posture[p]) == pytest.approx((x, z), abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", PLANNERS)
+def test_a_plan_of_every_planner_keeps_every_limit(planner, start, worst, kind):
+    plan = planner.plan(GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind))
+    trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
+    tip = planner.machine.tip_position(trajectory.position[-1])
+    assert tip == pytest.approx(GOAL, abs=1e-6)
+    excess = worst(trajectory, schedule, machine=planner.machine)
+    assert max(excess.values()) < 1e-3, excess
+    assert plan.energy.paper > plan.lower_bound > 0.0
+
+
+@pytest.mark.parametrize("kind", PLANNERS)
+def test_a_plan_ends_with_the_end_link_as_asked(planner, arm, start, kind):
+    psi = arm.end_link_angle(postures_at(arm, *GOAL).posture[0]) + 0.05
+    options = PlanOptions(planner=kind, goal_psi=psi)
+    plan = planner.plan(GOAL, MotionState.at_rest(start), options=options)
+    end = plan.motion.trajectory.position[-1]
+    assert arm.tip_position(end) == pytest.approx(GOAL, abs=1e-6)
+    assert arm.end_link_angle(end) == pytest.approx(psi, abs=1e-6)
+
+
+def test_an_integrated_plan_costs_no_more_than_the_others(planner, start):
+    state, cost = MotionState.at_rest(start), {}
+    for kind in PLANNERS:
+        options = PlanOptions(planner=kind, trajectory="followed")
+        cost[kind] = planner.plan(GOAL, state, options=options).energy.paper
+    assert cost["integrated"] <= min(cost.values()) * (1 + 1e-9)
+
+
+def test_goal_postures_have_their_tip_at_the_goal(arm):
+    middle = arm.end_link_angle(postures_at(arm, *GOAL).posture[0])
+    for psi in (None, (middle - 0.1, middle + 0.1)):
+        goals = goal_postures(arm, *GOAL, psi)
+        assert len(goals.postures.posture) > 5
+        for q in goals.postures.posture:
+            assert arm.tip_position(q) == pytest.approx(GOAL, abs=1e-9)
+            assert np.all(arm.arrays.joint_min <= q)
+            assert np.all(q <= arm.arrays.joint_max)
+            assert psi is None or psi[0] - 1e-9 <= arm.end_link_angle(q) <= psi[1] + 1e-9
+
+
+@given(
+    kinds=st.sampled_from(["RRP", "RPR", "RRRP", "RPRR", "RPRP", "RPRRP"]),
+    seed=st.integers(0, 10_000),
+    width=st.floats(0.0, 0.6),
+)
+def test_a_cell_encloses_all_its_postures(arm, kinds, seed, width):
+    arrays, random = chain(arm, kinds), np.random.default_rng(seed)
+    i, j = closing_joints(arrays)
+    held = [k for k in range(len(kinds)) if k not in (i, j)]
+    q = random.uniform(arrays.joint_min, arrays.joint_max)
+    tip, side = tip_position(arrays, q), side_of(arrays, q, i, j)
+    share = random.uniform(size=len(held))
+    size = width * (arrays.joint_max - arrays.joint_min)[held]
+    cell = np.column_stack([q[held] - share * size, q[held] + (1.0 - share) * size])
+    box, other = np.empty((2, len(kinds))), np.empty(len(kinds))
+    assert enclose(arrays, tip, side, cell, box)
+    for free in [q[held], *random.uniform(cell[:, 0], cell[:, 1], (100, len(held)))]:
+        if posture_at(arrays, *tip, free, side, other):
+            length = [cylinder_length(arrays.linkage[k], other[k]) for k in range(len(kinds))]
+            assert np.all(box[0] - 1e-7 <= length)
+            assert np.all(length <= box[1] + 1e-7)
+
+
+def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_least(arm):
+    circuit = circuit_of(arm.arrays, arm.patterns)
+    low, high = arm.arrays.joint_min, arm.arrays.joint_max
+    for q in np.random.default_rng(9).uniform(low, high, (10, 3)):
+        for tip in (GOAL, (0.9, -0.2)):
+            goals = goal_postures(arm, *tip)
+            bound = least_cost_to(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
+            dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, 20_000))
+            sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
+            assert bound <= sampled * (1 + 1e-9)
+            assert bound >= 0.99 * sampled
