@@ -97,6 +97,16 @@ class Machine:
         return tuple(f"actuator_{i + 1}" for i in range(self.joint_count))
 
     @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each joint's q: rad, or m where it slides."""
+        return tuple("m" if slides else "rad" for slides in self.arrays.slides)
+
+    @cached_property
+    def radians(self) -> FloatArray:
+        """What counts as a radian of each joint, float64[n] rad or m: `kinematics.units`."""
+        return frozen(kinematics.units(self.arrays))
+
+    @property
     def has_telescope(self) -> bool:
         """Whether a joint is prismatic."""
         return bool(self.arrays.slides.any())

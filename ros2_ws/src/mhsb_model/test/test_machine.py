@@ -266,6 +266,18 @@ def test_a_missing_file_is_named(tmp_path):
         load_machine(tmp_path / "nowhere.yaml")
 
 
+@pytest.mark.parametrize("name", ["machine", "telescope_machine"])
+def test_tips_joints_and_links_of_many_postures_are_those_of_each(request, name):
+    arm = request.getfixturevalue(name)
+    postures = np.random.default_rng(2).uniform(arm.arrays.joint_min, arm.arrays.joint_max, (50, 3))
+    each = [arm.tip_position(q) for q in postures]
+    np.testing.assert_array_equal(arm.tip_positions(postures), each)
+    ends = [arm.joint_positions(q)[-1] for q in postures]
+    np.testing.assert_allclose(ends, each, atol=1e-14)
+    psi = [arm.end_link_angle(q) for q in postures]
+    np.testing.assert_allclose(arm.link_angles(postures)[:, -1], psi, atol=1e-14)
+
+
 @pytest.mark.parametrize(
     ("x", "z", "sentence"),
     [

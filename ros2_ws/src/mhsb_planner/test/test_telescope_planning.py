@@ -10,6 +10,7 @@ from mhsb_model.inverse_kinematics.tip_postures import closing_joints, posture_a
 from mhsb_model.kinematics import tip_position
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine, load_machine
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import frozen
 from mhsb_planner.integrated.certificate import enclose, least_cost_to
@@ -83,6 +84,24 @@ def test_a_plan_ends_with_the_end_link_as_asked(planner, arm, start, kind):
     end = plan.motion.trajectory.position[-1]
     assert arm.tip_position(end) == pytest.approx(GOAL, abs=1e-6)
     assert arm.end_link_angle(end) == pytest.approx(psi, abs=1e-6)
+
+
+def test_the_telescope_leads_the_tip_round_a_zone(planner, arm, start):
+    straight = planner.plan(GOAL, MotionState.at_rest(start)).motion.trajectory
+    x, z = arm.tip_position(straight.sample(straight.duration_ns // 2).position)
+    guarded = arm.changed(zones=Zones(tip_circles=((x, z, 0.05),)))
+    for kind in PLANNERS:
+        planner.change(guarded)
+        try:
+            plan = planner.plan(
+                GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind)
+            )
+        finally:
+            planner.change(arm)
+        trajectory = plan.motion.trajectory
+        at = np.arange(0, trajectory.duration_ns + 1, 2_000_000)
+        tips = arm.tip_positions(trajectory.sample_many(at)[0])
+        assert np.hypot(*(tips - (x, z)).T).min() > 0.05
 
 
 def test_an_integrated_plan_costs_no_more_than_the_others(planner, start):

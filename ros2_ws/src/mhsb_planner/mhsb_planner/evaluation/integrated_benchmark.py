@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.deadline import NEVER, Deadline
@@ -49,7 +48,7 @@ def integrated_figures(planner: Planner, moves: Sequence[Move], truths: int) -> 
     ground_truth_ratio_… of the paths of the cases and of the first moves; soon: the same with a
     deadline of `WITHIN`.
     """
-    three = planner.machine.joint_count == LEAST_JOINTS
+    three = planner.machine.is_3r
     cases = list(case_moves(planner.machine).values()) if three else []
     of_cases = [_compared(planner, move) for move in cases]
     of_moves = [_compared(planner, move) for move in tqdm(moves, desc="against the table")]

@@ -89,19 +89,27 @@ class _Pricing:
     def forces(self, postures: FloatArray, arms: FloatArray) -> FloatArray:
         """Of the cylinders, float64[k, n] N: ∂U/∂q of the masses beyond a joint, over its arm."""
         m = self.m
-        cosine = np.cos(np.cumsum(postures, axis=1))
-        n = cosine.shape[1]
-        torque = np.zeros_like(cosine)
-        for i in range(n):  # mass of link i, and of what hangs on its end
+        angle, out = self._turned_and_out(postures)
+        center, length = m.link_center + out, m.link_length + out
+        torque, lifted = np.zeros_like(angle), np.zeros_like(angle)
+        for i in range(angle.shape[1]):  # mass of link i, and of what hangs on its end
             beyond = m.payload + m.link_mass[i + 1 :].sum()
-            moment = cosine[:, i] * (m.link_mass[i] * m.link_center[i] + beyond * m.link_length[i])
+            moment = np.cos(angle[:, i]) * (m.link_mass[i] * center[:, i] + beyond * length[:, i])
             torque[:, : i + 1] += m.gravity * moment[:, None]
-        return torque / arms
+            lifted[:, i] = m.gravity * (m.link_mass[i] + beyond) * np.sin(angle[:, i])
+        return np.where(m.slides, lifted, torque) / arms
+
+    def _turned_and_out(self, postures: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Angles of the links [rad], and how far they are out [m], float64[k, n] each."""
+        out = np.where(self.m.slides, postures, 0.0)
+        return np.cumsum(postures - out, axis=1), out
 
     def excess(self, postures: FloatArray) -> FloatArray:
         """How far the tip is out of the workspace, float64[k] m."""
-        m, angle = self.m, np.cumsum(postures, axis=1)
-        x, z = np.cos(angle) @ m.link_length, np.sin(angle) @ m.link_length
+        m = self.m
+        angle, out = self._turned_and_out(postures)
+        length = m.link_length + out
+        x, z = (np.cos(angle) * length).sum(axis=1), (np.sin(angle) * length).sum(axis=1)
         radius = np.hypot(x, z)
         return np.max([m.min_x - x, m.min_radius - radius, radius - m.max_radius], axis=0)
 

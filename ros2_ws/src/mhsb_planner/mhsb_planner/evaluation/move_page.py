@@ -42,7 +42,7 @@ JOINT_COLORS = (BLACK, GREEN, PURPLE, GREY)
 """None of those that stand for modes."""
 
 LEFT, COLUMN, HEIGHT = 5.0, 3.1, 10.4  # in
-PER_MM, PER_KN, PER_MPA = 1e3, 1e-3, 1e-6
+PER_MM, PER_CM, PER_KN, PER_MPA = 1e3, 1e2, 1e-3, 1e-6
 FORCES = 161
 MARGIN = 0.15
 """Of force and speed beyond what the move took, as a share of it."""
@@ -118,14 +118,16 @@ def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, flo
 
 
 def _draw_joints(move: Move, axes: Axes) -> None:
+    shown = np.where(move.machine.arrays.slides, PER_CM, np.degrees(1.0))
     for j in range(move.machine.joint_count):
         color = JOINT_COLORS[j % len(JOINT_COLORS)]
         label = f"joint {j + 1}"
-        draw_line(axes, move.time, np.degrees(move.position[:, j]), color=color, label=label)
+        draw_line(axes, move.time, shown[j] * move.position[:, j], color=color, label=label)
         if move.reference is not None:
-            wanted = np.degrees(move.reference[:, j])
+            wanted = shown[j] * move.reference[:, j]
             draw_line(axes, move.time, wanted, color=color, linewidth=2.6, alpha=0.25)
-    axes.set_ylabel("joint angle [°]")
+    telescope = ", extension [cm]" if move.machine.has_telescope else ""
+    axes.set_ylabel(f"joint angle [°]{telescope}")
     pale = "" if move.reference is None else "; pale: reference"
     axes.set_title(f"joints{pale}")
     axes.legend(loc="upper right", ncols=move.machine.joint_count, fontsize=8)

@@ -25,7 +25,6 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.errors import MhsbError
-from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
@@ -74,7 +73,7 @@ Result = TypeVar("Result")
 
 ANY_MACHINE = ("table", "plan", "first_motion_ms", "overrun_ms", "stream")
 PARTS = (*ANY_MACHINE, "moving_goal", "boosted", "scenes", "time_optimality", "growth")
-"""Of the benchmark; those that are not of ANY_MACHINE are made for arms of three joints."""
+"""Of the benchmark; those that are not of ANY_MACHINE are made for three joints that turn."""
 
 
 @dataclass(frozen=True)
@@ -349,7 +348,7 @@ def planning(
         if count < 1:
             raise command_line.UsageError(f"--{name} {count} is below 1")
     arm = load_machine(machine)
-    possible = PARTS if arm.joint_count == LEAST_JOINTS else ANY_MACHINE
+    possible = PARTS if arm.is_3r else ANY_MACHINE
     for part in parts or ():
         if part not in possible:
             reason = f"--parts {part} is none of {', '.join(possible)}"

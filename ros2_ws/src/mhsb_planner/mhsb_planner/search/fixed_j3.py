@@ -177,8 +177,9 @@ def _checked(machine: Machine, j3: float | FloatArray) -> FloatArray:
     for j, angle in zip(kept, angles.tolist(), strict=True):
         low, high = float(machine.arrays.joint_min[j]), float(machine.arrays.joint_max[j])
         if not low <= angle <= high:
-            rule = f"must be within {low:g} … {high:g} rad"
-            raise RequestError(f"initial J{j + 1}", f"{angle:g} rad", rule)
+            unit = machine.joint_units[j]
+            rule = f"must be within {low:g} … {high:g} {unit}"
+            raise RequestError(f"initial J{j + 1}", f"{angle:g} {unit}", rule)
     return frozen(angles)
 
 

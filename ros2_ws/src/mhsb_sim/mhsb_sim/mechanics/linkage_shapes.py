@@ -39,8 +39,13 @@ def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
     angle = np.append(0.0, machine.link_angles(q))  # of the link before each joint, and of the last
     bars = []
     for j, joint in enumerate(machine.config.joints):
-        if isinstance(joint.linkage, Direct):
-            continue  # within the boom
+        if isinstance(joint.linkage, Direct):  # along the boom, to the telescope's tip
+            rod_end = np.array([joints[j + 1, 0], BESIDE, joints[j + 1, 1]])
+            length = joint.linkage.retracted_length + q[j]
+            parent_pin = rod_end - _turned(length, 0.0, angle[j])
+            bars.append(Bar(parent_pin, rod_end, ROD_RADIUS, ROD_PAINT))
+            bars.append(_barrel(machine, j, parent_pin, rod_end))
+            continue
         parent_pin = _pin(joints[j], angle[j], joint.linkage.parent_pin)
         rod_end = child_pin = _pin(joints[j], angle[j + 1], joint.linkage.child_pin)
         if isinstance(joint.linkage, FourBar):

@@ -27,7 +27,7 @@ LEAST_DISTANCE = 1e-2
 
 
 def draw_joints(run: RecordedRun, path: Path) -> None:
-    """Each joint's angle with its reference, and beside it the difference."""
+    """Each joint's angle or extension with its reference, and beside it the difference."""
     n = run.machine.joint_count
     states, references = run.recording.joint_states, run.recording.references
     both = np.isin(states.time_ns, run.tip.time_ns)
@@ -36,10 +36,12 @@ def draw_joints(run: RecordedRun, path: Path) -> None:
     with written_figure(path, 1.2 + 2.0 * n) as figure:
         axes = figure.subplots(n, 2, sharex=True, squeeze=False)
         for j, (angles, errors) in enumerate(axes):
+            slides = run.machine.arrays.slides[j]
+            shown = PER_MM if slides else np.degrees(1.0)
             draw_line(
                 angles,
                 seconds(run, states.time_ns),
-                np.rad2deg(states.position[:, j]),
+                shown * states.position[:, j],
                 color=SKY,
                 linewidth=3.5,
                 label="measured",
@@ -47,12 +49,12 @@ def draw_joints(run: RecordedRun, path: Path) -> None:
             draw_line(
                 angles,
                 seconds(run, references.time_ns),
-                np.rad2deg(references.position[:, j]),
+                shown * references.position[:, j],
                 color=BLACK,
                 linewidth=1.0,
                 label="reference",
             )
-            angles.set_ylabel(f"joint {j + 1} [deg]")
+            angles.set_ylabel(f"joint {j + 1} [{'mm' if slides else 'deg'}]")
             draw_line(
                 errors,
                 seconds(run, states.time_ns[both]),
@@ -61,7 +63,7 @@ def draw_joints(run: RecordedRun, path: Path) -> None:
                 linewidth=0.9,
                 label="measured − reference",
             )
-            errors.set_ylabel("error [mrad]")
+            errors.set_ylabel(f"error [{'mm' if slides else 'mrad'}]")
             for each in (angles, errors):
                 mark_take_overs(run, each)
         for lowest in axes[-1]:

@@ -276,9 +276,10 @@ def trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
     excess = np.maximum(lower - trajectory.position, trajectory.position - upper)
     if np.max(excess) > LIMIT_TOLERANCE:
         j = int(np.argmax(np.max(excess, axis=0)))
+        unit = machine.joint_units[j]
         return (
-            f"its trajectory takes {machine.joint_names[j]} {excess[:, j].max():.3g} rad beyond "
-            f"its limits [{lower[j]:.4g}, {upper[j]:.4g}] rad"
+            f"its trajectory takes {machine.joint_names[j]} {excess[:, j].max():.3g} {unit} beyond "
+            f"its limits [{lower[j]:.4g}, {upper[j]:.4g}] {unit}"
         )
     return _speed_problem(machine, trajectory)
 
@@ -294,9 +295,10 @@ def _speed_problem(machine: Machine, trajectory: Trajectory) -> str | None:
     if np.all(speed <= fastest):
         return None
     j = int(np.argmax(speed / fastest))
+    unit = f"{machine.joint_units[j]}/s"
     return (
-        f"its trajectory moves {machine.joint_names[j]} at {speed[j]:.3g} rad/s; the main pump "
-        f"cannot move it faster than {fastest[j]:.3g} rad/s"
+        f"its trajectory moves {machine.joint_names[j]} at {speed[j]:.3g} {unit}; the main pump "
+        f"cannot move it faster than {fastest[j]:.3g} {unit}"
     )
 
 

@@ -89,19 +89,22 @@ class Symptom(Protocol):
 
 
 class FollowingError:
-    """max |q_ref − q| over the joints."""
+    """max |q_ref − q| over the joints; of one that slides as a share of its range, π for all."""
 
     name, unit = "following_error", "rad"
     closes = False
 
     def __init__(self, machine: Machine) -> None:
-        self._names = machine.joint_names
+        self._names, self._units = machine.joint_names, machine.joint_units
+        self._radians = machine.radians
 
     def look(self, sample: Sample) -> Finding:
         """The joint that is furthest off."""
         off = np.abs(sample.reference.position - sample.measured.position)
-        j = int(np.argmax(off))
-        return Finding(float(off[j]), f"{self._names[j]} is {off[j]:.3f} rad off its reference")
+        size = off / self._radians
+        j = int(np.argmax(size))
+        told = f"{self._names[j]} is {off[j]:.3f} {self._units[j]} off its reference"
+        return Finding(float(size[j]), told)
 
 
 class Overpressure:

@@ -26,6 +26,14 @@ SMALLEST_TURN = 2e-4
 """Of a joint that is drawn [rad]: noise would keep the browser busy while the arm rests."""
 
 
+def _box_of(machine: Machine, j: int) -> tuple[float, float, float]:
+    """Length, width and height of a link; of a telescope all that slides out of the boom [m]."""
+    a = machine.arrays
+    length = float(a.link_length[j])
+    if a.slides[j]:
+        return length + float(a.joint_max[j]), 0.8 * LINK_WIDTH, 0.02
+    return length, LINK_WIDTH, 0.06 * length + 0.015
+
 
 class ArmScene:
     """The arm below `/arm`."""
@@ -33,12 +41,8 @@ class ArmScene:
     def __init__(self, scene: SceneApi, machine: Machine) -> None:
         self._machine = machine
         self._links = [
-            scene.add_box(
-                f"/arm/link_{number}",
-                color=LINK_COLOR,
-                dimensions=(length, LINK_WIDTH, 0.06 * length + 0.015),
-            )
-            for number, length in enumerate(machine.arrays.link_length.tolist(), start=1)
+            scene.add_box(f"/arm/link_{j + 1}", color=LINK_COLOR, dimensions=_box_of(machine, j))
+            for j in range(machine.joint_count)
         ]
         self._pivots = [
             scene.add_cylinder(
@@ -95,7 +99,8 @@ class ArmScene:
     def _show_posture(self, posture: FloatArray) -> None:
         joints = self._machine.joint_positions(posture)
         for j, angle in enumerate(self._machine.link_angles(posture).tolist()):
-            middle = (joints[j] + joints[j + 1]) / 2
+            half = _box_of(self._machine, j)[0] / 2
+            middle = joints[j + 1] - half * np.array([np.cos(angle), np.sin(angle)])
             self._links[j].position = (float(middle[0]), 0.0, float(middle[1]))
             self._links[j].wxyz = turned_up(angle)
             self._pivots[j].position = (float(joints[j, 0]), 0.0, float(joints[j, 1]))

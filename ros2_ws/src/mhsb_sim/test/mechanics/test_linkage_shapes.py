@@ -2,7 +2,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mhsb_model.machine import Machine
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.mechanics import linkage_shapes
 from mhsb_sim.mechanics.linkage_shapes import linkage_bars
 from mhsb_sim.mechanics.mujoco_model import build_model
@@ -28,6 +29,20 @@ def test_bars_end_in_the_pins_that_mujoco_moves(four_bar_machine: Machine, share
             ("rocker_pivot", rocker.start), ("child_pin", coupler.end), ("parent_pin", barrel.start)
         ):  # fmt: skip
             np.testing.assert_allclose(place, data.site(f"{name}_{pin}").xpos, atol=1e-12)
+
+
+def test_a_telescopes_cylinder_is_drawn_along_its_boom_to_its_tip() -> None:
+    machine = load_machine(config_file("telescope_arm.yaml"))
+    pins = []
+    for share in (0.0, 0.7):
+        q, bars = drawn(machine, share)
+        rod, barrel = bars[-2:]
+        np.testing.assert_allclose(rod.end[[0, 2]], machine.tip_position(q), atol=1e-12)
+        length = np.linalg.norm(rod.end - rod.start)
+        assert length == pytest.approx(machine.cylinder_lengths(q)[2])
+        elbow = machine.joint_positions(q)[1]
+        pins.append(np.linalg.norm(barrel.start[[0, 2]] - elbow))  # fixed in the boom
+    assert pins[0] == pytest.approx(pins[1])
 
 
 def lengths(bars: list[linkage_shapes.Bar], paint: tuple[float, ...]) -> list[float]:

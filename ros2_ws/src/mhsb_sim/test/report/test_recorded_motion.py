@@ -13,14 +13,7 @@ from mhsb_sim.report.recorded_motion import (
     modes_in_force,
     part,
     tip_motion,
-    tip_positions,
 )
-
-
-def test_tips_are_those_of_the_machine(machine):
-    postures = np.random.default_rng(2).uniform(-2.0, 2.0, (50, 3))
-    expected = [machine.tip_position(q) for q in postures]
-    np.testing.assert_allclose(tip_positions(machine, postures), expected, atol=1e-14)
 
 
 def test_between_two_references_the_curve_is_that_of_the_plan(run):

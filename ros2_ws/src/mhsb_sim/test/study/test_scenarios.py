@@ -43,10 +43,14 @@ def test_the_suites_own_scenarios_cover_lags_payloads_and_intervals() -> None:
     assert 0 < sum(not each.held_out for each in scenarios) < len(scenarios) / 2
 
 
-def test_a_machine_has_scenarios_of_its_own_by_its_name() -> None:
-    of_arm4 = load_scenarios(machine_name="mhsb_arm4")
-    assert {each.payload for each in of_arm4} == {0.0, 8.0, 10.0}
-    assert 0 < sum(not each.held_out for each in of_arm4) < len(of_arm4) / 2
+@pytest.mark.parametrize(
+    ("name", "payloads"),
+    [("mhsb_arm4", {0.0, 8.0, 10.0}), ("telescope_arm", {0.0, 8.0, 9.0})],
+)
+def test_a_machine_has_scenarios_of_its_own_by_its_name(name: str, payloads: set[float]) -> None:
+    own = load_scenarios(machine_name=name)
+    assert {each.payload for each in own} == payloads
+    assert 0 < sum(not each.held_out for each in own) < len(own) / 2
     assert load_scenarios(machine_name="another_arm") == load_scenarios()
 
 

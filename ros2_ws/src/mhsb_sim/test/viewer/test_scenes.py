@@ -6,6 +6,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mhsb_model.figure_style import MODE_COLOR, rgb
+from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.modes import Mode
 from mhsb_sim.viewer.arm_scene import ArmScene
@@ -21,13 +22,17 @@ def server():
     opened.stop()
 
 
-def test_the_load_hangs_at_the_tip_and_barrels_have_the_colour_of_their_mode(server):
-    machine = load_machine()
+@pytest.mark.parametrize("file", ["mhsb_arm3.yaml", "telescope_arm.yaml"])
+def test_the_load_hangs_at_the_tip_and_barrels_have_the_colour_of_their_mode(server, file):
+    machine = load_machine(config_file(file))
     arm = ArmScene(server.scene, machine)
     posture = machine.arrays.joint_min + 0.3 * (machine.arrays.joint_max - machine.arrays.joint_min)
     arm.show(posture, np.array([Mode.N, Mode.DB, Mode.SB], dtype=np.uint8))
     x, z = machine.tip_position(posture)
     np.testing.assert_allclose(arm._load.position, [x, 0.0, z])
+    last, angle = arm._links[-1], machine.end_link_angle(posture)
+    half = last.dimensions[0] / 2 * np.array([np.cos(angle), 0.0, np.sin(angle)])
+    np.testing.assert_allclose(last.position + half, [x, 0.0, z], atol=1e-12)
     shown = [tuple(arm._bars[barrel].color) for barrel in arm._barrels]
     assert shown == [bytes_of(rgb(MODE_COLOR[mode])) for mode in Mode]
 
