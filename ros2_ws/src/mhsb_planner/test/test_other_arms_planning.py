@@ -1,0 +1,77 @@
+"""Plans for arms other than the suite's own: with one more joint, and with a telescope."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.obstacles.zones import Zones
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+
+START, GOAL = (0.55, -0.05), (0.60, 0.55)
+PLANNERS = ("table", "fixed", "integrated")
+
+
+@pytest.fixture(scope="module", params=["mhsb_arm4.yaml", "telescope_arm.yaml"])
+def arm(request) -> Machine:
+    return load_machine(config_file(request.param))
+
+
+@pytest.fixture(scope="module")
+def planner(arm: Machine) -> Planner:
+    return Planner(arm, build_posture_table(arm, spacing=0.15))
+
+
+@pytest.fixture(scope="module")
+def start(arm: Machine) -> np.ndarray:
+    return postures_at(arm, *START).posture[0]
+
+
+@pytest.mark.parametrize("kind", PLANNERS)
+def test_a_plan_of_every_planner_keeps_every_limit(planner, start, worst, kind):
+    plan = planner.plan(GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind))
+    trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
+    tip = planner.machine.tip_position(trajectory.position[-1])
+    assert tip == pytest.approx(GOAL, abs=1e-6)
+    excess = worst(trajectory, schedule, machine=planner.machine)
+    assert max(excess.values()) < 1e-3, excess
+    assert plan.energy.paper > plan.lower_bound > 0.0
+
+
+@pytest.mark.parametrize("kind", PLANNERS)
+def test_a_plan_ends_with_the_end_link_as_asked(planner, arm, start, kind):
+    possible = arm.postures(*GOAL, np.linspace(-3.0, 3.0, 601))
+    psi = arm.end_link_angle(possible[len(possible) // 2])
+    options = PlanOptions(planner=kind, goal_psi=psi)
+    plan = planner.plan(GOAL, MotionState.at_rest(start), options=options)
+    end = plan.motion.trajectory.position[-1]
+    assert arm.tip_position(end) == pytest.approx(GOAL, abs=1e-6)
+    assert arm.end_link_angle(end) == pytest.approx(psi, abs=1e-6)
+
+
+def test_every_planner_leads_the_tip_round_a_zone(planner, arm, start):
+    straight = planner.plan(GOAL, MotionState.at_rest(start)).motion.trajectory
+    x, z = arm.tip_position(straight.sample(straight.duration_ns // 2).position)
+    guarded = arm.changed(zones=Zones(tip_circles=((x, z, 0.05),)))
+    for kind in PLANNERS:
+        planner.change(guarded)
+        try:
+            plan = planner.plan(
+                GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind)
+            )
+        finally:
+            planner.change(arm)
+        trajectory = plan.motion.trajectory
+        at = np.arange(0, trajectory.duration_ns + 1, 2_000_000)
+        tips = arm.tip_positions(trajectory.sample_many(at)[0])
+        assert np.hypot(*(tips - (x, z)).T).min() > 0.05
+
+
+def test_an_integrated_plan_costs_no_more_than_the_others(planner, start):
+    state, cost = MotionState.at_rest(start), {}
+    for kind in PLANNERS:
+        options = PlanOptions(planner=kind, trajectory="followed")
+        cost[kind] = planner.plan(GOAL, state, options=options).energy.paper
+    assert cost["integrated"] <= min(cost.values()) * (1 + 1e-9)
