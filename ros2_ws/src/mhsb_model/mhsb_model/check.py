@@ -18,7 +18,8 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray
 
 GRID = 0.05
-PSI_SAMPLES = 180
+PSI_SAMPLES, TELESCOPE_PSI_SAMPLES = 180, 3600
+"""Angles of the end link at each point: a telescope's whole range may take a few degrees."""
 
 
 def check(
@@ -160,7 +161,18 @@ def _workspace_facts(machine: Machine) -> dict[str, Any]:
             boosted += pressures > machine.arrays.supply_pressure
         else:
             counts["held"] += 1
-    return {"points": len(nodes), **counts, "boosted_by_joint": boosted.tolist()}
+    return {
+        "points": len(nodes),
+        "end_link_angles": len(_end_link_angles(machine)),
+        **counts,
+        "boosted_by_joint": boosted.tolist(),
+    }
+
+
+def _end_link_angles(machine: Machine) -> FloatArray:
+    """Angles ψ at which postures are looked for [rad]."""
+    count = TELESCOPE_PSI_SAMPLES if machine.has_telescope else PSI_SAMPLES
+    return np.linspace(-np.pi, np.pi, count, endpoint=False)
 
 
 def _workspace_lines(found: dict[str, Any]) -> list[str]:
@@ -172,13 +184,13 @@ def _workspace_lines(found: dict[str, Any]) -> list[str]:
         f"  {found['boosted']} need boost ({by_joint})",
         f"  {found['too_heavy']} are beyond the highest boost pressure",
         f"  {found['no_posture']} have no posture within the joint limits at "
-        f"{PSI_SAMPLES} angles of the end link",
+        f"{found['end_link_angles']} angles of the end link",
     ]
 
 
 def _keep_out_facts(machine: Machine) -> dict[str, Any]:
     """What obstacles leave of the points that the arm reaches."""
-    psi = np.linspace(-np.pi, np.pi, PSI_SAMPLES, endpoint=False)
+    psi = _end_link_angles(machine)
     reached = left = 0
     for x, z in _nodes(machine):
         postures = machine.postures(x, z, psi)
@@ -217,7 +229,7 @@ def _nodes(machine: Machine) -> list[tuple[float, float]]:
 
 def _lightest_hold(machine: Machine, x: float, z: float) -> FloatArray | None:
     """Supply pressures [Pa] of all actuators in the posture whose greatest is the smallest."""
-    psi = np.linspace(-np.pi, np.pi, PSI_SAMPLES, endpoint=False)
+    psi = _end_link_angles(machine)
     postures = machine.postures(x, z, psi)
     if len(postures) == 0:
         return None
