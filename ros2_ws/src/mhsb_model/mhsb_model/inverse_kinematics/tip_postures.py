@@ -274,7 +274,8 @@ def side_of(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
     """The `side` of `close_chain` on which joints i < j close the chain in posture q[n].
 
     Of two that turn +1 where γ > 0: where the tip is to the left of the line from joint i to j.
-    Of one that slides +1 where the tip is ahead, along it, of joint i, or where j turns behind j.
+    Where j slides +1 where the tip is ahead of joint i, where i slides where it is behind joint j,
+    seen along what slides.
     """
     heading, x, z, ahead, up = 0.0, 0.0, 0.0, 0.0, 0.0
     ex = ez = fx = fz = 0.0
