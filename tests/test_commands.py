@@ -37,7 +37,6 @@ WITHOUT_RESULT = ("planner_node", "sim_node", "viewer")
 
 NODES = ("planner_node", "sim_node", "record", "viewer")
 
-TELESCOPE = str(ROOT / "config/telescope_arm.yaml")
 
 BAD_ARGUMENTS = [
     (("mhsb_planner", "build_table", "--spacing", "-0.05"), "spacing"),
@@ -128,20 +127,6 @@ BAD_ARGUMENTS = [
 UNUSABLE = [
     (("mhsb_model", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
     (("mhsb_planner", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
-    (
-        ("mhsb_planner", "plan", "--machine", TELESCOPE, "--start=0.5", "0", "--goal=0.5", "0.3"),
-        "prismatic joints are looked at by",
-    ),
-    (("mhsb_planner", "build_table", "--machine", TELESCOPE), "prismatic joints are looked at by"),
-    (("mhsb_sim", "demo", "--machine", TELESCOPE, "--output", "x"), "prismatic joints are looked"),
-    (
-        ("mhsb_sim", "sim_node", "--ros-args", "-p", f"machine:={TELESCOPE}"),
-        "prismatic joints are looked at by",
-    ),
-    (
-        ("mhsb_planner", "planner_node", "--ros-args", "-p", f"machine:={TELESCOPE}"),
-        "prismatic joints are looked at by",
-    ),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/nowhere.yaml"), "nowhere"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "table:=/nowhere.npz"), "nowhere"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/etc/passwd"), "not a machine"),

@@ -1,16 +1,19 @@
-"""The live view of an arm with four joints, in a real browser."""
+"""The live view of arms other than the suite's own, in a real browser."""
 
 import os
 import signal
 from pathlib import Path
+
+import pytest
 
 from mhsb_model.files.config_files import config_file
 
 PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")
 
 
-def test_the_view_shows_an_arm_with_four_joints_and_where_it_needs_boost(start, opened):
-    machine = config_file("mhsb_arm4.yaml")
+@pytest.mark.parametrize("name", ["mhsb_arm4", "telescope_arm"])
+def test_the_view_shows_the_arm_and_where_it_needs_boost(start, opened, name):
+    machine = config_file(f"{name}.yaml")
     simulator = start("mhsb_sim", "sim_node", "--ros-args", "-p", f"machine:={machine}")
     simulator.wait_for("ready", timeout=60.0)
     viewer, page = opened("--machine", machine)
@@ -20,7 +23,7 @@ def test_the_view_shows_an_arm_with_four_joints_and_where_it_needs_boost(start, 
         page.until(r"/with 8 kg, of \d+ points \d+ need N/.test(document.body.innerText)", 60.0)
         page.until(r"/of \d+ J from the pumps: -?\d+ J work/.test(document.body.innerText)")
         if PICTURES:
-            page.screenshot(Path(PICTURES) / "four_joints.png")
+            page.screenshot(Path(PICTURES) / f"{name}.png")
     assert viewer.stop(signal.SIGINT) == 0, viewer.output
     assert simulator.stop(signal.SIGINT) == 0, simulator.output
     assert "Traceback" not in viewer.output
