@@ -7,11 +7,19 @@ from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
+from mhsb_planner.integrated.certificate import least_cost_to
+from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, energy_lower_bound
+from mhsb_planner.search.s2_step import circuit_of
 
 START, GOAL = (0.55, -0.05), (0.60, 0.55)
 PLANNERS = ("table", "fixed", "integrated")
+
+CLOSE = {"mhsb_arm4": (2000, 0.9), "telescope_arm": (20_000, 0.99)}
+"""Angles of the end link at which postures are sampled, and the least share of what is met there
+that the certificate may be: two free angles leave cells that are not halved any more."""
 
 
 @pytest.fixture(scope="module", params=["mhsb_arm4.yaml", "telescope_arm.yaml"])
@@ -75,3 +83,16 @@ def test_an_integrated_plan_costs_no_more_than_the_others(planner, start):
         options = PlanOptions(planner=kind, trajectory="followed")
         cost[kind] = planner.plan(GOAL, state, options=options).energy.paper
     assert cost["integrated"] <= min(cost.values()) * (1 + 1e-9)
+
+
+def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_least(arm):
+    circuit, (angles, share) = circuit_of(arm.arrays, arm.patterns), CLOSE[arm.name]
+    low, high = arm.arrays.joint_min, arm.arrays.joint_max
+    for q in np.random.default_rng(9).uniform(low, high, (4, arm.joint_count)):
+        for tip in (GOAL, (0.9, -0.2)):
+            goals = goal_postures(arm, *tip)
+            bound = least_cost_to(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
+            dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, angles))
+            sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
+            assert bound <= sampled * (1 + 1e-9)
+            assert bound >= share * sampled
