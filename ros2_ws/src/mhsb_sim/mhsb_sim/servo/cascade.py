@@ -73,14 +73,13 @@ POSITION_SHARE = 2.0 / 3.0
 """k_p/ω_F, at most: with 1 the fastest swing would be at the limit of stability."""
 
 REST_SPEED = 0.02
-"""u is at most this of a joint whose reference rests [rad/s, m/s where it slides], so that an arm
-which has sagged comes back below 0.05 rad/s when it is healed. Nearly closed, a valve holds by the
-oil's stiffness."""
+"""u is at most this of a joint whose reference rests [rad/s], so that an arm which has sagged comes
+back below 0.05 rad/s when it is healed. Nearly closed, a valve holds by the oil's stiffness. Here
+and below what counts as a radian of a joint that slides is `Machine.radians`."""
 
 REST_BAND, REST_SWING = 1e-4, 1e-3
-"""Errors of a joint [rad, m where it slides] between which its integral acts while the reference
-rests: below, it is not worth the valve's wear, above, it is a swing or a sag that the force loop
-brings back."""
+"""Errors of a joint [rad] between which its integral acts while the reference rests: below, it is
+not worth the valve's wear, above, it is a swing or a sag that the force loop brings back."""
 
 LARGEST_INTEGRAL = 2e-3
 """w is at most this [m/s]."""
@@ -93,6 +92,7 @@ AXIS = np.dtype(
         ("fastest_position", "f8"),  # 1/s, its k_p
         ("bias_time", "f8"),  # s, in which d follows
         ("length", "f8"),  # m, of the cylinder in the reference now
+        ("radian", "f8"),  # rad or m, what counts as one of its joint
         ("arm", "f8"),  # m, moment arm there
         ("speed", "f8"),  # m/s, of its piston
         ("fastest", "f8"),  # m/s, largest |u|
@@ -184,6 +184,7 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     axes["bias_time"] = np.maximum(
         config.servo.force_bias_time, BIAS_RESERVE * axes["force_bandwidth"] / frequency**2
     )
+    axes["radian"] = machine.radians
     axes["bias"] = np.nan
     axes["deliverable"] = np.inf
     axes["friction_share"] = 1.0
@@ -291,7 +292,7 @@ def reference_forces(s: Servo, payload: float) -> None:
                 axis.length, axis.arm = length, arm
                 axis.speed = arm * qd[j]
                 rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
-                axis.fastest = REST_SPEED * abs(arm) if rests else math.inf
+                axis.fastest = REST_SPEED * abs(arm) * axis.radian if rests else math.inf
                 axis.force = torque[j] / arm
                 axis.hold = held / arm
 
@@ -317,7 +318,7 @@ def demand_speed(axis: Record, known: float, force: float, error: float, step: f
     """
     pull = axis.force_bandwidth / axis.stiffness
     force_reference = known + axis.bias + axis.position_gain / pull * error
-    off = abs(error / axis.arm)
+    off = abs(error / (axis.arm * axis.radian))
     acts = axis.fastest == math.inf or REST_BAND < off < REST_SWING
     if axis.bound == 0.0 and acts:
         w = axis.integral + axis.integral_gain * error * step
