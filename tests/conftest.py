@@ -65,9 +65,9 @@ class Observer(GoalSender):
         """Serve for some time [s]."""
         spin_until(self.executor_of_tests, lambda: False, duration)
 
-    def ask(self, x: float, z: float, timeout: float = 15.0) -> GoalVerdict:
+    def ask(self, *place: float, timeout: float = 15.0) -> GoalVerdict:
         """Send a goal and wait for its verdict."""
-        stamp_ns = self.send(x, z)
+        stamp_ns = self.send(*place)
         self.until(lambda: stamp_ns in self.verdicts, timeout)
         return self.verdicts[stamp_ns]
 

@@ -106,7 +106,7 @@ def test_replans_in_motion_in_lock_step_neither_jump_nor_break_a_limit(machine, 
     before = None
     while moving < REPLANS_OF_A_RUN:
         goal = source.choice(goals)
-        timed = TimedGoal(goal.x, goal.z, source.uniform(0.02, 0.6))
+        timed = TimedGoal(goal.position, source.uniform(0.02, 0.6))
         try:
             [result] = list(run.run([timed]))
         except MhsbError:  # found no way in its budget: the motion goes on
@@ -135,7 +135,7 @@ def test_replans_in_motion_over_dds_neither_jump_nor_break_a_limit(machine, goal
         begin_ns = time.time_ns()
         for _ in range(ONLINE):
             goal, sent_ns = source.choice(goals), time.time_ns()
-            stamp_ns = watcher.send(goal.x, goal.z)
+            stamp_ns = watcher.send(*goal.position)
             deeds.append(Deed(DeedKind.GOAL, PLANNER, sent_ns, sent_ns, stamp_ns))
             spin_until(executor, lambda: False, source.uniform(0.3, 1.2))
         spin_until(executor, lambda: stamp_ns in watcher.executions, 60.0)

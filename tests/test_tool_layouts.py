@@ -100,7 +100,8 @@ def test_foxglove_hears_and_sends_what_there_is(foxglove):
     sent = panels["Publish!goal"]
     assert absolute(sent["topicName"]) == names.GOAL_POSE
     goal = json.loads(sent["value"])
-    MACHINE.check_in_workspace(goal["pose"]["position"]["x"], goal["pose"]["position"]["z"])
+    position = goal["pose"]["position"]
+    MACHINE.check_in_workspace((position["x"], position["z"]))
     assert goal["header"]["frame_id"] == names.BASE_FRAME
 
 

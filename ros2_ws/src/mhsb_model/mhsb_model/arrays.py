@@ -10,10 +10,16 @@ from mhsb_model.types import BoolArray, FloatArray, IntArray
 class MachineArrays(NamedTuple):
     """Numbers of a machine with n joints; SI units.
 
-    Where a joint slides, its q is in m, and its torque a force.
+    Where a joint slides, its q is in m, and its torque a force. Where joint 1 slews, all others
+    move in a plane that turns with it: positions in that plane are seen from joint 2, and link 1,
+    the platform, has neither length nor mass in it.
     """
 
-    slides: BoolArray  # [n] whether a joint is prismatic; all others turn
+    turns: BoolArray  # [n] whether a joint turns its link in the plane
+    slides: BoolArray  # [n] whether it is prismatic
+    slews: bool  # whether joint 1 turns the plane about the vertical
+    slew_offset: float  # m, of joint 2 ahead of the slew's axis
+    slew_inertia: float  # kg m², of the platform about that axis
     link_length: FloatArray  # [n] m, retracted
     link_mass: FloatArray  # [n] kg
     link_center: FloatArray  # [n] m, centre of mass from the link's joint, retracted
@@ -39,6 +45,7 @@ class MachineArrays(NamedTuple):
     servo_pump_efficiency: float
     valve_coefficient: float  # m³/(s √Pa), one edge
     leakage_flow: float  # m³/s, one valve at the supply pressure
+    idle_leakage: float  # m³/s, likewise, of valves whose actuators are not among the n
     max_piston_speed: float  # m/s
     max_piston_acceleration: float  # m/s²
     max_piston_jerk: float  # m/s³

@@ -17,9 +17,11 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray
 
-GRID = 0.05
 PSI_SAMPLES, TELESCOPE_PSI_SAMPLES = 180, 3600
 """Angles of the end link at each point: a telescope's whole range may take a few degrees."""
+
+SLEW_DRIVES = ("rack_and_pinion", "motor")
+"""Linkages of what slews, on which no load weighs."""
 
 
 def check(
@@ -45,13 +47,14 @@ def facts(machine: Machine) -> dict[str, Any]:
     """What a machine amounts to, in SI units."""
     found = {
         "name": machine.name,
-        "hash": machine.hash,
+        "hash": machine.plane.hash,
+        "slews": machine.slews,
         "joints": [_joint_facts(machine, j) for j in range(machine.joint_count)],
         "hydraulics": _hydraulic_facts(machine),
-        "workspace": _workspace_facts(machine),
+        "workspace": _workspace_facts(machine.plane),
     }
     if machine.obstacles.names:
-        found["keep_out"] = _keep_out_facts(machine)
+        found["keep_out"] = _keep_out_facts(machine.plane)
     return found
 
 
@@ -60,7 +63,7 @@ def report(machine: Machine) -> list[str]:
     found = facts(machine)
     lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.hash[:12]}"]
     lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
-    lines += _workspace_lines(found["workspace"])
+    lines += _workspace_lines(found["workspace"], 2 if found["slews"] else 1)
     if "keep_out" in found:
         lines += _keep_out_lines(found["keep_out"])
     return lines
@@ -74,7 +77,7 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
     least, largest = linkage.moment_arm_range(row, lower, upper)
     lengths = linkage.motions(row, linkage.angle_grid(lower, upper))[:, 0]
     torque = pressure = None
-    if lower <= 0.0 <= upper:
+    if lower <= 0.0 <= upper and not (machine.slews and j == 0):
         torque = float(machine.gravity_torque(np.zeros(machine.joint_count))[j])
         force = torque / linkage.moment_arm(row, 0.0)
         pressure = float(
@@ -107,6 +110,8 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
         least, largest = joint["moment_arm_m"]
         arms = f" mm{'-':>14s}" if slides else f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
         shown = "    outside the joint's range"
+        if joint["linkage"] in SLEW_DRIVES:
+            shown = f"{'-':>10s} {'-':>16s}"
         if torque is not None:
             newtons = f"{torque:8.1f} N" if slides else f"{torque:10.1f}"
             shown = f"{newtons} {pressure / 1e6:16.2f}"
@@ -118,16 +123,17 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
 
 
 def _hydraulic_facts(machine: Machine) -> dict[str, Any]:
-    arrays = machine.arrays
+    arrays, first = machine.arrays, int(machine.slews)  # what slews is always in N
     return {
         "supply_pressure_pa": float(arrays.supply_pressure),
         "main_pump_flow_m3_s": float(arrays.main_pump_flow),
         "booster_modules": int(arrays.module_count),
         "servo_pump_flow_m3_s": float(arrays.servo_pump_flow),
         "max_boost_pressure_pa": float(arrays.max_boost_pressure),
-        "mode_patterns": len(machine.patterns),
+        "mode_patterns": len(machine.plane.patterns),
         "max_piston_speed_m_s": float(arrays.max_piston_speed),
-        "speed_of_one_module_m_s": float(arrays.servo_pump_flow / arrays.cap_area[0]),
+        "first_boosted": first + 1,
+        "speed_of_one_module_m_s": float(arrays.servo_pump_flow / arrays.cap_area[first]),
         "leakage_m3_s": float(machine.joint_count * arrays.leakage_flow),
     }
 
@@ -141,8 +147,8 @@ def _hydraulic_lines(found: dict[str, Any]) -> list[str]:
         f"up to {found['max_boost_pressure_pa'] / 1e6:.1f} MPa; {found['mode_patterns']} "
         "mode patterns",
         f"piston speed at most {1e3 * found['max_piston_speed_m_s']:.1f} mm/s; one module extends "
-        f"actuator 1 at {1e3 * found['speed_of_one_module_m_s']:.1f} mm/s; leakage of all valves "
-        f"{found['leakage_m3_s'] * per_minute:.3f} L/min",
+        f"actuator {found['first_boosted']} at {1e3 * found['speed_of_one_module_m_s']:.1f} mm/s; "
+        f"leakage of all valves {found['leakage_m3_s'] * per_minute:.3f} L/min",
     ]
 
 
@@ -163,6 +169,7 @@ def _workspace_facts(machine: Machine) -> dict[str, Any]:
             counts["held"] += 1
     return {
         "points": len(nodes),
+        "spacing_m": machine.spacing,
         "end_link_angles": len(_end_link_angles(machine)),
         **counts,
         "boosted_by_joint": boosted.tolist(),
@@ -175,11 +182,12 @@ def _end_link_angles(machine: Machine) -> FloatArray:
     return np.linspace(-np.pi, np.pi, count, endpoint=False)
 
 
-def _workspace_lines(found: dict[str, Any]) -> list[str]:
-    by_joint = ", ".join(f"joint {j}: {n}" for j, n in enumerate(found["boosted_by_joint"], 1))
+def _workspace_lines(found: dict[str, Any], first: int) -> list[str]:
+    """first: number of the first joint in the plane."""
+    by_joint = ", ".join(f"joint {j}: {n}" for j, n in enumerate(found["boosted_by_joint"], first))
     return [
-        f"of {found['points']} points {GRID * 1e3:g} mm apart, in the posture that loads the "
-        "cylinders least:",
+        f"of {found['points']} points {found['spacing_m'] * 1e3:g} mm apart, in the posture that "
+        "loads the cylinders least:",
         f"  {found['held']} are held at supply pressure",
         f"  {found['boosted']} need boost ({by_joint})",
         f"  {found['too_heavy']} are beyond the highest boost pressure",
@@ -216,14 +224,14 @@ def _keep_out_lines(found: dict[str, Any]) -> list[str]:
 
 
 def _nodes(machine: Machine) -> list[tuple[float, float]]:
-    area = machine.config.workspace
-    extent = int(area.max_radius / GRID) + 1
-    least, largest = (area.min_radius / GRID) ** 2, (area.max_radius / GRID) ** 2
+    area, apart = machine.config.workspace, machine.spacing
+    extent = int(area.max_radius / apart) + 1
+    least, largest = (area.min_radius / apart) ** 2, (area.max_radius / apart) ** 2
     return [
-        (i * GRID, k * GRID)
+        (i * apart, k * apart)
         for i in range(-extent, extent + 1)
         for k in range(-extent, extent + 1)
-        if i * GRID >= area.min_x and least - 1e-9 <= i * i + k * k <= largest + 1e-9
+        if i * apart >= area.min_x and least - 1e-9 <= i * i + k * k <= largest + 1e-9
     ]
 
 

@@ -46,8 +46,8 @@ class MachineFileError(MhsbError):
 class OutOfWorkspaceError(MhsbError):
     """A tip position lies outside the region in which the arm may be asked to work."""
 
-    def __init__(self, x: float, z: float, limit: str) -> None:
-        self.x = x
-        self.z = z
+    def __init__(self, position: Sequence[float], limit: str) -> None:
+        self.position = tuple(position)
         self.limit = limit
-        super().__init__(f"the tip position ({x:.4g}, {z:.4g}) m is outside the workspace: {limit}")
+        place = ", ".join(f"{value:.4g}" for value in self.position)
+        super().__init__(f"the tip position ({place}) m is outside the workspace: {limit}")

@@ -1,5 +1,7 @@
 """Forward kinematics of a planar chain whose joints turn or slide.
 
+Where joint 1 slews, the plane is what it turns, and the chain begins at joint 2 (`slewing`).
+
 Plane x (forward), z (up); joint angles are counter-clockwise, each relative to the link before. A
 joint that slides turns nothing: it puts the tip of its link qⱼ farther along the direction of the
 link before, which is its own.
@@ -17,9 +19,9 @@ from mhsb_model.types import BoolArray, FloatArray
 
 
 @kernel(inline="always")
-def turned(slides: BoolArray, q: FloatArray, j: int) -> float:
-    """By how much link j is turned from the link before [rad]: qⱼ, 0 where joint j slides."""
-    return 0.0 if slides[j] else q[j]
+def turned(turns: BoolArray, q: FloatArray, j: int) -> float:
+    """By how much link j is turned in the plane from the link before [rad]: qⱼ, or 0."""
+    return q[j] if turns[j] else 0.0
 
 
 @kernel(inline="always")
@@ -29,16 +31,16 @@ def extended(slides: BoolArray, rest: FloatArray, q: FloatArray, j: int) -> floa
 
 
 @kernel
-def units(m: MachineArrays) -> FloatArray:
-    """What counts as much of each joint as a radian, float64[n]: 1 rad of one that turns.
+def radians(m: MachineArrays) -> FloatArray:
+    """What counts as much of each joint as a radian, float64[n]: 1 rad of one that turns or slews.
 
     Of one that slides its whole range counts as half a turn [m].
     """
-    unit = np.ones(len(m.slides))
-    for j in range(len(unit)):
+    radian = np.ones(len(m.slides))
+    for j in range(len(radian)):
         if m.slides[j]:
-            unit[j] = (m.joint_max[j] - m.joint_min[j]) / math.pi
-    return unit
+            radian[j] = (m.joint_max[j] - m.joint_min[j]) / math.pi
+    return radian
 
 
 @kernel(borrows=True)
@@ -64,7 +66,7 @@ def tip_position(m: MachineArrays, q: FloatArray) -> tuple[float, float]:
     x = 0.0
     z = 0.0
     for i in range(len(q)):
-        angle += turned(m.slides, q, i)
+        angle += turned(m.turns, q, i)
         length = extended(m.slides, m.link_length, q, i)
         x += length * math.cos(angle)
         z += length * math.sin(angle)
@@ -85,7 +87,7 @@ def end_link_angle(m: MachineArrays, q: FloatArray) -> float:
     """ψ, the angle of the last link: the sum of all turns [rad]."""
     angle = 0.0
     for i in range(len(q)):
-        angle += turned(m.slides, q, i)
+        angle += turned(m.turns, q, i)
     return angle
 
 
@@ -98,7 +100,7 @@ def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
     points = np.zeros((len(q) + 1, 2))
     angle = 0.0
     for i in range(len(q)):
-        angle += turned(m.slides, q, i)
+        angle += turned(m.turns, q, i)
         length = extended(m.slides, m.link_length, q, i)
         points[i + 1, 0] = points[i, 0] + length * math.cos(angle)
         points[i + 1, 1] = points[i, 1] + length * math.sin(angle)
@@ -110,16 +112,18 @@ def tip_jacobian(m: MachineArrays, q: FloatArray) -> FloatArray:
     """J = ∂(x, z)/∂q, float64[2, n].
 
     Column j is the tip's offset from joint j, turned 90° [m], or, of a joint that slides, the
-    direction in which it does.
+    direction in which it does; 0 of one that slews.
     """
     n = len(q)
     points = joint_positions(m, q)
     jacobian = np.empty((2, n))
     angle = 0.0
     for j in range(n):
-        angle += turned(m.slides, q, j)
+        angle += turned(m.turns, q, j)
         if m.slides[j]:
             jacobian[0, j], jacobian[1, j] = math.cos(angle), math.sin(angle)
+        elif not m.turns[j]:
+            jacobian[0, j] = jacobian[1, j] = 0.0
         else:
             jacobian[0, j] = -(points[n, 1] - points[j, 1])
             jacobian[1, j] = points[n, 0] - points[j, 0]

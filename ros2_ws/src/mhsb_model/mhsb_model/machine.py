@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from mhsb_model import kinematics, statics
+from mhsb_model import kinematics, slewing, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
@@ -30,19 +30,21 @@ from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
 from mhsb_model.schema import MachineConfig, problems_across
-from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
+from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
+PAPER_SPACING = 0.05  # m
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
 
 WITHOUT_TABLE: dict[str, Any] = {
-    "joints": {"__all__": {"kind"}},  # all are of one
+    "joints": {"__all__": {"kind", "actuator"}},  # all are of one kind
     "circuit": True,
     "servo": True,
     "simulation": True,
     "imperfections": True,
     "keep_out": True,
     "motion": {"max_piston_acceleration", "max_piston_jerk", "kept_joints"},
+    "workspace": {"spacing"},
 }
 """What does not concern a posture table and so leaves it valid."""
 
@@ -52,7 +54,8 @@ class Machine:
     """A manipulator with n joints, each driven by one actuator.
 
     Vectors over joints are float64[n]: angles in rad, torques in N m, forces in N, lengths in m.
-    Where a joint slides, its q is in m and its torque a force in N.
+    Where a joint slides, its q is in m and its torque a force in N. Where joint 1 slews, (x, z) are
+    positions in the plane that it turns, seen from joint 2 (`slewing`).
     """
 
     config: MachineConfig
@@ -74,7 +77,7 @@ class Machine:
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process makes it of its configuration: pickled arrays could be written to there,
         which kernels are not compiled for."""
-        return type(self).from_config, (self.config,)
+        return _restored, (self.config, self.arrays.idle_leakage)
 
     @property
     def name(self) -> str:
@@ -103,8 +106,46 @@ class Machine:
 
     @cached_property
     def radians(self) -> FloatArray:
-        """What counts as a radian of each joint, float64[n] rad or m: `kinematics.units`."""
-        return frozen(kinematics.units(self.arrays))
+        """What counts as a radian of each joint, float64[n] rad or m: `kinematics.radians`."""
+        return frozen(kinematics.radians(self.arrays))
+
+    @property
+    def slews(self) -> bool:
+        """Whether joint 1 turns the plane of all others about the vertical."""
+        return self.arrays.slews
+
+    @cached_property
+    def plane(self) -> Machine:
+        """The arm in its plane, for which postures are chosen; the machine itself, if it does not
+        slew. The slew's valve leaks its part of the main pump's flow.
+        """
+        if not self.slews:
+            return self
+        content, leakage = self.config.model_dump(), self.arrays.leakage_flow
+        content["joints"] = content["joints"][1:]
+        content["hydraulics"]["main_pump"]["max_flow"] -= leakage
+        kept = content["motion"]["kept_joints"]
+        content["motion"]["kept_joints"] = [joint - 1 for joint in kept]
+        content["simulation"]["start_posture"] = content["simulation"]["start_posture"][1:]
+        plane = _validated(content, f"{self.name} in its plane")
+        return replace(plane, arrays=plane.arrays._replace(idle_leakage=leakage))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's numbers in `base_link`."""
+        return ("x", "y", "z") if self.slews else ("x", "z")
+
+    @property
+    def chamber_reliefs(self) -> FloatArray:
+        """Settings of the relief valves of each actuator's chambers, float64[n] Pa."""
+        usual = self.config.circuit.chamber_relief_pressure
+        own = [joint.actuator.relief_pressure for joint in self.config.joints]
+        return np.array([usual if each is None else each for each in own])
+
+    @property
+    def frictions(self) -> FloatArray:
+        """Friction of each actuator over what `circuit` says, float64[n]."""
+        return np.array([joint.actuator.friction for joint in self.config.joints])
 
     @property
     def has_telescope(self) -> bool:
@@ -113,8 +154,19 @@ class Machine:
 
     @property
     def is_3r(self) -> bool:
-        """Whether three joints turn, and nothing else moves."""
-        return self.joint_count == LEAST_JOINTS and not self.has_telescope
+        """Whether three joints turn in the plane, and nothing else moves."""
+        return self.joint_count == LEAST_JOINTS and bool(self.arrays.turns.all())
+
+    @property
+    def spacing(self) -> float:
+        """Of the tip positions for which postures are chosen beforehand [m]."""
+        return self.config.workspace.spacing
+
+    @property
+    def scale(self) -> float:
+        """Its size over that of the paper's arm, by these spacings: what searches' strides go
+        by."""
+        return self.spacing / PAPER_SPACING
 
     @cached_property
     def kept_joints(self) -> tuple[int, ...]:
@@ -183,6 +235,24 @@ class Machine:
         """Tip (x, z) at the joint angles q, float64[2]."""
         return np.array(kinematics.tip_position(self.arrays, q))
 
+    def tip_in_base(self, q: FloatArray) -> FloatArray:
+        """Tip in `base_link` at q, float64[2] (x, z), or float64[3] (x, y, z) where joint 1 slews;
+        of postures float64[k, n] in each of them."""
+        tips = self.tip_positions(np.atleast_2d(q)).reshape(*np.shape(q)[:-1], 2)
+        return slewing.in_base(self.arrays, tips, np.asarray(q)[..., 0])
+
+    def in_plane(self, position: Position, near: float) -> slewing.InPlane:
+        """`slewing.in_plane` of a position in `base_link`; raises OutOfWorkspaceError."""
+        return slewing.in_plane(self.arrays, position, near)
+
+    def in_base(self, tip: FloatArray, slew: FloatArray | float) -> FloatArray:
+        """`slewing.in_base` of positions in the plane."""
+        return slewing.in_base(self.arrays, tip, np.asarray(slew))
+
+    def from_the_side(self, place: Position | FloatArray) -> FloatArray:
+        """`slewing.from_the_side` of positions in `base_link`."""
+        return slewing.from_the_side(self.arrays, np.asarray(place))
+
     def tip_positions(self, postures: FloatArray) -> FloatArray:
         """Tips (x, z) in the postures float64[k, n], float64[k, 2]."""
         return np.asarray(kinematics.tip_positions(self.arrays, as_frozen(postures)))
@@ -193,10 +263,10 @@ class Machine:
 
     def link_angles(self, q: FloatArray) -> FloatArray:
         """Angle of each link [rad], float64[n], or of postures float64[k, n] in each of them."""
-        return np.cumsum(np.where(self.arrays.slides, 0.0, q), axis=-1)
+        return np.cumsum(np.where(self.arrays.turns, q, 0.0), axis=-1)
 
     def end_link_angle(self, q: FloatArray) -> float:
-        """ψ, the angle of the last link [rad]: the sum of all angles, without extensions."""
+        """ψ, the angle of the last link in the plane [rad]: the sum of all that turns in it."""
         return float(kinematics.end_link_angle(self.arrays, q))
 
     def jacobian(self, q: FloatArray) -> FloatArray:
@@ -279,7 +349,7 @@ class Machine:
     @cached_property
     def obstacles(self) -> Obstacles:
         """Everything that the arm keeps clear of."""
-        return obstacles_of(self.config.keep_out, self.joint_count)
+        return obstacles_of(self.config.keep_out, self.joint_count, int(self.slews))
 
     def clearance(self, q: FloatArray) -> tuple[float, str]:
         """Distance [m] to the nearest obstacle, negative inside, and its name; inf, "" without."""
@@ -302,19 +372,20 @@ class Machine:
                 )
         return problems
 
-    def check_in_workspace(self, x: float, z: float) -> None:
-        """Raise OutOfWorkspaceError where the tip may not be asked to go to (x, z)."""
-        area = self.config.workspace
-        radius = math.hypot(x, z)
-        rounding = 1e-9
+    def check_in_workspace(self, position: Position) -> None:
+        """Raise OutOfWorkspaceError where the tip may not be asked to go to a position in
+        `base_link`."""
+        area, rounding = self.config.workspace, 1e-9
+        x, z = self.in_plane(position, 0.0).tip
+        radius, least = math.hypot(x, z), area.min_x + self.arrays.slew_offset
         if x < area.min_x - rounding:
-            raise OutOfWorkspaceError(x, z, f"x must be at least {area.min_x:g} m")
+            what = "its distance from the slew's axis" if self.slews else "x"
+            raise OutOfWorkspaceError(position, f"{what} must be at least {least:g} m")
         if radius < area.min_radius - rounding or radius > area.max_radius + rounding:
             raise OutOfWorkspaceError(
-                x,
-                z,
-                f"its distance {radius:.4g} m from the base must be within "
-                f"{area.min_radius:g} … {area.max_radius:g} m",
+                position,
+                f"its distance {radius:.4g} m from {'joint 2' if self.slews else 'the base'} must "
+                f"be within {area.min_radius:g} … {area.max_radius:g} m",
             )
 
 
@@ -330,13 +401,21 @@ def load_machine(path: str | Path | None = None) -> Machine:
         reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
         raise MachineFileError(str(file), [reason])
     machine = _validated(content, str(file))
-    if machine.joint_count < LEAST_JOINTS:
+    least, tip = (LEAST_JOINTS + 1, "three") if machine.slews else (LEAST_JOINTS, "two")
+    if machine.joint_count < least:
         problem = (
-            f"joints: the machine has {machine.joint_count}, plans are made for {LEAST_JOINTS} or "
-            "more: the tip takes two, what is chosen is the rest"
+            f"joints: the machine has {machine.joint_count}, plans are made for {least} or "
+            f"more: the tip takes {tip}, what is chosen is the rest"
         )
         raise MachineFileError(str(file), [problem])
     return machine
+
+
+def _restored(config: MachineConfig, idle_leakage: float) -> Machine:
+    machine = Machine.from_config(config)
+    if idle_leakage == 0.0:
+        return machine
+    return replace(machine, arrays=machine.arrays._replace(idle_leakage=idle_leakage))
 
 
 def _validated(content: Any, source: str) -> Machine:
@@ -348,21 +427,33 @@ def _validated(content: Any, source: str) -> Machine:
 
 
 def _arrays(config: MachineConfig) -> MachineArrays:
-    joints = config.joints
+    joints, first = config.joints, config.joints[0]
     oil = config.hydraulics
-    bore = np.array([joint.cylinder.bore for joint in joints])
-    rod = np.array([joint.cylinder.rod for joint in joints])
+    area = np.array([joint.areas for joint in joints])
+    slews = first.kind == "slew"
+
+    def of_links(name: str) -> FloatArray:
+        """Of each link in the plane; the platform is none."""
+        values = [getattr(joint.link, name) for joint in joints]
+        return frozen(np.array([0.0, *values[1:]] if slews else values))
+
     return MachineArrays(
+        turns=frozen(np.array([joint.kind == "revolute" for joint in joints])),
         slides=frozen(np.array([joint.kind == "prismatic" for joint in joints])),
-        link_length=frozen(np.array([joint.link.length for joint in joints])),
-        link_mass=frozen(np.array([joint.link.mass for joint in joints])),
-        link_center=frozen(np.array([joint.link.center_of_mass for joint in joints])),
-        link_inertia=frozen(np.array([joint.link.inertia for joint in joints])),
+        slews=slews,
+        slew_offset=first.link.length if first.kind == "slew" else 0.0,
+        slew_inertia=first.link.slew_inertia if first.kind == "slew" else 0.0,
+        link_length=of_links("length"),
+        link_mass=of_links("mass"),
+        link_center=of_links("center_of_mass"),
+        link_inertia=of_links("inertia"),
         joint_min=frozen(np.array([joint.limits.lower for joint in joints])),
         joint_max=frozen(np.array([joint.limits.upper for joint in joints])),
-        linkage=frozen(np.array([linkage.linkage_row(joint.linkage) for joint in joints])),
-        cap_area=frozen(np.pi / 4 * bore**2),
-        rod_area=frozen(np.pi / 4 * (bore**2 - rod**2)),
+        linkage=frozen(
+            np.array([linkage.linkage_row(joint.linkage, joint.limits.lower) for joint in joints])
+        ),
+        cap_area=frozen(area[:, 0]),
+        rod_area=frozen(area[:, 1]),
         modules_per_mode=frozen(np.array(oil.modules.per_mode, dtype=np.int64)),
         module_count=oil.modules.count,
         payload=config.payload.mass,
@@ -379,6 +470,7 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         servo_pump_efficiency=oil.servo_pump.efficiency,
         valve_coefficient=oil.valve.rated_flow / math.sqrt(oil.valve.rated_pressure_drop_per_land),
         leakage_flow=oil.valve.leakage_flow,
+        idle_leakage=0.0,
         max_piston_speed=config.motion.max_piston_speed,
         max_piston_acceleration=config.motion.max_piston_acceleration,
         max_piston_jerk=config.motion.max_piston_jerk,

@@ -45,6 +45,22 @@ class Extension(Section):
     inertia: NonNegative = Field(description="about the centre of mass, in the plane [kg m²]")
 
 
+class Platform(Section):
+    """What turns about the vertical and carries the arm; its inertia alone counts."""
+
+    length: NonNegative = Field(le=20, description="slew's axis to joint 2, forwards [m]")
+    mass: Positive = Field(description="[kg]")
+    center_of_mass: float = Field(
+        ge=-20, description="ahead of the slew's axis, negative behind it [m]"
+    )
+    inertia: Positive = Field(description="about the vertical through the centre of mass [kg m²]")
+
+    @property
+    def slew_inertia(self) -> float:
+        """I₀ = I + m x² about the slew's axis [kg m²]; Steiner."""
+        return self.inertia + self.mass * self.center_of_mass**2
+
+
 class Pin(Section):
     """A pin of a linkage in polar coordinates about the joint's axis."""
 
@@ -90,11 +106,51 @@ class Direct(Section):
     retracted_length: Positive = Field(le=20, description="pin to pin at q = 0 [m]")
 
 
+class RackAndPinion(Section):
+    """Pistons on toothed racks turn a pinion: L = R q, r = R, with equal areas both ways.
+
+    Each rack has a piston at either end, of which one pushes.
+    """
+
+    kind: Literal["rack_and_pinion"]
+    pitch_radius: Positive = Field(le=5, description="R of the pinion [m]")
+    bore: Positive = Field(le=1, description="piston diameter [m]")
+    racks: int = Field(default=1, ge=1, le=8, description="that turn the pinion together [-]")
+
+    @property
+    def area(self) -> float:
+        """Of the pistons that push [m²]."""
+        return self.racks * math.pi / 4 * self.bore**2
+
+
+class Motor(Section):
+    """A hydraulic motor turns a ring gear through a gearbox.
+
+    It counts as a piston that the ring gear's pitch circle carries along: with the displacement D
+    and the ratio i, L = R q, r = R, and the area A = D i / R, so that p A is the force at the teeth
+    and A L̇ = D i q̇ the flow.
+    """
+
+    kind: Literal["motor"]
+    displacement: Positive = Field(le=0.01, description="D, of the motor's shaft [m³/rad]")
+    gear_ratio: Positive = Field(le=10_000, description="i, turns of the shaft for one slewed [-]")
+    pitch_radius: Positive = Field(le=5, description="R of the ring gear [m]")
+
+    @property
+    def area(self) -> float:
+        """D i / R [m²]."""
+        return self.displacement * self.gear_ratio / self.pitch_radius
+
+    @property
+    def volume(self) -> float:
+        """Oil on one side of the motor, half of what a turn of its shaft displaces [m³]."""
+        return math.pi * self.displacement
+
+
 TurningLinkage = Annotated[SliderCrank | FourBar, Field(discriminator="kind")]
-Linkage = SliderCrank | FourBar | Direct
-JOINT_KINDS = ("revolute", "prismatic")
-PLANNED_KINDS = ("slew",)
-"""Of joints that a machine file will be able to have."""
+SlewDrive = Annotated[RackAndPinion | Motor, Field(discriminator="kind")]
+Linkage = SliderCrank | FourBar | Direct | RackAndPinion | Motor
+JOINT_KINDS = ("revolute", "prismatic", "slew")
 
 
 class Cylinder(Section):
@@ -103,9 +159,26 @@ class Cylinder(Section):
     bore: Positive = Field(le=1, description="piston diameter [m]")
     rod: Positive = Field(le=1, description="rod diameter [m]")
 
+    @property
+    def areas(self) -> tuple[float, float]:
+        """Cap side and rod side, A and a [m²]."""
+        return math.pi / 4 * self.bore**2, math.pi / 4 * (self.bore**2 - self.rod**2)
+
+
+class Actuator(Section):
+    """What one actuator has of its own, where it is not as `circuit` says of all."""
+
+    friction: NonNegative = Field(
+        default=1.0, le=100, description="its friction, over that of circuit [-]"
+    )
+    relief_pressure: Positive | None = Field(
+        default=None,
+        description="of its chambers [Pa]; circuit.chamber_relief_pressure when left out",
+    )
+
 
 class Limits(Section):
-    """Range of a revolute joint."""
+    """Range of a joint that turns."""
 
     lower: Angle = Field(description="[rad]")
     upper: Angle = Field(description="[rad]")
@@ -119,9 +192,9 @@ class Stroke(Section):
 
 
 def _known_kind(kind: Any) -> Any:
-    """Kinds that a later version of the file will have are refused by name."""
-    if kind in PLANNED_KINDS:
-        raise ValueError(f"{kind} joints are not there yet; joints are {' or '.join(JOINT_KINDS)}")
+    """Whatever is no kind at all is refused with those that there are."""
+    if kind != "revolute":
+        raise ValueError(f"{kind!r} is not one of {', '.join(JOINT_KINDS)}")
     return kind
 
 
@@ -135,6 +208,12 @@ class RevoluteJoint(Section):
     limits: Limits
     linkage: TurningLinkage
     cylinder: Cylinder
+    actuator: Actuator = Actuator()
+
+    @property
+    def areas(self) -> tuple[float, float]:
+        """Of the piston, extending and retracting [m²]."""
+        return self.cylinder.areas
 
 
 class PrismaticJoint(Section):
@@ -148,21 +227,45 @@ class PrismaticJoint(Section):
     limits: Stroke
     linkage: Direct
     cylinder: Cylinder
+    actuator: Actuator = Actuator()
+
+    @property
+    def areas(self) -> tuple[float, float]:
+        """Of the piston, extending and retracting [m²]."""
+        return self.cylinder.areas
+
+
+class SlewJoint(Section):
+    """Turns the plane of all other joints about the vertical; positive to the left."""
+
+    kind: Literal["slew"]
+    link: Platform
+    limits: Limits
+    linkage: SlewDrive
+    actuator: Actuator = Actuator()
+
+    @property
+    def areas(self) -> tuple[float, float]:
+        """Of what drives it, to the left and to the right [m²]."""
+        return self.linkage.area, self.linkage.area
 
 
 def _joint_tag(content: Any) -> str:
-    """Whatever does not say `prismatic` is held to be revolute, and told what is wrong with it."""
+    """Whatever says nothing else is held to be revolute, and told what is wrong with it."""
     kind = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
-    return "prismatic" if kind == "prismatic" else "revolute"
+    return kind if kind in ("prismatic", "slew") else "revolute"
 
 
+AnyJoint = RevoluteJoint | PrismaticJoint | SlewJoint
 Joint = Annotated[
-    Annotated[RevoluteJoint, Tag("revolute")] | Annotated[PrismaticJoint, Tag("prismatic")],
+    Annotated[RevoluteJoint, Tag("revolute")]
+    | Annotated[PrismaticJoint, Tag("prismatic")]
+    | Annotated[SlewJoint, Tag("slew")],
     Discriminator(_joint_tag),
 ]
 
 
-def unit_of(joint: RevoluteJoint | PrismaticJoint) -> str:
+def unit_of(joint: AnyJoint) -> str:
     """Of q: rad, or m where the joint slides."""
     return "m" if isinstance(joint, PrismaticJoint) else "rad"
 
@@ -174,11 +277,14 @@ class Payload(Section):
 
 
 class Workspace(Section):
-    """Where the tip may be asked to go; distances are from joint 1."""
+    """Where the tip may be asked to go; distances are from joint 1, or 2 where joint 1 slews."""
 
-    min_x: float = Field(description="least horizontal coordinate [m]")
+    min_x: float = Field(description="least horizontal coordinate, in the arm's plane [m]")
     min_radius: NonNegative = Field(description="[m]")
     max_radius: Positive = Field(description="[m]")
+    spacing: float = Field(
+        default=0.05, ge=0.005, le=2, description="of the tip positions of its posture table [m]"
+    )
 
 
 class MainPump(Section):
@@ -471,7 +577,8 @@ class KeepOut(Section):
         description="that the discrete path keeps, for the trajectory to cut corners [m]",
     )
     link_radii: tuple[NonNegative, ...] = Field(
-        default=(), description="half the thickness of each link [m]; none: links are lines"
+        default=(),
+        description="half the thickness of each link in the plane [m]; none: links are lines",
     )
     ground: float | None = Field(default=None, description="height below which nothing gets [m]")
     base: Box | None = Field(default=None, description="all links but the first keep out of it")
@@ -504,7 +611,7 @@ def problems_across(config: MachineConfig) -> list[str]:
     """Every rule across fields that the configuration breaks, as `path: sentence`."""
     problems = _workspace_problems(config) + _hydraulic_problems(config)
     problems += _start_problems(config) + _keep_out_problems(config) + _version_problems(config)
-    problems += _kept_problems(config) + _telescope_problems(config)
+    problems += _kept_problems(config) + _telescope_problems(config) + _slew_problems(config)
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
     return problems
@@ -512,7 +619,7 @@ def problems_across(config: MachineConfig) -> list[str]:
 
 def _workspace_problems(config: MachineConfig) -> list[str]:
     area = config.workspace
-    reach = sum(joint.link.length for joint in config.joints)
+    reach = sum(joint.link.length for joint in config.joints if joint.kind != "slew")
     reach += sum(joint.limits.upper for joint in config.joints if joint.kind == "prismatic")
     problems = []
     if area.min_radius >= area.max_radius:
@@ -539,13 +646,35 @@ def _version_problems(config: MachineConfig) -> list[str]:
 
 def _kept_problems(config: MachineConfig) -> list[str]:
     kept, joints = config.motion.kept_joints, len(config.joints)
-    distinct = set(kept) & set(range(1, joints + 1))
-    if not kept or (len(kept) == len(distinct) == joints - 2):
+    first = 2 if config.joints[0].kind == "slew" else 1
+    distinct, needed = set(kept) & set(range(first, joints + 1)), joints - first - 1
+    if not kept or (len(kept) == len(distinct) == needed):
         return []
     return [
-        f"motion.kept_joints: {list(kept)} must be {joints - 2} different ones of the joints 1 to "
-        f"{joints}, so that two are left to reach the tip position"
+        f"motion.kept_joints: {list(kept)} must be {needed} different ones of the joints {first} "
+        f"to {joints}, so that two are left to reach the tip position"
     ]
+
+
+def _slew_problems(config: MachineConfig) -> list[str]:
+    """One joint slews, the first, and zones in the plane would turn with it."""
+    kinds, keep_out = [joint.kind for joint in config.joints], config.keep_out
+    problems = [
+        f"joints.{index}.kind: joint 1 alone can slew; all others move in the plane that it turns"
+        for index, kind in enumerate(kinds)
+        if kind == "slew" and index > 0
+    ]
+    if kinds[0] != "slew":
+        return problems
+    if config.schema_version < 2:
+        problems.append("schema_version: slew joints need version 2")
+    problems += [
+        f"keep_out.{name}: zones in x and z would turn with the slew, and zones in space are not "
+        "there yet; leave them out"
+        for name in ("boxes", "circles")
+        if getattr(keep_out, name)
+    ]
+    return problems
 
 
 def _telescope_problems(config: MachineConfig) -> list[str]:
@@ -553,9 +682,12 @@ def _telescope_problems(config: MachineConfig) -> list[str]:
     kinds = [joint.kind for joint in config.joints]
     if "prismatic" not in kinds:
         return []
-    problems = []
-    if kinds[0] == "prismatic":
-        problems.append("joints.0.kind: joint 1 must be revolute, a telescope needs a link before")
+    problems, first = [], 1 if kinds[0] == "slew" else 0
+    if kinds[first:first + 1] == ["prismatic"]:
+        problems.append(
+            f"joints.{first}.kind: joint {first + 1} must be revolute, a telescope needs a link "
+            "before"
+        )
     problems += [
         f"joints.{index}.kind: two prismatic joints in succession slide along one line; give one "
         "the stroke of both"
@@ -610,12 +742,12 @@ def _start_problems(config: MachineConfig) -> list[str]:
 
 
 def _keep_out_problems(config: MachineConfig) -> list[str]:
-    keep_out, links = config.keep_out, len(config.joints)
-    problems = []
+    keep_out, problems = config.keep_out, []
+    links = sum(joint.kind != "slew" for joint in config.joints)
     if len(keep_out.link_radii) not in (0, links):
         problems.append(
             f"keep_out.link_radii: has {len(keep_out.link_radii)} radii, the machine has "
-            f"{links} links"
+            f"{links} links in its plane"
         )
     boxes = [(f"keep_out.boxes.{i}", box) for i, box in enumerate(keep_out.boxes)]
     for path, box in [*boxes, *([("keep_out.base", keep_out.base)] if keep_out.base else [])]:
@@ -625,13 +757,15 @@ def _keep_out_problems(config: MachineConfig) -> list[str]:
     return problems
 
 
-def _joint_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> list[str]:
+def _joint_problems(path: str, joint: AnyJoint) -> list[str]:
     problems, unit = [], unit_of(joint)
     if joint.limits.lower >= joint.limits.upper:
         problems.append(
             f"{path}.limits.lower: {joint.limits.lower:g} {unit} must be below "
             f"upper {joint.limits.upper:g} {unit}"
         )
+    if joint.kind == "slew":
+        return problems
     if joint.cylinder.rod >= joint.cylinder.bore:
         problems.append(
             f"{path}.cylinder.rod: {joint.cylinder.rod:g} m must be below "

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Position = tuple[float, ...]
+"""Of the tip in `base_link` [m]: (x, z), of arms that slew (x, y, z)."""
+
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

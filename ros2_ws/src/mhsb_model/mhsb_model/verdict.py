@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
+from mhsb_model.goal import Goal
+
 
 class Level(IntEnum):
     """Levels of diagnostic_msgs/DiagnosticStatus."""
@@ -96,7 +98,8 @@ class PlanSummary:
 
 @dataclass(frozen=True)
 class GoalVerdict:
-    """What became of a goal, which is named by its stamp [ns] and was at x, z [m].
+    """What became of a goal, which is named by its stamp [ns] and was at x, z [m]; y of arms that
+    slew.
 
     `sentence` tells a person. Accepted goals have a plan, others None; anything else is a
     ValueError.
@@ -108,6 +111,19 @@ class GoalVerdict:
     goal_x: float
     goal_z: float
     plan: PlanSummary | None = None
+    goal_y: float | None = None
+
+    @classmethod
+    def of(
+        cls, goal: Goal, code: Verdict, sentence: str, plan: PlanSummary | None = None
+    ) -> GoalVerdict:
+        """The verdict on a goal."""
+        return cls(code, sentence, goal.stamp_ns, goal.x, goal.z, plan, goal.y)
+
+    @property
+    def goal(self) -> Goal:
+        """The goal that it is on."""
+        return Goal(self.goal_stamp_ns, self.goal_x, self.goal_z, self.goal_y)
 
     def __post_init__(self) -> None:
         if self.code.accepted != (self.plan is not None):

@@ -45,7 +45,7 @@ def stays_inside(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
     # On its way the tip is never farther from the nearer end than the links' half turns take it.
     turn, farthest = 0.0, 0.0
     for j in range(len(start)):
-        turn += turned(m.slides, end, j) - turned(m.slides, start, j)
+        turn += turned(m.turns, end, j) - turned(m.turns, start, j)
         farthest += 0.5 * farthest_move(m, start, end, turn, j)
     if outermost + farthest <= allowed:
         return True

@@ -16,6 +16,7 @@ def random_chain(machine, kinds):
     """Arrays of such a chain, and a posture."""
     rng = np.random.default_rng(len(kinds))
     arrays = machine.arrays._replace(
+        turns=frozen(np.array([kind == "R" for kind in kinds])),
         slides=frozen(np.array([kind == "P" for kind in kinds])),
         link_length=frozen(rng.uniform(0.1, 1, len(kinds))),
     )
@@ -52,7 +53,7 @@ def test_no_point_of_a_link_moves_farther_than_told(machine, kinds):
     end = start + np.random.default_rng(3).uniform(-0.2, 0.2, len(kinds))
     turn, farthest = 0.0, 0.0
     for j in range(len(kinds)):
-        turn += kinematics.turned(arrays.slides, end - start, j)
+        turn += kinematics.turned(arrays.turns, end - start, j)
         farthest += kinematics.farthest_move(arrays, start, end, turn, j)
     ways = (start + share * (end - start) for share in np.linspace(0.0, 1.0, 50))
     tips = np.array([kinematics.tip_position(arrays, q) for q in ways])

@@ -1,4 +1,4 @@
-"""Gravity torques and mass matrix, against energies of point masses; with a telescope, too."""
+"""Gravity torques and mass matrix, against energies of point masses; with telescopes and slews."""
 
 import numpy as np
 import pytest
@@ -8,27 +8,29 @@ from hypothesis import strategies as st
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 
-shares = st.tuples(*[st.floats(0.0, 1.0)] * 3).map(np.array)
-vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+shares = st.tuples(*[st.floats(0.0, 1.0)] * 4).map(np.array)
+vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 4).map(np.array)
 
 
-@pytest.fixture(scope="module", params=["machine", "telescope_machine"])
+@pytest.fixture(scope="module", params=["machine", "telescope_machine", "slewing_machine"])
 def arm(request) -> Machine:
     return request.getfixturevalue(request.param)
 
 
 def posture(machine: Machine, share: FloatArray) -> FloatArray:
     lower, upper = machine.arrays.joint_min, machine.arrays.joint_max
-    return lower + share * (upper - lower)
+    return lower + share[: len(lower)] * (upper - lower)
 
 
 def mass_points(machine: Machine, q: FloatArray) -> list[tuple[float, FloatArray]]:
     """Each link as two half masses about its centre with the link's inertia, and the payload."""
-    points, end, heading = [], np.zeros(2), 0.0
+    points, end, heading, slew = [], np.zeros(3), 0.0, 0.0
     for joint, at in zip(machine.config.joints, q, strict=True):
         out = at if joint.kind == "prismatic" else 0.0
-        heading += at - out
-        along = np.array([np.cos(heading), np.sin(heading)])
+        slew += at if joint.kind == "slew" else 0.0
+        heading += at if joint.kind == "revolute" else 0.0
+        ahead = np.array([np.cos(slew), np.sin(slew), 0.0])
+        along = np.cos(heading) * ahead + [0.0, 0.0, np.sin(heading)]
         link = joint.link
         radius = np.sqrt(link.inertia / link.mass)
         center = end + (link.center_of_mass + out) * along
@@ -38,14 +40,14 @@ def mass_points(machine: Machine, q: FloatArray) -> list[tuple[float, FloatArray
 
 
 def potential_energy(machine: Machine, q: FloatArray) -> float:
-    return sum(m * machine.arrays.gravity * p[1] for m, p in mass_points(machine, q))
+    return sum(m * machine.arrays.gravity * p[2] for m, p in mass_points(machine, q))
 
 
 @given(shares)
 def test_gravity_torque_is_the_derivative_of_the_potential_energy(arm, share):
     q = posture(arm, share)
     h = 1e-6
-    for j, step in enumerate(h * np.eye(3)):
+    for j, step in enumerate(h * np.eye(len(q))):
         rise = potential_energy(arm, q + step) - potential_energy(arm, q - step)
         assert arm.gravity_torque(q)[j] == pytest.approx(rise / (2 * h), abs=1e-6)
 
@@ -53,7 +55,7 @@ def test_gravity_torque_is_the_derivative_of_the_potential_energy(arm, share):
 @given(shares, vectors)
 def test_mass_matrix_gives_the_kinetic_energy(arm, share, qd):
     q = posture(arm, share)
-    h = 1e-6
+    h, qd = 1e-6, qd[: len(q)]
     ahead, behind = mass_points(arm, q + h * qd), mass_points(arm, q - h * qd)
     energy = sum(
         0.5 * m * np.sum(((a - b) / (2 * h)) ** 2)
@@ -74,6 +76,7 @@ def test_a_motions_torques_are_what_gravity_the_mass_matrix_and_its_slopes_give(
     arm, share, qd, qdd
 ):
     q = posture(arm, share)
+    qd, qdd = qd[: len(q)], qdd[: len(q)]
     slope = mass_matrix_slopes(arm, q)
     coriolis = np.einsum("ijk,j,k->i", slope, qd, qd)
     coriolis -= 0.5 * np.einsum("jki,j,k->i", slope, qd, qd)
@@ -84,7 +87,7 @@ def test_a_motions_torques_are_what_gravity_the_mass_matrix_and_its_slopes_give(
 @given(shares)
 def test_at_rest_they_are_the_gravity_torques(arm, share):
     q = posture(arm, share)
-    rest = np.zeros(3)
+    rest = np.zeros(len(q))
     assert arm.inverse_dynamics(q, rest, rest).tolist() == arm.gravity_torque(q).tolist()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.goal import Goal
 from mhsb_model.verdict import Verdict
 
 LONGEST_SENTENCE = 400
@@ -22,11 +23,10 @@ class MessageError(MhsbError):
 
 
 class GoalError(MessageError):
-    """A goal pose cannot be used; carries the verdict's code and the goal as it was read."""
+    """A goal pose cannot be used; carries the verdict's code and the goal as it was read, if it
+    was."""
 
-    def __init__(self, code: Verdict, sentence: str, stamp_ns: int, x: float, z: float) -> None:
+    def __init__(self, code: Verdict, sentence: str, goal: Goal | None = None) -> None:
         self.code = code
-        self.stamp_ns = stamp_ns
-        self.x = x
-        self.z = z
+        self.goal = goal or Goal(0, 0.0, 0.0)
         super().__init__(sentence)

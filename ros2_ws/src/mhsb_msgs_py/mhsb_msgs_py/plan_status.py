@@ -42,6 +42,8 @@ def _goal(verdict: GoalVerdict) -> DiagnosticStatus:
         "goal_x": repr(float(verdict.goal_x)),
         "goal_z": repr(float(verdict.goal_z)),
     }
+    if verdict.goal_y is not None:
+        values["goal_y"] = repr(float(verdict.goal_y))
     if verdict.plan is not None:
         plan = verdict.plan
         values |= {
@@ -89,6 +91,7 @@ def _decode_status(message: DiagnosticStatus) -> Report:
             values.number("goal_x"),
             values.number("goal_z"),
             _plan(values) if code.accepted else None,
+            values.number("goal_y") if values.has("goal_y") else None,
         )
     if message.name == EXECUTION_STATUS:
         return ExecutionReport(

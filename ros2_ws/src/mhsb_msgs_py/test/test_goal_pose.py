@@ -95,4 +95,32 @@ def test_a_goal_beside_the_plane_is_refused(message):
 def test_a_refusal_carries_the_goal_so_that_the_verdict_can_name_it():
     with pytest.raises(GoalError) as refusal:
         codec.decode(pose("map"))
-    assert (refusal.value.stamp_ns, refusal.value.x, refusal.value.z) == (3_000_000_000, 0.5, -0.25)
+    assert refusal.value.goal == codec.Goal(3_000_000_000, 0.5, -0.25)
+
+
+def turned(x: float, height: float) -> tuple[float, float, float]:
+    """A work plane turned by 90°, its origin 0.1 m from the slew's axis."""
+    return (0.0, 0.1 + x, height)
+
+
+@given(st.integers(0, 10**18), coordinate, coordinate, coordinate)
+def test_a_goal_of_an_arm_that_slews_comes_back_from_the_wire_to_the_last_bit(stamp, x, y, z):
+    goal = codec.Goal(stamp, x, z, y)
+    sent = serialize_message(codec.encode(goal))
+    assert codec.decode(deserialize_message(sent, PoseStamped), "", turned) == goal
+
+
+def test_the_work_plane_of_an_arm_that_slews_turns_with_it():
+    goal = codec.decode(pose("work_plane", 0.5, -0.25, 0.0), "", turned)
+    assert goal.position == pytest.approx((0.0, 0.6, -0.25))
+    with pytest.raises(GoalError, match=r"0\.3 m beside the arm's plane"):
+        codec.decode(pose("work_plane", 0.5, -0.25, 0.3), "", turned)
+
+
+def test_where_nobody_knows_the_work_plane_the_goal_is_refused_as_it_was_sent():
+    def unknown(x: float, height: float) -> tuple[float, ...]:
+        raise GoalError(Verdict.NO_STATE, "nothing is known of the arm")
+
+    with pytest.raises(GoalError, match="nothing is known") as refusal:
+        codec.decode(pose("work_plane", 0.5, -0.25, 0.0), "", unknown)
+    assert refusal.value.goal == codec.Goal(3_000_000_000, 0.5, 0.0, -0.25)

@@ -37,9 +37,9 @@ def over_the_wire(message: DiagnosticArray) -> DiagnosticArray:
     return deserialize_message(serialize_message(message), DiagnosticArray)
 
 
-@given(st.sampled_from(Verdict), sentences, stamp, number, number, plans)
-def test_a_verdict_comes_back_from_the_wire_unchanged(code, sentence, goal, x, z, plan):
-    verdict = codec.GoalVerdict(code, sentence, goal, x, z, plan if code.accepted else None)
+@given(st.sampled_from(Verdict), sentences, stamp, number, number, st.none() | number, plans)
+def test_a_verdict_comes_back_from_the_wire_unchanged(code, sentence, goal, x, z, y, plan):
+    verdict = codec.GoalVerdict(code, sentence, goal, x, z, plan if code.accepted else None, y)
     assert codec.decode(over_the_wire(codec.encode(verdict, 5))) == [verdict]
 
 

@@ -14,7 +14,7 @@ from tqdm import tqdm
 from mhsb_model import command_line
 from mhsb_model.machine import load_machine
 from mhsb_planner.posture import s1_global_search, s1_slsqp
-from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.posture_table_cache import cached_table_path
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
@@ -27,7 +27,7 @@ def build_table(
     machine: Path | None = None,
     output: Path | None = None,
     solver: Literal["global", "slsqp"] = "global",
-    spacing: float = PAPER_SPACING,
+    spacing: float | None = None,
     jobs: int | None = None,
     scheduler: Scheduler = None,
     json: bool = False,
@@ -40,12 +40,13 @@ def build_table(
         output: File to write (npz); the user's cache, where the planner looks, when left out.
         solver: How the largest polytope is found: global searches all postures, slsqp is the
             paper's sequential quadratic programming from random starts, for comparison.
-        spacing: Distance of the grid's nodes [m].
+        spacing: Distance of the grid's nodes [m]; the machine file's when left out.
         jobs: Number of threads; one for each processor when left out.
         scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
         json: Print the result as JSON.
     """
-    arm = load_machine(machine)
+    arm = load_machine(machine).plane
+    spacing = arm.spacing if spacing is None else spacing
     total = len(grid_nodes(arm, spacing))
     workers = jobs_of(jobs, scheduler)
     s1_global_search.warm_up(arm)

@@ -22,9 +22,9 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_model.types import Position
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
-from mhsb_planner.goal_region import AT_GOAL_ANGLE, AT_GOAL_DISTANCE, is_met
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
@@ -50,6 +50,7 @@ from mhsb_planner.search.area_shortfall import area_term
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import start_in
 from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.slewing import Slewing
 
 __all__ = [
     "ENERGY_OPTIMAL",
@@ -77,12 +78,9 @@ class Planner:
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
         self._table = table
-        self.graph = StepGraph(machine, table)
-
-    @property
-    def machine(self) -> Machine:
+        self.machine = machine
         """The machine that plans are made for."""
-        return self.graph.machine
+        self.graph = StepGraph(machine.plane, table)
 
     def change(self, machine: Machine) -> None:
         """Plan for another payload, supply pressure, V_max, zones or number of booster modules.
@@ -92,14 +90,15 @@ class Planner:
         """
         if machine.config == self.machine.config:
             return
-        if len(machine.patterns) == len(self.machine.patterns):
-            self.graph = self.graph.changed(machine)
+        self.machine, plane = machine, machine.plane
+        if len(plane.patterns) == len(self.graph.machine.patterns):
+            self.graph = self.graph.changed(plane)
         else:
-            self.graph = StepGraph(machine, self._table.with_patterns(machine.patterns))
+            self.graph = StepGraph(plane, self._table.with_patterns(plane.patterns))
 
     def plan(
         self,
-        goal: tuple[float, float],
+        goal: Position,
         start: MotionState,
         modes: StartModes | None = None,
         brake: Trajectory | None = None,
@@ -107,7 +106,8 @@ class Planner:
         deadline: Deadline = NEVER,
         rest: Trajectory | None = None,
     ) -> Plan:
-        """Plan to the tip position `goal` (x, z) m, or what the options say will do as well.
+        """Plan to the tip position `goal` in `base_link`, (x, z) m or, where joint 1 slews,
+        (x, y, z) m, or what the options say will do as well.
 
         modes     in force at the start; all N where left out
         brake     how a moving start comes to rest (`mhsb_model.braking`) where it cannot coast;
@@ -125,15 +125,18 @@ class Planner:
         options = options or PlanOptions()
         planner = planner_named(options.planner)
         self._check(goal, start, options)
+        place = self.machine.in_plane(goal, start.position[0])
         deadline.check("planning")
         began, refused = perf_counter(), None
         for stop in self._stops(goal, start, brake, rest, options):
-            task = self._task(goal, start, modes, stop, options)
+            task = self._task(place.tip, start, modes, stop, options)
+            slewing = Slewing(self.machine, task, place.slew)
             making = PlanMaking(self.machine, task, deadline, began)
             if rest is not None and self._leads_to(goal, rest, options):
-                making.go_on(rest, task.bound(self.graph))
+                making.go_on(rest, slewing.in_plane.bound(self.graph))
             try:
-                plan = making.best_along(paths_by_way(planner, self.graph, task, making.time))
+                paths = paths_by_way(planner, self.graph, slewing.in_plane, making.time)
+                plan = making.best_along(map(slewing.along, paths))
                 return replace(plan, start_in=start_in(self.machine, start.position))
             except DeadlineError:
                 raise
@@ -157,20 +160,21 @@ class Planner:
 
         Raises FitError.
         """
-        x, z = path.tip[-1].tolist()
         start = MotionState.at_rest(path.posture[0])
+        goal = self.machine.in_plane(path.tip[-1].tolist(), path.posture[-1, 0]).tip
         options = options or PlanOptions()
-        self._check((x, z), start, options)
-        task = self._task((x, z), start, modes, None, options)
+        task = self._task(goal, start, modes, None, options)
         return PlanMaking(self.machine, task, NEVER, perf_counter()).best_along([Candidate(path)])
 
-    def _check(
-        self, goal: tuple[float, float], start: MotionState, options: PlanOptions
-    ) -> None:
+    def _check(self, goal: Position, start: MotionState, options: PlanOptions) -> None:
         """Raise RequestError where something is asked for that makes no sense."""
-        n = self.machine.joint_count
-        if not all(math.isfinite(value) for value in goal):
-            raise RequestError("goal", tuple(goal), "must be two finite numbers [m]")
+        n, slews = self.machine.joint_count, self.machine.slews
+        if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
+            rule = "three finite numbers, x y z" if slews else "two finite numbers, x z"
+            raise RequestError("goal", tuple(goal), f"must be {rule} [m]")
+        if slews and options.via:
+            rule = "must be empty: arms that slew know no points on the way yet"
+            raise RequestError("via", options.via, rule)
         for name in ("position", "velocity", "acceleration"):
             value = np.asarray(getattr(start, name))
             if value.shape != (n,) or not np.isfinite(value).all():
@@ -183,7 +187,7 @@ class Planner:
 
     def _stops(
         self,
-        goal: tuple[float, float],
+        goal: Position,
         start: MotionState,
         brake: Trajectory | None,
         rest: Trajectory | None,
@@ -195,22 +199,16 @@ class Planner:
         coast = coasting(self.machine, start)
         stops: list[Trajectory | Coasting | Steering | None] = []
         if rest is not None and rest.duration_ns <= LONGEST_REST * SECOND_NS:
-            away = math.dist(goal, self.machine.tip_position(rest.position[-1]).tolist())
+            away = math.dist(goal, self.machine.tip_in_base(rest.position[-1]).tolist())
             if away <= (NEAR if options.period > 0.0 else CLOSE):
                 stops.append(Steering(start, rest))
         if brake is None or stays_inside(self.machine, coast.trajectory):
             stops.append(coast)
         return stops if brake is None else [*stops, brake]
 
-    def _leads_to(
-        self, goal: tuple[float, float], rest: Trajectory, options: PlanOptions
-    ) -> bool:
+    def _leads_to(self, goal: Position, rest: Trajectory, options: PlanOptions) -> bool:
         """Whether the rest of a plan ends at the goal; what it passed on its way is not known."""
-        end = rest.position[-1]
-        tip, angle = self.machine.tip_position(end), self.machine.end_link_angle(end)
-        region, psi = options.goal_region, options.goal_psi
-        there = is_met(goal, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
-        return there and not options.via
+        return options.is_met(self.machine, goal, rest.position[-1]) and not options.via
 
     def _task(
         self,
@@ -237,11 +235,11 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     kinds  planners that plans will be asked of; all that there are where it is left out
     """
     compile_planner()
-    graph = planner.graph
-    planner.change(planner.machine.without_obstacles())
-    goal_clearance.warm_up(planner.machine)
+    machine, graph = planner.machine, planner.graph
+    planner.change(machine.without_obstacles())
+    goal_clearance.warm_up(planner.graph.machine)
     for kind in PLANNERS if kinds is None else kinds:
         planner_named(kind).warm_up(planner.graph)
     area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
-    planner.graph = graph
+    planner.machine, planner.graph = machine, graph

@@ -254,7 +254,9 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
         modes = schedule.modes_at_many(at)
         arms = [[moment_arm(row, each) for each in q[:, j]] for j, row in enumerate(m.linkage)]
         arms = np.column_stack(arms)
-        tip, torque = tip_and_torque(m, q)
+        tip, torque = tip_and_torque(machine.plane.arrays, q[:, machine.slews :])
+        if machine.slews:  # gravity asks nothing of it
+            torque = np.column_stack([np.zeros(len(q)), torque])
         force, speed = torque / arms, arms * qd
         extends = speed > 0
         inlet = np.where(extends, m.cap_area, m.rod_area)

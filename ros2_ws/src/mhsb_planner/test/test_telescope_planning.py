@@ -29,6 +29,7 @@ def chain(arm: Machine, kinds: str):
     like = [2 if kind == "P" else min(k, 1) for k, kind in enumerate(kinds)]
     slides = np.array([kind == "P" for kind in kinds])
     return arm.arrays._replace(
+        turns=frozen(~slides),
         slides=frozen(slides),
         link_length=frozen(np.linspace(0.45, 0.1, len(kinds))),
         joint_min=frozen(arm.arrays.joint_min[like]),

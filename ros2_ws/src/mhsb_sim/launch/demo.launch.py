@@ -22,7 +22,8 @@ from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import config_file, of_machine
+from mhsb_model.machine import load_machine
 from mhsb_sim.commands.demo_command import GOALS_FILE, read_goals
 
 NODES = "/mhsb.launch.py"
@@ -60,7 +61,8 @@ def shown_and_moved(context) -> list:
     if asked["record"]:
         actions.append(command("mhsb_sim", "record", "--output", asked["record"]))
     if asked["goals"] != NO_GOALS:
-        file = Path(asked["goals"]) if asked["goals"] else config_file(GOALS_FILE)
+        machine = load_machine(LaunchConfiguration("machine").perform(context) or None)
+        file = Path(asked["goals"]) if asked["goals"] else of_machine(GOALS_FILE, machine.name)
         actions += one_after_the_other([send(goal) for goal in read_goals(file)])
     return actions
 
@@ -98,7 +100,7 @@ def command(package: str, executable: str, *arguments: str) -> Node:
 
 def send(goal) -> Node:
     """A goal, sent when the planner is ready, until the arm is there."""
-    place = (f"{goal.x:.9g}", f"{goal.z:.9g}")
+    place = (f"{value:.9g}" for value in goal.position)
     return command("mhsb_planner", "goal", *place, "--wait", "--timeout", READY)
 
 

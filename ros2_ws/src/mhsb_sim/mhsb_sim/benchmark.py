@@ -6,7 +6,7 @@ All times are wall-clock medians of `REPEATS` runs on one thread, taken in one g
     step_us            one step of it [µs]
     kernel_us          of that sensors, servo and circuit, the arm standing still [µs]
     bare_mj_step_us    MuJoCo's own step of the same model [µs]
-    growth             the same three for arms with more actuators
+    growth             the same three for arms with more actuators, without slew
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, Trajectory
+from mhsb_model.types import ModeArray
 from mhsb_sim.mechanics.mujoco_model import build_model
 from mhsb_sim.simulation.simulator import Simulator
 
@@ -38,7 +39,9 @@ REPEATS = 5
 DURATION = 5.0
 """Simulated time of a run [s]."""
 
-ACTUATORS = (3, 6, 12)
+TIMES = (1, 2, 4)
+"""By which the arm's actuators are repeated."""
+
 SWING = 0.05
 """Amplitude of every joint's motion [rad], once in `DURATION`."""
 
@@ -61,11 +64,12 @@ def arm_of(machine: Machine, joints: int) -> Machine:
     content["hydraulics"]["modules"]["count"] = joints + 1
     content["hydraulics"]["main_pump"]["max_flow"] *= times
     content["circuit"]["bulk_modulus"] /= times**2
+    content["motion"]["kept_joints"] = []
     return Machine.from_config(type(machine.config).model_validate(content))
 
 
 def boosted_swing(machine: Machine) -> Command:
-    """Every joint to and fro once in `DURATION`, the first actuator in SB, the others in DB.
+    """Every joint to and fro once in `DURATION`, boosted as `most_boosted`.
 
     q = q₀ ± SWING (1 − cos ωt)²/4, towards the middle of the joint's range: at rest at both ends,
     in position, velocity and acceleration.
@@ -83,9 +87,19 @@ def boosted_swing(machine: Machine) -> Command:
         size * 2.0 * wave * slope,
         size * 2.0 * (slope**2 + wave * omega**2 * np.cos(omega * time)),
     )
-    modes = np.full((1, machine.joint_count), Mode.DB)
-    modes[0, 0] = Mode.SB
+    modes = most_boosted(machine)[None, :]
     return Command(trajectory, ModeSchedule(0, np.array([0]), modes))
+
+
+def most_boosted(machine: Machine) -> ModeArray:
+    """The first actuator in the plane in SB, as many others in DB as there are modules for."""
+    a, modes = machine.arrays, np.full(machine.joint_count, Mode.N)
+    left = a.module_count
+    for j in range(int(machine.slews), machine.joint_count):
+        mode = Mode.SB if j == int(machine.slews) else Mode.DB
+        if left >= a.modules_per_mode[mode]:
+            modes[j], left = mode, left - int(a.modules_per_mode[mode])
+    return modes
 
 
 def measure(machine: Machine, controller: str = "coordinated") -> dict[str, float]:
@@ -143,7 +157,8 @@ def benchmark(
     """
     arm = load_machine(machine)
     result: dict[str, Any] = measure(arm)
-    result["growth"] = {str(joints): measure(arm_of(arm, joints)) for joints in ACTUATORS}
+    joints = [times * arm.plane.joint_count for times in TIMES]
+    result["growth"] = {str(count): measure(arm_of(arm.plane, count)) for count in joints}
     result["load_average"] = os.getloadavg()[0]
     result["processor"] = platform.processor() or platform.machine()
     output.parent.mkdir(parents=True, exist_ok=True)

@@ -1,13 +1,26 @@
 import numpy as np
 import pytest
 
-from mhsb_model.machine import Machine
-from mhsb_sim.benchmark import ACTUATORS, arm_of, boosted_swing
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.modes import Mode
+from mhsb_sim.benchmark import TIMES, arm_of, boosted_swing, most_boosted
 from mhsb_sim.simulation.simulator import Simulator
 
 
-@pytest.mark.parametrize("joints", ACTUATORS)
-def test_arms_with_more_actuators_swing_in_boost(machine: Machine, joints: int) -> None:
+@pytest.mark.parametrize("file", ["mhsb_arm4.yaml", "telescope_arm.yaml", "excavator.yaml"])
+def test_as_many_actuators_are_boosted_as_there_are_modules_for(file: str) -> None:
+    machine = load_machine(config_file(file))
+    modes = most_boosted(machine)
+    used = machine.arrays.modules_per_mode[modes].sum()
+    assert used == min(machine.arrays.module_count, machine.plane.joint_count + 1)
+    assert modes[int(machine.slews)] == Mode.SB
+    assert not (machine.slews and modes[0])
+
+
+@pytest.mark.parametrize("times", TIMES)
+def test_arms_with_more_actuators_swing_in_boost(machine: Machine, times: int) -> None:
+    joints = times * machine.joint_count
     arm = arm_of(machine, joints)
     assert arm.joint_count == joints
     assert arm.arrays.link_mass.sum() == pytest.approx(machine.arrays.link_mass.sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from mhsb_model.errors import MhsbError
@@ -22,3 +23,12 @@ def config_file(name: str) -> Path:
         if candidate.is_file():
             return candidate
     raise MhsbError(f"config/{name} is neither in the installation nor beside the source")
+
+
+def of_machine(name: str, machine: str | None) -> Path:
+    """The machine's own file beside that of the suite's own arm, NAME_MACHINE.yaml beside
+    NAME.yaml, or that one where it has none."""
+    own = Path(name)
+    with suppress(MhsbError):
+        return config_file(f"{own.stem}_{machine}{own.suffix}")
+    return config_file(name)

@@ -93,6 +93,7 @@ def with_extensions_held(m: MachineArrays, extension: FloatArray) -> MachineArra
     length, turning = np.array(m.link_length), np.flatnonzero(~m.slides)
     length[m.slides] += extension
     return m._replace(
+        turns=frozen(m.turns[turning]),
         slides=frozen(m.slides[turning]),
         link_length=frozen(np.add.reduceat(length, turning)),
         joint_min=frozen(m.joint_min[turning]),

@@ -111,7 +111,7 @@ def _rigid(m: MachineArrays, q: FloatArray, first: int, last: int) -> tuple[floa
     heading, ahead, across = 0.0, 0.0, 0.0
     for k in range(first, last):
         if k > first:
-            heading += turned(m.slides, q, k)
+            heading += turned(m.turns, q, k)
         length = extended(m.slides, m.link_length, q, k)
         ahead += length * math.cos(heading)
         across += length * math.sin(heading)
@@ -130,7 +130,7 @@ def close_chain(
     """
     heading = 0.0
     for k in range(i):
-        heading += turned(m.slides, q, k)
+        heading += turned(m.turns, q, k)
         length = extended(m.slides, m.link_length, q, k)
         x -= length * math.cos(heading)
         z -= length * math.sin(heading)
@@ -209,7 +209,7 @@ def _offset(
     """
     x, z = 0.0, 0.0
     for k in range(first, last):
-        heading += turned(m.slides, q, k)
+        heading += turned(m.turns, q, k)
         length = extended(m.slides, m.link_length, q, k)
         x += length * math.cos(heading)
         z += length * math.sin(heading)
@@ -280,7 +280,7 @@ def side_of(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
     heading, x, z, ahead, up = 0.0, 0.0, 0.0, 0.0, 0.0
     ex = ez = fx = fz = 0.0
     for k in range(len(q)):
-        heading += turned(m.slides, q, k)
+        heading += turned(m.turns, q, k)
         length = extended(m.slides, m.link_length, q, k)
         along, across = math.cos(heading), math.sin(heading)
         if k == i:

@@ -3,8 +3,8 @@
 A linkage is one row of `LINKAGE_WIDTH` numbers, its kind first, so that kernels can take the
 linkages of all joints as one array. Sign convention: r = dL/dq, so that τ = r F and the piston's
 speed is r q̇; r is negative where extension turns the joint negatively. The equations of the
-kinds are in `slider_crank` and `four_bar`; a `direct` cylinder along a telescope has L = L₀ + q,
-with q [m] in place of an angle, and r = 1.
+kinds are in `slider_crank` and `four_bar`. What is `EVEN` has L = L₀ + r q: a direct cylinder along
+a telescope, with q [m] in place of an angle and r = 1, and what slews, with r its pitch radius.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages import four_bar, slider_crank
-from mhsb_model.schema import Direct, Linkage, SliderCrank
+from mhsb_model.schema import Direct, FourBar, Linkage, SliderCrank
 from mhsb_model.types import FloatArray
 
 SLIDER_CRANK = 0.0
 FOUR_BAR = 1.0
-DIRECT = 2.0
+EVEN = 2.0
 LINKAGE_WIDTH = 10
 """The kind, then the numbers of the longer kind; the shorter one leaves the last at zero."""
 
@@ -28,14 +28,20 @@ LAST_STEP = 1e-7
 """Newton's method has converged once a step is shorter than this [rad]."""
 
 
-def linkage_row(linkage: Linkage) -> FloatArray:
-    """Numbers of a linkage as the kernels take them, float64[LINKAGE_WIDTH]."""
+def linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
+    """Numbers of a linkage as the kernels take them, float64[LINKAGE_WIDTH].
+
+    lower  limit [rad] of what slews, where it is at 0 m
+    """
     if isinstance(linkage, SliderCrank):
         numbers = [SLIDER_CRANK, *slider_crank.numbers(linkage)]
-    elif isinstance(linkage, Direct):
-        numbers = [DIRECT, linkage.retracted_length]
-    else:
+    elif isinstance(linkage, FourBar):
         numbers = [FOUR_BAR, *four_bar.numbers(linkage)]
+    elif isinstance(linkage, Direct):
+        numbers = [EVEN, linkage.retracted_length, 1.0]
+    else:
+        radius = linkage.pitch_radius
+        numbers = [EVEN, -radius * lower, radius]
     row = np.zeros(LINKAGE_WIDTH)
     row[: len(numbers)] = numbers
     return row
@@ -44,14 +50,14 @@ def linkage_row(linkage: Linkage) -> FloatArray:
 @kernel(inline="always")
 def motion(linkage: FloatArray, q: float) -> tuple[float, float, float]:
     """L(q) [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad]."""
-    if linkage[0] == DIRECT:
-        return linkage[1] + q, 1.0, 0.0
+    if linkage[0] == EVEN:
+        return linkage[1] + linkage[2] * q, linkage[2], 0.0
     return motion_at(linkage, math.cos(q), math.sin(q))
 
 
 @kernel(inline="always")
 def motion_at(linkage: FloatArray, cosine: float, sine: float) -> tuple[float, float, float]:
-    """The same at cos q and sin q, where they are known; not for a direct cylinder."""
+    """The same at cos q and sin q, where they are known; not for what is even."""
     if linkage[0] == FOUR_BAR:
         _, _, length, arm, slope = four_bar.motion(linkage, cosine, sine)
         return length, arm, slope

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from mhsb_model.linkages import four_bar, linkage
-from mhsb_model.schema import FourBar, MachineConfig, PrismaticJoint, RevoluteJoint, unit_of
+from mhsb_model.schema import AnyJoint, FourBar, MachineConfig, unit_of
 from mhsb_model.types import FloatArray
 
 SMALLEST_ARM_RATIO = 0.25
@@ -26,13 +26,15 @@ def linkage_problems(config: MachineConfig) -> list[str]:
     """Every rule about linkages and limits that a configuration breaks, as `path: sentence`."""
     problems = []
     for index, joint in enumerate(config.joints):
+        if joint.kind == "slew":  # its lever is the same everywhere
+            continue
         path = f"joints.{index}"
         assembly = _assembly_problems(path, joint)
         problems += assembly or [*_moment_arm_problems(path, joint), *_stroke_problems(path, joint)]
     return problems
 
 
-def _assembly_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> list[str]:
+def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
     """A four-bar must close, well away from where rocker and coupler are in line."""
     if not isinstance(joint.linkage, FourBar):
         return []
@@ -58,7 +60,7 @@ def _assembly_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> list
     return []
 
 
-def _moment_arm_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> list[str]:
+def _moment_arm_problems(path: str, joint: AnyJoint) -> list[str]:
     row = linkage.linkage_row(joint.linkage)
     least, largest = linkage.moment_arm_range(row, joint.limits.lower, joint.limits.upper)
     weakest = 0.0 if least * largest <= 0 else min(abs(least), abs(largest))
@@ -71,7 +73,7 @@ def _moment_arm_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> li
     ]
 
 
-def _stroke_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> list[str]:
+def _stroke_problems(path: str, joint: AnyJoint) -> list[str]:
     """The barrel takes in the whole stroke, so a cylinder at most doubles its length."""
     row = linkage.linkage_row(joint.linkage)
     lengths = linkage.motions(row, _angles(joint))[:, 0]
@@ -85,9 +87,9 @@ def _stroke_problems(path: str, joint: RevoluteJoint | PrismaticJoint) -> list[s
     ]
 
 
-def _angles(joint: RevoluteJoint | PrismaticJoint) -> FloatArray:
+def _angles(joint: AnyJoint) -> FloatArray:
     return linkage.angle_grid(joint.limits.lower, joint.limits.upper)
 
 
-def _range(joint: RevoluteJoint | PrismaticJoint) -> str:
+def _range(joint: AnyJoint) -> str:
     return f"[{joint.limits.lower:g}, {joint.limits.upper:g}] {unit_of(joint)}"

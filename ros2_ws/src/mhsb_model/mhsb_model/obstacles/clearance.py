@@ -222,7 +222,7 @@ def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders
     """Farther than this no point of the arm moves between two postures [m]; D above."""
     turn, farthest = 0.0, 0.0
     for k in range(len(start)):
-        more = turned(m.slides, end, k) - turned(m.slides, start, k)
+        more = turned(m.turns, end, k) - turned(m.turns, start, k)
         turn += abs(more) if along_cylinders else more
         farthest += farthest_move(m, start, end, turn, k)
     return farthest

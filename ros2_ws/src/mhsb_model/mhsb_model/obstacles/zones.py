@@ -115,24 +115,31 @@ class Obstacles:
         return self.names[int(self.rows[row, NUMBER])] if row >= 0 else ""
 
 
-def obstacles_of(keep_out: KeepOut, links: int) -> Obstacles:
-    """The obstacles of a machine file for an arm of so many links."""
+def obstacles_of(keep_out: KeepOut, joints: int, beneath: int = 0) -> Obstacles:
+    """The obstacles of a machine file for an arm of so many joints, so many of them not in its
+    plane."""
+    links = joints - beneath
     radius = (*(keep_out.link_radii or links * (0.0,)), 0.0)
     rows, names = [], []
-    for number, (name, (kind, first, *shape)) in enumerate(_described(keep_out, links)):
+    for number, (name, (kind, first, *shape)) in enumerate(_described(keep_out, links, beneath)):
         names.append(name)
         last = first if kind == LINK or first == links else links - 1
         for part in range(int(first), int(last) + 1):
-            other = radius[int(shape[0])] if kind == LINK else 0.0
-            rows.append([kind, part, *shape, radius[part] + other, number])
+            if kind == LINK:
+                other = int(shape[0])
+                both = radius[part] + radius[other]
+                rows.append([kind, part + beneath, other + beneath, *shape[1:], both, number])
+            else:
+                rows.append([kind, part + beneath, *shape, radius[part], number])
     all_rows = np.array(rows, dtype=np.float64).reshape(-1, ROW_WIDTH)
     grown = all_rows + keep_out.margin * (np.arange(ROW_WIDTH) == RADIUS)
     return Obstacles(frozen(all_rows), frozen(grown), tuple(names))
 
 
-def _described(keep_out: KeepOut, links: int) -> list[tuple[str, list[float]]]:
+def _described(keep_out: KeepOut, links: int, beneath: int) -> list[tuple[str, list[float]]]:
     """Name of each obstacle; its kind, the first part of the arm that it holds for, its shape."""
     found: list[tuple[str, list[float]]] = []
+    named = 1 + beneath  # number of the first link in the plane
     for box in keep_out.boxes:
         first = 0 if box.holds_for == "arm" else links
         found.append((f"the keep-out {_box_name(box)}", [BOX, first, *_bounds(box)]))
@@ -149,9 +156,12 @@ def _described(keep_out: KeepOut, links: int) -> list[tuple[str, list[float]]]:
         found.append((f"the base, a {_box_name(keep_out.base)}", [BOX, 1, *_bounds(keep_out.base)]))
     if keep_out.self_collision:
         found += [
-            (f"itself, link {later + 1} to link {earlier + 1}", [LINK, later, earlier, 0, 0, 0])
-            for later in range(2, links)
-            for earlier in range(later - 1)
+            (
+                f"itself, link {later} to link {earlier}",
+                [LINK, later - named, earlier - named, 0, 0, 0],
+            )
+            for later in range(2 + named, links + named)
+            for earlier in range(named, later - 1)
         ]
     return found
 

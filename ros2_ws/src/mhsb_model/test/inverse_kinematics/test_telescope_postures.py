@@ -72,6 +72,7 @@ def test_extensions_are_sampled_from_end_to_end(telescope_machine):
 def test_a_posture_is_among_those_with_its_end_link_angle(telescope_machine, kinds):
     slides = np.array([kind == "P" for kind in kinds])
     arrays = telescope_machine.arrays._replace(
+        turns=frozen(~slides),
         slides=frozen(slides),
         link_length=frozen(np.linspace(0.4, 0.1, len(kinds))),
         joint_min=frozen(np.where(slides, 0.0, -2.5)),
@@ -86,7 +87,9 @@ def test_a_posture_is_among_those_with_its_end_link_angle(telescope_machine, kin
 
 
 def test_a_telescope_between_turning_joints_lengthens_the_link_before(telescope_machine):
-    arrays = telescope_machine.arrays._replace(slides=np.array([False, True, False]))
+    arrays = telescope_machine.arrays._replace(
+        turns=np.array([True, False, True]), slides=np.array([False, True, False])
+    )
     held = with_extensions_held(arrays, np.array([0.1]))
     l1, l2, l3 = telescope_machine.arrays.link_length
     assert held.link_length == pytest.approx([l1 + l2 + 0.1, l3])
@@ -98,6 +101,7 @@ def chain(telescope_machine):
     """Two booms with a telescope each and a jib: turns, turns, slides, turns, slides."""
     kinds = [False, False, True, False, True]
     return telescope_machine.arrays._replace(
+        turns=frozen(~np.array(kinds)),
         slides=frozen(np.array(kinds)),
         link_length=frozen(np.array([0.4, 0.3, 0.05, 0.2, 0.02])),
         joint_min=frozen(np.where(kinds, 0.0, -2.5)),

@@ -14,6 +14,7 @@ import tyro
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from mhsb_model import command_line
+from mhsb_model.types import Position
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
@@ -22,23 +23,21 @@ ACCEPTED, REFUSED, NO_ANSWER = 0, 1, 3
 
 
 def goal(
-    x: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="X")],
-    z: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="Z")],
+    place: Annotated[Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z")],
     tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
     psi_range: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
     wait: bool = False,
     timeout: Annotated[float, tyro.conf.arg(metavar="S")] = 10.0,
     json: bool = False,
 ) -> int:
-    """Send the tip to (X, Z) and print what the planner says.
+    """Send the tip to (X, Z), or where the arm slews to (X, Y, Z), and print what the planner says.
 
     Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 3: nobody
     answered in time. What else will do at the goal is set as parameters of the planner and stays
     until it is changed (goal_tolerance, goal_psi_min, goal_psi_max; goal_segment, goal_box).
 
     Args:
-        x: Forward, from the base [m].
-        z: Up, from the base [m].
+        place: Forward, to the left and up from the base [m]; without Y that is 0.
         tolerance: Distance from the goal at which the tip may end as well [m]; 0 takes it back.
         psi_range: Least and greatest angle of the end link that will do [rad]; a whole turn, such
             as 0 6.3, takes it back.
@@ -46,6 +45,9 @@ def goal(
         timeout: How long to wait for a planner, and again for its answer [s].
         json: Print the verdict, and with --wait how it ended, as one JSON object.
     """
+    if len(place) not in (2, 3):
+        given = " ".join(f"{value:g}" for value in place)
+        raise command_line.UsageError(f"give X Z or X Y Z [m], not {given or 'nothing'}")
     if timeout <= 0:
         raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
     if tolerance is not None and not 0.0 <= tolerance < math.inf:
@@ -60,7 +62,7 @@ def goal(
     try:
         with ros_running(), serving(GoalSender) as (executor, sender):
             changes = _changes(tolerance, psi_range)
-            told = _send_and_wait(sender, executor, (x, z), changes, wait, timeout, say)
+            told = _send_and_wait(sender, executor, place, changes, wait, timeout, say)
     except ExternalShutdownException:
         raise KeyboardInterrupt from None
     if told.trouble:
@@ -106,7 +108,7 @@ def _changes(
 def _send_and_wait(
     sender: GoalSender,
     executor: SingleThreadedExecutor,
-    target: tuple[float, float],
+    place: Position,
     changes: dict[str, float],
     wait: bool,
     timeout: float,
@@ -127,7 +129,7 @@ def _send_and_wait(
         if refused:
             return Told(REFUSED, f"the planner refused its parameters: {refused}")
     command_line.keep("the goal was sent, and what the planner says was not waited for")
-    verdict = sender.ask(executor, *target, timeout)
+    verdict = sender.ask(executor, place, timeout)
     if verdict is None:
         return Told(NO_ANSWER, f"the planner gave no answer within {timeout:g} s")
     if verdict.code.accepted:

@@ -9,6 +9,7 @@ from typing import Any
 from mhsb_model.command_line import UsageError
 from mhsb_model.errors import MachineFileError
 from mhsb_model.machine import Machine
+from mhsb_model.types import Position
 from mhsb_planner.errors import RequestError
 from mhsb_planner.evaluation.operating_point import Range
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
@@ -23,8 +24,8 @@ Circle = tuple[float, float, float]
 
 
 def request(
-    start: Point | None,
-    goal: Point | None,
+    start: Position | None,
+    goal: Position | None,
     case: str | None,
     weights: tuple[float, float, float] | None = None,
     planner: str | None = None,
@@ -34,6 +35,10 @@ def request(
     named = paper_case(case) if case is not None else None
     start = start or (named.start if named else None)
     goal = goal or (named.goal if named else None)
+    for name, given in (("start", start), ("goal", goal)):
+        if given is not None and len(given) not in (2, 3):
+            wanted = "X Z, or X Y Z where the arm slews"
+            raise UsageError(f"--{name} takes {wanted}, not {_words(given)}")
     if start is None or goal is None:
         raise UsageError("give --start X Z and --goal X Z, or --case NAME")
     base = named or PaperCase("", start, goal, ENERGY_OPTIMAL)
@@ -141,6 +146,15 @@ def as_asked(machine: Machine, **changes: Any) -> Machine:
         raise UsageError("; ".join(error.problems)) from error
 
 
+def refuse_elsewhere(machine: Machine, asked: PaperCase) -> None:
+    """Raise UsageError where start or goal are not given as the arm's positions are."""
+    for name, given in (("start", asked.start), ("goal", asked.goal)):
+        if len(given) != len(machine.axes):
+            wanted = " ".join(machine.axes).upper()
+            does = "slews" if machine.slews else "does not slew"
+            raise UsageError(f"--{name} {_words(given)}: {machine.name} {does}; give {wanted}")
+
+
 def range_of(name: str, given: Point | None, fixed: float | None) -> Range | None:
     """The range of an option, which must not be given with a fixed value."""
     if given is None:
@@ -161,10 +175,12 @@ def angle_of(exact: float | None, between: Point | None) -> Angle:
 
 
 def goal_region_of(
-    goal: Point, tolerance: float | None, end: Point | None, box: Point | None
+    goal: Position, tolerance: float | None, end: Point | None, box: Point | None
 ) -> Region | None:
     """Where else than at the goal the tip may end."""
-    segment = None if end is None else (end[0] - goal[0], end[1] - goal[1])
+    if end is not None and len(goal) > len(end):
+        raise UsageError("--goal-segment: arms that slew know no such line; give --goal-box")
+    segment = None if end is None else (end[0] - goal[0], end[-1] - goal[-1])
     try:
         return region_of(tolerance, segment, box)
     except RequestError as error:

@@ -16,9 +16,11 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.files.output_folders import make_room_for
+from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.types import Position
 from mhsb_planner.commands.plan_arguments import (
     Box,
     Circle,
@@ -29,6 +31,7 @@ from mhsb_planner.commands.plan_arguments import (
     case_title,
     goal_region_of,
     range_of,
+    refuse_elsewhere,
     refuse_idle,
     replaced,
     request,
@@ -59,8 +62,8 @@ BAR_DELAY = 0.5
 
 
 def plan(
-    start: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
-    goal: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
+    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
+    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
     case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
@@ -105,7 +108,8 @@ def plan(
 
     Give --start and --goal, or --case for one of the paper's. The start posture is that of the
     posture table in normal mode, or the one with the initial angle of joint 3 if that is fixed.
-    Energies are in J, lengths in m, angles in rad, times in s.
+    Arms that slew have positions X Y Z, others X Z. Energies are in J, lengths in m, angles in
+    rad, times in s.
 
     Args:
         start: Tip position at the start [m].
@@ -176,6 +180,7 @@ def plan(
     if plot is not None:
         make_room_for(plot, "the picture")
     base = load_machine(machine)
+    refuse_elsewhere(base, asked)
     arm = as_asked(
         base,
         payload=payload,
@@ -186,7 +191,7 @@ def plan(
     compile_planner()
     suite = Planner(arm, table_for(base, table))
     began = time.perf_counter()
-    base.check_in_workspace(*asked.start)
+    base.check_in_workspace(asked.start)
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
     found = None
     if any(ranges):
@@ -218,8 +223,7 @@ def _advance(bar: tqdm, _: Sample) -> None:
 
 def _title(asked: PaperCase) -> str:
     """Of the picture: which motion, and by which planner."""
-    (x, z), (goal_x, goal_z) = asked.start, asked.goal
-    way = f"({x:g}, {z:g}) m to ({goal_x:g}, {goal_z:g}) m"
+    way = f"{place(asked.start, 'g')} to {place(asked.goal, 'g')}"
     return f"{case_title(asked)}{way}, {asked.options.planner} planner"
 
 
@@ -268,11 +272,13 @@ def as_text(machine: Machine, made: Plan, seconds: dict[str, float]) -> list[str
     """A table of the steps and the sums."""
     path, motion = made.path, made.motion
     names, empty = np.array(machine.actuator_names), cavitating_steps(machine, path)
-    lines = ["step   tip x, z [m]      modes           time [s]   energy [J]   cavitating"]
+    axes = f"tip {', '.join(machine.axes)} [m]"
+    wide = 8 * len(machine.axes)
+    lines = [f"step   {axes:{wide}}  modes           time [s]   energy [J]   cavitating"]
     for k in range(path.steps):
-        x, z = path.tip[k + 1]
+        tip = " ".join(f"{value:7.3f}" for value in path.tip[k + 1])
         lines.append(
-            f"{k + 1:4d}   {x:6.3f} {z:7.3f}   {pattern_name(path.modes[k]):14s}"
+            f"{k + 1:4d}  {tip}   {pattern_name(path.modes[k]):14s}"
             f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}   {', '.join(names[empty[k]]) or '–'}"
         )
     lines += [

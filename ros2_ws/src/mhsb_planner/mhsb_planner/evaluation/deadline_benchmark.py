@@ -20,6 +20,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_model.types import Position
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.evaluation.moves import Move
@@ -31,7 +32,9 @@ SEED = 0
 
 PLANNERS: tuple[PlannerKind, ...] = ("table", "integrated")
 
-HEAVY_PAYLOAD, LOW_PRESSURE = 16.0, 2.5e6  # kg, Pa
+HEAVY_PAYLOAD, LOW_PRESSURE = 1.6, 0.625
+"""Of the machine file's; of the suite's own arm 16 kg and 2.5 MPa."""
+
 LINK_RADIUS, LAST_LINK_RADIUS = 0.03, 0.02  # m
 ZONES = Zones(
     circles=((0.80, 0.25, 0.08), (0.45, -0.75, 0.10)), tip_boxes=((0.45, 0.30, 0.60, 0.40),)
@@ -51,9 +54,9 @@ PERCENTILES = (50, 90, 99)
 
 
 class Request(NamedTuple):
-    """Goal (x, z) m, start, modes in force there, and how a moving start comes to rest."""
+    """Goal in `base_link` [m], start, modes in force there, how a moving start comes to rest."""
 
-    goal: tuple[float, float]
+    goal: Position
     start: MotionState
     modes: StartModes | None = None
     brake: Trajectory | None = None
@@ -64,19 +67,23 @@ class Request(NamedTuple):
 
     def beside_the_grid(self) -> Request:
         """The same with a goal that is no node."""
-        return self._replace(goal=(self.goal[0] + OFF_GRID[0], self.goal[1] + OFF_GRID[1]))
+        x, *y, z = self.goal
+        return self._replace(goal=(x + OFF_GRID[0], *y, z + OFF_GRID[1]))
 
 
 def machines(base: Machine) -> dict[str, Machine]:
-    """The machines by name."""
+    """The machines by name; zones in the plane are for arms that do not slew."""
     content = base.config.model_dump()
-    radii = (*(base.joint_count - 1) * (LINK_RADIUS,), LAST_LINK_RADIUS)
+    radii = (*(base.plane.joint_count - 1) * (LINK_RADIUS,), LAST_LINK_RADIUS)
     content["keep_out"] |= {"link_radii": radii, "self_collision": True}
     thick = Machine.from_config(type(base.config).model_validate(content))
     return {
         "plain": base,
-        "loaded": base.changed(payload=HEAVY_PAYLOAD, supply_pressure=LOW_PRESSURE),
-        "obstacles": thick.changed(zones=ZONES),
+        "loaded": base.changed(
+            payload=HEAVY_PAYLOAD * base.arrays.payload,
+            supply_pressure=LOW_PRESSURE * base.arrays.supply_pressure,
+        ),
+        "obstacles": thick if base.slews else thick.changed(zones=ZONES),
     }
 
 

@@ -31,7 +31,7 @@ THOROUGH = Effort(
 )
 
 SPACINGS = (10e-3, 2.5e-3)
-"""By which routes over the other lattice are improved [m]."""
+"""By which routes over the other lattice are improved, of an arm of the paper's size [m]."""
 
 NEAR_THE_BOUND = 2e-3
 """Share of the cost by which it may exceed the lower bound, to be taken for the least."""
@@ -62,7 +62,8 @@ def ground_truth(
         known = MAY_BE_IMPROVED * best.cost
         _, via = least_cost(machine, start, goal, weights, known, holding)
         if via is not None:
-            path = improved(*task, via=via, spacings=SPACINGS, effort=THOROUGH)
+            spacings = tuple(machine.scale * spacing for spacing in SPACINGS)
+            path = improved(*task, via=via, spacings=spacings, effort=THOROUGH)
             best = best if path is None else min(best, path, key=_cost)
     return best
 

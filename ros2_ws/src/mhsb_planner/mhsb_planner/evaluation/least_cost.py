@@ -25,7 +25,7 @@ from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.search.s2_search import Weights
 
 SPACING = 2.5e-3
-"""Between the lattice's points along each cylinder, about [m]."""
+"""Between the lattice's points along each cylinder, about, of an arm of the paper's size [m]."""
 
 CELLS = 25
 """Steps of the longest stroke to the goal, at least."""
@@ -118,7 +118,8 @@ class _Pricing:
         m, delta = self.m, end - start
         oil = (np.where(delta > 0.0, self.cap, self.rod) * np.abs(delta)).sum(axis=-1)
         time = np.maximum(np.abs(delta).max(axis=-1) / m.max_piston_speed, oil / self.shared)
-        energy = m.supply_pressure * (oil + delta.shape[-1] * m.leakage_flow * time)
+        leakage = delta.shape[-1] * m.leakage_flow + m.idle_leakage
+        energy = m.supply_pressure * (oil + leakage * time)
         return np.asarray(self.weights.energy * energy + self.weights.time * time)
 
     def load_pressure(self, force: FloatArray, out: np.ndarray) -> FloatArray:
@@ -181,6 +182,7 @@ class _Pricing:
                 loaded, np.maximum(price, middle / m.servo_pump_efficiency), price
             )
             energy = (price * (oil + m.leakage_flow * time[:, None])).sum(axis=1)
+            energy += m.supply_pressure * m.idle_leakage * time
             value = self.weights.energy * energy + self.weights.time * time
             cost[:, p] = np.where(possible, value, np.inf)
         cost[np.logical_and(np.any(exact, axis=1, keepdims=True), ~exact)] = np.inf
@@ -227,7 +229,7 @@ class _Lattice:
         here = pricing.lengths(start[None, :])[0]
         cheap = self._goal_lengths[pricing.bound(here, self._goal_lengths) < known]
         stroke = np.max(np.abs(cheap - here), initial=1e-3)
-        spacing = min(SPACING, stroke / CELLS)
+        spacing = min(SPACING * pricing.machine.scale, stroke / CELLS)
         while not self._lay_out(start, here, spacing):
             spacing *= 1.1
 

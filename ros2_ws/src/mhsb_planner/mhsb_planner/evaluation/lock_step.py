@@ -7,6 +7,7 @@ reference, and tells what is in force. Messages and plans take the time that the
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -223,10 +224,10 @@ class World:
 
     # --- What happens ----------------------------------------------------------------------------
 
-    def goal(self, x: float, z: float) -> int:
-        """Send a goal; its stamp."""
+    def goal(self, *place: float) -> int:
+        """Send a goal [m] in `base_link`; its stamp."""
         self.goals += 1
-        self.life.goal(Goal(self.goals, x, z))
+        self.life.goal(Goal.at(self.goals, place))
         return self.goals
 
     def pass_time(self, seconds: float) -> None:
@@ -282,10 +283,10 @@ class World:
             if isinstance(each, ExecutionReport) and each.goal_stamp_ns == stamp
         ]
 
-    def tip_is_at(self, x: float, z: float) -> bool:
+    def tip_is_at(self, *place: float) -> bool:
         """Whether the reference rests at a point."""
-        tip = self.machine.tip_position(self.arm.reference.position)
-        return not self.arm.moves and bool(np.hypot(tip[0] - x, tip[1] - z) < 1e-3)
+        tip = self.machine.tip_in_base(self.arm.reference.position)
+        return not self.arm.moves and math.dist(tip, place) < 1e-3
 
     # --- The arm's side --------------------------------------------------------------------------
 

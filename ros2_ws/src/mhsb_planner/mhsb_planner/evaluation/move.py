@@ -17,7 +17,7 @@ from mhsb_model.hydraulics import (
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.motion.energy import Energy
 from mhsb_planner.motion.motion_profile import motion_profile
 from mhsb_planner.motion.s3_limits import DEAD_BAND
@@ -32,7 +32,7 @@ class Move:
 
     machine    that moved, or was to
     title      of the picture
-    goals      (x, z) m each, in their order
+    goals      in `base_link`, m, in their order
     time       float64[k] s
     position   float64[k, n] rad
     reference  float64[k, n] rad that the servo followed; None where nothing was measured
@@ -47,7 +47,7 @@ class Move:
 
     machine: Machine
     title: str
-    goals: tuple[tuple[float, float], ...]
+    goals: tuple[Position, ...]
     time: FloatArray
     position: FloatArray
     reference: FloatArray | None
@@ -61,8 +61,14 @@ class Move:
 
     @property
     def tip(self) -> FloatArray:
-        """Places of the tip, float64[k, 2] m."""
-        return np.array([self.machine.tip_position(q) for q in self.position])
+        """Places of the tip in the arm's plane, float64[k, 2] m."""
+        return self.machine.tip_positions(self.position)
+
+    @property
+    def goals_in_plane(self) -> list[tuple[float, float]]:
+        """The goals in the arm's plane when it is there, (x, z) m each."""
+        places = [self.machine.from_the_side(goal).tolist() for goal in self.goals]
+        return [(x, z) for x, z in places]
 
     @property
     def duration(self) -> float:
@@ -70,7 +76,7 @@ class Move:
         return float(self.time[-1] - self.time[0])
 
 
-def planned_move(machine: Machine, plan: Plan, goal: tuple[float, float], title: str) -> Move:
+def planned_move(machine: Machine, plan: Plan, goal: Position, title: str) -> Move:
     """A plan's motion: static forces, the pressures that the planner counts on, its energy."""
     trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
     offset_ns = np.linspace(0, trajectory.duration_ns, INSTANTS).astype(np.int64)

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
+from mhsb_model.types import Position
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 
@@ -106,7 +107,7 @@ class NoOperatingPointError(MhsbError):
 
 def best_operating_point(
     planner: Planner,
-    goal: tuple[float, float],
+    goal: Position,
     start: MotionState,
     options: PlanOptions | None = None,
     supply_pressure: Range | None = None,
@@ -143,7 +144,7 @@ class _Search:
     def __init__(
         self,
         planner: Planner,
-        goal: tuple[float, float],
+        goal: Position,
         start: MotionState,
         options: PlanOptions,
         ranges: tuple[Range, Range],

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from mhsb_model.files.config_files import config_file
 from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, Position
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.posture.s1_global_search import postures_at
@@ -19,24 +21,27 @@ CASES_FILE = "paper_cases.yaml"
 
 @dataclass(frozen=True)
 class PaperCase:
-    """A case: tip positions (x, z) [m] at start and goal, weights of the cost, and the planner.
+    """A case: tip positions [m] at start and goal, weights of the cost, and the planner.
 
     initial_j3 [rad] is where the conventional method (`fixed`) keeps joint 3; None keeps it where
     the posture table has it at the start.
     """
 
     name: str
-    start: tuple[float, float]
-    goal: tuple[float, float]
+    start: Position
+    goal: Position
     weights: Weights
     planner: str = "table"
     initial_j3: float | None = None
 
     def start_posture(self, machine: Machine) -> FloatArray:
         """Posture at rest from which the case is planned [rad]: in N, or with the initial J3."""
+        place = machine.in_plane(self.start, near=0.0)
         if self.planner == "fixed" and self.initial_j3 is not None:
-            return fixed_j3_posture(machine, *self.start, self.initial_j3)
-        return postures_at(machine, *self.start).posture[0]
+            posture = fixed_j3_posture(machine.plane, *place.tip, self.initial_j3)
+        else:
+            posture = postures_at(machine.plane, *place.tip).posture[0]
+        return posture if place.slew is None else np.append(place.slew, posture)
 
     @property
     def options(self) -> PlanOptions:

@@ -99,6 +99,7 @@ class Effort:
     boosted: int = 3
     scenes: int = 10
     collocations: int = 20
+    within: float = 0.045
 
 
 def measure(
@@ -125,7 +126,7 @@ def measure(
     measured: dict[str, Callable[[], Any]] = {
         "plan": lambda: {
             "table": _plan_figures(planner, moves, effort),
-            "integrated": integrated_figures(planner, moves, effort.truths),
+            "integrated": integrated_figures(planner, moves, effort.truths, effort.within),
         },
         "first_motion_ms": lambda: first_motion_figures(
             planner, moves[: effort.first_motions], yardstick
@@ -162,7 +163,7 @@ def _table_figures(
         p = int(random.integers(len(table.patterns)))
         x, z = table.nodes[node] * table.spacing
         began = time.perf_counter()
-        found = largest_by_slsqp(machine, float(x), float(z), table.patterns[p], seed=p)
+        found = largest_by_slsqp(machine.plane, float(x), float(z), table.patterns[p], seed=p)
         seconds += time.perf_counter() - began
         if found is not None:
             ratios.append(float(table.area[node, p]) / found[1])
@@ -250,9 +251,9 @@ def explicit_graph(graph: StepGraph) -> csr_array:
 def dijkstra_figures(graph: StepGraph, moves: list[Move], runs: int) -> Figures:
     """SciPy's Dijkstra from the same starts, to all states; making its graph does not count."""
     matrix = explicit_graph(graph)
-    table = graph.table
+    table, joints = graph.table, graph.machine.joint_count
     starts = [
-        int(np.flatnonzero(np.all(table.posture[:, 0] == move.start, axis=1))[0])
+        int(np.flatnonzero(np.all(table.posture[:, 0] == move.start[-joints:], axis=1))[0])
         * len(table.patterns)
         for move in moves
     ]
@@ -326,6 +327,7 @@ def planning(
     collocations: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.collocations,
     moves: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.moves,
     truths: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.truths,
+    within: Annotated[float, tyro.conf.arg(metavar="S")] = Effort.within,
     parts: Annotated[list[str] | None, tyro.conf.arg(metavar="PART")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -340,6 +342,7 @@ def planning(
         collocations: Of the moves, those whose duration is compared with an offline collocation's.
         moves: Random moves that are planned.
         truths: Of these, those with ground truth, 10 to 40 s each; a minute with four joints.
+        within: Deadline of plans that are wanted soon [s].
         parts: Keys of the JSON file that are measured; all, of arms with more than three joints
             those of any machine, when left out.
         json_: Print the JSON file instead of text.
@@ -354,7 +357,12 @@ def planning(
             reason = f"--parts {part} is none of {', '.join(possible)}"
             raise command_line.UsageError(reason)
     effort = Effort(
-        moves=moves, truths=truths, boosted=boosted, scenes=scenes, collocations=collocations
+        moves=moves,
+        truths=truths,
+        boosted=boosted,
+        scenes=scenes,
+        collocations=collocations,
+        within=within,
     )
     figures = measure(arm, effort, jobs, parts or possible, partial(_keep, output))
     if json_:

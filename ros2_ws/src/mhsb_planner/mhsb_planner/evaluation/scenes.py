@@ -90,10 +90,10 @@ class _Grid:
 
     def has_way(self, scene: Scene) -> bool:
         """Whether start and goal lie in one region of clear postures."""
-        machine, (start, goal) = scene
+        machine, (start, (x, z)) = scene
         if machine.clearance(start)[0] < START_CLEARANCE:
             return False
-        postures = machine.postures(*goal, np.linspace(-np.pi, np.pi, 200))
+        postures = machine.postures(x, z, np.linspace(-np.pi, np.pi, 200))
         ends = [q for q in postures if machine.clearance(q)[0] >= CLEARANCE]
         distance, _ = clearances(machine.arrays, machine.obstacles.rows, self._postures)
         free = ((distance >= CLEARANCE) & self._inside).reshape(self._shape)

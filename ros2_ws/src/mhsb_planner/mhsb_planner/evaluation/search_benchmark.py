@@ -99,7 +99,8 @@ def _boosted(planner: Planner, moves: int, name: str) -> Figures:
 
 
 def _task(machine: Machine, move: Move) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
-    return move.start, np.full(machine.joint_count, Mode.N, dtype=np.uint8), move.goal
+    x, z = move.goal
+    return move.start, np.full(machine.joint_count, Mode.N, dtype=np.uint8), (x, z)
 
 
 # --- Among obstacles -----------------------------------------------------------------------------

@@ -42,9 +42,10 @@ def draw_workspace_axes(machine: Machine, axes: Axes) -> None:
     axes.grid(visible=False)
     draw_outline(machine, axes)
     axes.set_aspect("equal")
-    axes.xaxis.set_major_locator(MultipleLocator(TICKS))
-    axes.yaxis.set_major_locator(MultipleLocator(TICKS))
-    axes.set_xlabel("x [m]")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(TICKS * max(1, round(machine.scale))))
+    turns = " in the plane that joint 1 turns, from joint 2" if machine.slews else ""
+    axes.set_xlabel(f"x{turns} [m]")
     axes.set_ylabel("z [m]")
 
 

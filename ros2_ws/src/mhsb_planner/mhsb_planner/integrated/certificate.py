@@ -28,7 +28,6 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.tip_postures import posture_at, slides_anywhere
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import units
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -54,6 +53,7 @@ NARROWEST = 1e-5
 FIRST_CELLS = 32
 MOST_CELLS = 4000
 """Cells of chains with more than three joints that are looked at, at most."""
+
 
 @kernel
 def _elbow_angle(low: float, high: float, l1: float, l2: float) -> Interval:
@@ -243,11 +243,12 @@ def least_cost_to(
     weight  float64[2 or more], of energy [1/J] and time [1/s]
     """
     between = (-math.pi, math.pi) if goals.between is None else goals.between
-    ranges, least, met = _ranges(machine, between), math.inf, math.inf
-    if not machine.is_3r:  # samples spare cells
+    least, met, three = math.inf, math.inf, machine.is_3r
+    ranges = np.empty((0, 3)) if three else _ranges(machine, between)
+    if not three:  # samples spare cells
         met = float(least_costs_between(circuit, start, goals.postures.length, weight).min())
     for tip in map(tuple, np.unique(goals.tips, axis=0).tolist()):
-        if machine.is_3r:
+        if three:
             here, met = _branch_and_bound(
                 machine.arrays, circuit, start, tip, between, weight, met
             )
@@ -265,7 +266,7 @@ def _ranges(machine: Machine, psi: Interval) -> FloatArray:
     a = machine.arrays
     if machine.has_telescope:
         held = held_joints(machine)
-        return np.column_stack([a.joint_min[held], a.joint_max[held], units(a)[held]])
+        return np.column_stack([a.joint_min[held], a.joint_max[held], machine.radians[held]])
     inner = slice(0, machine.joint_count - 3)
     low, high = np.append(a.joint_min[inner], psi[0]), np.append(a.joint_max[inner], psi[1])
     return np.column_stack([low, high, np.ones(len(low))])

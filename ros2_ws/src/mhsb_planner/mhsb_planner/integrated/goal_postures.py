@@ -24,7 +24,6 @@ from mhsb_model.inverse_kinematics.tip_postures import (
     side_of,
 )
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import units
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
@@ -100,7 +99,7 @@ def goal_postures(
 def _turns(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
     """See `GoalPostures`: where ψ is asked for, what it depends on stays."""
     if machine.has_telescope:
-        unit = units(machine.arrays)[held_joints(machine)]
+        unit = machine.radians[held_joints(machine)]
         return unit if between is None else np.zeros(len(unit))
     turns = np.ones(machine.joint_count - 2)
     turns[-1] = 1.0 if between is None else 0.0
@@ -116,7 +115,7 @@ def _at(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Tips, postures, branches and what is free at one point; raises as `goal_postures`."""
-    machine.check_in_workspace(x, z)
+    machine.check_in_workspace((x, z))
     check_tip(machine, x, z)
     sampled = _with_telescopes if machine.has_telescope else _turning
     posture, elbow, free = sampled(machine, x, z, between, spacing)
@@ -138,7 +137,7 @@ def _with_telescopes(
         posture = machine.postures(x, z, np.linspace(*between, count))
         elbow = np.array([side_of(a, q, i, j) for q in posture], dtype=np.int64)
         return posture, elbow, posture[:, held]
-    apart = spacing ** (1.0 / len(held)) * units(a)[held]
+    apart = spacing ** (1.0 / len(held)) * machine.radians[held]
     counts = np.ceil((a.joint_max - a.joint_min)[held] / apart).astype(int) + 1
     ends = zip(a.joint_min[held], a.joint_max[held], counts, strict=True)
     grids = np.meshgrid(*(np.linspace(*each) for each in ends), indexing="ij")

@@ -24,12 +24,12 @@ from mhsb_planner.goal_region import Angle, Region, is_met
 from mhsb_planner.integrated import stages
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
-from mhsb_planner.integrated.route import path_of, terms
+from mhsb_planner.integrated.route import path_of, patient, price_route, terms
 from mhsb_planner.integrated.stages import Work
 from mhsb_planner.integrated.task import WITH_AREA, Effort, Route, Task
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.search.lower_bound import ENERGY_ALONE
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, with_others
 from mhsb_planner.search.s2_search import SAME_POINT, SEARCHING, Weights
 from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading
 from mhsb_planner.search.search_time import SearchTime
@@ -56,6 +56,8 @@ class IntegratedSearch:
         goal_region: Region | None = None,
         certified_from: FloatArray | None = None,
         area: AreaTerm = WITHOUT_AREA,
+        others: tuple[float, float] = (0.0, 0.0),
+        leaks: bool = True,
         time: SearchTime | None = None,
         effort: Effort | None = None,
     ) -> None:
@@ -65,12 +67,16 @@ class IntegratedSearch:
         goal_region     where else the tip may end
         certified_from  posture from which the lower bound counts; the start where left out [rad]
         area            weight of the polytope's area, and the area that counts as full
+        others          oil [m³] and least time [s] of what moves meanwhile, for the lower bound
+        leaks           whether routes are chosen by what leaks while they last; what paths cost is
+                        told with it either way
         time            when to end, and whether there is a motion along one of the paths
 
         Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, DeadlineError.
         """
         self._began, time = perf_counter(), time or SearchTime()
         effort = effort or (WITH_AREA if area.weight > 0.0 else Effort())
+        effort = effort.for_size(machine.scale)
         time.until.check(SEARCHING)
         posture = np.array(start_posture, dtype=np.float64)
         self._modes = np.array(start_modes, dtype=np.uint8)
@@ -86,18 +92,22 @@ class IntegratedSearch:
         )
         time.until.check(SEARCHING)
         weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
-        priced_by = terms(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
+        self._terms = terms(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
+        priced_by = self._terms if leaks else patient(self._terms)
         self._task = Task.of(machine, posture, priced_by, goals, time, effort)
         time.until.check(SEARCHING)
-        self.lower_bound = self._least_energy(posture if certified_from is None else certified_from)
+        origin = posture if certified_from is None else certified_from
+        self.lower_bound = self._least_energy(origin, others)
 
-    def _least_energy(self, posture: FloatArray) -> float:
+    def _least_energy(self, posture: FloatArray, others: tuple[float, float]) -> float:
         """No plan from a posture takes less [J]."""
-        task, (energy, time) = self._task, self._task.terms.weight[:2]
-        if energy > 0.0 and time == 0.0 and np.array_equal(posture, task.start):
+        task, (energy, time) = self._task, self._terms.weight[:2]
+        own = task.terms is self._terms and not any(others)
+        if energy > 0.0 and time == 0.0 and own and np.array_equal(posture, task.start):
             return task.bound / float(energy)
         origin = task.machine.cylinder_lengths(posture)
-        return least_cost_to(task.machine, task.terms.circuit, origin, task.goals, ENERGY_ALONE)
+        circuit = with_others(self._terms.circuit, *others)
+        return least_cost_to(task.machine, circuit, origin, task.goals, ENERGY_ALONE)
 
     def paths(self) -> Iterator[DiscretePath | None]:
         """Ever cheaper paths; None where what follows may take long: others may be quicker now.
@@ -135,12 +145,14 @@ class IntegratedSearch:
         return perf_counter() - self._began
 
     def _path(self, best: Route, work: Work) -> DiscretePath:
-        task = self._task
+        task, cost = self._task, best.cost
+        if task.terms is not self._terms:
+            cost = float(price_route(self._terms, task.memory, best.via, task.start, math.inf))
         return path_of(
-            task.terms,
+            self._terms,
             task.memory,
             best.via,
-            best.cost,
+            cost,
             task.start,
             self._modes,
             self.lower_bound,

@@ -42,7 +42,7 @@ from mhsb_planner.search.s2_step import (
 )
 
 PIECE = 2e-3
-"""Longest stroke of a cylinder within one piece [m]."""
+"""Longest stroke of a cylinder within one piece, of an arm of the paper's size [m]."""
 
 ROUNDING = 1e-9
 """The tip may lie this far outside the workspace [m]; farther only where it comes from there."""
@@ -106,8 +106,13 @@ def terms(
         column,
         area,
         machine.obstacles.path_rows,
-        PIECE,
+        PIECE * machine.scale,
     )
+
+
+def patient(t: Terms) -> Terms:
+    """The same where leakage costs nothing, for there is time anyway."""
+    return t._replace(circuit=t.circuit._replace(leakage_flow=0.0, idle_leakage=0.0))
 
 
 class Memory(NamedTuple):

@@ -33,7 +33,8 @@ WORTH_A_MOTION = 5e-3
 """Share by which a route must be cheaper than the one told before, to be told in between."""
 
 ROUGH = 5e-3
-"""Longest stroke within the pieces by which long strides are priced [m]."""
+"""Longest stroke within the pieces by which long strides are priced, of an arm of the paper's size
+[m]."""
 
 WORTH_FINDING, WORTH_REFINING = 1.25, 1.5
 """Shares of the best route's cost up to which routes over a lattice are sought, at its prices, and
@@ -285,8 +286,9 @@ def refined(task: Task, best: Route, spacing: float, fine_sweeps: int = 1) -> Ro
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
     route = replace(best, via=via, cost=task.price(via))
     effort, last = task.effort, task.terms.piece
+    rough = ROUGH * task.machine.scale
     for stride in effort.strides[:-1]:
-        route = _swept(task, route, spacing, stride, effort.sweeps, ROUGH)
+        route = _swept(task, route, spacing, stride, effort.sweeps, rough)
     route = _swept(task, route, spacing, effort.strides[-1], fine_sweeps, last)
     return route if route.cost < best.cost else best
 

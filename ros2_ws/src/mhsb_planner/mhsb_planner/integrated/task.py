@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -40,6 +40,15 @@ class Effort:
     strides: tuple[float, ...] = (0.5, 0.25, 0.125, 0.0625)
     turn: float = 0.1
     sweeps: int = 3
+
+    def for_size(self, scale: float) -> Effort:
+        """The same for an arm so many times the paper's size: lengths grow with it."""
+        return replace(
+            self,
+            coarsest=scale * self.coarsest,
+            finest=scale * self.finest,
+            narrowest=scale * self.narrowest,
+        )
 
 
 WITH_AREA = Effort(expansions=40_000, strides=(0.5, 0.25, 0.1))

@@ -78,12 +78,12 @@ def profile_of(
         along, across = 1.0, 0.0  # cosine and sine of the link before
         q = position[k]
         for j in range(n):
-            if chain.slides[j]:
-                _, arm[j], _ = motion(linkage[j], q[j])
-            else:
+            if chain.turns[j]:
                 c, s = math.cos(q[j]), math.sin(q[j])
                 _, arm[j], _ = motion_at(linkage[j], c, s)
                 along, across = along * c - across * s, across * c + along * s
+            else:
+                _, arm[j], _ = motion(linkage[j], q[j])
             cosine[j], sine[j] = along, across
             length = extended(chain.slides, chain.length, q, j)
             tip[k, 0] += length * along

@@ -94,6 +94,9 @@ motion returns inside and stays there."""
 THRUST_STRETCH = 1.25
 """By so much a motion is stretched for which pressure lacks: inertia then falls by a third."""
 
+ENOUGH = 1.0001
+"""Use of limits, with its reserve, that will do where times in whole ticks do not let it sink."""
+
 ROUNDS = 8
 """Times that a curve is stretched before it is given up."""
 
@@ -235,7 +238,7 @@ def warm_up(machine: Machine) -> None:
     normal = np.zeros((1, machine.joint_count), dtype=np.uint8)
     nothing = np.zeros(1)
     path = DiscretePath(
-        tip=np.array([machine.tip_position(q) for q in posture]),
+        tip=machine.tip_in_base(posture),
         posture=posture,
         modes=normal,
         duration=np.ones(1),
@@ -319,7 +322,7 @@ def _stretched(
 
     The machine admits the start, `limits` are those to which a joint beyond them has to return.
     """
-    lead_in, stretch = candidate.lead_in, candidate.stretch
+    lead_in, stretch, before = candidate.lead_in, candidate.stretch, math.inf
     for _ in range(ROUNDS):
         deadline.check(FITTING)
         curve = candidate.curve_at(stretch)
@@ -356,7 +359,8 @@ def _stretched(
         used = max(ends.largest_usage(first), quasi_static)
         deadline.check(FITTING)
         needed = USAGE_RESERVE * used
-        if needed <= 1.0:
+        stuck, before = used == before, used
+        if needed <= (ENOUGH if stuck else 1.0):
             schedule = scheduled.schedule
             middles = middle_profile(machine, trajectory)
             violation = first_violation(machine, trajectory, schedule, ends, deadline, middles)
@@ -371,7 +375,7 @@ def _stretched(
                 needed = THRUST_STRETCH
             else:
                 needed = USAGE_RESERVE * (1.0 + violation.amount)
-        stretch *= needed
+        stretch *= max(needed, USAGE_RESERVE) if stuck else needed
         if stretch > (candidate.longest or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
@@ -417,7 +421,7 @@ def _fitted(
     stretch: float,
 ) -> FittedMotion:
     at_nodes = curve.sample(curve.node_time)[0]
-    tips = machine.tip_positions(at_nodes)
+    tips = machine.tip_in_base(at_nodes)
     return FittedMotion(
         trajectory,
         schedule,
@@ -425,7 +429,7 @@ def _fitted(
         candidate.lead_in is not None,
         stretch,
         _speed_excess(machine, profiles.points),
-        float(np.max(np.hypot(*(tips - path.tip).T))),
+        float(np.linalg.norm(tips - path.tip, axis=1).max()),
         float(np.max(np.abs(at_nodes - path.posture))),
         overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profiles.points),
         profiles=profiles,

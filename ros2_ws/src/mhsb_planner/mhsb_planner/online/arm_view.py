@@ -67,6 +67,13 @@ class ArmView:
         """Whether something fresh is known of where the arm is."""
         return self.fresh(self.reference, wall) or self.fresh(self.measured, wall)
 
+    def state(self, wall: float) -> MotionState | None:
+        """Where the arm is commanded to be, or else where it is; None where nothing fresh says."""
+        for heard in (self.reference, self.measured):
+            if heard is not None and self.fresh(heard, wall):
+                return heard.state
+        return None
+
     @staticmethod
     def fresh(heard: Heard | None, wall: float) -> bool:
         """Whether a state has been heard lately."""

@@ -21,6 +21,12 @@ REST_SPEED = 0.01
 class NoStateError(MhsbError):
     """Nothing is known of where the arm is."""
 
+    def __init__(self) -> None:
+        super().__init__(
+            "nothing is known of the arm: no reference or joint_states in the last "
+            f"{OLDEST_STATE:g} s; start the arm or its simulator"
+        )
+
 
 class MovingError(MhsbError):
     """The arm moves under a command that this planner does not know."""
@@ -41,10 +47,7 @@ def departure(view: ArmView, wall: float, now_ns: int) -> Command:
         return own
     if view.measured is not None and view.fresh(view.measured, wall):
         return _from_measured(view, view.measured.state, now_ns)
-    raise NoStateError(
-        "nothing is known of the arm: no reference or joint_states in the last "
-        f"{OLDEST_STATE:g} s; start the arm or its simulator"
-    )
+    raise NoStateError
 
 
 def _from_reference(view: ArmView, state: MotionState, now_ns: int) -> Command:

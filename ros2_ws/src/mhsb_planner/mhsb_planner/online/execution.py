@@ -81,12 +81,9 @@ class Execution:
         goal = self.in_hand.goal
         if view.measured is None:
             return Ending(Outcome.REACHED, "the plan has ended; nobody measures the tip")
-        tip = machine.tip_position(view.measured.state.position)
-        region = self.settings.options.goal_region
-        distance = float(np.hypot(tip[0] - goal.x, tip[1] - goal.z))
-        if region is not None:
-            distance = region.distance((tip[0] - goal.x, tip[1] - goal.z))
-        where = "goal" if region is None else "goal's region"
+        options = self.settings.options
+        distance = options.distance(machine, goal.position, view.measured.state.position)
+        where = "goal" if options.goal_region is None else "goal's region"
         sentence = f"the tip is {1e3 * distance:.2f} mm from the {where}"
         if distance <= REACHED_DISTANCE:
             return Ending(Outcome.REACHED, sentence)

@@ -84,11 +84,11 @@ class GoalInHand:
 
     def refused(self, code: Verdict, sentence: str) -> GoalVerdict:
         """Its verdict, where it is not accepted."""
-        return GoalVerdict(code, sentence, self.goal.stamp_ns, self.goal.x, self.goal.z)
+        return GoalVerdict.of(self.goal, code, sentence)
 
     def accepted(self, code: Verdict, sentence: str, plan: PlanSummary) -> GoalVerdict:
         """Its verdict, where it is."""
-        return GoalVerdict(code, sentence, self.goal.stamp_ns, self.goal.x, self.goal.z, plan)
+        return GoalVerdict.of(self.goal, code, sentence, plan)
 
     def ended(
         self, outcome: Outcome, sentence: str, reason: Verdict | None = None

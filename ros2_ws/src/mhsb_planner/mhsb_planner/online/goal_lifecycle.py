@@ -184,8 +184,8 @@ class GoalLifecycle:
 
     def _check_place(self, in_hand: GoalInHand) -> None:
         machine, goal = in_hand.settings(self._settings).machine, in_hand.goal
-        machine.check_in_workspace(goal.x, goal.z)
-        goal_clearance.check_tip(machine, goal.x, goal.z)
+        machine.check_in_workspace(goal.position)
+        goal_clearance.check_tip(machine.plane, *machine.in_plane(goal.position, 0.0).tip)
 
     def tick(self) -> None:
         """Time has passed."""
@@ -263,7 +263,7 @@ class GoalLifecycle:
         another posture may swing the tip far beyond.
         """
         stream, goal = self._stream, in_hand.goal
-        if stream.velocity == (0.0, 0.0):
+        if not any(stream.velocity):
             return goal, 0.0
         if in_hand.exact or not stream.moves(wall):
             return goal, stream.period

@@ -26,8 +26,8 @@ class GoalReports:
 
     def at_goal(self, in_hand: GoalInHand) -> None:
         """The arm is there, and nothing has to be done."""
-        goal, elapsed = in_hand.goal, 1e3 * (self._clock.wall() - in_hand.received)
-        sentence = f"the tip is at ({goal.x:.4g}, {goal.z:.4g}) m already"
+        elapsed = 1e3 * (self._clock.wall() - in_hand.received)
+        sentence = f"the tip is at {in_hand.goal.place} already"
         if in_hand.answered:
             self.end(in_hand, Outcome.REACHED, sentence)
             return

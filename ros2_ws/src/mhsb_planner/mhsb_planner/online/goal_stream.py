@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.goal import Goal
+from mhsb_model.types import Position
 
 SAMPLES = 5
 """The velocity is told from so many goals at most, and from three at least."""
@@ -31,8 +32,7 @@ LATE = 1.5
 
 
 class _Seen(NamedTuple):
-    x: float
-    z: float
+    position: Position
     time: float
 
 
@@ -49,10 +49,10 @@ class GoalStream:
             passed = received - last.time
             if passed <= 0.0:
                 return
-            moved = math.hypot(goal.x - last.x, goal.z - last.z)
+            moved = math.dist(goal.position, last.position)
             if passed > LONGEST_PERIOD or moved > FASTEST * passed:
                 self._seen.clear()
-        self._seen.append(_Seen(goal.x, goal.z, received))
+        self._seen.append(_Seen(goal.position, received))
 
     @property
     def period(self) -> float:
@@ -60,26 +60,29 @@ class GoalStream:
         return float(np.median(np.diff([each.time for each in self._seen])))
 
     @property
-    def velocity(self) -> tuple[float, float]:
-        """Of the goal [m/s], by least squares; 0 where it stands or too little has been seen."""
+    def velocity(self) -> Position:
+        """Of the goal, along each axis of its position [m/s], by least squares; 0 where it stands
+        or too little has been seen."""
         if len(self._seen) < 3:
             return 0.0, 0.0
-        x, z, time = np.array(self._seen).T
+        position = np.array([each.position for each in self._seen])
+        time = np.array([each.time for each in self._seen])
         since = time - time.mean()
-        vx, vz = float(since @ x / (since @ since)), float(since @ z / (since @ since))
-        return (vx, vz) if math.hypot(vx, vz) >= SLOWEST else (0.0, 0.0)
+        velocity = tuple(float(since @ along / (since @ since)) for along in position.T)
+        return velocity if math.hypot(*velocity) >= SLOWEST else (0.0,) * len(velocity)
 
     def moves(self, now: float) -> bool:
         """Whether the goal moves and is about to come again."""
-        if self.velocity == (0.0, 0.0):
+        if not any(self.velocity):
             return False
         return now - self._seen[-1].time <= LATE * self.period
 
     def ahead(self, goal: Goal, seconds: float) -> Goal:
         """Where a plan for the goal that came last should end: where it will be, or near it."""
-        vx, vz = self.velocity
-        speed = math.hypot(vx, vz)
+        velocity = self.velocity
+        speed = math.hypot(*velocity)
         if speed == 0.0:
             return goal
         seconds = min(seconds, FURTHEST / speed)
-        return Goal(goal.stamp_ns, goal.x + seconds * vx, goal.z + seconds * vz)
+        pairs = zip(goal.position, velocity, strict=True)
+        return goal.moved_to(tuple(along + seconds * rate for along, rate in pairs))

@@ -57,7 +57,7 @@ class PlanRequest:
         replan = replanner.replan(
             self.departure,
             self.now_ns,
-            (target.x, target.z),
+            target.position,
             self.lead,
             replace(self.settings.options, via=self._points_ahead(), period=self.period),
             self.deadline,

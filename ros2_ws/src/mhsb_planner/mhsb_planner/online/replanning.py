@@ -19,9 +19,9 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_model.types import FloatArray
+from mhsb_model.types import Position
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.goal_region import AT_GOAL_ANGLE, AT_GOAL_DISTANCE, Point, is_met
+from mhsb_planner.goal_region import Point
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
@@ -89,19 +89,19 @@ class Replanner:
         self,
         in_force: Command,
         now_ns: int,
-        goal: tuple[float, float],
+        goal: Position,
         lead: float,
         options: PlanOptions,
         deadline: Deadline = NEVER,
     ) -> Replan | None:
-        """Command to the goal (x, z) m, or None where the arm is at rest there already.
+        """Command to the goal in `base_link` [m], or None where the arm is at rest there already.
 
         Raises what `Planner.plan` raises.
         """
         times = change_over(in_force, now_ns, round(lead * SECOND_NS))
         start = in_force.trajectory.sample(times.change_ns)
         moving = bool(start.velocity.any() or start.acceleration.any())
-        if not moving and self._at_goal(start.position, goal, options):
+        if not moving and options.is_met(self._planner.machine, goal, start.position):
             return None
         plan = self._planner.plan(
             goal,
@@ -129,14 +129,6 @@ class Replanner:
     def _brake(self, in_force: Command, times: ChangeOver) -> Trajectory:
         return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
 
-    def _at_goal(
-        self, posture: FloatArray, goal: tuple[float, float], options: PlanOptions
-    ) -> bool:
-        machine = self._planner.machine
-        tip, angle = machine.tip_position(posture), machine.end_link_angle(posture)
-        region, psi = options.goal_region, options.goal_psi
-        return is_met(goal, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
-
     def _rehearse(self, kinds: Iterable[str]) -> Command:
         """A move between two neighbours on the grid, changed on its way: first calls are slow."""
         graph = self._planner.graph
@@ -144,8 +136,12 @@ class Replanner:
         edges = graph.edges
         leaving = int(np.argmax(edges.last - edges.first))
         node = int(edges.state[edges.first[leaving]]) // patterns
-        goal = graph.table.nodes[node] * graph.table.spacing
-        start = graph.layout.posture[leaving]
+        machine, start = self._planner.machine, graph.layout.posture[leaving]
+        place, slew = graph.table.nodes[node] * graph.table.spacing, 0.0
+        if machine.slews:
+            slew = machine.config.simulation.start_posture[0]
+            start = np.append(slew, start)
+        goal = tuple(machine.in_base(place, slew).tolist())
         modes = np.full(len(start), Mode.N, dtype=np.uint8)
         command = Command.hold(0, start, modes)
         for kind, now_ns in itertools.product(
@@ -153,7 +149,7 @@ class Replanner:
             (SECOND_NS, SECOND_NS + SECOND_NS // 2),
         ):
             with contextlib.suppress(MhsbError):
-                replan = self.replan(command, now_ns, (goal[0], goal[1]), OFFLINE_LEAD, kind)
+                replan = self.replan(command, now_ns, goal, OFFLINE_LEAD, kind)
                 command = replan.command if replan is not None else command
         return command
 

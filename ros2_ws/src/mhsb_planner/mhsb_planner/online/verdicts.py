@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mhsb_model.errors import MhsbError, OutOfWorkspaceError
-from mhsb_model.goal import Goal
+from mhsb_model.goal import Goal, place
 from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import (
     DeadlineError,
@@ -44,8 +44,8 @@ def code_of(error: MhsbError) -> Verdict:
 def announcement(replan: Replan, goal: Goal) -> str:
     """What is told of an accepted goal."""
     plan = replan.plan
-    x, z = plan.path.tip[-1].tolist() if plan.path.steps > 0 else (goal.x, goal.z)
-    sentence = f"the tip goes to ({x:.4g}, {z:.4g}) m in {plan.duration:.1f} s"
+    end = plan.path.tip[-1].tolist() if plan.path.steps > 0 else goal.position
+    sentence = f"the tip goes to {place(end)} in {plan.duration:.1f} s"
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"
     excess = plan.motion.speed_excess

@@ -46,16 +46,22 @@ class IntegratedPlanner:
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """Own paths; in between, as soon as these have no motion or take long, or half the time is
         gone, the table planner's, at the next occasion the other's, which take longer to find.
+        Where what moves meanwhile takes longer than the first path, paths that leakage does not
+        hurry come next.
 
         With the area weighed lower bounds say little and the search is long: the others come
         before it.
         """
-        own = _search(graph.machine, task, time, task.area)
+        own, waits = _search(graph.machine, task, time, task.area), False
         others: list[PathPlanner] = [TablePlanner(), FixedPlanner()]
         weighed = task.area.weight > 0.0
         for path in own.paths():
             if path is not None:
                 yield Candidate(path)
+                if not waits and task.meanwhile.time > path.duration.sum():
+                    waits = True
+                    for calm in _patient(graph.machine, task, time):
+                        yield Candidate(replace(calm, lower_bound=own.lower_bound))
             if others and (path is None or not time.found or time.half_gone or weighed):
                 now = others if weighed else others[:1]
                 others = others[len(now):]
@@ -79,7 +85,13 @@ class IntegratedPlanner:
 
 
 def _search(
-    machine: Machine, task: Task, time: SearchTime, area: AreaTerm, effort: Effort | None = None
+    machine: Machine,
+    task: Task,
+    time: SearchTime,
+    area: AreaTerm,
+    effort: Effort | None = None,
+    *,
+    leaks: bool = True,
 ) -> IntegratedSearch:
     options = task.options
     return IntegratedSearch(
@@ -93,9 +105,18 @@ def _search(
         goal_region=options.goal_region,
         certified_from=task.start.position,
         area=area,
+        others=task.meanwhile,
+        leaks=leaks,
         time=time,
         effort=effort,
     )
+
+
+def _patient(machine: Machine, task: Task, time: SearchTime) -> Iterator[DiscretePath]:
+    """Paths that are cheapest where others take their time: leakage goes on anyway."""
+    with suppress(MhsbError):
+        search = _search(machine, task, time, task.area, leaks=False)
+        yield from (path for path in search.paths() if path is not None)
 
 
 def _hurried(machine: Machine, task: Task, time: SearchTime) -> Iterator[DiscretePath]:

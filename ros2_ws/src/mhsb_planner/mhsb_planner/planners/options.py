@@ -5,8 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from mhsb_model.machine import Machine
+from mhsb_model.slewing import InPlane
+from mhsb_model.types import FloatArray, Position
 from mhsb_planner.errors import RequestError
-from mhsb_planner.goal_region import Angle, Point, Region, check_angle
+from mhsb_planner.goal_region import (
+    AT_GOAL_ANGLE,
+    AT_GOAL_DISTANCE,
+    Angle,
+    Point,
+    Region,
+    check_angle,
+    is_met,
+)
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import SearchMethod, Weights
@@ -91,3 +102,27 @@ class PlanOptions:
     def at_the_end(self) -> PlanOptions:
         """For the leg to the goal."""
         return replace(self, via=())
+
+    def distance(self, machine: Machine, goal: Position, posture: FloatArray) -> float:
+        """How far the tip is from the goal in `base_link`, or from its region [m]."""
+        place, tip = machine.in_plane(goal, posture[0]), machine.tip_position(posture)
+        offset = float(tip[0]) - place.tip[0], float(tip[1]) - place.tip[1]
+        region = self.goal_region
+        away = math.hypot(*offset) if region is None else region.distance(offset)
+        return math.hypot(away, self._aside(machine, place, posture))
+
+    def is_met(self, machine: Machine, goal: Position, posture: FloatArray) -> bool:
+        """Whether tip and end link are where they are asked for, and nothing is left to do."""
+        place = machine.in_plane(goal, posture[0])
+        if self._aside(machine, place, posture) > AT_GOAL_DISTANCE:
+            return False
+        tip, angle = machine.tip_position(posture), machine.end_link_angle(posture)
+        region, psi = self.goal_region, self.goal_psi
+        return is_met(place.tip, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
+
+    def _aside(self, machine: Machine, place: InPlane, posture: FloatArray) -> float:
+        """How far the tip is from the plane of a place [m]."""
+        if place.slew is None:
+            return 0.0
+        ahead = machine.arrays.slew_offset + machine.tip_position(posture)[0]
+        return abs(float(ahead * (posture[0] - place.slew)))

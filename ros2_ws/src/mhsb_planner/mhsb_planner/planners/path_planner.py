@@ -17,9 +17,20 @@ from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.search.area_shortfall import AreaTerm
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.lower_bound import ENERGY_ALONE
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, with_others
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
+
+
+class Meanwhile(NamedTuple):
+    """What others move beside the arm in its plane: they take oil [m³], and the time [s] at least,
+    which counts for the bounds on energy."""
+
+    oil: float
+    time: float
+
+
+NOTHING_ELSE = Meanwhile(0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +42,7 @@ class Task:
     brake  how a moving start comes to rest: by coasting, where its plan ends, on its old way
     departure  posture at rest from which the path begins [rad]
     area   weight of the polytope's area, and the area that counts as full
+    meanwhile  what moves beside the joints of the graph
     """
 
     goal: tuple[float, float]
@@ -40,13 +52,15 @@ class Task:
     departure: FloatArray
     options: PlanOptions
     area: AreaTerm
+    meanwhile: Meanwhile = NOTHING_ELSE
 
     def bound(self, graph: StepGraph) -> float:
         """No plan from the start to one of the goal's points takes less energy [J]."""
         machine, options = graph.machine, self.options
         goals = goal_postures(machine, *self.goal, options.goal_psi, region=options.goal_region)
         start = machine.cylinder_lengths(self.start.position)
-        return least_cost_to(machine, graph.circuit, start, goals, ENERGY_ALONE)
+        circuit = with_others(graph.circuit, *self.meanwhile)
+        return least_cost_to(machine, circuit, start, goals, ENERGY_ALONE)
 
     def from_rest(self, path: DiscretePath) -> Task:
         """The same asked from where a path ends, at rest and in its last modes."""

@@ -55,7 +55,9 @@ def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Discr
             if isinstance(error, DeadlineError):
                 break
             continue
-        found.append(path if region is None else replace(path, lower_bound=task.bound(graph)))
+        bound = path.lower_bound + graph.machine.arrays.supply_pressure * task.meanwhile.oil
+        bound = bound if region is None else task.bound(graph)
+        found.append(replace(path, lower_bound=bound))
         if len(found) == 1:
             yield found[0]
     if refused is not None and not found:
@@ -67,9 +69,9 @@ def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Discr
 
 def _is_there(graph: StepGraph, task: Task) -> bool:
     options, posture = task.options, task.departure
-    tip, angle = graph.machine.tip_position(posture), graph.machine.end_link_angle(posture)
     if options.goal_region is None:
         return False  # for the search to find
+    tip, angle = graph.machine.tip_position(posture), graph.machine.end_link_angle(posture)
     return is_met(
         task.goal, options.goal_region, options.goal_psi, tip, angle, SAME_POINT, SAME_POINT
     )

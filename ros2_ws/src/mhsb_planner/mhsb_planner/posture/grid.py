@@ -14,7 +14,6 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import IntArray, frozen
 from mhsb_planner.errors import RequestError
 
-PAPER_SPACING = 0.05  # m
 MOVES = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 ON_LINE = 1e-6
 """A coordinate this close to a grid line, in units of the spacing, lies on it."""

@@ -10,7 +10,6 @@ from tqdm import tqdm
 
 from mhsb_model.machine import Machine
 from mhsb_planner.errors import TableError
-from mhsb_planner.posture.grid import PAPER_SPACING
 from mhsb_planner.posture.s1_global_search import Progress, build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
@@ -18,30 +17,35 @@ _log = logging.getLogger(__name__)
 
 
 def cached_table_path(
-    machine: Machine, spacing: float = PAPER_SPACING, solver: str = "global"
+    machine: Machine, spacing: float | None = None, solver: str = "global"
 ) -> Path:
     """Where the table of a machine is kept: $XDG_CACHE_HOME/mhsb, else ~/.cache/mhsb.
+
+    spacing  m; the machine's own where it is left out
 
     Tables of another solver than the global search are kept apart; nothing looks for them.
     """
     base = os.environ.get("XDG_CACHE_HOME")
     cache = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
     kind = "" if solver == "global" else f"-{solver}"
-    return cache / "mhsb" / f"{machine.name}-{machine.hash[:16]}-{spacing * 1e3:g}mm{kind}.npz"
+    plane, apart = machine.plane, 1e3 * (spacing or machine.spacing)
+    return cache / "mhsb" / f"{plane.name}-{plane.hash[:16]}-{apart:g}mm{kind}.npz"
 
 
 def table_for(
     machine: Machine,
     path: str | Path | None = None,
-    spacing: float = PAPER_SPACING,
+    spacing: float | None = None,
     progress: Progress | None = None,
 ) -> PostureTable:
-    """Posture table of a machine: the one of the file `path`, else from the cache, else built.
+    """Posture table of a machine, in its plane: the one of the file `path`, else from the cache,
+    else built.
 
     A table that is built is kept in the cache; a damaged one there is replaced, and a cache that
     cannot be written does no harm: both are logged. A progress bar tells how far it is, on a
     terminal, unless `progress` does. Raises TableError where `path` is given and cannot be used.
     """
+    machine, spacing = machine.plane, spacing or machine.spacing
     if path is not None:
         return PostureTable.load(path, machine)
     cached = cached_table_path(machine, spacing)

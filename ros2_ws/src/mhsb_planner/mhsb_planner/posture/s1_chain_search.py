@@ -22,7 +22,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
 from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import extended, tip_jacobian, turned, units
+from mhsb_model.kinematics import extended, radians, tip_jacobian, turned
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.modes import MODE_COUNT
 from mhsb_model.statics import gravity_torque
@@ -92,7 +92,7 @@ def _samples(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
 class _Work(NamedTuple):
     """Working memory of areas, beside what is the same in all postures."""
 
-    unit: FloatArray  # [n], see `kinematics.units`
+    unit: FloatArray  # [n], see `kinematics.radians`
     scale: FloatArray  # [n, 2], see `s1_polytope.projected_area`
     flow: float  # m³/s
     force: FloatArray  # [n]
@@ -179,7 +179,7 @@ def _ascend(
     while stride >= last:
         heading, tx, tz = 0.0, 0.0, 0.0
         for k in range(n):  # offsets of the tip from each joint, that is the columns turned
-            heading += turned(m.slides, q, k)
+            heading += turned(m.turns, q, k)
             along, across = math.cos(heading), math.sin(heading)
             if m.slides[k]:
                 ahead[k], up[k] = across * unit[k], -along * unit[k]
@@ -265,7 +265,7 @@ def largest_polytopes_of_chain(
     if count == 0:
         return False
     w = _Work(
-        units(m),
+        radians(m),
         flow_scale(m),
         shared_flow(m),
         np.empty(n),

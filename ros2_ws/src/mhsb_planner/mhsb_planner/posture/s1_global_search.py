@@ -30,7 +30,7 @@ from mhsb_planner.errors import (
     InfeasibleGoalError,
     PlanningCancelledError,
 )
-from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.s1_chain_search import largest_polytopes_of_chain
 from mhsb_planner.posture.s1_polytope import (
     cross_products,
@@ -281,19 +281,20 @@ def postures_at(
 
 def build_posture_table(
     machine: Machine,
-    spacing: float = PAPER_SPACING,
+    spacing: float | None = None,
     jobs: Jobs = None,
     progress: Progress | None = None,
     cancelled: Cancelled | None = None,
     solver: NodeSolver = search_globally,
 ) -> PostureTable:
-    """Posture table of a machine on a grid with the given spacing [m].
+    """Posture table of a machine, in its plane, on a grid with the given spacing [m], or its own.
 
     jobs: threads, or a cluster; the result does not depend on them. progress(done, total) is told
     the nodes, cancelled() is asked between tasks.
     Raises RequestError for a useless spacing, PlanningCancelledError, ClusterError, and
     EmptyTableError where no node has a posture.
     """
+    machine, spacing = machine.plane, machine.spacing if spacing is None else spacing
     nodes = grid_nodes(machine, spacing)
     position = nodes.astype(np.float64) * spacing
     posture = np.empty((len(nodes), *machine.patterns.shape))

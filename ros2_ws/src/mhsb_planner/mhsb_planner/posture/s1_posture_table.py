@@ -99,8 +99,8 @@ class PostureTable:
     def load(cls, path: str | Path, machine: Machine, spacing: float | None = None) -> PostureTable:
         """Table of a file, which must be for this machine and, if given, this spacing [m].
 
-        Raises TableError where the file is missing, damaged, of another schema, machine or
-        spacing; the sentence names which.
+        Of one that slews it is that of its plane. Raises TableError where the file is missing,
+        damaged, of another schema, machine or spacing; the sentence names which.
         """
         path = Path(path)
         header, arrays = _read(path)
@@ -118,7 +118,7 @@ class PostureTable:
             )
         except (KeyError, TypeError, ValueError) as error:
             raise TableError(path, f"has no usable header ({error})") from error
-        table._check_for(path, machine, spacing)
+        table._check_for(path, machine.plane, spacing)
         return table
 
     def _check_for(self, path: Path, machine: Machine, spacing: float | None) -> None:

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 
 from mhsb_model.goal import Goal
+from mhsb_model.types import Position
 from mhsb_model.verdict import ExecutionReport, GoalVerdict
 from mhsb_msgs_py import goal_pose, names, plan_status, topics
 from mhsb_msgs_py.errors import MessageError
@@ -50,19 +51,19 @@ class GoalSender(Node):
         """How many subscribers hear goals."""
         return int(self._goals.get_subscription_count())
 
-    def send(self, x: float, z: float) -> int:
-        """Publish a goal (x, z) m in base_link; returns its stamp, a new one each time [ns]."""
+    def send(self, *place: float) -> int:
+        """Publish a goal [m] in base_link; returns its stamp, a new one each time [ns]."""
         stamp_ns = time.time_ns()
-        self._goals.publish(goal_pose.encode(Goal(stamp_ns, x, z)))
+        self._goals.publish(goal_pose.encode(Goal.at(stamp_ns, place)))
         return stamp_ns
 
     def ask(
-        self, executor: SingleThreadedExecutor, x: float, z: float, timeout: float
+        self, executor: SingleThreadedExecutor, place: Position, timeout: float
     ) -> GoalVerdict | None:
         """Send a goal until the planner answers; its verdict, or None after `timeout` s."""
         end = time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0:
-            stamp_ns = self.send(x, z)
+            stamp_ns = self.send(*place)
             answered = partial(self.verdicts.__contains__, stamp_ns)
             if spin_until(executor, answered, min(left, SEND_AGAIN_AFTER)):
                 return self.verdicts[stamp_ns]

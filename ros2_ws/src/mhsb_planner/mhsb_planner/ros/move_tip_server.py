@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
@@ -22,7 +23,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.verdict import GoalVerdict, Outcome, PlanSummary, Report, Verdict
-from mhsb_msgs_py import goal_pose, names, stamps
+from mhsb_msgs_py import names, stamps
 from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.online.goal_in_hand import Adjustment, GoalInHand, summary_of
@@ -81,6 +82,7 @@ class _Job:
 class MoveTipServer:
     """Serves ~/move_tip.
 
+    decoded        the goal of a message; raises GoalError and MessageError
     settings_with  settings of plans with some parameters of a goal's own
     """
 
@@ -89,7 +91,7 @@ class MoveTipServer:
         action: Any,
         node: Any,
         machine: Machine,
-        frame_prefix: str,
+        decoded: Callable[[PoseStamped], Goal],
         lifecycle: GoalLifecycle,
         outbox: RosOutbox,
         settings_with: Callable[[Sequence[Parameter]], Settings],
@@ -98,7 +100,7 @@ class MoveTipServer:
         self._action = action
         self._node = node
         self._machine = machine
-        self._prefix = frame_prefix
+        self._decoded = decoded
         self._lifecycle = lifecycle
         self._outbox = outbox
         self._settings_with = settings_with
@@ -130,7 +132,7 @@ class MoveTipServer:
     def _begin(self, job: _Job) -> None:
         request = job.handle.request
         try:
-            goal = goal_pose.decode(request.pose, self._prefix)
+            goal = self._decoded(request.pose)
             changes = goal_options.decode(self._node, self._machine, request.options)
         except GoalError as error:
             job.refuse(error.code, str(error))
@@ -139,7 +141,7 @@ class MoveTipServer:
         except MhsbError as error:
             job.refuse(code_of(error), str(error))
         else:
-            goal = Goal(goal.stamp_ns or time.time_ns(), goal.x, goal.z)
+            goal = replace(goal, stamp_ns=goal.stamp_ns or time.time_ns())
             adjusted = self._adjustment(changes)
             if request.plan_only:
                 self._rehearse(job, goal, adjusted)
@@ -206,9 +208,8 @@ class MoveTipServer:
             job.refuse(Verdict.INTERNAL, f"planning failed with {type(answer).__name__}")
         elif answer is None:
             nothing = PlanSummary(0, 0.0, 0.0, 0.0, 0, elapsed, 0.0)
-            goal = in_hand.goal
-            sentence = f"the tip is at ({goal.x:.4g}, {goal.z:.4g}) m already"
-            job.told(GoalVerdict(Verdict.AT_GOAL, sentence, goal.stamp_ns, goal.x, goal.z, nothing))
+            sentence = f"the tip is at {in_hand.goal.place} already"
+            job.told(GoalVerdict.of(in_hand.goal, Verdict.AT_GOAL, sentence, nothing))
         else:
             halves = self._outbox.halves(answer.command)
             job.result |= _figures(summary_of(answer, elapsed, elapsed + 1e3 * request.lead))

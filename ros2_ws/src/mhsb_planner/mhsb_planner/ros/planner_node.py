@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Sequence
 
+import numpy as np
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -32,6 +33,7 @@ from mhsb_model import command_line
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.types import Position
 from mhsb_model.verdict import GoalVerdict, Verdict
 from mhsb_msgs_py import (
     endpoints,
@@ -50,6 +52,7 @@ from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.online.departure import NoStateError
 from mhsb_planner.online.goal_lifecycle import LONGEST_WAIT, GoalLifecycle
 from mhsb_planner.online.learnt_payload import payload_to_plan_with
 from mhsb_planner.online.progress import energy_between
@@ -136,7 +139,7 @@ class PlannerNode(Node):
             return None
         try:
             return MoveTipServer(
-                MoveTip, self, self._machine, self._frame_prefix, self._lifecycle, self._outbox,
+                MoveTip, self, self._machine, self._decoded, self._lifecycle, self._outbox,
                 self._settings_with,
             )
         except Exception as error:
@@ -185,13 +188,26 @@ class PlannerNode(Node):
 
     def _on_goal(self, message: PoseStamped, info: dict[str, int]) -> None:
         try:
-            goal = goal_pose.decode(message, self._frame_prefix)
+            goal = self._decoded(message)
         except GoalError as error:
-            self._refuse(Goal(error.stamp_ns, error.x, error.z), error.code, str(error))
+            self._outbox.report(GoalVerdict.of(error.goal, error.code, str(error)))
         except MessageError as error:
-            self._refuse(Goal(0, 0.0, 0.0), Verdict.INTERNAL, str(error))
+            self._outbox.report(GoalVerdict(Verdict.INTERNAL, str(error), 0, 0.0, 0.0))
         else:
             self._lifecycle.goal(goal, self._received(info))
+
+    def _decoded(self, message: PoseStamped) -> Goal:
+        """The goal of a message; raises GoalError and MessageError."""
+        turned = self._turned if self._machine.slews else None
+        return goal_pose.decode(message, self._frame_prefix, turned)
+
+    def _turned(self, x: float, z: float) -> Position:
+        """From the plane in which the arm is to `base_link`."""
+        state = self._lifecycle.view.state(self.wall())
+        if state is None:
+            raise GoalError(Verdict.NO_STATE, str(NoStateError()))
+        tip = self._machine.in_base(np.array([x, z]), float(state.position[0]))
+        return tuple(tip.tolist())
 
     def _on_joint_states(self, message: JointState) -> None:
         try:
@@ -300,9 +316,6 @@ class PlannerNode(Node):
 
     def _show_markers(self) -> None:
         self._outbox.show_markers(self._settings.machine, self._lifecycle.view.own)
-
-    def _refuse(self, goal: Goal, code: Verdict, sentence: str) -> None:
-        self._outbox.report(GoalVerdict(code, sentence, goal.stamp_ns, goal.x, goal.z))
 
     def _warn(self, sentence: str) -> None:
         self.get_logger().warning(sentence, throttle_duration_sec=1.0)

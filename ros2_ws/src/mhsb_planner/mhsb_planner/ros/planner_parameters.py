@@ -421,8 +421,11 @@ def _check_via(machine: Machine, point: Point) -> None:
     """Raise RequestError where the tip can never be at a point on its way."""
     if not all(map(math.isfinite, point)):
         raise RequestError("goal_via", point, "must be two finite numbers for each point, x z [m]")
+    if machine.slews:
+        rule = "must be empty: arms that slew know no points on the way yet"
+        raise RequestError("goal_via", point, rule)
     try:
-        machine.check_in_workspace(*point)
+        machine.check_in_workspace(point)
     except MhsbError as error:
         raise RequestError("goal_via", point, f"cannot be passed: {error}") from error
 

@@ -42,16 +42,15 @@ ON_ITS_SIDE = Quaternion(x=math.sqrt(0.5), w=math.sqrt(0.5))
 
 def paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
     """The tip's path in base_link and in work_plane."""
-    _, tips = _tip_path(machine, command)
+    _, postures = _along(command)
     in_base, laid_flat = (
         Path(
             header=_header(command.stamp_ns, frame, prefix),
             poses=[
                 PoseStamped(
-                    header=_header(command.stamp_ns, frame, prefix),
-                    pose=Pose(position=_point(tip, frame)),
+                    header=_header(command.stamp_ns, frame, prefix), pose=Pose(position=tip)
                 )
-                for tip in tips
+                for tip in _tips(machine, postures, frame)
             ],
         )
         for frame in (BASE_FRAME, WORK_PLANE_FRAME)
@@ -89,6 +88,9 @@ def _obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[
             height, shape = width, Marker.CYLINDER
         else:
             x_min, z_min, x_max, z_max = np.clip(numbers, -edge, edge).tolist()
+            if machine.slews and not flat:  # ground and base, which stand around the slew's axis
+                x_max = x_max + arrays.slew_offset
+                x_min = -x_max
             x, z, shape = (x_min + x_max) / 2, (z_min + z_max) / 2, Marker.CUBE
             width, height = x_max - x_min, z_max - z_min
         marker = _marker(header, f"obstacles_{frame}", shape, OBSTACLE_DEPTH)
@@ -99,9 +101,8 @@ def _obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[
             marker.pose.orientation = Quaternion(w=1.0) if flat else ON_ITS_SIDE
         else:
             marker.scale.x = width
-            marker.scale.y, marker.scale.z = (
-                (height, OBSTACLE_DEPTH) if flat else (OBSTACLE_DEPTH, height)
-            )
+            depth = width if machine.slews else OBSTACLE_DEPTH
+            marker.scale.y, marker.scale.z = (height, OBSTACLE_DEPTH) if flat else (depth, height)
         marker.color = _color(OBSTACLE_COLORS[part == machine.joint_count], OBSTACLE_OPACITY)
         yield marker
 
@@ -109,32 +110,46 @@ def _obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[
 def _command_markers(
     machine: Machine, command: Command, header: Header, frame: str
 ) -> Iterable[Marker]:
-    times, tips = _tip_path(machine, command)
+    times, postures = _along(command)
+    tips = _tips(machine, postures, frame)
     boosted = strongest(command.schedule.modes_at_many(times))
     line = _marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
-    line.points = [_point(tip, frame) for tip in tips]
+    line.points = tips
     line.colors = [_color(rgb(PATH_COLOR[Mode(mode)])) for mode in boosted.tolist()]
     yield line
     posture = _marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
-    joints = machine.joint_positions(command.trajectory.position[-1])
-    posture.points = [_point(joint, frame) for joint in joints]
+    posture.points = _places(machine, machine.joint_positions(postures[-1]), postures[-1:], frame)
     posture.color = _color(GOAL_COLOR)
     yield posture
     goal = _marker(header, f"goal_{frame}", Marker.SPHERE, GOAL_SIZE)
-    goal.pose.position = _point(tips[-1], frame)
+    goal.pose.position = tips[-1]
     goal.color = _color(GOAL_COLOR)
     yield goal
 
 
-def _tip_path(machine: Machine, command: Command) -> tuple[IntArray, FloatArray]:
-    """Absolute times [ns] and tip positions along the trajectory, its end included."""
+def _along(command: Command) -> tuple[IntArray, FloatArray]:
+    """Absolute times [ns] and postures along the trajectory, its end included."""
     trajectory = command.trajectory
     times = np.append(
         np.arange(trajectory.stamp_ns, trajectory.end_ns, PATH_SPACING_NS, dtype=np.int64),
         trajectory.end_ns,
     )
-    positions = trajectory.sample_many(times)[0]
-    return times, np.array([machine.tip_position(q) for q in positions])
+    return times, trajectory.sample_many(times)[0]
+
+
+def _tips(machine: Machine, postures: FloatArray, frame: str) -> list[Point]:
+    """Where the tip is in postures float64[k, n]."""
+    return _places(machine, machine.tip_positions(postures), postures, frame)
+
+
+def _places(
+    machine: Machine, in_plane: FloatArray, postures: FloatArray, frame: str
+) -> list[Point]:
+    """Places float64[k, 2] of the plane of an arm that may slew, as it is in the postures."""
+    if frame == WORK_PLANE_FRAME or not machine.slews:
+        return [_point(place, frame) for place in in_plane]
+    slew = np.broadcast_to(postures[:, 0], len(in_plane))
+    return [Point(x=x, y=y, z=z) for x, y, z in machine.in_base(in_plane, slew).tolist()]
 
 
 def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:

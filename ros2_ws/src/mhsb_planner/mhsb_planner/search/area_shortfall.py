@@ -142,7 +142,9 @@ def area_along_motion(
 def _profile(
     machine: Machine, posture: FloatArray, modes: ModeArray, deadline: Deadline = NEVER
 ) -> AreaProfile:
-    """Over postures[k + 1, n] in the modes[k, n] between them."""
+    """Over postures[k + 1, n] in the modes[k, n] between them, in the plane."""
+    posture, modes = posture[:, machine.slews :], modes[:, machine.slews :].copy()
+    machine = machine.plane
     tip = machine.tip_positions(posture)
     area = np.empty(len(modes))
     middle = 0.5 * (posture[1:] + posture[:-1])

@@ -26,7 +26,7 @@ class SearchStatistics:
 class DiscretePath:
     """k steps of an arm with n joints, each at constant piston speeds and in one mode pattern.
 
-    tip            float64[k + 1, 2], (x, z) m
+    tip            float64[k + 1, 2], (x, z) m; float64[k + 1, 3], (x, y, z), where joint 1 slews
     posture        float64[k + 1, n], rad
     modes          uint8[k, n], mode of every actuator during each step
     duration       float64[k], s
@@ -94,4 +94,4 @@ class DiscretePath:
     @property
     def length(self) -> float:
         """Length of the tip's path as a polygon [m]."""
-        return float(np.sum(np.hypot(*np.diff(self.tip, axis=0).T)))
+        return float(np.linalg.norm(np.diff(self.tip, axis=0), axis=1).sum())

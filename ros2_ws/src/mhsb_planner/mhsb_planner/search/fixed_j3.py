@@ -18,7 +18,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.tip_postures import posture_with, side_of
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import units
+from mhsb_model.kinematics import radians
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NEVER, Deadline
@@ -30,7 +30,7 @@ from mhsb_planner.search.s2_graph import StepGraph
 
 J3_STEP = math.radians(1.0)
 """By how much a kept joint is changed at a time where the others have no solution [rad]; of one
-that slides in its unit (`kinematics.units`)."""
+that slides in its unit (`kinematics.radians`)."""
 
 NODES_AT_ONCE = 50
 """Nodes of a table that are filled between two looks at a deadline."""
@@ -54,7 +54,7 @@ def _posture(
     The first joint that will do, and of changes up and down by the same angle that up come first.
     False where none will do.
     """
-    changed, unit = kept.copy(), units(m)
+    changed, unit = kept.copy(), radians(m)
     i, j = moved[0], moved[1]
     change, left = 0, True
     while left:

@@ -31,6 +31,8 @@ def least_cost(
     pace: FloatArray,
     shared_flow: float,
     leakage: float,
+    other_oil: float,
+    other_time: float,
     start: FloatArray,
     goal: FloatArray,
     volume_weight: float,
@@ -40,11 +42,12 @@ def least_cost(
 
     area, pace, shared_flow  see `s2_step.Circuit`
     leakage                  of all valves [m³/s]
+    other_oil, other_time    see `s2_step.Circuit`
     volume_weight            w₁ P_S [1/m³]
     time_weight              w₂ [1/s]
     """
-    duration = 0.0
-    volume = 0.0
+    duration = other_time
+    volume = other_oil
     for j in range(len(start)):
         delta = goal[j] - start[j]
         d = 0 if delta > 0.0 else 1
@@ -63,12 +66,19 @@ def least_cost_between(
         c.area,
         c.pace,
         c.shared_flow,
-        len(start) * c.leakage_flow,
+        len(start) * c.leakage_flow + c.idle_leakage,
+        c.other_oil,
+        c.other_time,
         start,
         goal,
         weight[0] * c.supply_pressure,
         weight[1],
     )
+
+
+def with_others(c: Circuit, oil: float, time: float) -> Circuit:
+    """The same for bounds that count what others take meanwhile: oil [m³], and least time [s]."""
+    return c._replace(other_oil=oil, other_time=time)
 
 
 @kernel

@@ -93,7 +93,7 @@ def expand(
     area, pace = c.area, c.pace
     scratch = new_scratch(terms.patterns)
     room = largest_number(terms.layout, terms.patterns)
-    leakage = len(area) * c.leakage_flow
+    leakage = len(area) * c.leakage_flow + c.idle_leakage
     w_energy, w_time, w_switch = asked.weight
     sink = len(states) - 1
     fresh = counts[EXPANDED] == 0
@@ -169,6 +169,8 @@ def expand(
                             pace,
                             c.shared_flow,
                             leakage,
+                            0.0,
+                            0.0,
                             length[at],
                             goal_length[k],
                             w_energy * c.supply_pressure,

@@ -98,7 +98,7 @@ def goal_at(
     ZoneError, DeadlineError.
     """
     machine = graph.machine
-    machine.check_in_workspace(x, z)
+    machine.check_in_workspace((x, z))
     check_tip(machine, x, z)
     node, between = None if psi is not None else graph.grid.node_at(x, z), angle_range(psi)
     if between is not None:

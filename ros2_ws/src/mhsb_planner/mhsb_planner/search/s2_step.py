@@ -104,6 +104,7 @@ class Circuit(NamedTuple):
     tank_pressure: float  # Pa
     shared_flow: float  # m³/s, main pump less leakage with all in N
     leakage_flow: float  # m³/s, one valve in N
+    idle_leakage: float  # m³/s, of valves beside those of the n joints
     efficiency: float  # of the servo pumps
     area: FloatArray  # [n, 2] A_dir [m²]
     per_area: FloatArray  # [n, 2] 1/A_dir [1/m²]
@@ -113,6 +114,8 @@ class Circuit(NamedTuple):
     pace: FloatArray  # [n, modes, 2] 1/V_max by mode [s/m]
     boosted: IntArray  # [patterns] bit j is set where joint j is boosted
     rest_speed: float  # below it a cylinder is held in boost where P_S is too little [m/s]
+    other_oil: float  # m³ that what moves beside the n joints takes in all, for bounds alone
+    other_time: float  # s that it takes, likewise
 
 
 @kernel
@@ -145,6 +148,7 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         m.tank_pressure,
         m.main_pump_flow - n * m.leakage_flow,
         m.leakage_flow,
+        m.idle_leakage,
         m.servo_pump_efficiency,
         area,
         1.0 / area,
@@ -153,6 +157,8 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         valve * m.max_piston_speed**2,
         pace,
         boosted,
+        0.0,
+        0.0,
         0.0,
     )
 
@@ -335,7 +341,7 @@ def steps_to_node(
                     found = WITHOUT_NEED
             if found == INADMISSIBLE:
                 continue
-            paper_sum = series_sum = 0.0
+            paper_sum = series_sum = c.supply_pressure * c.idle_leakage * duration
             for j in range(n):
                 paper = series = c.supply_pressure
                 more = 0.0

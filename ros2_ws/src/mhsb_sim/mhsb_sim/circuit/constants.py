@@ -8,6 +8,7 @@ import numpy as np
 
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
+from mhsb_model.schema import Linkage, Motor
 from mhsb_model.types import IntArray
 from mhsb_sim.circuit.elements import spool_transition
 from mhsb_sim.circuit.quantities import ACTUATOR, CONSTANTS, CYLINDER, MODULE
@@ -37,13 +38,22 @@ def cylinders_of(machine: Machine) -> Records:
             for q in (arrays.joint_min[j], arrays.joint_max[j])
         ]
         cylinders[j]["min_length"], cylinders[j]["max_length"] = min(ends), max(ends)
+    motors = [linkage if isinstance(linkage, Motor) else None for linkage in _linkages(machine)]
+    volume = np.array([motor.volume if motor else 0.0 for motor in motors])
+    cylinders["dead_volume"] = machine.config.circuit.chamber_dead_volume + volume
+    cylinders["friction"] = machine.frictions
+    cylinders["swept"] = [0.0 if motor else 1.0 for motor in motors]
     return cylinders
+
+
+def _linkages(machine: Machine) -> list[Linkage]:
+    return [joint.linkage for joint in machine.config.joints]
 
 
 def actuators_of(machine: Machine) -> Records:
     """ACTUATOR[n] at rest and healthy, valves closed."""
     actuators = np.zeros(machine.joint_count, ACTUATOR)
-    actuators["relief"] = machine.config.circuit.chamber_relief_pressure
+    actuators["relief"] = machine.chamber_reliefs
     actuators["obeys"] = actuators["leakage"] = 1.0
     return actuators
 
@@ -77,7 +87,6 @@ def constants_of(machine: Machine, substep: float) -> Records:
         "main_pump_flow": arrays.main_pump_flow,
         "main_pump_droop": oil.main_pump_droop,
         "bulk_modulus": beta,
-        "dead_volume": oil.chamber_dead_volume,
         "line_capacity": oil.line_volume / beta,
         "rail_capacity": oil.rail_volume / beta,
         "manifold_capacity": oil.manifold_volume / beta,

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 from mhsb_model.kernels.kernel import kernel
+from mhsb_sim.records import Record
 
 
 @kernel(inline="always")
@@ -192,9 +193,14 @@ def first_order_lag(value: float, command: float, decay: float) -> float:
 
 
 @kernel(inline="always")
-def chamber_capacity(dead_volume: float, area: float, stroke: float, bulk_modulus: float) -> float:
-    """C = (V₀ + A s)/β [m³/Pa]: dp/dt = (ΣQ − A ds/dt)/C of the chamber with stroke s [m]."""
-    return (dead_volume + area * stroke) / bulk_modulus
+def chamber_volumes(cylinder: Record, length: float) -> tuple[float, float]:
+    """V₀ + A s on the cap side and V₀ + a (s_max − s) on the rod side [m³].
+
+    With C = V/β: dp/dt = (ΣQ − A ds/dt)/C. cylinder: one of CYLINDER; length [m].
+    """
+    extended, left = length - cylinder.min_length, cylinder.max_length - length
+    cap, rod = cylinder.swept * cylinder.cap_area, cylinder.swept * cylinder.rod_area
+    return cylinder.dead_volume + cap * extended, cylinder.dead_volume + rod * left
 
 
 @kernel(inline="always")

@@ -37,7 +37,7 @@ from mhsb_sim.circuit.constants import actuators_of, constants_of, cylinders_of,
 from mhsb_sim.circuit.elements import (
     accumulator_capacity,
     bristle_bend,
-    chamber_capacity,
+    chamber_volumes,
     check_valve,
     constant_pressure_pump,
     first_order_lag,
@@ -198,13 +198,13 @@ def move_spool(actuator: Record, c: Record) -> None:
 
 
 @kernel
-def rub(actuator: Record, speed: float, c: Record, dt: float) -> None:
+def rub(actuator: Record, speed: float, share: float, c: Record, dt: float) -> None:
     """Friction of a cylinder after dt [s] at `speed` [m/s]: with bristles where there are any.
 
-    F = σ₀ z + σ₁ ż + b v (LuGre), else as `friction_force` (c: CONSTANTS).
+    F = σ₀ z + σ₁ ż + b v (LuGre), else as `friction_force` (c: CONSTANTS), times its own share.
     """
     if c.bristle_stiffness == 0.0:
-        actuator.friction = friction_force(
+        actuator.friction = share * friction_force(
             c.coulomb_friction, c.viscous_friction, c.friction_speed, speed
         )
         return
@@ -212,7 +212,7 @@ def rub(actuator: Record, speed: float, c: Record, dt: float) -> None:
     before = actuator.bend
     actuator.bend = bristle_bend(before, speed, sliding, c.bristle_stiffness, dt)
     bending = (actuator.bend - before) / dt
-    actuator.friction = (
+    actuator.friction = share * (
         c.bristle_stiffness * actuator.bend
         + c.bristle_damping * bending
         + c.viscous_friction * speed
@@ -341,12 +341,9 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
 
             inflow[a] -= cylinder.cap_area * speed[j]
             inflow[b] += cylinder.rod_area * speed[j]
-            capacity[a] = chamber_capacity(
-                c.dead_volume, cylinder.cap_area, length[j] - cylinder.min_length, c.bulk_modulus
-            )
-            capacity[b] = chamber_capacity(
-                c.dead_volume, cylinder.rod_area, cylinder.max_length - length[j], c.bulk_modulus
-            )
+            cap_room, rod_room = chamber_volumes(cylinder, length[j])
+            capacity[a] = cap_room / c.bulk_modulus
+            capacity[b] = rod_room / c.bulk_modulus
             capacity[line] = c.line_capacity
 
         for k in range(count):
@@ -381,7 +378,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
     for j in range(n):
         actuator = actuators[j]
         cylinder = cylinders[j]
-        rub(actuator, speed[j], c, dt * substeps)
+        rub(actuator, speed[j], cylinder.friction, c, dt * substeps)
         e.friction += actuator.friction * speed[j] * dt * substeps
         actuator.force = (
             cylinder.cap_area * pressure[3 * j] - cylinder.rod_area * pressure[3 * j + 1]

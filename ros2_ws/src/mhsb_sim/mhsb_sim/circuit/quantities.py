@@ -10,6 +10,9 @@ CYLINDER = np.dtype(
         ("rod_area", "f8"),  # m²
         ("min_length", "f8"),  # m, at one joint limit
         ("max_length", "f8"),  # m, at the other
+        ("dead_volume", "f8"),  # m³ of oil on each side at its end
+        ("friction", "f8"),  # its friction over what the circuit has of all
+        ("swept", "f8"),  # 1, or 0 of a motor, in which there is as much oil wherever it stands
     ]
 )
 
@@ -22,7 +25,6 @@ CONSTANTS = np.dtype(
             "main_pump_flow",  # m³/s
             "main_pump_droop",  # Pa
             "bulk_modulus",  # Pa
-            "dead_volume",  # m³
             "line_capacity",  # m³/Pa
             "rail_capacity",  # m³/Pa
             "manifold_capacity",  # m³/Pa

@@ -13,9 +13,11 @@ import tyro
 
 from mhsb_model import command_line
 from mhsb_model.files.output_folders import make_room_for
+from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.commands.plan_arguments import Point, case_title, request
+from mhsb_model.types import Position
+from mhsb_planner.commands.plan_arguments import case_title, refuse_elsewhere, request
 from mhsb_planner.evaluation.move import Move, planned_move
 from mhsb_planner.evaluation.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner
@@ -35,8 +37,8 @@ def animate(
     bag: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="BAG")] = None,
     *,
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")],
-    start: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
-    goal: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
+    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
+    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
     case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     planner: PlannerKind | None = None,
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
@@ -125,24 +127,24 @@ def _refuse_idle(bag: Path | None, planner: str | None, namespace: str | None) -
 
 
 def _recorded(machine: Machine, bag: Path, namespace: str) -> tuple[Move, list[Sent]]:
-    run = recorded_run(read_recording(bag, namespace), machine)
+    run = recorded_run(read_recording(bag, namespace, machine.slews), machine)
     move, first_ns = whole_run(run, f"{'/'.join(bag.resolve().parts[-2:])}, as recorded")
     goals = []
     for each in run.goals:
         if each.taken_over_ns is not None:
             time = (each.taken_over_ns - first_ns) / SECOND_NS
-            goals.append(Sent(time, (each.verdict.goal_x, each.verdict.goal_z)))
+            goals.append(Sent(time, each.verdict.goal.position))
     return move, sorted(goals, key=lambda sent: sent.time)
 
 
 def _planned(machine: Machine, asked: PaperCase) -> tuple[Move, list[Sent]]:
-    machine.check_in_workspace(*asked.start)
+    refuse_elsewhere(machine, asked)
+    machine.check_in_workspace(asked.start)
     compile_planner()
     suite = Planner(machine, table_for(machine))
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
     plan = suite.plan(asked.goal, at_rest, options=asked.options)
-    x, z = asked.goal
-    title = f"{case_title(asked)}to ({x:g}, {z:g}) m, as planned"
+    title = f"{case_title(asked)}to {place(asked.goal, 'g')}, as planned"
     move = planned_move(machine, plan, asked.goal, title)
     return move, [Sent(0.0, asked.goal)]
 

@@ -20,10 +20,12 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.errors import MhsbError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import of_machine
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.files.yaml_files import read_yaml
+from mhsb_model.goal import Goal, place
 from mhsb_model.machine import load_machine
+from mhsb_model.types import Position
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.live.child_process import ChildEndedError, ChildProcess
@@ -54,11 +56,20 @@ BOTH_SIDES = 0.5
 
 @dataclass(frozen=True)
 class TimedGoal:
-    """A tip position [m] and the time until the next goal [s]; None waits for the arrival."""
+    """A tip position [m] and the time until the next goal [s]; None waits for the arrival.
+
+    y is for arms that slew
+    """
 
     x: float
     z: float
     time: float | None = None
+    y: float | None = None
+
+    @property
+    def position(self) -> Position:
+        """In `base_link`."""
+        return Goal(0, self.x, self.z, self.y).position
 
 
 def demo(
@@ -79,8 +90,8 @@ def demo(
     Args:
         output: Folder for recording, report and summary.
         machine: Machine file (YAML); the suite's own arm when left out.
-        goals: Goals (YAML: a list of x [m], z [m] and time to the next [s]); the suite's own
-            when left out.
+        goals: Goals (YAML: a list of x [m], z [m], where the arm slews also y [m], and time to the
+            next [s]); the machine's own of the suite when left out.
         plant: Plant file (YAML), such as config/realistic_plant.yaml: what the simulated arm has
             other than the machine that planner and servo know.
         view: Show the arm in a browser meanwhile, at the address that is printed.
@@ -99,9 +110,12 @@ def _demo(
     output: Path, machine: Path | None, goals: Path | None, plant: Path | None, view: bool
 ) -> dict[str, Any]:
     """All of it; what is in summary.json."""
-    file = goals or config_file(GOALS_FILE)
-    wanted = read_goals(file)
     arm = load_machine(machine)  # a file that cannot be used is told here, not by a node
+    file = goals or of_machine(GOALS_FILE, arm.name)
+    wanted = read_goals(file)
+    for number, goal in enumerate(wanted, start=1):
+        if len(goal.position) != len(arm.axes):
+            raise MhsbError(f"{file}: goal {number} must have {', '.join(arm.axes)} [m]")
     if plant:
         check_plant(arm, load_plant(arm, plant))
     began = time.monotonic()
@@ -139,8 +153,8 @@ def shortfall(summary: dict[str, Any]) -> str | None:
     sent, refused, lost = summary["goals_sent"], summary["goals_refused"], summary["lost"]
     if lost:
         first = lost[0]
-        place = f"({first['x_m']:.4g}, {first['z_m']:.4g}) m"
-        return f"{len(lost)} of {sent} goals were lost, the first at {place}: {first['reason']}"
+        where = place(value for name, value in first.items() if name.endswith("_m"))
+        return f"{len(lost)} of {sent} goals were lost, the first at {where}: {first['reason']}"
     if refused:
         return f"{refused} of {sent} goals were refused; summary.json says why"
     return None
@@ -157,12 +171,13 @@ def read_goals(file: Path) -> list[TimedGoal]:
 def _goal(file: Path, number: int, values: Any) -> TimedGoal:
     try:
         goal = TimedGoal(**{key: float(value) for key, value in values.items()})
-        if all(map(math.isfinite, (goal.x, goal.z, goal.time or 0.0))):
+        if all(map(math.isfinite, (*goal.position, goal.time or 0.0))):
             return goal
     except (TypeError, ValueError, AttributeError, OverflowError):
         pass
     raise MhsbError(
-        f"{file}: goal {number} must have x and z [m] and may have time [s], finite numbers"
+        f"{file}: goal {number} must have x and z [m] and may have time [s], and y [m] where the "
+        "arm slews, finite numbers"
     )
 
 
@@ -222,11 +237,11 @@ def _record(
 def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: TimedGoal) -> None:
     """Send a goal and wait as long as it says, or until the arm has come to rest."""
     began = time.monotonic()
-    stamp_ns = sender.send(goal.x, goal.z)
+    stamp_ns = sender.send(*goal.position)
     if not spin_until(executor, lambda: stamp_ns in sender.verdicts, ANSWER_TIMEOUT):
         raise ChildEndedError(f"the planner gave no answer within {ANSWER_TIMEOUT:g} s")
     verdict = sender.verdicts[stamp_ns]
-    tqdm.write(f"  ({goal.x:.3f}, {goal.z:.3f}) m: {verdict.code.value}, {verdict.sentence}")
+    tqdm.write(f"  {place(goal.position, '.3f')}: {verdict.code.value}, {verdict.sentence}")
     if goal.time is not None:
         spin_until(executor, lambda: False, goal.time - (time.monotonic() - began))
     elif verdict.plan is not None:

@@ -22,11 +22,11 @@ from mhsb_model.figure_style import (
     rgb,
 )
 from mhsb_model.modes import Mode, strongest
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, Position
 from mhsb_planner.evaluation.move import Move
 from mhsb_planner.evaluation.move_page import draw_mode_bars, spans
 from mhsb_planner.evaluation.workspace_drawing import draw_obstacles, draw_workspace_axes
-from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, linkage_bars
+from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, bars_in_plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,10 +50,10 @@ BARREL, BAR, LINK = 7.0, 2.5, 5.0
 
 @dataclass(frozen=True)
 class Sent:
-    """A goal (x, z) [m], and from when on the arm goes there, s in the move's time."""
+    """A goal [m] in `base_link`, and from when on the arm goes there, s in the move's time."""
 
     time: float
-    place: tuple[float, float]
+    place: Position
 
 
 def write_film(
@@ -151,8 +151,8 @@ class _Film:
         draw_workspace_axes(self._move.machine, axes)
         draw_obstacles(self._move.machine, axes)
         axes.plot(*self._move.tip.T, color=PALE, linewidth=3.0)
-        rows = self._move.position[::EVERY]
-        places = np.array([_flat(bar) for q in rows for bar in linkage_bars(self._move.machine, q)])
+        machine, rows = self._move.machine, self._move.position[::EVERY]
+        places = np.array([_flat(bar) for q in rows for bar in bars_in_plane(machine, q)])
         for limits, put, values in (
             (axes.get_xlim(), axes.set_xlim, places[..., 0]),
             (axes.get_ylim(), axes.set_ylim, places[..., 1]),
@@ -207,16 +207,17 @@ class _Film:
         move = self._move
         q = move.position[row]
         self._links.set_data(*move.machine.joint_positions(q).T)
-        bars = linkage_bars(move.machine, q)
+        bars = bars_in_plane(move.machine, q)
         barrels = [bar for bar in bars if bar.paint == BARREL_PAINT]
         others = [bar for bar in bars if bar.paint != BARREL_PAINT]
         self._bars.set_segments([_flat(bar) for bar in others])
         self._barrels.set_segments([_flat(bar) for bar in barrels])
-        self._barrels.set_color([MODE_COLOR[Mode(mode)] for mode in move.modes[row].tolist()])
+        modes = move.modes[row, move.machine.slews :].tolist()  # what slews has no barrel
+        self._barrels.set_color([MODE_COLOR[Mode(mode)] for mode in modes])
         stretches = list(spans(strongest(move.modes[: row + 1]))) if row > 0 else []
         self._path.set_segments([move.tip[begin : end + 1] for begin, end, _ in stretches])
         self._path.set_color([PATH_COLOR[mode] for *_, mode in stretches])
-        sent = [goal.place for goal in self._goals if goal.time <= time]
+        sent = [move.machine.from_the_side(goal.place) for goal in self._goals if goal.time <= time]
         self._goal.set_data(*([[each] for each in sent[-1]] if sent else ([], [])))
         self._clock.set_text(f"{time:.1f} s")
         for cursor in self._moving[-2:]:

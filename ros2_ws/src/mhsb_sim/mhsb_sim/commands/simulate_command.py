@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from mhsb_model import command_line
 from mhsb_model.files.output_folders import make_output_folder
+from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.commands.plan_arguments import Box, Circle, as_asked
@@ -49,8 +50,8 @@ PICTURE = "move.png"
 
 def simulate(
     goal: Annotated[
-        tuple[tuple[tuple[float, float, float], ...], ...],
-        tyro.conf.arg(metavar="X Z T [X Z T ...]"),
+        tuple[tuple[float, ...], ...],
+        tyro.conf.arg(metavar="X [Y] Z T [X [Y] Z T ...]"),
         tyro.conf.UseAppendAction,
     ] = (),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
@@ -73,7 +74,8 @@ def simulate(
 ) -> int:
     """Plan and simulate goals one after the other, in lock-step, as fast as it goes.
 
-    Each goal is a tip position X Z [m] and the time T [s] until the next one, on the way or not;
+    Each goal is a tip position X Z [m], or X Y Z where the arm slews, and the time T [s] until the
+    next one, on the way or not;
     where the arm is not there although its motion is over, the exit code is 1. The arm starts at
     rest in the machine file's start posture. Same arguments, same bits.
 
@@ -101,8 +103,7 @@ def simulate(
         audit: Also print where all energy and all oil went, and what the plans had expected; with
             --json that is there anyway.
     """
-    goals = [_timed_goal(*values) for values in itertools.chain(*goal)]
-    if not goals:
+    if not goal:
         raise command_line.UsageError("give --goal X Z T, once or several times")
     if audit and json_:
         raise command_line.UsageError(
@@ -111,9 +112,10 @@ def simulate(
         )
     if seed < 0:
         raise command_line.UsageError(f"--seed: {seed} is below 0")
+    arm = as_asked(load_machine(machine), payload=payload)
+    goals = list(itertools.chain.from_iterable(timed_goals(arm, values) for values in goal))
     if output is not None:
         make_output_folder(output, "the run")
-    arm = as_asked(load_machine(machine), payload=payload)
     real = plant_of(arm, plant, vary)
     controller_class(controller)  # refuses an unknown one before anything takes time
     compile_planner()
@@ -132,7 +134,9 @@ def simulate(
     samples = run.samples()
     elements = energy_elements(planned_energy(arm, samples), simulator.energies)
     interventions = simulator.guard.interventions.count
-    summary = summarize(results, samples, simulator.energies, seconds, elements, interventions)
+    summary = summarize(
+        arm.axes, results, samples, simulator.energies, seconds, elements, interventions
+    )
     summary["volumes_m3"] = simulator.volumes
     if output is not None:
         write(output, samples, summary)
@@ -158,7 +162,7 @@ def is_missed(result: GoalRun) -> bool:
 def missed_sentence(result: GoalRun, interventions: int) -> str:
     """Where the tip was instead."""
     return (
-        f"the goal ({result.goal.x:g}, {result.goal.z:g}) m is missed: the tip is "
+        f"the goal {place(result.goal.position, 'g')} is missed: the tip is "
         f"{1e3 * result.goal_distance:.0f} mm from it {result.overdue:.1f} s after its motion "
         f"should have ended; the guard intervened {interventions} times: the arm "
         "that is simulated may ask more than plans and servo know of, --plant and --vary say what"
@@ -186,12 +190,24 @@ def plant_of(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machin
         raise command_line.UsageError(f"--vary: {error}") from error
 
 
-def _timed_goal(x: float, z: float, duration: float) -> TimedGoal:
-    if not SHORTEST_TIME <= duration <= LONGEST_TIME:
-        raise command_line.UsageError(
-            f"--goal: the time {duration:g} s must be within {SHORTEST_TIME:g} … {LONGEST_TIME:g} s"
-        )
-    return TimedGoal(x, z, duration)
+def timed_goals(machine: Machine, values: Sequence[float]) -> list[TimedGoal]:
+    """Goals of one --goal; UsageError where they are not the arm's."""
+    count = len(machine.axes) + 1
+    if not values or len(values) % count:
+        wanted = " ".join([*machine.axes, "t"]).upper()
+        given = " ".join(f"{value:g}" for value in values) or "nothing"
+        raise command_line.UsageError(f"--goal: {machine.name} takes {wanted} each, not {given}")
+    goals = [
+        TimedGoal(tuple(values[k : k + count - 1]), values[k + count - 1])
+        for k in range(0, len(values), count)
+    ]
+    for goal in goals:
+        if not SHORTEST_TIME <= goal.time <= LONGEST_TIME:
+            raise command_line.UsageError(
+                f"--goal: the time {goal.time:g} s must be within {SHORTEST_TIME:g} … "
+                f"{LONGEST_TIME:g} s"
+            )
+    return goals
 
 
 def planned_energy(machine: Machine, samples: Samples) -> Energy:
@@ -208,6 +224,7 @@ def planned_energy(machine: Machine, samples: Samples) -> Energy:
 
 
 def summarize(
+    axes: Sequence[str],
     results: list[GoalRun],
     samples: Samples,
     energies: dict[str, float],
@@ -215,10 +232,13 @@ def summarize(
     elements: list[Element],
     interventions: int,
 ) -> dict[str, Any]:
-    """The run in plain numbers; `seconds` of computing, `interventions` of the guard."""
+    """The run in plain numbers; `seconds` of computing, `interventions` of the guard.
+
+    axes  of the goals' positions, as `Machine.axes`
+    """
     chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)
     return {
-        "goals": [_goal_numbers(result) for result in results],
+        "goals": [_goal_numbers(axes, result) for result in results],
         "simulated_s": float(samples.time[-1] - samples.time[0]),
         "real_time_factor": float((samples.time[-1] - samples.time[0]) / seconds),
         "tip_error_rms_mm": float(1e3 * np.sqrt(np.mean(samples.tip_error**2))),
@@ -235,10 +255,9 @@ def summarize(
     }
 
 
-def _goal_numbers(result: GoalRun) -> dict[str, Any]:
+def _goal_numbers(axes: Sequence[str], result: GoalRun) -> dict[str, Any]:
     numbers: dict[str, Any] = {
-        "x": result.goal.x,
-        "z": result.goal.z,
+        **dict(zip(axes, result.goal.position, strict=True)),
         "time_s": result.goal.time,
         "goal_distance_mm": 1e3 * result.goal_distance,
     }
@@ -256,15 +275,18 @@ def _goal_numbers(result: GoalRun) -> dict[str, Any]:
 
 def as_text(summary: dict[str, Any]) -> list[str]:
     """The summary for a person."""
-    lines = ["goal x, z [m]     time [s]  planned [s]  left to the goal [mm]"]
+    axes = [axis for axis in "xyz" if axis in summary["goals"][0]]
+    head = f"goal {', '.join(axes)} [m]"
+    lines = [f"{head:{8 * len(axes)}}  time [s]  planned [s]  left to the goal [mm]"]
     for goal in summary["goals"]:
+        to = " ".join(f"{goal[axis]:7.3f}" for axis in axes)
         planned = f"{goal['duration_s']:11.2f}" if "duration_s" in goal else "no new plan"
         lines.append(
-            f"{goal['x']:6.3f} {goal['z']:7.3f}  {goal['time_s']:9.2f}  {planned}"
+            f"{to}  {goal['time_s']:9.2f}  {planned}"
             f"  {goal['goal_distance_mm']:12.2f}"
         )
     warnings = [
-        f"warning: to ({goal['x']:g}, {goal['z']:g}) m: {warning}"
+        f"warning: to {place([goal[axis] for axis in axes], 'g')}: {warning}"
         for goal in summary["goals"]
         for warning in goal.get("warnings", ())
     ]

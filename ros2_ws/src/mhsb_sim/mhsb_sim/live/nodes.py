@@ -75,5 +75,5 @@ def shake_hands(sender: GoalSender, executor: SingleThreadedExecutor) -> None:
     A match is known to each side on its own; after this, goals are heard and verdicts, too.
     """
     matched = spin_until(executor, lambda: sender.matched, ANSWER_TIMEOUT)
-    if not matched or sender.ask(executor, math.nan, math.nan, ANSWER_TIMEOUT) is None:
+    if not matched or sender.ask(executor, (math.nan, math.nan), ANSWER_TIMEOUT) is None:
         raise ChildEndedError("the planner is ready, but cannot be reached over ROS")

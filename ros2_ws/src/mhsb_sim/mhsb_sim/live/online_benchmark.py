@@ -135,7 +135,7 @@ def _send(
     due = time.monotonic()
     for goal in tqdm(goals, name, unit="goal", disable=None):
         spin_until(executor, lambda: False, due - time.monotonic())
-        last = watcher.send(goal.x, goal.z)
+        last = watcher.send(*goal.position)
         due += goal.time
         for node in nodes:
             node.check()

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
+from mhsb_model.types import Position
+from mhsb_planner.evaluation.moves import anywhere
 from mhsb_planner.planner import Planner, PlanOptions
 
 SHORTEST, LONGEST = 0.5, 3.0
@@ -17,10 +18,9 @@ SHORTEST, LONGEST = 0.5, 3.0
 
 @dataclass(frozen=True)
 class SeededGoal:
-    """A tip position (x, z) [m], and the time until the next one [s]."""
+    """A tip position [m] in `base_link`, and the time until the next one [s]."""
 
-    x: float
-    z: float
+    position: Position
     time: float
 
 
@@ -39,20 +39,10 @@ def seeded_goals(
     start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
     goals: list[SeededGoal] = []
     while len(goals) < count:
-        x, z = _anywhere(machine, random)
+        position = anywhere(machine, random)
         try:
-            planner.plan((x, z), start, options=options)
+            planner.plan(position, start, options=options)
         except MhsbError:
             continue
-        goals.append(SeededGoal(x, z, float(waits[len(goals)])))
+        goals.append(SeededGoal(position, float(waits[len(goals)])))
     return goals
-
-
-def _anywhere(machine: Machine, random: np.random.Generator) -> tuple[float, float]:
-    """A point of the workspace, all areas alike [m]."""
-    area = machine.config.workspace
-    while True:
-        x = random.uniform(area.min_x, area.max_radius)
-        z = random.uniform(-area.max_radius, area.max_radius)
-        if area.min_radius <= np.hypot(x, z) <= area.max_radius:
-            return x, z

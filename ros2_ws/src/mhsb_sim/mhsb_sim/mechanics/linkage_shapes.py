@@ -9,11 +9,11 @@ import numpy as np
 
 from mhsb_model.linkages import four_bar, linkage
 from mhsb_model.machine import Machine
-from mhsb_model.schema import Direct, FourBar, Pin
+from mhsb_model.schema import Direct, FourBar, Motor, Pin, RackAndPinion
 from mhsb_model.types import FloatArray
 
 BARREL_SHARE = 0.85
-BARREL_RADIUS = 0.016  # m
+BARREL_RADIUS = 0.016  # m, as all radii of an arm of the paper's size
 BARREL_PAINT = (0.16, 0.35, 0.55, 1.0)
 ROD_RADIUS = 0.006  # m
 ROD_PAINT = (0.80, 0.82, 0.85, 1.0)
@@ -34,16 +34,27 @@ class Bar(NamedTuple):
 
 
 def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
-    """Bars of all linkages in the posture q[n] [rad], actuator by actuator, its barrel last."""
-    joints = machine.joint_positions(q)
+    """Bars of all linkages in the posture q[n] [rad], actuator by actuator, its barrel last.
+
+    Of what slews there are none.
+    """
+    bars = bars_in_plane(machine, q)
+    return [_slewed(machine, float(q[0]), bar) for bar in bars] if machine.slews else bars
+
+
+def bars_in_plane(machine: Machine, q: FloatArray) -> list[Bar]:
+    """The same, seen from the side where the arm slews."""
+    joints, size = machine.joint_positions(q), machine.scale
     angle = np.append(0.0, machine.link_angles(q))  # of the link before each joint, and of the last
     bars = []
     for j, joint in enumerate(machine.config.joints):
+        if isinstance(joint.linkage, RackAndPinion | Motor):
+            continue
         if isinstance(joint.linkage, Direct):  # along the boom, to the telescope's tip
             rod_end = np.array([joints[j + 1, 0], BESIDE, joints[j + 1, 1]])
             length = joint.linkage.retracted_length + q[j]
             parent_pin = rod_end - _turned(length, 0.0, angle[j])
-            bars.append(Bar(parent_pin, rod_end, ROD_RADIUS, ROD_PAINT))
+            bars.append(Bar(parent_pin, rod_end, size * ROD_RADIUS, ROD_PAINT))
             bars.append(_barrel(machine, j, parent_pin, rod_end))
             continue
         parent_pin = _pin(joints[j], angle[j], joint.linkage.parent_pin)
@@ -52,11 +63,20 @@ def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
             pivot = _pin(joints[j], angle[j], joint.linkage.rocker_pivot)
             x, z, *_ = four_bar.motion(machine.arrays.linkage[j], math.cos(q[j]), math.sin(q[j]))
             rod_end = pivot + _turned(x, z, angle[j])
-            bars.append(Bar(pivot, rod_end, BAR_RADIUS, ROCKER_PAINT))
-            bars.append(Bar(rod_end, child_pin, BAR_RADIUS, COUPLER_PAINT))
-        bars.append(Bar(parent_pin, rod_end, ROD_RADIUS, ROD_PAINT))
+            bars.append(Bar(pivot, rod_end, size * BAR_RADIUS, ROCKER_PAINT))
+            bars.append(Bar(rod_end, child_pin, size * BAR_RADIUS, COUPLER_PAINT))
+        bars.append(Bar(parent_pin, rod_end, size * ROD_RADIUS, ROD_PAINT))
         bars.append(_barrel(machine, j, parent_pin, rod_end))
     return bars
+
+
+def _slewed(machine: Machine, angle: float, bar: Bar) -> Bar:
+    """A bar in the plane, as it is where joint 1 has turned that plane by an angle [rad]."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    foot = np.array([machine.arrays.slew_offset, 0.0, 0.0])
+    start, end = turn @ (bar.start + foot), turn @ (bar.end + foot)
+    return bar._replace(start=start, end=end)
 
 
 def _pin(joint: FloatArray, angle: float, pin: Pin) -> FloatArray:
@@ -79,4 +99,4 @@ def _barrel(machine: Machine, j: int, parent_pin: FloatArray, rod_end: FloatArra
     ]
     along = (rod_end - parent_pin) / np.linalg.norm(rod_end - parent_pin)
     end = parent_pin + BARREL_SHARE * min(lengths) * along
-    return Bar(parent_pin, end, BARREL_RADIUS, BARREL_PAINT)
+    return Bar(parent_pin, end, machine.scale * BARREL_RADIUS, BARREL_PAINT)

@@ -3,7 +3,8 @@
 Frames: `base_link` at joint 1 (x forward, y to the left, z up), `link_1` … at the joints with x
 along the link, `tip` at the end, `work_plane` at the base with the arm's plane laid flat (x
 forward, y up). A positive angle raises the link, so that joints turn about −y; telescopes slide
-along x, from the tip of the link before.
+along x, from the tip of the link before. Where joint 1 slews, it turns about z, `base_link` lies
+on its axis at the height of joint 2, and `work_plane` turns with it.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def robot_description(machine: Machine) -> str:
     SubElement(robot, "link", name="tip").append(_payload(machine))
     _add_fixed(robot, "tip_mount", parent, "tip", f"{at:.9g} 0 0", "0 0 0")
     SubElement(robot, "link", name="work_plane")
-    _add_fixed(robot, "work_plane_mount", "base_link", "work_plane", "0 0 0", f"{math.pi / 2} 0 0")
+    plane, at = ("link_1", machine.arrays.slew_offset) if machine.slews else ("base_link", 0.0)
+    flat = f"{math.pi / 2} 0 0"
+    _add_fixed(robot, "work_plane_mount", plane, "work_plane", f"{at:.9g} 0 0", flat)
     indent(robot)
     return tostring(robot, encoding="unicode", xml_declaration=True)
 
@@ -80,13 +83,14 @@ def _add_link(
 def _add_joint(
     robot: Element, machine: Machine, index: int, parent: str, child: str, at: float
 ) -> None:
-    a, slides = machine.arrays, bool(machine.arrays.slides[index])
-    kind = "prismatic" if slides else "revolute"
+    a, own = machine.arrays, machine.config.joints[index].kind
+    kind = "prismatic" if own == "prismatic" else "revolute"
+    axis = {"revolute": "0 -1 0", "prismatic": "1 0 0", "slew": "0 0 1"}[own]
     joint = SubElement(robot, "joint", name=machine.joint_names[index], type=kind)
     SubElement(joint, "origin", xyz=f"{at:.9g} 0 0", rpy="0 0 0")
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
-    SubElement(joint, "axis", xyz="1 0 0" if slides else "0 -1 0")
+    SubElement(joint, "axis", xyz=axis)
     area = max(a.cap_area[index], a.rod_area[index])
     limits = {
         "lower": a.joint_min[index],

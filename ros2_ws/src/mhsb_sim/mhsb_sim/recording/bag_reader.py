@@ -15,8 +15,8 @@ from mhsb_sim.recording.bag_format import BagError
 from mhsb_sim.recording.recording import Recording, decoded
 
 
-def read_recording(folder: Path, namespace: str = "") -> Recording:
-    """Read the recording in `folder`, topics below `namespace` such as `/left`.
+def read_recording(folder: Path, namespace: str = "", slews: bool = False) -> Recording:
+    """Read the recording in `folder` of an arm that may slew, topics below `namespace`, `/left`.
 
     Raises BagError where the folder is not a complete recording, or has no joint states.
     """
@@ -30,7 +30,8 @@ def read_recording(folder: Path, namespace: str = "") -> Recording:
         )
     try:
         with Reader(folder) as reader:
-            return decoded(partial(_raw, reader, namespace), f"the recording {folder}", namespace)
+            messages, what = partial(_raw, reader, namespace), f"the recording {folder}"
+            return decoded(messages, what, namespace, slews)
     except (ReaderError, FileNotFoundError) as error:
         raise BagError(
             f"the recording {folder} cannot be read: {str(error).rstrip('.')}; if it was cut off, "

@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
-from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.types import FloatArray, IntArray, ModeArray, Position
 from mhsb_msgs_py import (
     actuator_states,
     estimates,
@@ -122,16 +122,19 @@ class Recording:
     estimates: tuple[Timed, ...] = field(default=())
 
 
-def decoded(raw: RawMessages, what: str, namespace: str = "") -> Recording:
+def decoded(
+    raw: RawMessages, what: str, namespace: str = "", slews: bool = False
+) -> Recording:
     """The recording that consists of these messages; `what` it is called in errors.
 
     namespace  below which the topics were, such as `/left`
+    slews      whether the arm does, so that goals have a y
 
     Raises BagError where it has no joint states.
     """
     topic = f"{namespace}/{topics.JOINT_STATES.name}"
     nothing = f"{what} has no messages on {topic}; was the simulator running?"
-    return _Messages(raw, nothing).recording()
+    return _Messages(raw, nothing).recording(slews)
 
 
 class _Messages:
@@ -151,8 +154,9 @@ class _Messages:
             [stamps.from_time(message.header.stamp) for _, message in states], dtype=np.int64
         )
 
-    def recording(self) -> Recording:
+    def recording(self, slews: bool) -> Recording:
         """Everything, decoded."""
+        to_base = _unknown_plane if slews else None
         modes = self._decoded(
             topics.MODES, lambda message: modes_in_force.decode(message, self._joint_count)
         )
@@ -175,7 +179,11 @@ class _Messages:
                 lambda message: mode_schedule.decode(message, self._actuators),
             ),
             goals_sent=len(self._raw(topics.GOAL_POSE)),
-            goals=tuple(self._decoded(topics.GOAL_POSE, goal_pose.decode)),
+            goals=tuple(
+                self._decoded(
+                    topics.GOAL_POSE, lambda message: goal_pose.decode(message, "", to_base)
+                )
+            ),
             reports=self._statuses(topics.PLAN_STATUS, plan_status.decode),
             hand_overs=_of_kind(HandOverReport, diagnostics),
             simulator_reports=_of_kind(SimulatorReport, diagnostics),
@@ -266,6 +274,11 @@ class _Messages:
             (log_ns, deserialize_message(data, topic.message))
             for log_ns, data in self._serialized(topic)
         ]
+
+
+def _unknown_plane(_: float, height: float) -> Position:
+    """Of a goal in `work_plane` of an arm that slews: its verdict tells where that was."""
+    return (np.nan, np.nan, height)
 
 
 def _recorded_ns(heard: Sequence[Timed]) -> IntArray:

@@ -101,25 +101,25 @@ def draw_pressures(run: RecordedRun, path: Path) -> None:
                     linewidth=1.0,
                     label=label,
                 )
-            _draw_limits(run, each)
+            _draw_limits(run, each, j)
             mark_take_overs(run, each)
             each.set_ylabel(f"actuator {j + 1} [MPa]")
         time_axis(run, axes[-1])
         legend_above(figure, *axes)
 
 
-def _draw_limits(run: RecordedRun, axes: Axes) -> None:
+def _draw_limits(run: RecordedRun, axes: Axes, actuator: int) -> None:
     from matplotlib.ticker import MultipleLocator
 
-    circuit = run.machine.config.circuit
+    circuit, reliefs = run.machine.config.circuit, run.machine.chamber_reliefs
     for pressure, label, color, style in (
         (run.machine.arrays.supply_pressure, "main pump, $P_S$", GREY, "--"),
         (circuit.line_relief_pressure, "line relief", VERMILION, "--"),
-        (circuit.chamber_relief_pressure, "chamber relief", PURPLE, "-."),
+        (reliefs[actuator], "chamber relief", PURPLE, "-."),
     ):
         axes.axhline(PER_MPA * pressure, color=color, linestyle=style, linewidth=1.0, label=label)
     axes.yaxis.set_major_locator(MultipleLocator(5.0))
-    axes.set_ylim(0.0, 1.05 * PER_MPA * circuit.chamber_relief_pressure)
+    axes.set_ylim(0.0, 1.05 * PER_MPA * float(reliefs.max()))
 
 
 def draw_energy(run: RecordedRun, path: Path) -> None:

@@ -109,8 +109,10 @@ def goal_distance(run: RecordedRun) -> tuple[IntArray, FloatArray]:
     """Times [ns] and distances [m] of the measured tip from the goal it was sent to last."""
     goals = [goal for goal in run.goals if goal.taken_over_ns is not None]
     since_ns = np.array([goal.taken_over_ns for goal in goals], dtype=np.int64)
-    at = np.array([(goal.verdict.goal_x, goal.verdict.goal_z) for goal in goals]).reshape(-1, 2)
+    at = np.array([goal.verdict.goal.position for goal in goals])
     row = np.searchsorted(since_ns, run.tip.time_ns, "right") - 1
     sent = row >= 0
+    if not goals:
+        return run.tip.time_ns[sent], np.empty(0)
     away = run.tip.measured[sent] - at[row[sent]]
-    return run.tip.time_ns[sent], np.hypot(*away.T)
+    return run.tip.time_ns[sent], np.linalg.norm(away, axis=1)

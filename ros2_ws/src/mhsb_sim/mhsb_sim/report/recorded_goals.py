@@ -103,5 +103,5 @@ def _distance_at_rest(
     window = (tip.time_ns >= since_ns) & (tip.time_ns <= until_ns)
     if not np.any(window):
         return None
-    away = tip.measured[window] - (verdict.goal_x, verdict.goal_z)
-    return float(np.mean(np.hypot(*away.T)))
+    away = tip.measured[window] - verdict.goal.position
+    return float(np.linalg.norm(away, axis=1).mean())

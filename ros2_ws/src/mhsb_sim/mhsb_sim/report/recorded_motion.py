@@ -22,8 +22,8 @@ class TipMotion:
     """The tip at the times of the measured joint states, k of them.
 
     time_ns    int64[k], ROS time
-    measured   float64[k, 2], (x, z) of the measured joints [m]
-    reference  float64[k, 2], (x, z) of what the servo followed at the same times [m]
+    measured   float64[k, 2 or 3], in `base_link`, of the measured joints [m]
+    reference  float64[k, 2 or 3], of what the servo followed at the same times [m]
     moving     bool[k], from the first to the last moment at which the reference moved
     """
 
@@ -35,7 +35,7 @@ class TipMotion:
     @property
     def error(self) -> FloatArray:
         """Distance of the measured tip from the reference, float64[k] m."""
-        return np.hypot(*(self.measured - self.reference).T)
+        return np.linalg.norm(self.measured - self.reference, axis=1)
 
 
 def tip_motion(recording: Recording, machine: Machine, followed: Trajectory) -> TipMotion:
@@ -48,8 +48,8 @@ def tip_motion(recording: Recording, machine: Machine, followed: Trajectory) -> 
     reference, velocity, _ = followed.sample_many(time_ns)
     return TipMotion(
         time_ns,
-        machine.tip_positions(states.position[both]),
-        machine.tip_positions(reference),
+        machine.tip_in_base(states.position[both]),
+        machine.tip_in_base(reference),
         _first_to_last(np.any(np.abs(velocity) > STANDSTILL, axis=1)),
     )
 

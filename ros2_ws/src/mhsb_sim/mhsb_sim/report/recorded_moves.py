@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.types import FloatArray, IntArray
+from mhsb_model.types import FloatArray, IntArray, Position
 from mhsb_planner.evaluation.move import Move, energy_of_plan
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_sim.recording.bag_format import BagError
@@ -59,14 +59,14 @@ def _instants(run: RecordedRun, begin_ns: int, end_ns: int) -> IntArray:
 
 
 def _move(run: RecordedRun, number: int, goal: GoalRecord, time_ns: IntArray) -> Move:
-    place = (goal.verdict.goal_x, goal.verdict.goal_z)
+    sent = goal.verdict.goal
     fate = goal.outcome.value if goal.outcome else "under way"
-    title = f"Goal {number}: ({place[0]:.4g}, {place[1]:.4g}) m, as recorded, {fate}"
-    return _measured(run, title, (place,), time_ns)
+    title = f"Goal {number}: {sent.place}, as recorded, {fate}"
+    return _measured(run, title, (sent.position,), time_ns)
 
 
 def _measured(
-    run: RecordedRun, title: str, goals: tuple[tuple[float, float], ...], time_ns: IntArray
+    run: RecordedRun, title: str, goals: tuple[Position, ...], time_ns: IntArray
 ) -> Move:
     states, table = run.recording.joint_states, run.recording.actuators
     rows = np.searchsorted(table.time_ns, time_ns)

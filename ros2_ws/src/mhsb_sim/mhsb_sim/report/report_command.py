@@ -71,7 +71,7 @@ def write_report(
     Nothing is written where the recording cannot be used. Raises BagError, TableError, and
     MhsbError where the output is not a folder.
     """
-    run = recorded_run(read_recording(bag, namespace), machine)
+    run = recorded_run(read_recording(bag, namespace, machine.slews), machine)
     regions = operating_regions(machine, table_for(machine, table))
     content = summary(run)
     make_output_folder(output, "the report")

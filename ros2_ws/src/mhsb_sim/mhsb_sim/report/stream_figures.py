@@ -26,7 +26,7 @@ def stream_figures(recording: Recording, machine: Machine) -> Summary:
                        points and 0.5 s after them excepted
     """
     sent_ns = np.array([each.time_ns for each in recording.goals])
-    goals = np.array([(each.value.x, each.value.z) for each in recording.goals])
+    goals = np.array([each.value.position for each in recording.goals])
     duration = (sent_ns[-1] - sent_ns[0]) / SECOND_NS
     executed = {each.value for each in recording.plans_in_force if each.value}
     codes = Counter(
@@ -37,7 +37,7 @@ def stream_figures(recording: Recording, machine: Machine) -> Summary:
         sent_ns,
         goals,
         measured.time_ns,
-        machine.tip_positions(measured.position),
+        machine.tip_in_base(measured.position),
     )
     return {
         "goals": len(goals),
@@ -52,7 +52,7 @@ def stream_figures(recording: Recording, machine: Machine) -> Summary:
 def _behind(
     sent_ns: IntArray, goals: FloatArray, time_ns: IntArray, tip: FloatArray
 ) -> FloatArray:
-    """Distances of the tip float64[k, 2] from the goal at the times int64[k] that count [m]."""
+    """Distances of the tip, float64[k, axes], from the goal at the times int64[k] [m]."""
     step = np.diff(goals, axis=0)
     turned = np.flatnonzero((step[1:] * step[:-1]).sum(axis=1) <= 0.0) + 1
     turns_ns = np.concatenate([sent_ns[:1], sent_ns[turned]])
@@ -60,4 +60,4 @@ def _behind(
     last_turn_ns = turns_ns[np.clip(np.searchsorted(turns_ns, time_ns) - 1, 0, None)]
     counts &= time_ns - last_turn_ns > AFTER_TURNING
     there = np.column_stack([np.interp(time_ns[counts], sent_ns, row) for row in goals.T])
-    return np.asarray(np.hypot(*(tip[counts] - there).T))
+    return np.asarray(np.linalg.norm(tip[counts] - there, axis=1))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mhsb_model.cavitation import cavitations
+from mhsb_model.goal import Goal
 from mhsb_model.modes import Mode
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py.sim_status import APPLIED
@@ -140,14 +141,15 @@ def _pressures(run: RecordedRun) -> Summary:
     supply = _largest(quantity["supply_pressure"])
     chamber = _largest([quantity["cap_pressure"], quantity["rod_pressure"]])
     lowest = _largest([-quantity["cap_pressure"], -quantity["rod_pressure"]])
-    limits = (circuit.line_relief_pressure, circuit.chamber_relief_pressure)
-    known = [(p, limit) for p, limit in zip((supply, chamber), limits, strict=True) if p]
+    line, reliefs = circuit.line_relief_pressure, run.machine.chamber_reliefs
+    beyond = [quantity["supply_pressure"] > line]
+    beyond += [quantity[side] > reliefs for side in ("cap_pressure", "rod_pressure")]
     return {
         "max_supply_pressure_mpa": _number(supply, PER_MPA),
         "max_chamber_pressure_mpa": _number(chamber, PER_MPA),
         "min_chamber_pressure_mpa": _number(lowest, -PER_MPA),
-        "relief_mpa": {"line": PER_MPA * limits[0], "chamber": PER_MPA * limits[1]},
-        "relief_exceeded": any(p > limit for p, limit in known) if known else None,
+        "relief_mpa": {"line": PER_MPA * line, "chamber": PER_MPA * float(reliefs.min())},
+        "relief_exceeded": bool(np.any(beyond)) if supply or chamber else None,
     }
 
 
@@ -198,15 +200,19 @@ def real_time_factor(recording: Recording) -> float | None:
 
 
 def _lost(fate: GoalFate) -> Summary:
-    return {"x_m": fate.goal.x, "z_m": fate.goal.z, "reason": fate.reason}
+    return {**_place(fate.goal), "reason": fate.reason}
+
+
+def _place(goal: Goal) -> Summary:
+    beside = {} if goal.y is None else {"y_m": _number(goal.y)}
+    return {"x_m": _number(goal.x), **beside, "z_m": _number(goal.z)}
 
 
 def _goal(goal: GoalRecord) -> Summary:
     verdict = goal.verdict
     plan = verdict.plan
     return {
-        "x_m": _number(verdict.goal_x),
-        "z_m": _number(verdict.goal_z),
+        **_place(verdict.goal),
         "code": verdict.code.value,
         "sentence": verdict.sentence,
         "outcome": goal.outcome.value if goal.outcome else None,

@@ -45,7 +45,7 @@ def _draw_arm(run: RecordedRun, axes: Axes) -> None:
 
 
 def _draw_path(run: RecordedRun, axes: Axes) -> None:
-    tip = run.tip.measured
+    tip = run.machine.from_the_side(run.tip.measured)
     travelled = np.cumsum(np.hypot(*np.diff(tip, axis=0, prepend=tip[:1]).T))
     mode = strongest(run.modes.modes_at_many(run.tip.time_ns)).astype(np.int64)
     kept = np.flatnonzero(np.diff(np.floor(travelled / PATH_STEP), append=np.inf) > 0)
@@ -64,9 +64,10 @@ def _draw_goals(run: RecordedRun, axes: Axes) -> None:
     """A numbered circle at each goal, crossed where it was refused; one for several there."""
     numbers: dict[tuple[float, float, bool], list[str]] = {}
     for number, goal in enumerate(run.goals, start=1):
-        place = (goal.verdict.goal_x, goal.verdict.goal_z, goal.verdict.code.accepted)
+        place = goal.verdict.goal.position
         if np.all(np.isfinite(place)):
-            numbers.setdefault(place, []).append(str(number))
+            x, z = run.machine.from_the_side(place).tolist()
+            numbers.setdefault((x, z, goal.verdict.code.accepted), []).append(str(number))
     for accepted, marker, label in (
         (True, "o", "goal, numbered in order"),
         (False, "X", "goal, not accepted"),

@@ -37,9 +37,16 @@ from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import ON_RAIL
 from mhsb_model.schema import CascadeGains
-from mhsb_model.statics import INERTIA_WORK, MOTION_WORK, Chain, chain_of, moving_torques
+from mhsb_model.statics import (
+    INERTIA_WORK,
+    MOTION_WORK,
+    Chain,
+    chain_of,
+    moving_torques,
+    with_payload,
+)
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_sim.circuit.elements import friction_force
+from mhsb_sim.circuit.elements import chamber_volumes, friction_force
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.load_estimate import MOST_INERTIA, Load, load_of, weigh
@@ -56,6 +63,7 @@ GAINS = np.dtype(
             "supply_margin",  # Pa, the plan's and the servo's own
             "spared",  # Pa, the part of it that inertia may use up
             "max_boost_pressure",  # Pa
+            "largest_integral",  # m/s, of w
         )
     ]
 )
@@ -81,8 +89,8 @@ REST_BAND, REST_SWING = 1e-4, 1e-3
 """Errors of a joint [rad] between which its integral acts while the reference rests: below, it is
 not worth the valve's wear, above, it is a swing or a sag that the force loop brings back."""
 
-LARGEST_INTEGRAL = 2e-3
-"""w is at most this [m/s]."""
+MOST_INTEGRAL = 6.0
+"""w is at most V_max over this."""
 
 AXIS = np.dtype(
     [
@@ -160,6 +168,7 @@ def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     gains["supply_margin"] = arrays.boost_margin + supply_margin
     gains["spared"] = spared_margin(oil_of(arrays))
     gains["max_boost_pressure"] = arrays.max_boost_pressure
+    gains["largest_integral"] = arrays.max_piston_speed / MOST_INTEGRAL
     return gains
 
 
@@ -237,10 +246,12 @@ def piston_demands(s: Servo) -> None:
     for j in range(len(axes) - 1, -1, -1):
         axis, cylinder, sensor = axes[j], cylinders[j], sensors[j]
         distance += extended(s.chain.slides, s.chain.length, q, j) * s.scratch[COSINES, j]
-        lifted = s.scratch[SINES, j] if s.chain.slides[j] else distance
+        lifted = distance if s.chain.turns[j] else 0.0
+        if s.chain.slides[j]:
+            lifted = s.scratch[SINES, j]
         load.weight[j] = s.chain.gravity * lifted
         stiffen(axis, cylinder, sensor, c)
-        friction = friction_force(
+        friction = cylinder.friction * friction_force(
             c.coulomb_friction, c.viscous_friction, c.friction_speed, axis.speed
         )
         axis.friction = friction
@@ -255,7 +266,7 @@ def piston_demands(s: Servo) -> None:
             weighs = steady and calm and axis.bound == 0.0
             weigh(load, j, weighs, axis.arm * (force - known), axis.arm * friction)
         axis.bias += (force - known - axis.bias) * g.step / axis.bias_time
-        demand_speed(axis, known, force, axis.length - sensor.length, g.step)
+        demand_speed(axis, known, force, axis.length - sensor.length, g)
     for j in range(len(axes)):
         axis = axes[j]
         known_anew = load.weight[j] / axis.arm * (load.believed[0] - payload)
@@ -271,10 +282,7 @@ def reference_forces(s: Servo, payload: float) -> None:
     A closed valve would have to hold what the posture weighs, or the whole force where that is
     less.
     """
-    axes, links = s.axes, s.chain
-    chain = Chain(
-        links.slides, links.length, links.mass, links.center, links.inertia, payload, links.gravity
-    )
+    axes, chain = s.axes, with_payload(s.chain, payload)
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
     for k in (AHEAD, 0):
         q, qd, qdd = s.reference[k, 0], s.reference[k, 1], s.reference[k, 2]
@@ -301,17 +309,14 @@ def reference_forces(s: Servo, payload: float) -> None:
 def stiffen(axis: Record, cylinder: Record, sensor: Record, constants: Record) -> None:
     """Write how stiff the oil of a cylinder is where its piston is now."""
     cap, rod = cylinder.cap_area, cylinder.rod_area
-    axis.cap_stiffness = constants.bulk_modulus / (
-        constants.dead_volume + cap * (sensor.length - cylinder.min_length)
-    )
-    axis.rod_stiffness = constants.bulk_modulus / (
-        constants.dead_volume + rod * (cylinder.max_length - sensor.length)
-    )
+    cap_room, rod_room = chamber_volumes(cylinder, sensor.length)
+    axis.cap_stiffness = constants.bulk_modulus / cap_room
+    axis.rod_stiffness = constants.bulk_modulus / rod_room
     axis.stiffness = cap * cap * axis.cap_stiffness + rod * rod * axis.rod_stiffness
 
 
 @kernel(inline="always")
-def demand_speed(axis: Record, known: float, force: float, error: float, step: float) -> None:
+def demand_speed(axis: Record, known: float, force: float, error: float, gains: Record) -> None:
     """Write u; known: feed-forward without d, force: measured [N], error: e [m].
 
     w waits where the valve cannot do what is demanded, and at rest for errors that are its own.
@@ -321,8 +326,8 @@ def demand_speed(axis: Record, known: float, force: float, error: float, step: f
     off = abs(error / (axis.arm * axis.radian))
     acts = axis.fastest == math.inf or REST_BAND < off < REST_SWING
     if axis.bound == 0.0 and acts:
-        w = axis.integral + axis.integral_gain * error * step
-        axis.integral = min(max(w, -LARGEST_INTEGRAL), LARGEST_INTEGRAL)
+        w = axis.integral + axis.integral_gain * error * gains.step
+        axis.integral = min(max(w, -gains.largest_integral), gains.largest_integral)
     demand = axis.speed + pull * (force_reference - force) + axis.integral
     most = min(axis.fastest, axis.deliverable)
     axis.demand = min(max(demand, -most), most)

@@ -25,7 +25,8 @@ from mhsb_model.kinematics import extended, turned
 from mhsb_model.linkages.linkage import motion
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, Mode
-from mhsb_model.types import BoolArray, FloatArray, ModeArray
+from mhsb_model.statics import Chain, chain_of
+from mhsb_model.types import FloatArray, ModeArray
 from mhsb_sim.records import Record, Records
 from mhsb_sim.servo.controller import ServoSignals
 from mhsb_sim.servo.pace import keep_pace
@@ -124,8 +125,7 @@ class Guard(NamedTuple):
     constants: Records
     commands: Records  # of the circuit's actuators
     linkage: FloatArray  # [n, LINKAGE_WIDTH]
-    slides: BoolArray  # [n] of the joints
-    length: FloatArray  # [n] m, of the links, retracted
+    chain: Chain
     actuators: Records  # GUARDED[n]
     overall: Records  # OVERALL[1]
 
@@ -133,10 +133,13 @@ class Guard(NamedTuple):
 def guard_of(
     machine: Machine, signals: ServoSignals, reference: Reference, usual_error: float
 ) -> Guard:
-    """The guard of a machine at its start; usual_error as the controller has it [m]."""
+    """The guard of a machine at its start.
+
+    usual_error  of an arm of the paper's size, as the controller has it [m]
+    """
     overall = np.zeros(1, OVERALL)
     overall["step"] = machine.config.simulation.step
-    overall["usual_error"] = usual_error
+    overall["usual_error"] = machine.scale * usual_error
     return Guard(
         sensors=signals.sensors,
         modes=signals.modes,
@@ -148,8 +151,7 @@ def guard_of(
         constants=signals.circuit.constants,
         commands=signals.circuit.actuators,
         linkage=machine.arrays.linkage,
-        slides=machine.arrays.slides,
-        length=machine.arrays.link_length,
+        chain=chain_of(machine.arrays),
         actuators=np.zeros(machine.joint_count, GUARDED),
         overall=overall,
     )
@@ -221,7 +223,7 @@ def look(g: Guard) -> None:
             actuator.reserve += o.step / BOOSTED_SMOOTHING * lasting
         else:
             actuator.reserve = actuator.unboosted
-    o.error, o.behind = tip_errors(g.slides, g.length, g.reference[0, 0], g.wanted, g.actuators)
+    o.error, o.behind = tip_errors(g.chain, g.reference[0, 0], g.wanted, g.actuators)
     o.awake = 1.0
 
 
@@ -267,34 +269,38 @@ def share_of(actuator: Record, boosted: bool) -> float:
 
 @kernel(borrows=True)
 def tip_errors(
-    slides: BoolArray, length: FloatArray, q: FloatArray, speed: FloatArray, actuators: Records
+    c: Chain, q: FloatArray, speed: FloatArray, actuators: Records
 ) -> tuple[float, float]:
     """|J Δq|, how far the tip is from its reference [m], and the same less what it is ahead.
 
-    links slides[n] and length[n] [m], q[n] [rad], speed[n] [rad/s] at full pace. What it is ahead,
-    slowing would not mend.
+    Across the plane, where joint 1 slews, as well as in it.
+    q[n] [rad], speed[n] [rad/s] at full pace. What it is ahead, slowing would not mend.
     """
     angle = off = turning = x = z = along = across = 0.0
+    distance = c.slew_offset  # from the slew's axis
     for j in range(len(q)):
-        angle += turned(slides, q, j)
+        angle += turned(c.turns, q, j)
         cosine, sine = math.cos(angle), math.sin(angle)
-        if slides[j]:
+        if c.slides[j]:
             x += actuators[j].off * cosine
             z += actuators[j].off * sine
             along += speed[j] * cosine
             across += speed[j] * sine
-        else:
+        elif c.turns[j]:
             off += actuators[j].off
             turning += speed[j]
-        reach = extended(slides, length, q, j)
+        reach = extended(c.slides, c.length, q, j)
+        distance += reach * cosine
         right, up = -reach * sine, reach * cosine
         x += right * off
         z += up * off
         along += right * turning
         across += up * turning
-    error = math.hypot(x, z)
-    ahead = x * along + z * across
+    error, fast, ahead = math.hypot(x, z), math.hypot(along, across), x * along + z * across
+    if c.slews:
+        y, aside = distance * actuators[0].off, distance * speed[0]
+        error, fast, ahead = math.hypot(error, y), math.hypot(fast, aside), ahead + y * aside
     if ahead <= 0.0:
         return error, error
-    ahead /= math.hypot(along, across)
+    ahead /= fast
     return error, math.sqrt(max(0.0, error * error - ahead * ahead))

@@ -6,6 +6,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
+from mhsb_sim.circuit.constants import cylinders_of
 
 POSTURES = 256
 SEED = 0
@@ -18,10 +19,10 @@ def oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
     H. E. Merritt, Hydraulic Control Systems.
     """
     arrays, oil = machine.arrays, machine.config.circuit
-    ends = [machine.cylinder_lengths(angle) for angle in (arrays.joint_min, arrays.joint_max)]
-    length = machine.cylinder_lengths(q)
-    cap_volume = oil.chamber_dead_volume + arrays.cap_area * (length - np.minimum(*ends))
-    rod_volume = oil.chamber_dead_volume + arrays.rod_area * (np.maximum(*ends) - length)
+    own, length = cylinders_of(machine), machine.cylinder_lengths(q)
+    dead, cap, rod = own["dead_volume"], own["cap_area"], own["rod_area"]
+    cap_volume = dead + own["swept"] * cap * (length - own["min_length"])
+    rod_volume = dead + own["swept"] * rod * (own["max_length"] - length)
     return oil.bulk_modulus * (arrays.cap_area**2 / cap_volume + arrays.rod_area**2 / rod_volume)
 
 

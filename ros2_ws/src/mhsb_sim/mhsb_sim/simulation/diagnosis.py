@@ -221,18 +221,18 @@ class DisagreeingValve:
         self, before: Sensed, now: Sensed, opening: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest speeds [m/s] that openings between these give."""
-        arrays, oil = self._machine.arrays, self._machine.config.circuit
+        arrays, oil, own = self._machine.arrays, self._machine.config.circuit, self._cylinders
         pressure = 0.5 * (before.pressure + now.pressure)
         rate = (now.pressure - before.pressure) / PERIOD
         length = 0.5 * (before.length + now.length)
         chambers = (
-            (arrays.cap_area, CAP, length - self._cylinders["min_length"], 1.0),
-            (arrays.rod_area, ROD, self._cylinders["max_length"] - length, -1.0),
+            (arrays.cap_area, CAP, length - own["min_length"], 1.0),
+            (arrays.rod_area, ROD, own["max_length"] - length, -1.0),
         )
         slack = np.array([-self.OPENING, 0.0, self.OPENING])
         speeds = []
         for area, side, stroke, sign in chambers:
-            capacity = (oil.chamber_dead_volume + area * stroke) / oil.bulk_modulus
+            capacity = (own["dead_volume"] + own["swept"] * area * stroke) / oil.bulk_modulus
             fed = np.maximum(pressure[:, LINE] - pressure[:, side], 0.0)
             emptied = np.maximum(pressure[:, side] - arrays.tank_pressure, 0.0)
             for each in (opening[:, None, :] + slack[:, None]).reshape(-1, len(area)):

@@ -464,8 +464,7 @@ class Simulator:
 
     def _open_valves(self) -> None:
         """Let the servo act, a new one that remembers nothing."""
-        relief = self.plant.config.circuit.chamber_relief_pressure
-        self._circuit.actuators["relief"] = relief
+        self._circuit.actuators["relief"] = self.plant.chamber_reliefs
         self._circuit.actuators["isolating_command"] = 0.0
         self._controller = self._make_controller(self.machine, self._signals)
         self._control = self._controller.update

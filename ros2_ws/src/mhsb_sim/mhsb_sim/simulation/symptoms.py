@@ -114,11 +114,11 @@ class Overpressure:
     closes = False
 
     def __init__(self, machine: Machine) -> None:
-        circuit, actuators = machine.config.circuit, machine.actuator_names
-        chamber, line = circuit.chamber_relief_pressure, circuit.line_relief_pressure
-        places = ("cap side", chamber), ("rod side", chamber), ("line", line)
-        self._names = [f"the {part} of {name}" for part, _ in places for name in actuators]
-        self._settings = np.repeat([setting for _, setting in places], len(actuators))
+        actuators, chambers = machine.actuator_names, machine.chamber_reliefs
+        lines = np.full(len(actuators), machine.config.circuit.line_relief_pressure)
+        parts = ("cap side", "rod side", "line")
+        self._names = [f"the {part} of {name}" for part in parts for name in actuators]
+        self._settings = np.concatenate([chambers, chambers, lines])
         self._lasting = Lasting()
 
     def look(self, sample: Sample) -> Finding:

@@ -14,9 +14,11 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
+from mhsb_model.goal import place
 from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.evaluation.moves import anywhere
 from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
@@ -179,10 +181,10 @@ class DrawStudy:
             now += goal.time
             try:
                 replan = self._replanner.replan(
-                    command, now_ns, (goal.x, goal.z), OFFLINE_LEAD, options
+                    command, now_ns, goal.position, OFFLINE_LEAD, options
                 )
             except MhsbError as error:
-                refused.append(f"goal ({goal.x:.3f}, {goal.z:.3f}) m is refused: {error}")
+                refused.append(f"goal {place(goal.position, '.3f')} is refused: {error}")
                 continue
             if replan is not None:
                 command = replan.command
@@ -191,18 +193,14 @@ class DrawStudy:
         return GoalSequence(tuple(commands), end + TAIL, "; ".join(refused))
 
     def _goal(self, random: np.random.Generator) -> TimedGoal:
-        """A point of the workspace, all areas alike, that there is a plan to from the start."""
-        area = self._machine.config.workspace
+        """A point of the workspace that there is a plan to from the start."""
         while True:
-            x = random.uniform(area.min_x, area.max_radius)
-            z = random.uniform(-area.max_radius, area.max_radius)
-            if not area.min_radius <= np.hypot(x, z) <= area.max_radius:
-                continue
+            position = anywhere(self._machine, random)
             try:
-                self._replanner.replan(self._rest, 0, (x, z), OFFLINE_LEAD, REACHING)
+                self._replanner.replan(self._rest, 0, position, OFFLINE_LEAD, REACHING)
             except MhsbError:
                 continue
-            return TimedGoal(x, z, random.uniform(SHORTEST, LONGEST))
+            return TimedGoal(position, random.uniform(SHORTEST, LONGEST))
 
     def record(
         self,
@@ -250,8 +248,8 @@ class DrawStudy:
 
 def highest_tip_speed(machine: Machine, run: Replay) -> float:
     """Of the reference that was followed [m/s]."""
-    tips = machine.tip_positions(run.reference[:, 0])
-    return float(np.hypot(*np.diff(tips, axis=0).T).max(initial=0.0)) / run.step
+    tips = machine.tip_in_base(run.reference[:, 0])
+    return float(np.linalg.norm(np.diff(tips, axis=0), axis=1).max(initial=0.0)) / run.step
 
 
 def time_lost(commands: Sequence[Command], run: Replay) -> float:

@@ -138,12 +138,12 @@ def run_fault(machine: Machine, motion: Command, fault: str, controller: str) ->
             highest = np.maximum(pressure.cap_pressure, pressure.rod_pressure)
             state = simulator.joint_state
             wanted = simulator.reference.position
-            tips = machine.tip_positions(np.array([state.position, wanted]))
-            off = float(np.hypot(*(tips[0] - tips[1])))
+            tips = machine.tip_in_base(np.array([state.position, wanted]))
+            off = float(np.linalg.norm(tips[0] - tips[1]))
             rows.append([since, off, *np.abs(state.velocity), *highest])
     trace = np.array(rows)
     open_still = trace[:, 0] <= (np.inf if np.isnan(closed) else closed)
-    away = machine.tip_position(simulator.joint_state.position) - GOAL
+    away = machine.tip_in_base(simulator.joint_state.position) - GOAL
     record = FaultRecord(
         fault,
         found,

@@ -17,7 +17,7 @@ from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.online.lead import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replan, Replanner
@@ -31,16 +31,15 @@ SAMPLE_NS = SECOND_NS // 100
 
 @dataclass(frozen=True)
 class TimedGoal:
-    """A tip position (x, z) [m] and the time until the next goal [s]."""
+    """A tip position [m] in `base_link` and the time until the next goal [s]."""
 
-    x: float
-    z: float
+    position: Position
     time: float
 
     @property
     def goal(self) -> Goal:
         """Where to."""
-        return Goal(0, self.x, self.z)
+        return Goal.at(0, self.position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +155,8 @@ class HeadlessRun:
             if simulator.time_ns % SAMPLE_NS == 0:
                 self._sample()
             simulator.step()
-        tip = self.machine.tip_position(simulator.joint_state.position)
-        distance = float(np.hypot(*(tip - (goal.x, goal.z))))
+        tip = self.machine.tip_in_base(simulator.joint_state.position)
+        distance = float(np.linalg.norm(tip - goal.position))
         overdue = (simulator.time_ns - self._command.trajectory.end_ns) / SECOND_NS
         return GoalRun(goal, replan, distance, jump, overdue)
 
@@ -166,10 +165,10 @@ class HeadlessRun:
         if self._bound_for is not None and goal.same_place(self._bound_for):
             return None
         self.simulator.catch_up()
-        now_ns, tip = self.simulator.plan_time_ns, (goal.x, goal.z)
+        now_ns = self.simulator.plan_time_ns
         deadline = Deadline.after(self._budget)
         replan = self._replanner.replan(
-            self._command, now_ns, tip, OFFLINE_LEAD, self._options, deadline
+            self._command, now_ns, goal.position, OFFLINE_LEAD, self._options, deadline
         )
         self._bound_for = goal
         return replan
@@ -192,7 +191,7 @@ class HeadlessRun:
         simulator, machine = self.simulator, self.machine
         wanted, measured = simulator.reference, simulator.joint_state
         hydraulics = simulator.actuator_states
-        error = machine.tip_position(measured.position) - machine.tip_position(wanted.position)
+        error = machine.tip_in_base(measured.position) - machine.tip_in_base(wanted.position)
         self._rows.append(
             (
                 simulator.time_ns / SECOND_NS,
@@ -200,7 +199,7 @@ class HeadlessRun:
                 measured.position,
                 wanted.velocity,
                 measured.velocity,
-                float(np.hypot(*error)),
+                float(np.linalg.norm(error)),
                 simulator.modes,
                 hydraulics.cap_pressure,
                 hydraulics.rod_pressure,

@@ -51,7 +51,7 @@ class BenchmarkMoves(Section):
     @property
     def timed_goals(self) -> list[TimedGoal]:
         """The goals."""
-        return [TimedGoal(*goal) for goal in self.goals]
+        return [TimedGoal(goal[:-1], goal[-1]) for goal in self.goals]
 
 
 class ProtocolFile(Section):

@@ -33,6 +33,7 @@ def needed_pressure(
     return _needed_pressure(
         machine.arrays,
         np.array([oil.coulomb_friction, oil.viscous_friction, oil.friction_speed]),
+        machine.frictions,
         reference,
         modes,
     )
@@ -42,6 +43,7 @@ def needed_pressure(
 def _needed_pressure(
     m: MachineArrays,
     friction: FloatArray,
+    share: FloatArray,
     reference: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
@@ -56,7 +58,8 @@ def _needed_pressure(
         for j in range(n):
             arm = moment_arm(m.linkage[j], q[j])
             speed = arm * qd[j]
-            force = torque[j] / arm + friction_force(friction[0], friction[1], friction[2], speed)
+            rubbing = friction_force(friction[0], friction[1], friction[2], speed)
+            force = torque[j] / arm + share[j] * rubbing
             held = required_pressure(m, j, force, 0.0)
             moved = required_pressure(m, j, force, speed)
             need[k, j] = max(m.supply_pressure, held, moved)

@@ -132,9 +132,8 @@ class Comparer:
         return self._planner.plan(move.goal, start, modes, options=options)
 
     def _truth(self, move: Move, modes: StartModes) -> Plan:
-        path = ground_truth(
-            self._planner.machine, move.start, modes.modes, move.goal, self._weights
-        )
+        x, z = move.goal
+        path = ground_truth(self._planner.machine, move.start, modes.modes, (x, z), self._weights)
         options = PlanOptions(self._weights, trajectory="followed")
         return self._planner.follow(path, modes, options)
 

@@ -72,8 +72,8 @@ class Replay:
 
     def tip_error(self, machine: Machine) -> FloatArray:
         """Distance of the tip from its reference, float64[k] m."""
-        wanted = machine.tip_positions(self.reference[:, 0])
-        return np.hypot(*(machine.tip_positions(self.position) - wanted).T)
+        wanted = machine.tip_in_base(self.reference[:, 0])
+        return np.linalg.norm(machine.tip_in_base(self.position) - wanted, axis=1)
 
     def followed(self, every: int = 1) -> tuple[Trajectory, ModeSchedule]:
         """What was followed: the reference of every so many steps, and all changes of mode."""

@@ -3,23 +3,25 @@ machine's own beside it, study_scenarios_NAME.yaml."""
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationError
 
-from mhsb_model.errors import MhsbError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import of_machine
 from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
+from mhsb_model.types import Position
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.errors import ScenarioError
 
 SCENARIOS_FILE = "study_scenarios.yaml"
+
+
+Place = tuple[float, float] | tuple[float, float, float]
 
 
 class GoalSequence(Section):
@@ -29,7 +31,7 @@ class GoalSequence(Section):
     weights: tuple[NonNegative, NonNegative, NonNegative] = Field(
         description="of energy [1/J], time [1/s] and mode switches [-]"
     )
-    goals: tuple[tuple[float, float], ...] = Field(min_length=1, description="tip (x, z) [m]")
+    goals: tuple[Place, ...] = Field(min_length=1, description="tip (x, z) or (x, y, z) [m]")
 
 
 class StudyConfig(Section):
@@ -46,7 +48,7 @@ class StudyConfig(Section):
 class Scenario:
     """Goals for an arm with a certain payload and servo pumps of a certain lag.
 
-    goals     tip (x, z) [m]
+    goals     tip in `base_link` [m]
     interval  from one goal to the next [s]
     tail      how long the run goes on after the last interval [s]
     weights   of the planner's search
@@ -56,7 +58,7 @@ class Scenario:
     """
 
     name: str
-    goals: tuple[tuple[float, float], ...]
+    goals: tuple[Position, ...]
     interval: float
     tail: float
     weights: Weights
@@ -76,16 +78,9 @@ class Scenario:
         return Machine.from_config(config.model_copy(update={"circuit": circuit}))
 
 
-def scenarios_file(machine_name: str | None = None) -> Path:
-    """The suite's own file for a machine of that name; the one of its own arm where it has none."""
-    with suppress(MhsbError):
-        return config_file(f"study_scenarios_{machine_name}.yaml")
-    return config_file(SCENARIOS_FILE)
-
-
 def load_scenarios(file: Path | None = None, machine_name: str | None = None) -> list[Scenario]:
     """All scenarios of a file, the suite's own when left out; raises ScenarioError."""
-    file = file or scenarios_file(machine_name)
+    file = file or of_machine(SCENARIOS_FILE, machine_name)
     try:
         config = StudyConfig.model_validate(read_yaml(file))
     except YamlFileError as error:

@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter1d
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
+from mhsb_model.goal import place
 from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
@@ -127,7 +128,7 @@ def script_of(machine: Machine, scenario: Scenario) -> Script:
         try:
             replan = replanner.replan(command, now_ns, goal, OFFLINE_LEAD, options)
         except MhsbError as error:
-            refused.append(f"{scenario.name}: goal ({goal[0]:g}, {goal[1]:g}) m: {error}")
+            refused.append(f"{scenario.name}: goal {place(goal, 'g')}: {error}")
             continue
         if replan is not None:
             command = replan.command

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mhsb_model.goal import place
 from mhsb_model.machine import Machine
 from mhsb_planner.evaluation.move import Move
 from mhsb_planner.motion.motion_profile import motion_profile
@@ -22,11 +23,11 @@ def simulated_move(
         for each in elements
         if each.name != SUM
     }
-    places = ", ".join(f"({goal.x:g}, {goal.z:g})" for goal in goals)
+    places = ", ".join(place(goal.position, "g") for goal in goals)
     return Move(
         machine=machine,
-        title=f"To {places} m, as simulated",
-        goals=tuple((goal.x, goal.z) for goal in goals),
+        title=f"To {places}, as simulated",
+        goals=tuple(goal.position for goal in goals),
         time=samples.time - samples.time[0],
         position=samples.position,
         reference=samples.reference,

@@ -84,7 +84,7 @@ def loads_of(machine: Machine, trajectory: Trajectory) -> Loads:
     speed = np.where(np.abs(profile.speed) > DEAD_BAND, profile.speed, 0.0)
     oil = machine.config.circuit
     friction = _friction(oil.coulomb_friction, oil.viscous_friction, oil.friction_speed, speed)
-    force = profile.force + profile.inertia + friction
+    force = profile.force + profile.inertia + machine.frictions * friction
     return Loads(at / SECOND_NS, speed, profile.force, force)
 
 

@@ -24,6 +24,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.errors import TuningError
+from mhsb_sim.servo.natural_frequency import lowest_joint_frequencies
 from mhsb_sim.servo.stability import slowest_decay
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.study.draws import DrawStudy, GoalSequence
@@ -62,15 +63,15 @@ QUANTILE = 0.9
 """Of the costs of draws, that counts."""
 
 LOST = 20.0
-"""Tip error [mm] beyond which an arm has fallen."""
+"""Tip error [mm] beyond which an arm of the paper's size has fallen."""
 
 BATCH = 8
 NARROWING = 0.85
 """By which the surroundings of the best shrink from batch to batch, in the second half."""
 
-SLOWEST_DECAY = 0.3
+SLOWEST_DECAY = 0.0128
 """At which every swing of the linear loop has to die out, in every posture, with any payload of
-the scripts [1/s]."""
+the scripts, over the arm's lowest natural frequency [rad/s]; of the suite's own arm 0.3 1/s."""
 
 RELIEF_COST = FALL_COST = 10.0
 FAILURE_COST = 1e3
@@ -150,7 +151,7 @@ def cost_of_draw(draw: Draw, controller: str, gains: Gains) -> float:
     error = 1e3 * run.tip_error(draw.plant)
     overshoot = float(supply_overshoot(draw.plant, run).max() / 1e6)
     relief = run.energies["relief_valves"] > 0.0
-    fell = bool(error.max() > LOST) or bool(run.held)
+    fell = bool(error.max() > draw.machine.scale * LOST) or bool(run.held)
     return _cost_of_run(float(np.sqrt(np.mean(error**2))), overshoot, relief, fell)
 
 
@@ -164,7 +165,8 @@ def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Ga
     The servo goes by the machine's own payload.
     """
     own = getattr(with_gains(machine, controller, gains).config.servo, controller)
-    return all(slowest_decay(machine, own, payload) > SLOWEST_DECAY for payload in payloads)
+    least = SLOWEST_DECAY * float(lowest_joint_frequencies(machine).min())
+    return all(slowest_decay(machine, own, payload) > least for payload in payloads)
 
 
 def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:

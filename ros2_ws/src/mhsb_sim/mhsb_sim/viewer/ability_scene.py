@@ -12,6 +12,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.posture.s1_polytope import polytope_vertices
+from mhsb_sim.viewer.arm_scene import PLANE
 from mhsb_sim.viewer.boost_regions import BEYOND
 from mhsb_sim.viewer.shapes import bytes_of
 
@@ -28,11 +29,15 @@ SMALLEST_TURN = 2e-3
 
 
 class PolytopeScene:
-    """Velocities that the tip can take in its posture and modes, as an outline about the tip."""
+    """Velocities that the tip can take in its posture and modes, as an outline about the tip.
+
+    In the arm's plane, without what slewing adds across it.
+    """
 
     def __init__(self, scene: SceneApi, machine: Machine) -> None:
         self._scene = scene
         self._machine = machine
+        self._first = int(machine.slews)
         self._drawn: tuple[FloatArray, ModeArray] | None = None
         self._outline: Any = None
 
@@ -43,12 +48,14 @@ class PolytopeScene:
             if turned < SMALLEST_TURN and (modes == self._drawn[1]).all():
                 return
         self._drawn = np.array(posture), np.array(modes)
-        corners = POLYTOPE_SCALE * polytope_vertices(self._machine, posture, modes)
+        corners = POLYTOPE_SCALE * polytope_vertices(
+            self._machine.plane, posture[self._first :], modes[self._first :]
+        )
         x, z = self._machine.tip_position(posture)
         points = np.zeros((len(corners), 3))
         points[:, 0], points[:, 2] = x + corners[:, 0], z + corners[:, 1]
         self._outline = self._scene.add_line_segments(
-            "/ability/velocities",
+            f"{PLANE}/velocities",
             np.stack([points, np.roll(points, -1, axis=0)], axis=1),
             bytes_of(rgb(GREEN)),
             thickness=POLYTOPE_WIDTH,
@@ -76,7 +83,7 @@ class RegionScene:
         )
         points = np.stack([places[:, 0], np.full(len(places), BEHIND), places[:, 1]], axis=1)
         self._points = self._scene.add_point_cloud(
-            "/ability/regions",
+            f"{PLANE}/regions",
             points.astype(np.float32),
             colors[np.minimum(needed, BEYOND)].astype(np.uint8),
             point_size=POINT_SIZE,

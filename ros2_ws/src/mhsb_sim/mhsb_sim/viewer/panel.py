@@ -6,20 +6,30 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+import numpy as np
 from viser import GuiApi, ViserServer
+
+from mhsb_model.goal import Goal
+from mhsb_model.machine import Machine
 
 MOST_SAID = 6
 """Sentences that are shown, the newest first."""
 
 GIZMO_SIZE = 0.2  # m
-FIRST_GOAL = (0.55, 0.30)  # m
+FIRST_GOAL = (0.55, 0.30)  # m, of an arm of the paper's size
 STEP = 0.01  # m
+
+
+def first_goal(machine: Machine) -> Goal:
+    """Somewhere ahead of the arm."""
+    tip = machine.scale * np.array(FIRST_GOAL)
+    return Goal.at(0, machine.in_base(tip, 0.0).tolist())
 
 
 class Deeds(Protocol):
     """What the controls ask for; called from the threads of the server."""
 
-    def go(self, x: float, z: float) -> None:
+    def go(self, *place: float) -> None:
         """Send a goal [m]."""
 
     def stop(self) -> None:
@@ -50,14 +60,29 @@ class Said:
 class Panel:
     """Goal, stop and settings; a goal can also be dragged in the scene."""
 
-    def __init__(self, server: ViserServer, planners: Sequence[str], deeds: Deeds) -> None:
-        gui, (x, z) = server.gui, FIRST_GOAL
+    def __init__(
+        self,
+        server: ViserServer,
+        planners: Sequence[str],
+        deeds: Deeds,
+        first: Goal,
+        size: float = 1.0,
+    ) -> None:
+        """first: what stands there as goal at the beginning; size: of the arm, the paper's is 1."""
+        gui = server.gui
         self._sentences: deque[str] = deque(maxlen=MOST_SAID)
         self._deeds = deeds
         self._state: Any = gui.add_markdown("waiting for the arm …")
         with gui.add_folder("Goal"):
-            self._x: Any = gui.add_number("x [m]", x, step=STEP, hint="forward, from the base")
-            self._z: Any = gui.add_number("z [m]", z, step=STEP, hint="up, from the base")
+            hints = {"x": "forward", "y": "to the left", "z": "up"}
+            places = {"x": first.x, "y": first.y, "z": first.z}
+            self._numbers: dict[str, Any] = {
+                axis: gui.add_number(
+                    f"{axis} [m]", at, step=STEP, hint=f"{hints[axis]}, from the base"
+                )
+                for axis, at in places.items()
+                if at is not None
+            }
             go = gui.add_button("Go")
             stop = gui.add_button("Stop", color="red")
         self._said = Said(gui)
@@ -79,8 +104,8 @@ class Panel:
                 hint="by the planner's payload; pale N, blue DB, orange SB, red none will do",
             )  # fmt: skip
         self._gizmo: Any = server.scene.add_transform_controls(
-            "/goal", scale=GIZMO_SIZE, active_axes=(True, False, True), disable_rotations=True,
-            position=(x, 0.0, z),
+            "/goal", scale=size * GIZMO_SIZE, active_axes=(True, "y" in self._numbers, True),
+            disable_rotations=True, position=(first.x, first.y or 0.0, first.z),
         )  # fmt: skip
         go.on_click(lambda _: self._go())
         stop.on_click(lambda _: deeds.stop())
@@ -91,7 +116,7 @@ class Panel:
             )
         self._gizmo.on_update(lambda _: self._dragged())
         self._gizmo.on_drag_end(lambda _: self._go())
-        for number in (self._x, self._z):
+        for number in self._numbers.values():
             number.on_update(lambda event: self._typed() if event.client else None)
 
     def show_state(self, sentence: str) -> None:
@@ -118,13 +143,15 @@ class Panel:
         }
 
     def _go(self) -> None:
-        self._deeds.go(float(self._x.value), float(self._z.value))
+        self._deeds.go(*(float(number.value) for number in self._numbers.values()))
 
     def _dragged(self) -> None:
-        x, _, z = self._gizmo.position
-        self._x.value, self._z.value = round(float(x), 3), round(float(z), 3)
+        for axis, at in zip("xyz", self._gizmo.position, strict=True):
+            if axis in self._numbers:
+                self._numbers[axis].value = round(float(at), 3)
 
     def _typed(self) -> None:
-        self._gizmo.position = (float(self._x.value), 0.0, float(self._z.value))
+        shown = {axis: float(number.value) for axis, number in self._numbers.items()}
+        self._gizmo.position = tuple(shown.get(axis, 0.0) for axis in "xyz")
 
 

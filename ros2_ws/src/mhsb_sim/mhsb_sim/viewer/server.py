@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
+import numpy as np
 from viser import ViserServer
 from websockets.asyncio import server as sockets
 
@@ -32,8 +33,11 @@ class LocalServer(ViserServer):
         """Not here."""
 
 
-def open_server(host: str, port: int) -> ViserServer:
-    """A server at that address; raises MhsbError where there cannot be one."""
+def open_server(host: str, port: int, size: float = 1.0) -> ViserServer:
+    """A server at that address; raises MhsbError where there cannot be one.
+
+    size  of what is looked at, the paper's arm is 1
+    """
     # Browsers open connections ahead that they do not use, of which it tells with a traceback.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     try:
@@ -52,7 +56,8 @@ def open_server(host: str, port: int) -> ViserServer:
         )
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     camera = server.initial_camera
-    camera.position, camera.look_at, camera.fov = CAMERA, LOOK_AT, FIELD_OF_VIEW
+    camera.position, camera.look_at = size * np.array(CAMERA), size * np.array(LOOK_AT)
+    camera.fov = FIELD_OF_VIEW
     return server
 
 

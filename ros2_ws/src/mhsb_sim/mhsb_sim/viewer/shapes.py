@@ -25,6 +25,11 @@ def turned_up(angle: float) -> Quaternion:
     return (math.cos(angle / 2), 0.0, -math.sin(angle / 2), 0.0)
 
 
+def turned_left(angle: float) -> Quaternion:
+    """w, x, y, z of a turn of x towards y by an angle [rad]: about z."""
+    return (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
+
+
 def bytes_of(color: Sequence[float]) -> Color:
     """Red, green, blue, from shares of 1."""
     red, green, blue = (round(255 * part) for part in color)

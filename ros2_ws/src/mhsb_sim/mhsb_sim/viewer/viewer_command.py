@@ -37,14 +37,14 @@ def viewer(
     if not 0 <= port <= HIGHEST_PORT:
         raise command_line.UsageError(f"--port: {port} is not within 0 … {HIGHEST_PORT}")
     arm = load_machine(machine)
-    recording = read_recording(bag) if bag else None
+    recording = read_recording(bag, slews=arm.slews) if bag else None
     try:
         from mhsb_sim.viewer.server import open_server
     except ModuleNotFoundError as error:
         raise command_line.UsageError(
             f"{error.name} is not installed; pip install 'viser>=1.1', or source scripts/env.sh"
         ) from error
-    server = open_server(host, port)
+    server = open_server(host, port, arm.scale)
     print(f"ready: http://{host}:{server.get_port()}", flush=True)
     if recording is not None:
         from mhsb_sim.viewer.playback import play

@@ -45,7 +45,7 @@ from mhsb_sim.viewer.boost_regions import BEYOND, boost_regions
 from mhsb_sim.viewer.energy_flow import EnergyFlow
 from mhsb_sim.viewer.marker_scene import MarkerScene
 from mhsb_sim.viewer.moment import History, Moment
-from mhsb_sim.viewer.panel import Panel
+from mhsb_sim.viewer.panel import Panel, first_goal
 from mhsb_sim.viewer.plots import Plots
 from mhsb_sim.viewer.words import words_of
 
@@ -70,7 +70,7 @@ class ViewerNode(GoalSender):
         self._machine = machine
         self._arm = ArmScene(server.scene, machine)
         self._markers = MarkerScene(server.scene, names.BASE_FRAME)
-        self._panel = Panel(server, PLANNER_KINDS, self)
+        self._panel = Panel(server, PLANNER_KINDS, self, first_goal(machine), machine.scale)
         self._plots = Plots(server.gui, machine)
         self._history = History(SPAN)
         self._newest: dict[str, bytes] = {}
@@ -100,9 +100,9 @@ class ViewerNode(GoalSender):
 
     # --- Asked for in the browser, by its threads ------------------------------------------------
 
-    def go(self, x: float, z: float) -> None:
+    def go(self, *place: float) -> None:
         """Send a goal [m]."""
-        self._ask(functools.partial(self._go, x, z))
+        self._ask(functools.partial(self._go, *place))
 
     def stop(self) -> None:
         """Have the arm stop: the planner does that, and the arm itself where there is none."""
@@ -125,11 +125,11 @@ class ViewerNode(GoalSender):
         while not self._asked.empty():
             self._asked.get()()
 
-    def _go(self, x: float, z: float) -> None:
+    def _go(self, *place: float) -> None:
         if not self.matched:
             self._panel.say("no planner is heard; start one: ros2 run mhsb_planner planner_node")
             return
-        self.send(x, z)
+        self.send(*place)
 
     def _stop(self) -> None:
         ready = [client for client in self._stops if client.service_is_ready()]
@@ -171,7 +171,7 @@ class ViewerNode(GoalSender):
 
         def look() -> None:
             table = table_for(machine)
-            needed = boost_regions(machine.changed(payload=payload), table)
+            needed = boost_regions(machine.changed(payload=payload).plane, table)
             places = (table.nodes * table.spacing).astype(np.float64)
             self._ask(functools.partial(self._show_regions, payload, places, needed))
 
@@ -280,8 +280,9 @@ class ViewerNode(GoalSender):
         return moment, float(np.abs(joints.velocity).max())
 
     def _state_words(self, moment: Moment, speed: float) -> str:
-        x, z = self._machine.tip_position(moment.posture)
-        words = f"{'moving' if speed > MOVING else 'at rest'}, tip at x {x:.3f} m, z {z:.3f} m"
+        tip = zip(self._machine.axes, self._machine.tip_in_base(moment.posture), strict=True)
+        where = ", ".join(f"{axis} {value:.3f} m" for axis, value in tip)
+        words = f"{'moving' if speed > MOVING else 'at rest'}, tip at {where}"
         if self._report is not None and (self._report.faulty or self._report.warning):
             words += f"\n\n**{self._report.sentence}**"
         return words

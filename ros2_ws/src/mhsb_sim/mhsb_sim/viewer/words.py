@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mhsb_model.goal import place
 from mhsb_model.verdict import ExecutionReport, GoalVerdict
 
 
@@ -9,7 +10,7 @@ def words_of(report: GoalVerdict | ExecutionReport) -> str:
     """A verdict with what the plan costs, or how an execution ended."""
     if isinstance(report, ExecutionReport):
         return f"{report.outcome.value}: {report.sentence}"
-    words = f"{report.code.value} ({report.goal_x:.3f}, {report.goal_z:.3f}) m: {report.sentence}"
+    words = f"{report.code.value} {place(report.goal.position, '.3f')}: {report.sentence}"
     plan = report.plan
     if plan is None or plan.plan_stamp_ns == 0:
         return words

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mhsb_sim.circuit import elements
+from mhsb_sim.circuit.quantities import CYLINDER
 
 DP_LAMINAR = 5e4
 drops = st.floats(-2e7, 2e7)
@@ -210,8 +211,14 @@ def test_a_switching_valve_closes_the_gap_by_its_time_constant() -> None:
     assert elements.first_order_lag(0.0, 1.0, math.exp(-1.0)) == pytest.approx(1 - math.exp(-1))
 
 
-def test_a_chamber_holds_its_dead_volume_and_the_swept_one() -> None:
-    assert elements.chamber_capacity(1e-5, 5e-4, 0.04, 1e9) == pytest.approx(3e-5 / 1e9)
+@pytest.mark.parametrize("swept", [1.0, 0.0])
+def test_chambers_hold_their_dead_volume_and_the_swept_one_which_motors_have_not(swept) -> None:
+    cylinder = np.zeros(1, CYLINDER)[0]
+    cylinder["cap_area"], cylinder["rod_area"] = 5e-4, 3e-4
+    cylinder["min_length"], cylinder["max_length"] = 0.3, 0.4
+    cylinder["dead_volume"], cylinder["swept"] = 1e-5, swept
+    cap, rod = elements.chamber_volumes(cylinder, 0.34)
+    assert (cap, rod) == pytest.approx((1e-5 + swept * 2e-5, 1e-5 + swept * 1.8e-5))
 
 
 @given(st.floats(-0.05, 0.05))

@@ -298,6 +298,21 @@ def test_a_valve_hard_over_on_a_thrown_cylinder_stays_near_the_relief_setting(
     assert highest < 1.1 * setting
 
 
+def test_an_actuator_has_friction_and_relief_of_its_own(machine: Machine) -> None:
+    own = machine.with_values(
+        {"joints.1.actuator.friction": 3.0, "joints.0.actuator.relief_pressure": 1.2e7}
+    )
+    speed, force = np.array([4e-3, 4e-3, -4e-3]), {}
+    for name, each in (("usual", machine), ("own", own)):
+        circuit = build_circuit(each, 5e-4)
+        settle(circuit, each, START, MODES_N)
+        circuit.advance(each.cylinder_lengths(START), speed, 1)
+        force[name] = circuit.actuators["friction"].copy()
+    assert force["own"] == pytest.approx([1.0, 3.0, 1.0] * force["usual"])
+    usual = machine.config.circuit.chamber_relief_pressure
+    assert circuit.actuators["relief"].tolist() == [1.2e7, usual, usual]
+
+
 def test_shaft_energies_are_kept_apart_from_what_the_oil_gets(machine: Machine) -> None:
     _, circuit = run(machine, 5e-4)
     record, oil = circuit.energy[0], machine.config.circuit

@@ -21,6 +21,6 @@ def test_goals_are_in_the_workspace_and_the_same_for_the_same_seed(planner):
     assert goals != seeded_goals(planner, 3, seed=4)
     assert sum(goal.time for goal in goals) == pytest.approx(3 * 1.75)
     for goal in goals:
-        planner.machine.check_in_workspace(goal.x, goal.z)
+        planner.machine.check_in_workspace(goal.position)
         assert 0.5 <= goal.time <= 3.0
-    assert len({np.hypot(goal.x, goal.z) for goal in goals}) == 3
+    assert len({np.hypot(*goal.position) for goal in goals}) == 3

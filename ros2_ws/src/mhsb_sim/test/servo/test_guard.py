@@ -4,6 +4,7 @@ import pytest
 from mhsb_model.hydraulics import pressure_against
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
+from mhsb_model.statics import chain_of
 from mhsb_sim.servo import guard
 from mhsb_sim.servo.guard import GUARDED, ask, followed, share_of, tip_errors
 from mhsb_sim.simulation.simulator import Simulator
@@ -60,8 +61,7 @@ def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
         speed = random.normal(0.0, 0.1, 3)
         way = machine.tip_position(q + 1e-6 * speed) - machine.tip_position(q)
         ahead = max(0.0, float(exact @ way) / float(np.hypot(*way)))
-        links = machine.arrays.slides, machine.arrays.link_length
-        error, behind = tip_errors(*links, q, speed, actuators)
+        error, behind = tip_errors(chain_of(machine.arrays), q, speed, actuators)
         assert error == pytest.approx(float(np.hypot(*exact)), rel=1e-3, abs=1e-7)
         assert behind**2 == pytest.approx(error**2 - ahead**2, rel=5e-3, abs=1e-9)
 

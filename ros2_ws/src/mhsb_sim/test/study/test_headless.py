@@ -31,8 +31,8 @@ def test_a_goal_that_comes_again_ten_times_a_second_is_reached_as_if_it_came_onc
         return run.samples(), results
 
     times = 170
-    often, results = samples([TimedGoal(*GOAL, AGAIN)] * times)
-    once, _ = samples([TimedGoal(*GOAL, times * AGAIN)])
+    often, results = samples([TimedGoal(GOAL, AGAIN)] * times)
+    once, _ = samples([TimedGoal(GOAL, times * AGAIN)])
     assert [result.replan is not None for result in results] == [True] + [False] * (times - 1)
     assert results[-1].goal_distance < 1e-3
     np.testing.assert_array_equal(often.reference, once.reference)
@@ -42,7 +42,7 @@ def test_a_goal_that_comes_again_ten_times_a_second_is_reached_as_if_it_came_onc
 def test_a_goal_that_comes_again_after_another_is_planned_for_again(machine, replanner):
     run = HeadlessRun(Simulator(machine), replanner, PlanOptions(planner="integrated"))
     other = (0.60, 0.10)
-    goals = [TimedGoal(*GOAL, 0.5), TimedGoal(*other, 0.5), TimedGoal(*GOAL, 8.0)]
+    goals = [TimedGoal(GOAL, 0.5), TimedGoal(other, 0.5), TimedGoal(GOAL, 8.0)]
     results = list(run.run(goals))
     assert all(result.replan is not None for result in results)
     assert results[-1].goal_distance < 1e-3

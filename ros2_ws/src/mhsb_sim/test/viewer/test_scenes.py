@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -30,9 +31,23 @@ def test_the_load_hangs_at_the_tip_and_barrels_have_the_colour_of_their_mode(ser
     arm.show(posture, np.array([Mode.N, Mode.DB, Mode.SB], dtype=np.uint8))
     x, z = machine.tip_position(posture)
     np.testing.assert_allclose(arm._load.position, [x, 0.0, z])
-    last, angle = arm._links[-1], machine.end_link_angle(posture)
+    last, angle = arm._links[machine.joint_count - 1], machine.end_link_angle(posture)
     half = last.dimensions[0] / 2 * np.array([np.cos(angle), 0.0, np.sin(angle)])
     np.testing.assert_allclose(last.position + half, [x, 0.0, z], atol=1e-12)
+    shown = [tuple(arm._bars[barrel].color) for barrel in arm._barrels]
+    assert shown == [bytes_of(rgb(MODE_COLOR[mode])) for mode in Mode]
+
+
+@pytest.mark.parametrize("file", ["excavator.yaml", "forestry_crane.yaml"])
+def test_an_arm_that_slews_hangs_in_its_plane_which_turns(server, file):
+    machine = load_machine(config_file(file))
+    arm = ArmScene(server.scene, machine)
+    posture = machine.arrays.joint_min + 0.3 * (machine.arrays.joint_max - machine.arrays.joint_min)
+    arm.show(posture, np.array([Mode.SB, Mode.N, Mode.DB, Mode.SB], dtype=np.uint8))
+    w, *axis = arm._plane.wxyz
+    turn = Rotation.from_quat([*axis, w])
+    load = turn.apply(arm._load.position) + arm._plane.position
+    np.testing.assert_allclose(load, machine.tip_in_base(posture), atol=1e-12)
     shown = [tuple(arm._bars[barrel].color) for barrel in arm._barrels]
     assert shown == [bytes_of(rgb(MODE_COLOR[mode])) for mode in Mode]
 

@@ -21,7 +21,7 @@ from mhsb_planner.cluster import Cluster
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_cases
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.posture import s1_global_search
-from mhsb_planner.posture.grid import PAPER_SPACING, grid_nodes
+from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.area_shortfall import area_term
@@ -208,7 +208,7 @@ def area_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Set
 def work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
     """How many units of progress `evaluate` tells: nodes of tables, and runs."""
     tables = {setting.table_pressure for setting in asked.values()} | {None}
-    return len(tables) * len(grid_nodes(machine, PAPER_SPACING)) + len(asked)
+    return len(tables) * len(grid_nodes(machine, machine.spacing)) + len(asked)
 
 
 def evaluate(
@@ -306,12 +306,13 @@ def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
 def _run(graph: StepGraph, setting: Setting) -> Run:
     case, machine = setting.case, graph.machine
     normal = np.full(machine.joint_count, Mode.N)
+    begin, goal = (machine.in_plane(place, near=0.0).tip for place in (case.start, case.goal))
     try:
         if case.planner == "integrated":
-            start = postures_by_rule(graph, *case.start)[0]
+            start = postures_by_rule(graph, *begin)[0]
             area = area_term(setting.area_weight, graph.table)
             path = integrated_search.search(
-                machine, start, normal, case.goal, case.weights, area=area
+                machine, start, normal, goal, case.weights, area=area
             )
             return Run(setting, machine, path)
         if case.planner == "fixed":
@@ -319,12 +320,12 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
             j3 = float(start[2]) if case.initial_j3 is None else case.initial_j3
             graph = fixed_j3_graph(machine, graph.table, j3, elbow_side(machine, start), jobs=1)
         else:
-            start = postures_by_rule(graph, *case.start)[0]
+            start = postures_by_rule(graph, *begin)[0]
         path = search(
             graph,
             start,
             normal,
-            case.goal,
+            goal,
             case.weights,
             method=setting.search,
             heuristic_scale=setting.heuristic_scale,

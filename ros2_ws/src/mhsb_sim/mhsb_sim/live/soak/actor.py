@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
+from mhsb_model.types import Position
 from mhsb_msgs_py import goal_pose, names
 from mhsb_msgs_py.node_process import spin_until
 from mhsb_sim.live.child_process import ChildProcess
@@ -176,9 +177,9 @@ class Actor:
 
     # --- Messages, services, parameters ----------------------------------------------------------
 
-    def goal(self, x: float, z: float) -> None:
+    def goal(self, position: Position) -> None:
         """Send a goal."""
-        self.message(goal_pose.encode(Goal(time.time_ns(), x, z)))
+        self.message(goal_pose.encode(Goal.at(time.time_ns(), position)))
 
     def message(self, message: PoseStamped) -> None:
         """Send a goal as it is."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import signal
@@ -106,7 +107,7 @@ class Soak:
     def send(self) -> None:
         """Send a goal that there is a way to, where nothing is in the way."""
         goal = self.one_of(self.goals)
-        self.actor.goal(goal.x, goal.z)
+        self.actor.goal(goal.position)
 
     def send_spoilt(self) -> None:
         """Send a goal that must be refused."""
@@ -133,10 +134,10 @@ class Soak:
         zones: dict[str, Any] = {"circles": (), "tip_circles": ()}
         for _ in range(int(self.random.integers(1, 3))):
             goal = self.one_of(self.goals)
-            if np.hypot(goal.x, goal.z) < 0.35:
+            if math.hypot(*goal.position) < 0.35:
                 continue  # the first link always is there
             kind = "circles" if self.random.random() < 0.5 else "tip_circles"
-            zones[kind] += ((goal.x, goal.z, self.random.uniform(0.03, 0.1)),)
+            zones[kind] += ((*goal.position, self.random.uniform(0.03, 0.1)),)
         self.actor.zones(Zones(**zones))
 
     def clear_zones(self) -> None:

@@ -28,7 +28,7 @@ def test_the_first_traceback_is_told_by_its_last_line():
 def test_a_spoilt_goal_is_nothing_that_can_be_accepted(machine):
     def take(message):
         goal = goal_pose.decode(message)
-        machine.check_in_workspace(goal.x, goal.z)
+        machine.check_in_workspace((goal.x, goal.z))
 
     random = np.random.default_rng(0)
     for _ in range(50):
