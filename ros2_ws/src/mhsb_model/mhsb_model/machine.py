@@ -28,7 +28,17 @@ from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
-from mhsb_model.obstacles.zones import KIND, LINK, PART, RADIUS, Obstacles, Zones, obstacles_of
+from mhsb_model.obstacles.shadows import shadows_between
+from mhsb_model.obstacles.zones import (
+    KIND,
+    LINK,
+    NO_OBSTACLES,
+    PART,
+    RADIUS,
+    Obstacles,
+    Zones,
+    obstacles_of,
+)
 from mhsb_model.schema import MachineConfig, problems_across
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
@@ -60,6 +70,8 @@ class Machine:
 
     config: MachineConfig
     arrays: MachineArrays = field(repr=False)
+    shadows: Obstacles = field(repr=False, default=NO_OBSTACLES)
+    """Of zones in space, in the arm's plane; they stand beside the file's obstacles."""
 
     @classmethod
     def from_config(cls, config: MachineConfig, source: str = "(in memory)") -> Machine:
@@ -77,7 +89,7 @@ class Machine:
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process makes it of its configuration: pickled arrays could be written to there,
         which kernels are not compiled for."""
-        return _restored, (self.config, self.arrays.idle_leakage)
+        return _restored, (self.config, self.arrays.idle_leakage, self.shadows)
 
     @property
     def name(self) -> str:
@@ -127,8 +139,15 @@ class Machine:
         kept = content["motion"]["kept_joints"]
         content["motion"]["kept_joints"] = [joint - 1 for joint in kept]
         content["simulation"]["start_posture"] = content["simulation"]["start_posture"][1:]
+        content["keep_out"] |= Zones().content()
         plane = _validated(content, f"{self.name} in its plane")
         return replace(plane, arrays=plane.arrays._replace(idle_leakage=leakage))
+
+    def plane_among(self, began: float, ended: float) -> Machine:
+        """The arm in its plane, clear of what stands in space where this plane gets to, between
+        two angles of the slew [rad]: what keeps clear of these shadows there is clear of zones."""
+        shadows = shadows_between(self.obstacles, self.arrays.slew_offset, began, ended)
+        return replace(self.plane, shadows=shadows)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -349,7 +368,8 @@ class Machine:
     @cached_property
     def obstacles(self) -> Obstacles:
         """Everything that the arm keeps clear of."""
-        return obstacles_of(self.config.keep_out, self.joint_count, int(self.slews))
+        own = obstacles_of(self.config.keep_out, self.joint_count, int(self.slews))
+        return own.and_also(self.shadows) if self.shadows.names else own
 
     def clearance(self, q: FloatArray) -> tuple[float, str]:
         """Distance [m] to the nearest obstacle, negative inside, and its name; inf, "" without."""
@@ -411,11 +431,12 @@ def load_machine(path: str | Path | None = None) -> Machine:
     return machine
 
 
-def _restored(config: MachineConfig, idle_leakage: float) -> Machine:
+def _restored(config: MachineConfig, idle_leakage: float, shadows: Obstacles) -> Machine:
     machine = Machine.from_config(config)
-    if idle_leakage == 0.0:
+    if idle_leakage == 0.0 and not shadows.names:
         return machine
-    return replace(machine, arrays=machine.arrays._replace(idle_leakage=idle_leakage))
+    arrays = machine.arrays._replace(idle_leakage=idle_leakage)
+    return replace(machine, arrays=arrays, shadows=shadows)
 
 
 def _validated(content: Any, source: str) -> Machine:

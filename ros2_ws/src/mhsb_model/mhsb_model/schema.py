@@ -554,8 +554,11 @@ class Box(Section):
 
 
 class BoxZone(Box):
-    """A box that the whole arm keeps out of, or its tip alone."""
+    """A box that the whole arm keeps out of, or its tip alone; upright in space, with y, where
+    joint 1 slews."""
 
+    y_min: float | None = Field(default=None, description="of arms that slew [m]")
+    y_max: float | None = Field(default=None, description="of arms that slew [m]")
     holds_for: HoldsFor = "arm"
 
 
@@ -563,6 +566,27 @@ class CircleZone(Section):
     """A circle that the whole arm keeps out of, or its tip alone."""
 
     x: float = Field(description="of the centre [m]")
+    z: float = Field(description="of the centre [m]")
+    radius: Positive = Field(le=100, description="[m]")
+    holds_for: HoldsFor = "arm"
+
+
+class CylinderZone(Section):
+    """An upright cylinder that an arm that slews keeps out of, or its tip alone."""
+
+    x: float = Field(description="of the axis [m]")
+    y: float = Field(description="of the axis [m]")
+    z_min: float = Field(description="[m]")
+    z_max: float = Field(description="[m]")
+    radius: Positive = Field(le=100, description="[m]")
+    holds_for: HoldsFor = "arm"
+
+
+class SphereZone(Section):
+    """A sphere that an arm that slews keeps out of, or its tip alone."""
+
+    x: float = Field(description="of the centre [m]")
+    y: float = Field(description="of the centre [m]")
     z: float = Field(description="of the centre [m]")
     radius: Positive = Field(le=100, description="[m]")
     holds_for: HoldsFor = "arm"
@@ -587,6 +611,8 @@ class KeepOut(Section):
     )
     boxes: tuple[BoxZone, ...] = ()
     circles: tuple[CircleZone, ...] = ()
+    cylinders: tuple[CylinderZone, ...] = ()
+    spheres: tuple[SphereZone, ...] = ()
 
 
 class MachineConfig(Section):
@@ -610,7 +636,8 @@ class MachineConfig(Section):
 def problems_across(config: MachineConfig) -> list[str]:
     """Every rule across fields that the configuration breaks, as `path: sentence`."""
     problems = _workspace_problems(config) + _hydraulic_problems(config)
-    problems += _start_problems(config) + _keep_out_problems(config) + _version_problems(config)
+    problems += _start_problems(config) + _keep_out_problems(config) + _zone_problems(config)
+    problems += _version_problems(config)
     problems += _kept_problems(config) + _telescope_problems(config) + _slew_problems(config)
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
@@ -657,24 +684,36 @@ def _kept_problems(config: MachineConfig) -> list[str]:
 
 
 def _slew_problems(config: MachineConfig) -> list[str]:
-    """One joint slews, the first, and zones in the plane would turn with it."""
-    kinds, keep_out = [joint.kind for joint in config.joints], config.keep_out
+    """One joint slews, the first."""
+    kinds = [joint.kind for joint in config.joints]
     problems = [
         f"joints.{index}.kind: joint 1 alone can slew; all others move in the plane that it turns"
         for index, kind in enumerate(kinds)
         if kind == "slew" and index > 0
     ]
-    if kinds[0] != "slew":
-        return problems
-    if config.schema_version < 2:
+    if kinds[0] == "slew" and config.schema_version < 2:
         problems.append("schema_version: slew joints need version 2")
-    problems += [
-        f"keep_out.{name}: zones in x and z would turn with the slew, and zones in space are not "
-        "there yet; leave them out"
-        for name in ("boxes", "circles")
+    return problems
+
+
+def _zone_problems(config: MachineConfig) -> list[str]:
+    """Zones of arms that slew are in space, those of others in the arm's plane."""
+    keep_out, slews = config.keep_out, config.joints[0].kind == "slew"
+    where = "joint 1 slews, and zones are in space" if slews else "this arm moves in x and z alone"
+    rule = "give y_min and y_max, too" if slews else "leave out y_min and y_max"
+    instead = {"circles": "cylinders or spheres"}
+    if not slews:
+        instead = {"cylinders": "circles", "spheres": "circles"}
+    problems = [
+        f"keep_out.boxes.{i}: {where}; {rule}"
+        for i, box in enumerate(keep_out.boxes)
+        if slews == (box.y_min is None) or slews == (box.y_max is None)
+    ]
+    return problems + [
+        f"keep_out.{name}: {where}; give {others}"
+        for name, others in instead.items()
         if getattr(keep_out, name)
     ]
-    return problems
 
 
 def _telescope_problems(config: MachineConfig) -> list[str]:
@@ -749,10 +788,15 @@ def _keep_out_problems(config: MachineConfig) -> list[str]:
             f"keep_out.link_radii: has {len(keep_out.link_radii)} radii, the machine has "
             f"{links} links in its plane"
         )
-    boxes = [(f"keep_out.boxes.{i}", box) for i, box in enumerate(keep_out.boxes)]
-    for path, box in [*boxes, *([("keep_out.base", keep_out.base)] if keep_out.base else [])]:
-        for axis, low, high in (("x", box.x_min, box.x_max), ("z", box.z_min, box.z_max)):
-            if low >= high:
+    ends: list[tuple[str, Section]] = [
+        (f"keep_out.boxes.{i}", box) for i, box in enumerate(keep_out.boxes)
+    ]
+    ends += [(f"keep_out.cylinders.{i}", each) for i, each in enumerate(keep_out.cylinders)]
+    ends += [("keep_out.base", keep_out.base)] if keep_out.base else []
+    for path, zone in ends:
+        for axis in ("x", "y", "z"):
+            low, high = (getattr(zone, f"{axis}_{end}", None) for end in ("min", "max"))
+            if low is not None and high is not None and low >= high:
                 problems.append(f"{path}.{axis}_min: {low:g} m must be below {axis}_max {high:g} m")
     return problems
 

@@ -122,7 +122,7 @@ def load_slewing(slewing_content, tmp_path):
         ),
         (
             lambda c: c.update(keep_out={"circles": [{"x": 0.5, "z": 0.2, "radius": 0.1}]}),
-            r"keep_out\.circles: zones in x and z would turn with the slew",
+            r"keep_out\.circles: joint 1 slews, and zones are in space; give cylinders or spheres",
         ),
         (
             lambda c: c["motion"].update(kept_joints=[1]),

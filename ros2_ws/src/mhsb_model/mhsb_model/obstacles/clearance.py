@@ -9,8 +9,11 @@ bound those in between:
     clearance ≥ (c_start + c_end − D) / 2,   D = Σ_k L_k |Σ_{j ≤ k} Δq_j|
 
 where all joints move in proportion, and with Σ_{j ≤ k} |Δq_j| where they do not but none turns
-back. A joint that slides turns nothing and adds |Δq_k| to D; its L_k is the longer one. Source:
-Lipschitz bound of the distance function, as in conservative advancement (Mirtich, 1996).
+back. A joint that slides turns nothing and adds |Δq_k| to D; its L_k is the longer one. One that
+slews adds (a + Σ_k L_k) |Δq_1|, with joint 2 at a ahead of its axis. Source: Lipschitz bound of the
+distance function, as in conservative advancement (Mirtich, 1996).
+
+Zones in space are seen from `base_link`, everything else from the plane that joint 1 turns.
 """
 
 from __future__ import annotations
@@ -23,7 +26,17 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import farthest_move, joint_positions, turned
 from mhsb_model.linkages.linkage import cylinder_length, joint_angle
-from mhsb_model.obstacles.zones import BOX, CIRCLE, KIND, LINK, PART, RADIUS, SHAPE
+from mhsb_model.obstacles.distances_in_space import line_in_space, point_in_space
+from mhsb_model.obstacles.zones import (
+    BOX,
+    BOX_IN_SPACE,
+    CIRCLE,
+    KIND,
+    LINK,
+    PART,
+    RADIUS,
+    SHAPE,
+)
 from mhsb_model.types import FloatArray, IntArray
 
 FINEST = 1e-3
@@ -132,9 +145,17 @@ def segment_to_segment(
 
 
 @kernel
-def row_clearance(rows: FloatArray, k: int, joint: FloatArray) -> float:
-    """Clearance of row k with the joints and the tip at joint[n + 1, 2] [m]."""
+def row_clearance(
+    m: MachineArrays, rows: FloatArray, k: int, q: FloatArray, joint: FloatArray
+) -> float:
+    """Clearance of row k in the posture q[n], with joints and tip at joint[n + 1, 2] [m]."""
     part = int(rows[k, PART])
+    if rows[k, KIND] >= BOX_IN_SPACE:
+        last, ahead = min(part + 1, len(joint) - 1), m.slew_offset
+        return line_in_space(
+            rows, k, q[0],
+            ahead + joint[part, 0], joint[part, 1], ahead + joint[last, 0], joint[last, 1],
+        ) - rows[k, RADIUS]  # fmt: skip
     if part == len(joint) - 1:
         return point_clearance(rows, k, joint[part, 0], joint[part, 1])
     ax, az, bx, bz = joint[part, 0], joint[part, 1], joint[part + 1, 0], joint[part + 1, 1]
@@ -166,13 +187,28 @@ def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
 def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[float, int]:
     """Least clearance of the end of the last link at (x, z) m, and of which row; inf, −1.
 
-    No posture with the tip there has more.
+    No posture with the tip there has more. Zones in space are not looked at.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):
-        if rows[k, KIND] == LINK or rows[k, PART] < links - 1:
+        if rows[k, KIND] == LINK or rows[k, KIND] >= BOX_IN_SPACE or rows[k, PART] < links - 1:
             continue
         distance = point_clearance(rows, k, x, z)
+        if distance < least:
+            least, nearest = distance, k
+    return least, nearest
+
+
+@kernel
+def tip_clearance_in_space(
+    rows: FloatArray, links: int, x: float, y: float, z: float
+) -> tuple[float, int]:
+    """The same of zones in space, with the tip at (x, y, z) m in `base_link`."""
+    least, nearest = math.inf, -1
+    for k in range(len(rows)):
+        if rows[k, KIND] < BOX_IN_SPACE or rows[k, PART] < links - 1:
+            continue
+        distance = point_in_space(rows, k, x, y, z) - rows[k, RADIUS]
         if distance < least:
             least, nearest = distance, k
     return least, nearest
@@ -189,7 +225,7 @@ def clearance(
     joint = joint_positions(m, q)
     least, nearest = math.inf, -1
     for k in range(len(rows)):
-        distance = row_clearance(rows, k, joint) + leeway[k]
+        distance = row_clearance(m, rows, k, q, joint) + leeway[k]
         if distance < least:
             least, nearest = distance, k
     return least, nearest
@@ -213,14 +249,27 @@ def leeway_from(m: MachineArrays, rows: FloatArray, q: FloatArray, kept: float) 
     joint = joint_positions(m, q)
     leeway = np.empty(len(rows))
     for k in range(len(rows)):
-        leeway[k] = max(0.0, kept - row_clearance(rows, k, joint))
+        leeway[k] = max(0.0, kept - row_clearance(m, rows, k, q, joint))
     return leeway
+
+
+@kernel(borrows=True)
+def longest_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
+    """No point of an arm that slews is farther from the slew's axis between two postures [m]."""
+    reach = abs(m.slew_offset)
+    for k in range(len(start)):
+        reach += m.link_length[k]
+        if m.slides[k]:
+            reach += max(start[k], end[k])
+    return reach
 
 
 @kernel(borrows=True)
 def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool) -> float:
     """Farther than this no point of the arm moves between two postures [m]; D above."""
     turn, farthest = 0.0, 0.0
+    if m.slews:
+        farthest = longest_reach(m, start, end) * abs(end[0] - start[0])
     for k in range(len(start)):
         more = turned(m.turns, end, k) - turned(m.turns, start, k)
         turn += abs(more) if along_cylinders else more

@@ -1,100 +1,135 @@
 """Keep-out zones as a user gives them, and everything to keep clear of as rows for the kernels.
 
-The arm keeps clear of zones (boxes and circles), the ground, the base and itself. A box or circle
+The arm keeps clear of zones, the ground, the base and itself. Zones are boxes and circles in the
+arm's plane or, where joint 1 slews, upright boxes, upright cylinders and spheres in space. Each
 holds for the whole arm or for its tip alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from mhsb_model.schema import Box, HoldsFor, KeepOut
+from mhsb_model.schema import (
+    Box,
+    BoxZone,
+    CircleZone,
+    CylinderZone,
+    HoldsFor,
+    KeepOut,
+    Section,
+    SphereZone,
+)
 from mhsb_model.types import FloatArray, frozen
 
-BOX, CIRCLE, LINK = 0.0, 1.0, 2.0
-"""Kinds of obstacles."""
+BOX, CIRCLE, LINK, BOX_IN_SPACE, CYLINDER, SPHERE = range(6)
+"""Kinds of obstacles; from BOX_IN_SPACE on they are in `base_link`, not in the arm's plane."""
 
-KIND, PART, SHAPE, RADIUS, NUMBER = 0, 1, 2, 6, 7
-"""Columns of a row: what an obstacle is; the link that keeps clear of it, n for the tip alone; four
-numbers: x_min, z_min, x_max, z_max of a box, x, z, radius of a circle, an earlier link; the link's
-radius, of both where the obstacle is a link; which obstacle it is."""
+KIND, PART, SHAPE, RADIUS, NUMBER = 0, 1, 2, 8, 9
+"""Columns of a row: what an obstacle is; the link that keeps clear of it, n for the tip alone; its
+shape, up to six numbers [m]: x_min, z_min, x_max, z_max of a box, x, z, radius of a circle, an
+earlier link; in space x_min, y_min, z_min, x_max, y_max, z_max of a box, x, y, z_min, z_max, radius
+of a cylinder, x, y, z, radius of a sphere; the link's radius, of both where the obstacle is a link;
+which obstacle it is."""
 
-ROW_WIDTH = 8
+ROW_WIDTH = 10
 
 FAR = 1e3
 """The ground is a box that extends so far to all sides and down [m]."""
 
 Numbers = tuple[float, ...]
+Zone = BoxZone | CircleZone | CylinderZone | SphereZone
+
+IN_PLANE: Mapping[str, tuple[str, ...]] = {
+    "boxes": ("x_min", "z_min", "x_max", "z_max"),
+    "circles": ("x", "z", "radius"),
+}
+IN_SPACE: Mapping[str, tuple[str, ...]] = {
+    "boxes": ("x_min", "y_min", "z_min", "x_max", "y_max", "z_max"),
+    "cylinders": ("x", "y", "z_min", "z_max", "radius"),
+    "spheres": ("x", "y", "z", "radius"),
+}
+"""Zones of arms that move in a plane, and of those that slew: their numbers, by their names in a
+machine file, in the order in which they are given [m]."""
+
+
+def zone_numbers(slews: bool) -> Mapping[str, tuple[str, ...]]:
+    """Kinds of zones that an arm keeps out of, and what each is given by."""
+    return IN_SPACE if slews else IN_PLANE
 
 
 @dataclass(frozen=True)
 class Zones:
-    """Keep-out zones as plain numbers.
+    """Keep-out zones as plain numbers [m], those of `IN_PLANE` or of `IN_SPACE`.
 
-    boxes        two opposite corners (x, z, x, z) m each, for the whole arm
-    circles      (x, z, radius) m each, for the whole arm
-    tip_boxes    for the tip alone
-    tip_circles  for the tip alone
+    boxes         two opposite corners each, for the whole arm
+    circles       centre and radius
+    cylinders     x, y of the axis, two heights, radius
+    spheres       centre and radius
+    tip_boxes …   for the tip alone
     """
 
     boxes: tuple[Numbers, ...] = ()
     circles: tuple[Numbers, ...] = ()
+    cylinders: tuple[Numbers, ...] = ()
+    spheres: tuple[Numbers, ...] = ()
     tip_boxes: tuple[Numbers, ...] = ()
     tip_circles: tuple[Numbers, ...] = ()
+    tip_cylinders: tuple[Numbers, ...] = ()
+    tip_spheres: tuple[Numbers, ...] = ()
 
     @classmethod
     def of(cls, keep_out: KeepOut) -> Zones:
         """Those of a machine file."""
 
-        def boxes(holds_for: HoldsFor) -> tuple[Numbers, ...]:
-            kept = [box for box in keep_out.boxes if box.holds_for == holds_for]
-            return tuple((box.x_min, box.z_min, box.x_max, box.z_max) for box in kept)
+        def numbers(field: str) -> tuple[Numbers, ...]:
+            holds_for, kind = _kind_of(field)
+            zones = [zone for zone in getattr(keep_out, kind) if zone.holds_for == holds_for]
+            return tuple(
+                tuple(getattr(zone, name) for name in _names(kind, zone)) for zone in zones
+            )
 
-        def circles(holds_for: HoldsFor) -> tuple[Numbers, ...]:
-            kept = [circle for circle in keep_out.circles if circle.holds_for == holds_for]
-            return tuple((circle.x, circle.z, circle.radius) for circle in kept)
+        return cls(**{field.name: numbers(field.name) for field in fields(cls)})
 
-        return cls(boxes("arm"), circles("arm"), boxes("tip"), circles("tip"))
-
-    def with_more(
-        self, boxes: Iterable[Sequence[float]] = (), circles: Iterable[Sequence[float]] = ()
-    ) -> Zones:
-        """These and others for the whole arm."""
-        return Zones(
-            (*self.boxes, *map(tuple, boxes)),
-            (*self.circles, *map(tuple, circles)),
-            self.tip_boxes,
-            self.tip_circles,
-        )
+    def with_more(self, **more: Iterable[Sequence[float]]) -> Zones:
+        """These and others, by the names of the fields."""
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        both = {name: (*zones, *map(tuple, more.get(name, ()))) for name, zones in own.items()}
+        return Zones(**both)
 
     def content(self) -> dict[str, list[dict[str, Any]]]:
         """As they stand in a machine file."""
-        return {
-            "boxes": [
-                *(_box_content(box, "arm") for box in self.boxes),
-                *(_box_content(box, "tip") for box in self.tip_boxes),
-            ],
-            "circles": [
-                *(_circle_content(circle, "arm") for circle in self.circles),
-                *(_circle_content(circle, "tip") for circle in self.tip_circles),
-            ],
-        }
+        content: dict[str, list[dict[str, Any]]] = {}
+        for field in fields(self):
+            holds_for, kind = _kind_of(field.name)
+            zones = [_content(kind, zone, holds_for) for zone in getattr(self, field.name)]
+            content.setdefault(kind, []).extend(zones)
+        return content
 
 
-def _box_content(corners: Numbers, holds_for: HoldsFor) -> dict[str, Any]:
-    x, z = sorted(corners[0::2]), sorted(corners[1::2])
-    return {
-        "x_min": x[0], "z_min": z[0], "x_max": x[1], "z_max": z[1], "holds_for": holds_for
-    }  # fmt: skip
+def _kind_of(field: str) -> tuple[HoldsFor, str]:
+    """For what the zones of a field of `Zones` hold, and their kind."""
+    return ("tip", field.removeprefix("tip_")) if field.startswith("tip_") else ("arm", field)
 
 
-def _circle_content(numbers: Numbers, holds_for: HoldsFor) -> dict[str, Any]:
-    x, z, radius = numbers
-    return {"x": x, "z": z, "radius": radius, "holds_for": holds_for}
+def _names(kind: str, zone: Section) -> tuple[str, ...]:
+    """By which numbers a zone of a machine file is given."""
+    planar = kind == "circles" or getattr(zone, "y_min", 0.0) is None
+    return zone_numbers(not planar)[kind]
+
+
+def _content(kind: str, numbers: Numbers, holds_for: HoldsFor) -> dict[str, Any]:
+    planar = kind == "circles" or (kind == "boxes" and len(numbers) == len(IN_PLANE["boxes"]))
+    content = dict(zip(zone_numbers(not planar)[kind], numbers, strict=True))
+    for axis in ("x", "y", "z"):  # of two opposite corners, or heights, in any order
+        ends = f"{axis}_min", f"{axis}_max"
+        if ends[0] in content:
+            values = sorted(content[end] for end in ends)
+            content |= dict(zip(ends, values, strict=True))
+    return {**content, "holds_for": holds_for}
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +149,23 @@ class Obstacles:
         """Of the obstacle that a row belongs to; "" for −1."""
         return self.names[int(self.rows[row, NUMBER])] if row >= 0 else ""
 
+    @property
+    def in_space(self) -> np.ndarray:
+        """Which rows are of zones in space, bool[rows]."""
+        return self.rows[:, KIND] >= BOX_IN_SPACE
+
+    def and_also(self, others: Obstacles) -> Obstacles:
+        """These and others."""
+        shift = len(self.names) * (np.arange(ROW_WIDTH) == NUMBER)
+        return Obstacles(
+            frozen(np.vstack([self.rows, others.rows + shift])),
+            frozen(np.vstack([self.path_rows, others.path_rows + shift])),
+            self.names + others.names,
+        )
+
+
+NO_OBSTACLES = Obstacles(frozen(np.empty((0, ROW_WIDTH))), frozen(np.empty((0, ROW_WIDTH))), ())
+
 
 def obstacles_of(keep_out: KeepOut, joints: int, beneath: int = 0) -> Obstacles:
     """The obstacles of a machine file for an arm of so many joints, so many of them not in its
@@ -125,13 +177,14 @@ def obstacles_of(keep_out: KeepOut, joints: int, beneath: int = 0) -> Obstacles:
         names.append(name)
         last = first if kind == LINK or first == links else links - 1
         for part in range(int(first), int(last) + 1):
+            row = np.zeros(ROW_WIDTH)
+            row[[KIND, PART, RADIUS, NUMBER]] = kind, part + beneath, radius[part], number
+            row[SHAPE:SHAPE + len(shape)] = shape
             if kind == LINK:
                 other = int(shape[0])
-                both = radius[part] + radius[other]
-                rows.append([kind, part + beneath, other + beneath, *shape[1:], both, number])
-            else:
-                rows.append([kind, part + beneath, *shape, radius[part], number])
-    all_rows = np.array(rows, dtype=np.float64).reshape(-1, ROW_WIDTH)
+                row[SHAPE], row[RADIUS] = other + beneath, radius[part] + radius[other]
+            rows.append(row)
+    all_rows = np.array(rows).reshape(-1, ROW_WIDTH)
     grown = all_rows + keep_out.margin * (np.arange(ROW_WIDTH) == RADIUS)
     return Obstacles(frozen(all_rows), frozen(grown), tuple(names))
 
@@ -140,35 +193,49 @@ def _described(keep_out: KeepOut, links: int, beneath: int) -> list[tuple[str, l
     """Name of each obstacle; its kind, the first part of the arm that it holds for, its shape."""
     found: list[tuple[str, list[float]]] = []
     named = 1 + beneath  # number of the first link in the plane
-    for box in keep_out.boxes:
-        first = 0 if box.holds_for == "arm" else links
-        found.append((f"the keep-out {_box_name(box)}", [BOX, first, *_bounds(box)]))
-    for circle in keep_out.circles:
-        first = 0 if circle.holds_for == "arm" else links
-        found.append((
-            f"the keep-out circle of {circle.radius:g} m around ({circle.x:g}, {circle.z:g}) m",
-            [CIRCLE, first, circle.x, circle.z, circle.radius, 0.0],
-        ))
+    zones: list[Zone] = [*keep_out.boxes, *keep_out.circles]
+    for zone in [*zones, *keep_out.cylinders, *keep_out.spheres]:
+        name, (kind, *shape) = _shape(zone)
+        first = 0 if zone.holds_for == "arm" else links
+        found.append((f"the keep-out {name}", [kind, first, *shape]))
     if keep_out.ground is not None:
         name = f"the ground at z = {keep_out.ground:g} m"
         found.append((name, [BOX, 0, -FAR, -FAR, FAR, keep_out.ground]))
     if keep_out.base is not None:
-        found.append((f"the base, a {_box_name(keep_out.base)}", [BOX, 1, *_bounds(keep_out.base)]))
+        name, (kind, *shape) = _box(keep_out.base)
+        found.append((f"the base, a {name}", [kind, 1, *shape]))
     if keep_out.self_collision:
         found += [
-            (
-                f"itself, link {later} to link {earlier}",
-                [LINK, later - named, earlier - named, 0, 0, 0],
-            )
+            (f"itself, link {later} to link {earlier}", [LINK, later - named, earlier - named])
             for later in range(2 + named, links + named)
             for earlier in range(named, later - 1)
         ]
     return found
 
 
-def _bounds(box: Box) -> list[float]:
-    return [box.x_min, box.z_min, box.x_max, box.z_max]
+def _shape(zone: Zone) -> tuple[str, list[float]]:
+    """What a zone is called; its kind and shape."""
+    if isinstance(zone, CircleZone):
+        name = f"circle of {zone.radius:g} m around ({zone.x:g}, {zone.z:g}) m"
+        return name, [CIRCLE, zone.x, zone.z, zone.radius]
+    if isinstance(zone, CylinderZone):
+        name = (
+            f"cylinder of {zone.radius:g} m around ({zone.x:g}, {zone.y:g}) m, "
+            f"z = {zone.z_min:g} … {zone.z_max:g} m"
+        )
+        return name, [CYLINDER, zone.x, zone.y, zone.z_min, zone.z_max, zone.radius]
+    if isinstance(zone, SphereZone):
+        name = f"sphere of {zone.radius:g} m around ({zone.x:g}, {zone.y:g}, {zone.z:g}) m"
+        return name, [SPHERE, zone.x, zone.y, zone.z, zone.radius]
+    return _box(zone)
 
 
-def _box_name(box: Box) -> str:
-    return f"box ({box.x_min:g}, {box.z_min:g}) … ({box.x_max:g}, {box.z_max:g}) m"
+def _box(box: Box) -> tuple[str, list[float]]:
+    low, high = [box.x_min, box.z_min], [box.x_max, box.z_max]
+    kind = BOX
+    if isinstance(box, BoxZone) and box.y_min is not None and box.y_max is not None:
+        low.insert(1, box.y_min)
+        high.insert(1, box.y_max)
+        kind = BOX_IN_SPACE
+    corners = (", ".join(f"{value:g}" for value in corner) for corner in (low, high))
+    return "box ({}) … ({}) m".format(*corners), [kind, *low, *high]

@@ -186,7 +186,7 @@ def plan(
         payload=payload,
         supply_pressure=supply_pressure,
         max_piston_speed=v_max,
-        zones=base.zones.with_more(zone_box, zone_circle),
+        zones=base.zones.with_more(boxes=zone_box, circles=zone_circle),
     )
     compile_planner()
     suite = Planner(arm, table_for(base, table))

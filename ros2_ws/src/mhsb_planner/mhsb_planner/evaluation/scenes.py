@@ -53,7 +53,8 @@ def random_scenes(planner: Planner, count: int) -> Iterator[Scene]:
         x, z = table.nodes[there] * table.spacing
         move = Move(table.posture[here, 0], (float(x), float(z)))
         with suppress(MhsbError):
-            scene = Scene(base.changed(zones=base.zones.with_more(boxes, circles)), move)
+            zones = base.zones.with_more(boxes=boxes, circles=circles)
+            scene = Scene(base.changed(zones=zones), move)
             if grid.has_way(scene):
                 count -= 1
                 yield scene

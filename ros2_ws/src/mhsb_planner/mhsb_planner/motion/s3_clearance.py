@@ -96,6 +96,8 @@ def _fastest(
         q3 = q5 - 2.0 * turn5 + 0.05 * h * h * acceleration[i + 1, j]
         apart = max(abs(q1 - q0), abs(q2 - q1), abs(q3 - q2), abs(q4 - q3), abs(q5 - q4))
         reach += m.link_length[j]
+        if j == 0 and m.slews:
+            reach += abs(m.slew_offset)
         if m.slides[j]:
             reach += max(q0, q1, q2, q3, q4, q5)
             fastest += 5.0 / h * apart

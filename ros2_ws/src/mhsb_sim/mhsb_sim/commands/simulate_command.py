@@ -121,7 +121,7 @@ def simulate(
     compile_planner()
     compile_simulator()
     replanner = Replanner(arm, table_for(arm))
-    kept_out = as_asked(arm, zones=arm.zones.with_more(zone_box, zone_circle))
+    kept_out = as_asked(arm, zones=arm.zones.with_more(boxes=zone_box, circles=zone_circle))
     replanner.change(kept_out)
     replanner.warm_up([planner])
     simulator = Simulator(arm, controller, seed, plant=real)
