@@ -5,6 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from mhsb_model.errors import ArgumentError, MhsbError
+from mhsb_model.types import Position
+
+
+def place_text(position: Position) -> str:
+    """A position as it stands in a sentence."""
+    return f"({', '.join(f'{value:.4g}' for value in position)}) m"
 
 
 class InfeasibleGoalError(MhsbError):
@@ -27,9 +33,8 @@ class InfeasibleGoalError(MhsbError):
 class ZoneError(MhsbError):
     """At the goal the arm would be in an obstacle, or too near to one."""
 
-    def __init__(self, x: float, z: float, sentence: str) -> None:
-        self.x = x
-        self.z = z
+    def __init__(self, goal: Position, sentence: str) -> None:
+        self.goal = goal
         super().__init__(sentence)
 
 
@@ -42,8 +47,8 @@ class NoPathError(MhsbError):
 
     def __init__(
         self,
-        start: tuple[float, float],
-        goal: tuple[float, float],
+        start: Position,
+        goal: Position,
         among: tuple[str, ...] = (),
         inside: str = "",
     ) -> None:
@@ -52,8 +57,8 @@ class NoPathError(MhsbError):
         self.among = among
         clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
-            f"no sequence of admissible steps leads from ({start[0]:.4g}, {start[1]:.4g}) m "
-            f"to ({goal[0]:.4g}, {goal[1]:.4g}) m{clear}{f'; {inside}' if inside else ''}"
+            f"no sequence of admissible steps leads from {place_text(start)} to {place_text(goal)}"
+            f"{clear}{f'; {inside}' if inside else ''}"
         )
 
 

@@ -19,6 +19,7 @@ from mhsb_planner.motion.energy import energy_of_states
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.search import area_shortfall, fixed_j3, goal_clearance, s2_search
 from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.slewing import among_zones
 
 COARSE = 0.25
 """Spacing of a table with few nodes [m]."""
@@ -86,6 +87,7 @@ def fixed() -> None:
 def others() -> None:
     """What no search leads to by itself."""
     goal_clearance.warm_up(machine())
+    among_zones.warm_up(machine())
     area_shortfall.warm_up(machine())
     integrated_search.warm_up(machine())
 

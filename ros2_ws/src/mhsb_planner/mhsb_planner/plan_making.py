@@ -70,7 +70,7 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
     if (options.trajectory or of_path or own) == "polynomial":
         asked = own == "polynomial"
         rules = FitRules(max_excess=options.max_speed_excess if asked else rules.max_excess)
-    passing = tuple((x, z, options.via_tolerance) for x, z in options.via)
+    passing = tuple((*point, options.via_tolerance) for point in options.via)
     return replace(rules, least_duration=LASTING * options.period, passing=passing)
 
 

@@ -33,7 +33,7 @@ from mhsb_planner.motion.s3_steered import Steering
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_making import PlanMaking, fit_rules
-from mhsb_planner.planners.legs import paths_by_way
+from mhsb_planner.planners.legs import PathSource, PlanePaths, paths_by_way
 from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
@@ -50,7 +50,8 @@ from mhsb_planner.search.area_shortfall import area_term
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import start_in
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.slewing import Slewing
+from mhsb_planner.slewing import among_zones
+from mhsb_planner.slewing.slewing import SlewingPaths
 
 __all__ = [
     "ENERGY_OPTIMAL",
@@ -125,18 +126,18 @@ class Planner:
         options = options or PlanOptions()
         planner = planner_named(options.planner)
         self._check(goal, start, options)
-        place = self.machine.in_plane(goal, start.position[0])
         deadline.check("planning")
         began, refused = perf_counter(), None
+        source: PathSource = PlanePaths(planner, self.graph)
+        if self.machine.slews:
+            source = SlewingPaths(self.machine, planner, self.graph)
         for stop in self._stops(goal, start, brake, rest, options):
-            task = self._task(place.tip, start, modes, stop, options)
-            slewing = Slewing(self.machine, task, place.slew)
+            task = self._task(goal, start, modes, stop, options)
             making = PlanMaking(self.machine, task, deadline, began)
             if rest is not None and self._leads_to(goal, rest, options):
-                making.go_on(rest, slewing.in_plane.bound(self.graph))
+                making.go_on(rest, source.bound(task))
             try:
-                paths = paths_by_way(planner, self.graph, slewing.in_plane, making.time)
-                plan = making.best_along(map(slewing.along, paths))
+                plan = making.best_along(paths_by_way(source, task, making.time))
                 return replace(plan, start_in=start_in(self.machine, start.position))
             except DeadlineError:
                 raise
@@ -161,7 +162,7 @@ class Planner:
         Raises FitError.
         """
         start = MotionState.at_rest(path.posture[0])
-        goal = self.machine.in_plane(path.tip[-1].tolist(), path.posture[-1, 0]).tip
+        goal = tuple(path.tip[-1].tolist())
         options = options or PlanOptions()
         task = self._task(goal, start, modes, None, options)
         return PlanMaking(self.machine, task, NEVER, perf_counter()).best_along([Candidate(path)])
@@ -172,9 +173,10 @@ class Planner:
         if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
             rule = "three finite numbers, x y z" if slews else "two finite numbers, x z"
             raise RequestError("goal", tuple(goal), f"must be {rule} [m]")
-        if slews and options.via:
-            rule = "must be empty: arms that slew know no points on the way yet"
-            raise RequestError("via", options.via, rule)
+        for point in options.via:
+            if len(point) != 2 + slews:
+                rule = f"must be {'three numbers, x y z' if slews else 'two numbers, x z'} [m]"
+                raise RequestError("via", tuple(point), rule)
         for name in ("position", "velocity", "acceleration"):
             value = np.asarray(getattr(start, name))
             if value.shape != (n,) or not np.isfinite(value).all():
@@ -212,7 +214,7 @@ class Planner:
 
     def _task(
         self,
-        goal: tuple[float, float],
+        goal: Position,
         start: MotionState,
         modes: StartModes | None,
         brake: Trajectory | Coasting | Steering | None,
@@ -240,6 +242,7 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     goal_clearance.warm_up(planner.graph.machine)
     for kind in PLANNERS if kinds is None else kinds:
         planner_named(kind).warm_up(planner.graph)
+    among_zones.warm_up(planner.machine)
     area_shortfall.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
     planner.machine, planner.graph = machine, graph

@@ -15,7 +15,7 @@ from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import Disc
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
-from mhsb_planner.slewing import shared_out
+from mhsb_planner.slewing.sharing_out import shared_out
 
 PLANNERS = ("table", "fixed", "integrated")
 MOVES = {
@@ -131,5 +131,5 @@ def test_what_an_arm_that_slews_does_not_take_is_refused_with_the_rule(planner, 
     state = MotionState.at_rest(start)
     with pytest.raises(RequestError, match="three finite numbers, x y z"):
         planner.plan((2.0, 0.5), state)
-    with pytest.raises(RequestError, match="know no points on the way yet"):
+    with pytest.raises(RequestError, match="via must be three numbers, x y z"):
         planner.plan((2.0, 0.0, 0.5), state, options=PlanOptions(via=((1.0, 0.0),)))

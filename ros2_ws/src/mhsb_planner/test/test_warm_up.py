@@ -8,9 +8,11 @@ import sys
 from contextlib import suppress
 import numpy as np
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.config_files import config_file
 from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
+from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.integrated import integrated_search
@@ -65,7 +67,17 @@ for kind in planning.PLANNER_KINDS:
     with suppress(MhsbError):
         planner.plan((0.5, -0.2), start, options=planning.PlanOptions(planner=kind))
 by_plans = {name: count for name, count in compiled().items() if count != before.get(name)}
-print(by_searches | by_plans)
+arm = load_machine(config_file("excavator.yaml"))
+planner = planning.Planner(arm, build_posture_table(arm.plane, 6.0 * arm.spacing))
+planning.warm_up(planner)
+before = compiled()
+planner.change(arm.changed(zones=Zones(boxes=((1.2, -0.1, -2.0, 3.5, 0.1, 0.3),))))
+place = arm.in_plane((2.6, -1.5, -0.8), 0.0)
+start = MotionState.at_rest(np.append(place.slew, postures_at(arm.plane, *place.tip).posture[0]))
+for kind in planning.PLANNER_KINDS:
+    planner.plan((2.0, 1.8, -0.5), start, options=planning.PlanOptions(planner=kind))
+by_slews = {name: count for name, count in compiled().items() if count != before.get(name)}
+print(by_searches | by_plans | by_slews)
 """
 
 

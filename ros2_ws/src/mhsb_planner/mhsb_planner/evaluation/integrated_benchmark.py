@@ -22,7 +22,7 @@ from mhsb_planner.errors import DeadlineError
 from mhsb_planner.evaluation.ground_truth import ground_truth
 from mhsb_planner.evaluation.moves import Move, case_moves
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlanOptions
-from mhsb_planner.slewing import slewing_meanwhile
+from mhsb_planner.slewing.sharing_out import slewing_meanwhile
 
 MILLI = 1e3
 

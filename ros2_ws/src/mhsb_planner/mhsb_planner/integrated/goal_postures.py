@@ -116,7 +116,7 @@ def _at(
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Tips, postures, branches and what is free at one point; raises as `goal_postures`."""
     machine.check_in_workspace((x, z))
-    check_tip(machine, x, z)
+    check_tip(machine, (x, z))
     sampled = _with_telescopes if machine.has_telescope else _turning
     posture, elbow, free = sampled(machine, x, z, between, spacing)
     if len(posture) == 0:

@@ -348,7 +348,8 @@ def _stretched(
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
-        if missed := first_missed(profile.tip, rules.passing):
+        tip = machine.in_base(profile.tip, trajectory.position[:, 0])
+        if missed := first_missed(tip, rules.passing):
             return missed
         after = profile[first:]
         fastest = 1.0 + rules.max_excess

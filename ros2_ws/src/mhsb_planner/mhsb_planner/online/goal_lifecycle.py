@@ -185,7 +185,7 @@ class GoalLifecycle:
     def _check_place(self, in_hand: GoalInHand) -> None:
         machine, goal = in_hand.settings(self._settings).machine, in_hand.goal
         machine.check_in_workspace(goal.position)
-        goal_clearance.check_tip(machine.plane, *machine.in_plane(goal.position, 0.0).tip)
+        goal_clearance.check_tip(machine, goal.position)
 
     def tick(self) -> None:
         """Time has passed."""

@@ -9,9 +9,9 @@ import numpy as np
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import Position
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
-from mhsb_planner.goal_region import Point
 from mhsb_planner.motion.passing import still_ahead
 from mhsb_planner.online.goal_in_hand import GoalInHand
 from mhsb_planner.online.hand_over import change_over
@@ -67,7 +67,7 @@ class PlanRequest:
         spent = deadline.now() - began
         return replace(replan, improving=spent - replan.plan.seconds["first_motion"])
 
-    def _points_ahead(self) -> tuple[Point, ...]:
+    def _points_ahead(self) -> tuple[Position, ...]:
         """Points on the way that are left: all of them from rest, else those not passed so far.
 
         They are passed once between two rests, also where goals follow each other on the way.
@@ -80,9 +80,9 @@ class PlanRequest:
         if times.change_ns >= motion.end_ns:
             return options.via
         at_ns = np.append(np.arange(before.change_ns, times.change_ns, TRACED_NS), times.change_ns)
-        tip = self.settings.machine.tip_positions(motion.sample_many(at_ns)[0])
-        passing = tuple((x, z, options.via_tolerance) for x, z in before.via)
-        return tuple((x, z) for x, z, _ in still_ahead(tip, passing))
+        tip = self.settings.machine.tip_in_base(motion.sample_many(at_ns)[0])
+        passing = tuple((*point, options.via_tolerance) for point in before.via)
+        return tuple(tuple(point) for *point, _ in still_ahead(tip, passing))
 
 
 @dataclass(eq=False)

@@ -21,7 +21,6 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.goal_region import Point
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
@@ -49,7 +48,7 @@ class Replan:
     change_ns: int
     from_rest: bool = False
     improving: float = 0.0
-    via: tuple[Point, ...] = ()
+    via: tuple[Position, ...] = ()
 
     def may_begin(self, now_ns: int) -> bool:
         """Whether the plan may as well begin now: the old command stands still by then."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
-from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
 from mhsb_planner.planners.table import paths_over
 from mhsb_planner.search import fixed_j3
 from mhsb_planner.search.s2_graph import StepGraph
@@ -19,6 +19,7 @@ class FixedPlanner:
     summary = "keeps joint 3 and changes it by 1 degree at a time where the others have no solution"
     trajectory: TrajectoryKind = "polynomial"
     weighs_area = False
+    rivals: tuple[PathPlanner, ...] = ()
     takes: tuple[str, ...] = ("search", "heuristic_scale", "initial_j3")
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:

@@ -41,6 +41,7 @@ class IntegratedPlanner:
     summary = "decides postures together with path and modes"
     trajectory: TrajectoryKind = "followed"
     weighs_area = True
+    rivals: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
     takes: tuple[str, ...] = ()
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
@@ -53,7 +54,7 @@ class IntegratedPlanner:
         before it.
         """
         own, waits = _search(graph.machine, task, time, task.area), False
-        others: list[PathPlanner] = [TablePlanner(), FixedPlanner()]
+        others = list(self.rivals)
         weighed = task.area.weight > 0.0
         for path in own.paths():
             if path is not None:
@@ -80,7 +81,7 @@ class IntegratedPlanner:
     def warm_up(self, graph: StepGraph) -> None:
         """Compile what paths run through."""
         integrated_search.warm_up(graph.machine)
-        for planner in (TablePlanner(), FixedPlanner()):
+        for planner in self.rivals:
             planner.warm_up(graph)
 
 
@@ -98,7 +99,7 @@ def _search(
         machine,
         task.departure,
         task.modes.modes,
-        task.goal,
+        task.in_plane,
         options.weights,
         options.energy_reading,
         goal_psi=options.goal_psi,

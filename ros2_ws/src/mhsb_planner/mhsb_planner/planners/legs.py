@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -13,35 +14,59 @@ from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
 
 
-def paths_by_way(
-    planner: PathPlanner, graph: StepGraph, task: Task, time: SearchTime
-) -> Iterator[Candidate]:
+class PathSource(Protocol):
+    """Where paths of the whole arm come from."""
+
+    def bound(self, task: Task) -> float:
+        """No plan takes less energy [J]."""
+
+    def paths(self, task: Task, time: SearchTime) -> Iterator[Candidate]:
+        """Paths from the task's departure to its goal; see `PathPlanner.paths`."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePaths:
+    """Those of a planner of an arm that moves in the graph's plane alone."""
+
+    planner: PathPlanner
+    graph: StepGraph
+
+    def bound(self, task: Task) -> float:
+        """No plan takes less energy [J]."""
+        return task.bound(self.graph)
+
+    def paths(self, task: Task, time: SearchTime) -> Iterator[Candidate]:
+        """What the planner has."""
+        return self.planner.paths(self.graph, task, time)
+
+
+def paths_by_way(source: PathSource, task: Task, time: SearchTime) -> Iterator[Candidate]:
     """Paths from the task's departure to its goal, through the points on the way in their order.
 
     First with what each leg begins with, then with the cheapest path of each. A leg ends in the
-    posture that is best for itself. Raises what the planner's paths raise.
+    posture that is best for itself. Raises what the source's paths raise.
     """
     if not task.options.via:
-        yield from planner.paths(graph, task, time)
+        yield from source.paths(task, time)
         return
-    bound = task.bound(graph)
+    bound = source.bound(task)
     for thorough in (False, True):
         legs: list[DiscretePath] = []
         onward = replace(task, options=task.options.on_the_way)
         for point in task.options.via:
-            legs.append(_leg(planner, graph, replace(onward, goal=point), time, thorough))
+            legs.append(path_of_leg(source, replace(onward, goal=point), time, thorough))
             onward = onward.from_rest(legs[-1])
         last = replace(onward, goal=task.goal, options=task.options.at_the_end)
-        for candidate in planner.paths(graph, last, time):
+        for candidate in source.paths(last, time):
             whole = replace(joined([*legs, candidate.path]), lower_bound=bound)
             yield candidate._replace(path=whole)
 
 
-def _leg(
-    planner: PathPlanner, graph: StepGraph, task: Task, time: SearchTime, thorough: bool
+def path_of_leg(
+    source: PathSource, task: Task, time: SearchTime, thorough: bool
 ) -> DiscretePath:
     """The first path to a point on the way, or the cheapest."""
-    found = (candidate.path for candidate in planner.paths(graph, task, time))
+    found = (candidate.path for candidate in source.paths(task, time))
     first = next(found)
     return min([first, *found], key=lambda path: path.cost) if thorough else first
 

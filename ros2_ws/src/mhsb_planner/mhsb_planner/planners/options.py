@@ -13,7 +13,6 @@ from mhsb_planner.goal_region import (
     AT_GOAL_ANGLE,
     AT_GOAL_DISTANCE,
     Angle,
-    Point,
     Region,
     check_angle,
     is_met,
@@ -42,7 +41,8 @@ class PlanOptions:
     goal_psi         rad, end-link angle at the goal, or the least and the greatest that will do;
                      None leaves it free
     goal_region      where else the tip may end, beside the goal itself
-    via              (x, z) m, points that the tip passes on its way, in this order
+    via              points in `base_link` that the tip passes on its way, in this order: (x, z) m,
+                     (x, y, z) m where joint 1 slews
     via_tolerance    m, at what distance at most
     planner          where postures come from, one of `registry.PLANNERS`
     trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
@@ -64,7 +64,7 @@ class PlanOptions:
     energy_reading: EnergyReading = "paper"
     goal_psi: Angle = None
     goal_region: Region | None = None
-    via: tuple[Point, ...] = ()
+    via: tuple[Position, ...] = ()
     via_tolerance: float = 0.01
     planner: str = "table"
     trajectory: TrajectoryKind | None = None
@@ -80,7 +80,7 @@ class PlanOptions:
         check_angle(self.goal_psi)
         for point in self.via:
             if not all(math.isfinite(value) for value in point):
-                raise RequestError("via", point, "must be two finite numbers [m]")
+                raise RequestError("via", point, "must be finite numbers [m]")
         if not (math.isfinite(self.via_tolerance) and self.via_tolerance > 0.0):
             raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
         if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from mhsb_model.trajectory import MotionState, Trajectory
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, Position
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.motion.s3_coasting import Coasting
@@ -37,7 +37,7 @@ NOTHING_ELSE = Meanwhile(0.0, 0.0)
 class Task:
     """What is asked for.
 
-    goal   (x, z) m
+    goal   (x, z) m; of the whole arm in `base_link`, where joint 1 slews (x, y, z) m
     modes  in force at the start
     brake  how a moving start comes to rest: by coasting, where its plan ends, on its old way
     departure  posture at rest from which the path begins [rad]
@@ -45,7 +45,7 @@ class Task:
     meanwhile  what moves beside the joints of the graph
     """
 
-    goal: tuple[float, float]
+    goal: Position
     start: MotionState
     modes: StartModes
     brake: Trajectory | Coasting | Steering | None
@@ -54,10 +54,19 @@ class Task:
     area: AreaTerm
     meanwhile: Meanwhile = NOTHING_ELSE
 
+    @property
+    def in_plane(self) -> tuple[float, float]:
+        """The goal (x, z) m of a task in the plane."""
+        x, z = self.goal
+        return x, z
+
     def bound(self, graph: StepGraph) -> float:
-        """No plan from the start to one of the goal's points takes less energy [J]."""
+        """No plan from the start to one of the goal's points, in the graph's plane, takes less
+        energy [J]."""
         machine, options = graph.machine, self.options
-        goals = goal_postures(machine, *self.goal, options.goal_psi, region=options.goal_region)
+        goals = goal_postures(
+            machine, *self.in_plane, options.goal_psi, region=options.goal_region
+        )
         start = machine.cylinder_lengths(self.start.position)
         circuit = with_others(graph.circuit, *self.meanwhile)
         return least_cost_to(machine, circuit, start, goals, ENERGY_ALONE)
@@ -89,6 +98,7 @@ class PathPlanner(Protocol):
     summary      where postures come from, for people: a clause that follows its name
     trajectory   how S3 begins unless it is told
     weighs_area  whether w₄ may be above 0
+    rivals       other planners, with whose motions its own are compared
     takes        of the options that not all planners look at, those that it does: `search`,
                  `heuristic_scale`, `initial_j3`
     """
@@ -97,6 +107,7 @@ class PathPlanner(Protocol):
     summary: str
     trajectory: TrajectoryKind
     weighs_area: bool
+    rivals: tuple[PathPlanner, ...]
     takes: tuple[str, ...]
 
     def paths(

@@ -9,7 +9,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.goal_region import is_met, tips
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
-from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
 from mhsb_planner.search import s2_search
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
@@ -24,6 +24,7 @@ class TablePlanner:
     summary = "takes the postures of the posture table"
     trajectory: TrajectoryKind = "polynomial"
     weighs_area = False
+    rivals: tuple[PathPlanner, ...] = ()
     takes: tuple[str, ...] = ("search", "heuristic_scale")
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
@@ -47,7 +48,7 @@ def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Discr
     region = task.options.goal_region
     found: list[DiscretePath] = []
     refused: MhsbError | None = None
-    for x, z in tips(task.goal, region).tolist():
+    for x, z in tips(task.in_plane, region).tolist():
         try:
             path = _path_to((x, z), graph, task, time)
         except MhsbError as error:
@@ -73,7 +74,7 @@ def _is_there(graph: StepGraph, task: Task) -> bool:
         return False  # for the search to find
     tip, angle = graph.machine.tip_position(posture), graph.machine.end_link_angle(posture)
     return is_met(
-        task.goal, options.goal_region, options.goal_psi, tip, angle, SAME_POINT, SAME_POINT
+        task.in_plane, options.goal_region, options.goal_psi, tip, angle, SAME_POINT, SAME_POINT
     )
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.machine import Machine
-from mhsb_model.obstacles.clearance import clearances, tip_clearance
+from mhsb_model.obstacles.clearance import (
+    clearances,
+    tip_clearance,
+    tip_clearance_in_space,
+)
 from mhsb_model.obstacles.zones import Zones
-from mhsb_model.types import FloatArray, frozen
-from mhsb_planner.errors import ZoneError
+from mhsb_model.types import FloatArray, Position, frozen
+from mhsb_planner.errors import ZoneError, place_text
 
 TOUCHING = 5e-4
 """Clearance up to which the arm touches an obstacle [m]; motions that keep clear stay away."""
@@ -27,19 +31,23 @@ def start_in(machine: Machine, posture: FloatArray) -> str:
     )
 
 
-def check_tip(machine: Machine, x: float, z: float) -> None:
-    """Raise ZoneError where the tip at (x, z) m alone is too near to an obstacle."""
+def check_tip(machine: Machine, goal: Position) -> None:
+    """Raise ZoneError where the tip alone at a goal in `base_link` is too near to an obstacle."""
     rows, margin = machine.obstacles.path_rows, machine.config.keep_out.margin
     if len(rows) == 0:
         return
-    beyond, nearest = tip_clearance(rows, machine.joint_count, x, z)
+    n = machine.joint_count
+    beyond, nearest = tip_clearance(rows, n, *machine.in_plane(goal, 0.0).tip)
+    if machine.slews:
+        x, y, z = goal
+        in_space = tip_clearance_in_space(rows, n, x, y, z)
+        beyond, nearest = min((beyond, nearest), in_space)
     if beyond < 0.0:
         distance = beyond + margin
         where = f"{-distance:.4g} m deep in" if distance < 0.0 else f"{distance:.4g} m from"
         raise ZoneError(
-            x,
-            z,
-            f"at ({x:.4g}, {z:.4g}) m the tip is {where} {machine.obstacles.name(nearest)}; "
+            goal,
+            f"at {place_text(goal)} the tip is {where} {machine.obstacles.name(nearest)}; "
             f"a goal must leave it {margin:g} m away",
         )
 
@@ -57,8 +65,7 @@ def clear_postures(machine: Machine, x: float, z: float, posture: FloatArray) ->
     if not clear.any():
         best = nearest[np.argmax(distance)]
         raise ZoneError(
-            x,
-            z,
+            (x, z),
             f"in every posture that this planner takes with the tip at ({x:.4g}, {z:.4g}) m "
             f"the arm is less than {machine.config.keep_out.margin:g} m from an obstacle, at best "
             f"from {machine.obstacles.name(best)}; give another goal",
@@ -70,5 +77,6 @@ def warm_up(machine: Machine) -> None:
     """Compile the kernels that are needed, whether there are obstacles or not."""
     rows, n = machine.obstacles.path_rows, machine.joint_count
     tip_clearance(rows, n, 0.0, 0.0)
+    tip_clearance_in_space(rows, n, 0.0, 0.0, 0.0)
     clearances(machine.arrays, rows, frozen(np.zeros((1, n))))
     machine.changed(zones=Zones(circles=((0.5, 0.5, 0.01),)))  # whose place is checked

@@ -99,7 +99,7 @@ def goal_at(
     """
     machine = graph.machine
     machine.check_in_workspace((x, z))
-    check_tip(machine, x, z)
+    check_tip(machine, (x, z))
     node, between = None if psi is not None else graph.grid.node_at(x, z), angle_range(psi)
     if between is not None:
         count = math.ceil((between[1] - between[0]) / PSI_SPACING) + 1

@@ -27,6 +27,7 @@ class DetourPlanner:
     summary = "takes the scenic route"
     trajectory = "followed"
     weighs_area = False
+    rivals = ()
     takes = ()
 
     def __init__(self) -> None:
