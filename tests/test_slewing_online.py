@@ -71,4 +71,7 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
     assert "know no points on the way yet" in reason
     taken, reason = arm.set_parameter("mhsb_planner", "zone_boxes", (1.0, 0.1, 1.5, 0.3))
     assert not taken
-    assert "would turn with the slew" in reason
+    assert "zone_boxes takes 6 for each, x y z x y z [m]" in reason
+    taken, reason = arm.set_parameter("mhsb_planner", "zone_circles", (1.0, 0.1, 0.3))
+    assert not taken
+    assert "give zone_boxes or zone_cylinders or zone_spheres" in reason
