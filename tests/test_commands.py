@@ -73,6 +73,10 @@ BAD_ARGUMENTS = [
         ),
         "--zone-box: excavator slews and takes X1 Y1 Z1 X2 Y2 Z2, not 1 -1 2 1",
     ),
+    (
+        ("mhsb_planner", "planner_node", "--ros-args", "-p", "zone_spheres:=[0.5, 0.0, 0.8, 0.1]"),
+        "zone_spheres must be empty: this arm moves in x and z; give zone_boxes or zone_circles",
+    ),
     (("mhsb_planner", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_planner", "build_table", "--scheduler", "x", "--jobs", "2"), "leave it out with"),
     (("mhsb_sim", "study", "--scheduler", "nonsense"), "not an address like tcp://10.0.0.2:8786"),
