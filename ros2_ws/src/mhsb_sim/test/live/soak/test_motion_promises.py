@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_sim.live.soak import motion_promises
 from mhsb_sim.live.soak.events import PLANNER, SIM, DeedKind
@@ -119,6 +121,22 @@ def test_zones_hold_from_two_seconds_after_they_were_set_until_they_are_taken_ba
             make.deed(DeedKind.ZONES, PLANNER, end, end, Zones()),
         )
         assert motion_promises.keeps_out(spoilt(deeds=deeds)).held
+
+
+def test_a_zone_in_space_is_entered_where_the_arm_turns_into_it(spoilt, make, events):
+    machine = load_machine(config_file("excavator.yaml"))
+    start = np.array(machine.config.simulation.start_posture)
+    table = events.recording.references
+    position = np.tile(start, (len(table.time_ns), 1))
+    position[:, 0] = np.linspace(0.0, 1.5, len(position))  # turns left for a minute
+    turned = replace(table, position=position)
+    for slew, held in ((1.0, False), (-1.0, True)):
+        x, y, z = machine.tip_in_base(np.array([slew, *start[1:]])).tolist()
+        deeds = (make.deed(DeedKind.ZONES, PLANNER, 5.0, 5.01, Zones(spheres=((x, y, z, 0.1),))),)
+        recording = {"references": turned}
+        kept = motion_promises.keeps_out(spoilt(machine=machine, recording=recording, deeds=deeds))
+        assert kept.held is held
+        assert kept.tested > 5000
 
 
 def test_a_motion_after_a_stop_is_told_until_the_next_goal(spoilt, make, events):
