@@ -283,7 +283,7 @@ def watched(
         finally:
             actor.end_all()
         watcher.write(folder / "bag")
-        recording = watcher.recording()
+        recording = watcher.recording(machine.slews)
     return Events(machine, recording, tuple(actor.deeds), tuple(actor.lives), begin_ns, end_ns)
 
 

@@ -139,6 +139,12 @@ def test_a_zone_in_space_is_entered_where_the_arm_turns_into_it(spoilt, make, ev
         assert kept.tested > 5000
 
 
+def test_the_zones_of_the_machine_file_hold_from_the_planners_start(spoilt, events):
+    x, z = map(float, events.machine.tip_position(events.recording.references.position[-1]))
+    machine = events.machine.changed(zones=Zones(tip_circles=((x, z, 0.02),)))
+    assert not motion_promises.keeps_out(spoilt(machine=machine, deeds=())).held
+
+
 def test_a_motion_after_a_stop_is_told_until_the_next_goal(spoilt, make, events):
     stop = make.deed(DeedKind.STOP, PLANNER, 9.0, 9.01)
     kept = motion_promises.rests_after_stops(spoilt(deeds=(stop,)))
@@ -147,6 +153,13 @@ def test_a_motion_after_a_stop_is_told_until_the_next_goal(spoilt, make, events)
     assert motion_promises.rests_after_stops(spoilt(deeds=(stop, goal))).held
     refused = replace(stop, done=False)
     assert motion_promises.rests_after_stops(spoilt(deeds=(refused,))).held
+
+
+def test_an_arm_that_slews_has_longer_to_brake(spoilt, make, events):
+    excavator = load_machine(config_file("excavator.yaml"))
+    stop = make.deed(DeedKind.STOP, PLANNER, 12.4, 12.41)  # moves until 15 s
+    assert not motion_promises.rests_after_stops(spoilt(deeds=(stop,))).held
+    assert motion_promises.rests_after_stops(spoilt(machine=excavator, deeds=(stop,))).held
 
 
 def test_a_lunge_after_healing_is_told(spoilt, events):
