@@ -61,6 +61,22 @@ BAD_ARGUMENTS = [
     ),
     (("mhsb_planner", "plan", "--case", "1-1", "--zone-box", "-0.5", "0.1"), "takes X1 Z1 X2 Z2"),
     (("mhsb_planner", "plan", "--case=1-1", "--zone-circle", "0.5", "0", "-1"), "radius: must be"),
+    (("mhsb_planner", "plan", "--case=1-1", "--zone-sphere", "1", "-1", "0", "1"), "does not slew"),
+    (
+        ("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--zone-cylinder", *"12345"),
+        "--zone-cylinder 1 2 3 4 5: mhsb_arm3 does not slew; give --zone-box X1 Z1 X2 Z2 or",
+    ),
+    (
+        (
+            *("mhsb_sim", "simulate", "--machine", str(ROOT / "config/excavator.yaml")),
+            *("--goal", "2", "0", "0", "1", "--zone-box", "1", "-1", "2", "1"),
+        ),
+        "--zone-box: excavator slews and takes X1 Y1 Z1 X2 Y2 Z2, not 1 -1 2 1",
+    ),
+    (
+        ("mhsb_planner", "planner_node", "--ros-args", "-p", "zone_spheres:=[0.5, 0.0, 0.8, 0.1]"),
+        "zone_spheres must be empty: this arm moves in x and z; give zone_boxes or zone_circles",
+    ),
     (("mhsb_planner", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_planner", "build_table", "--scheduler", "x", "--jobs", "2"), "leave it out with"),
     (("mhsb_sim", "study", "--scheduler", "nonsense"), "not an address like tcp://10.0.0.2:8786"),

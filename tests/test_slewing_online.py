@@ -7,6 +7,7 @@ import pytest
 from geometry_msgs.msg import Point, Pose, PoseStamped
 from nav_msgs.msg import Path
 from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
 
 from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import load_machine
@@ -71,4 +72,36 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
     assert "know no points on the way yet" in reason
     taken, reason = arm.set_parameter("mhsb_planner", "zone_boxes", (1.0, 0.1, 1.5, 0.3))
     assert not taken
-    assert "would turn with the slew" in reason
+    assert "zone_boxes takes 6 for each, x y z x y z [m]" in reason
+    taken, reason = arm.set_parameter("mhsb_planner", "zone_circles", (1.0, 0.1, 0.3))
+    assert not taken
+    assert "give zone_boxes or zone_cylinders or zone_spheres" in reason
+
+    # Zones in space are shown where they stand.
+    shown = []
+    markers = topics.MARKERS
+    arm.create_subscription(MarkerArray, markers.name, shown.append, markers.qos)
+    for name, value in (
+        ("zone_boxes", (0.5, -2.5, -1.0, 1.0, -2.0, 0.0)),
+        ("zone_cylinders", (-1.0, -2.0, -1.0, 1.0, 0.2)),
+        ("tip_zone_spheres", (0.0, -2.5, 1.0, 0.3)),
+    ):
+        taken, reason = arm.set_parameter("mhsb_planner", name, value)
+        assert taken, reason
+    arm.until(lambda: shown and len(zones_in(shown[-1])) == 3)
+    assert zones_in(shown[-1]) == {
+        Marker.CUBE: (0.75, -2.25, -0.5),
+        Marker.CYLINDER: (-1.0, -2.0, 0.0),
+        Marker.SPHERE: (0.0, -2.5, 1.0),
+    }
+    arm.set_parameters_back()
+    arm.until(lambda: not zones_in(shown[-1]))
+
+
+def zones_in(message: MarkerArray) -> dict[int, tuple[float, float, float]]:
+    """Kinds and places of the obstacles that are shown."""
+    return {
+        each.type: (each.pose.position.x, each.pose.position.y, each.pose.position.z)
+        for each in message.markers
+        if each.ns.startswith("obstacles")
+    }

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -147,9 +148,14 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
 
 
-def test_the_example_of_the_documentation_is_a_section_that_machine_files_may_have():
+@pytest.mark.parametrize(
+    ("example", "file", "obstacles"), [(0, MACHINE_FILE, 6), (1, "excavator.yaml", 4)]
+)
+def test_examples_of_the_documentation_are_sections_that_machine_files_may_have(
+    example, file, obstacles
+):
     text = (Path(__file__).parents[1] / "docs" / "zones.md").read_text(encoding="utf-8")
-    section = yaml.safe_load(re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1])
-    content = yaml.safe_load(config_file(MACHINE_FILE).read_text(encoding="utf-8")) | section
+    section = yaml.safe_load(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[example])
+    content = yaml.safe_load(config_file(file).read_text(encoding="utf-8")) | section
     machine = Machine.from_config(MachineConfig.model_validate(content))
-    assert len(machine.obstacles.names) == 6
+    assert len(machine.obstacles.names) == obstacles

@@ -15,10 +15,13 @@ from mhsb_model import command_line, hydraulics
 from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.clearance import clearances
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, frozen
 
 PSI_SAMPLES, TELESCOPE_PSI_SAMPLES = 180, 3600
 """Angles of the end link at each point: a telescope's whole range may take a few degrees."""
+
+SLEW_SAMPLES = 72
+"""Angles of the slew: five degrees apart where it turns all the way."""
 
 SLEW_DRIVES = ("rack_and_pinion", "motor")
 """Linkages of what slews, on which no load weighs."""
@@ -54,7 +57,7 @@ def facts(machine: Machine) -> dict[str, Any]:
         "workspace": _workspace_facts(machine.plane),
     }
     if machine.obstacles.names:
-        found["keep_out"] = _keep_out_facts(machine.plane)
+        found["keep_out"] = _keep_out_facts(machine)
     return found
 
 
@@ -197,29 +200,52 @@ def _workspace_lines(found: dict[str, Any], first: int) -> list[str]:
 
 
 def _keep_out_facts(machine: Machine) -> dict[str, Any]:
-    """What obstacles leave of the points that the arm reaches."""
-    psi = _end_link_angles(machine)
+    """What obstacles leave of the points that the arm reaches: in its plane or, where zones are in
+    space, in its plane at each of many angles of the slew."""
+    plane, in_space = machine.plane, bool(machine.obstacles.in_space.any())
+    psi, turned = _end_link_angles(plane), _slew_angles(machine) if in_space else np.zeros(1)
+    near = [angle for angle in turned if len(machine.plane_among(angle, angle).shadows.rows)]
     reached = left = 0
-    for x, z in _nodes(machine):
-        postures = machine.postures(x, z, psi)
-        if len(postures) > 0:
-            distance, _ = clearances(machine.arrays, machine.obstacles.path_rows, postures)
-            reached += 1
-            left += bool(distance.max() >= 0.0)
+    for x, z in _nodes(plane):
+        postures = plane.postures(x, z, psi)
+        if len(postures) == 0:
+            continue
+        reached += len(turned)
+        distance, _ = clearances(plane.arrays, plane.obstacles.path_rows, postures)
+        clear = frozen(postures[distance >= 0.0])
+        if len(clear) > 0:
+            left += len(turned) - len(near)
+            left += sum(_is_clear_of_zones(machine, angle, clear) for angle in near)
     return {
         "margin_m": float(machine.config.keep_out.margin),
         "obstacles": list(machine.obstacles.names),
+        **({"slew_angles": len(turned)} if in_space else {}),
         "reached": reached,
         "left": left,
     }
 
 
+def _slew_angles(machine: Machine) -> FloatArray:
+    """Angles of the slew at which zones are looked for [rad]."""
+    return np.linspace(machine.arrays.joint_min[0], machine.arrays.joint_max[0], SLEW_SAMPLES)
+
+
+def _is_clear_of_zones(machine: Machine, slew: float, postures: FloatArray) -> bool:
+    """Whether one of the plane's postures float64[k, n − 1] keeps clear of all zones in space while
+    the slew is at an angle [rad]."""
+    zones = frozen(machine.obstacles.path_rows[machine.obstacles.in_space])
+    turned = frozen(np.column_stack([np.full(len(postures), slew), postures]))
+    return bool(clearances(machine.arrays, zones, turned)[0].max() >= 0.0)
+
+
 def _keep_out_lines(found: dict[str, Any]) -> list[str]:
-    left, reached = found["left"], found["reached"]
+    left, reached, where = found["left"], found["reached"], ""
     share = 100.0 * left / reached if reached else 0.0
+    if "slew_angles" in found:
+        where = f", counted at {found['slew_angles']} angles of the slew"
     return [
         f"keeping {1e3 * found['margin_m']:g} mm clear of {'; '.join(found['obstacles'])}:",
-        f"  {left} of {reached} points that can be reached are left, {share:.0f} %",
+        f"  {left} of {reached} points that can be reached are left, {share:.0f} %{where}",
     ]
 
 

@@ -89,3 +89,31 @@ def test_a_telescope_is_told_in_millimetres_and_newtons(telescope_machine):
     found = check.facts(telescope_machine)
     assert found["joints"][2]["range_m"] == [0.0, 0.25]
     assert found["workspace"]["held"] + found["workspace"]["boosted"] > 650
+
+
+def test_what_a_pole_leaves_is_counted_at_many_angles_of_the_slew(slewing_machine):
+    x, y, low, high, radius = 0.3, 0.4, -0.2, 0.3, 0.15
+    margin = slewing_machine.config.keep_out.margin
+    pole = slewing_machine.changed(zones=Zones(tip_cylinders=((x, y, low, high, radius),)))
+    plane, psi = slewing_machine.plane, check._end_link_angles(slewing_machine.plane)
+    angles = np.linspace(-2.0, 2.0, 72)  # of the machine's range
+    reached = left = 0
+    for ahead, z in check._nodes(plane):
+        if len(plane.postures(ahead, z, psi)) == 0:
+            continue
+        distance = slewing_machine.arrays.slew_offset + ahead
+        tip = distance * np.cos(angles), distance * np.sin(angles)
+        aside, above = np.hypot(tip[0] - x, tip[1] - y) - radius, max(low - z, z - high)
+        outside = np.hypot(np.maximum(aside, 0.0), max(above, 0.0))
+        apart = np.where(outside > 0.0, outside, np.maximum(aside, above))
+        reached += len(angles)
+        left += int(np.sum(apart >= margin))
+    found = check.facts(pole)["keep_out"]
+    assert (found["left"], found["reached"], found["slew_angles"]) == (left, reached, 72)
+    assert left < reached
+    line = check.report(pole)[-1]
+    share = 100 * left / reached
+    assert line == (
+        f"  {left} of {reached} points that can be reached are left, {share:.0f} %, counted at 72 "
+        "angles of the slew"
+    )

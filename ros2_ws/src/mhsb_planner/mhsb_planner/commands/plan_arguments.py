@@ -19,8 +19,6 @@ from mhsb_planner.planners.registry import planner_named, taking, weighing_area
 from mhsb_planner.search.s2_search import Weights
 
 Point = tuple[float, float]
-Box = tuple[float, float, float, float]
-Circle = tuple[float, float, float]
 
 
 def request(

@@ -22,8 +22,6 @@ from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import Position
 from mhsb_planner.commands.plan_arguments import (
-    Box,
-    Circle,
     Point,
     angle_of,
     as_asked,
@@ -35,6 +33,13 @@ from mhsb_planner.commands.plan_arguments import (
     refuse_idle,
     replaced,
     request,
+)
+from mhsb_planner.commands.zone_arguments import (
+    ZoneBoxes,
+    ZoneCircles,
+    ZoneCylinders,
+    ZoneSpheres,
+    with_zones,
 )
 from mhsb_planner.evaluation.move import planned_move
 from mhsb_planner.evaluation.move_page import draw_move_page
@@ -95,12 +100,10 @@ def plan(
         tuple[Point, ...], tyro.conf.arg(metavar="X Z"), tyro.conf.UseAppendAction
     ] = (),
     via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
-    zone_box: Annotated[
-        tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
-    ] = (),
-    zone_circle: Annotated[
-        tuple[Circle, ...], tyro.conf.arg(metavar="X Z RADIUS"), tyro.conf.UseAppendAction
-    ] = (),
+    zone_box: ZoneBoxes = (),
+    zone_circle: ZoneCircles = (),
+    zone_cylinder: ZoneCylinders = (),
+    zone_sphere: ZoneSpheres = (),
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -146,9 +149,6 @@ def plan(
         goal_box: How far to either side of the goal, forward and up, the tip may end [m].
         via: Point that the tip passes on its way [m]; may be given several times, in their order.
         via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
-        zone_box: Two opposite corners [m] of a box that the arm keeps out of, beside the machine
-            file's zones; may be given several times.
-        zone_circle: Centre and radius [m] of a circle that the arm keeps out of, likewise.
         plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
             pressures, energy.
         json_: Print one JSON object instead of text.
@@ -181,12 +181,14 @@ def plan(
         make_room_for(plot, "the picture")
     base = load_machine(machine)
     refuse_elsewhere(base, asked)
-    arm = as_asked(
-        base,
-        payload=payload,
-        supply_pressure=supply_pressure,
-        max_piston_speed=v_max,
-        zones=base.zones.with_more(boxes=zone_box, circles=zone_circle),
+    arm = with_zones(
+        as_asked(
+            base, payload=payload, supply_pressure=supply_pressure, max_piston_speed=v_max
+        ),
+        boxes=zone_box,
+        circles=zone_circle,
+        cylinders=zone_cylinder,
+        spheres=zone_sphere,
     )
     compile_planner()
     suite = Planner(arm, table_for(base, table))

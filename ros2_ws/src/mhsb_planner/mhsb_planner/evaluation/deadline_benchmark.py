@@ -39,6 +39,9 @@ LINK_RADIUS, LAST_LINK_RADIUS = 0.03, 0.02  # m
 ZONES = Zones(
     circles=((0.80, 0.25, 0.08), (0.45, -0.75, 0.10)), tip_boxes=((0.45, 0.30, 0.60, 0.40),)
 )
+POLE, BALL = (0.6, 0.6, -1.0, 0.2, 0.08), (0.7, -0.5, 0.3, 0.1)
+"""Of arms that slew: a cylinder for the whole arm and a sphere for its tip, in times the arm's
+`Machine.scale`, as are their links' radii [m]."""
 
 LONGEST = 0.06
 """Deadlines are drawn up to so long after the call [s]."""
@@ -72,9 +75,13 @@ class Request(NamedTuple):
 
 
 def machines(base: Machine) -> dict[str, Machine]:
-    """The machines by name; zones in the plane are for arms that do not slew."""
-    content = base.config.model_dump()
-    radii = (*(base.plane.joint_count - 1) * (LINK_RADIUS,), LAST_LINK_RADIUS)
+    """The machines by name."""
+    content, size, zones = base.config.model_dump(), 1.0, ZONES
+    if base.slews:
+        size = base.scale
+        pole, ball = (tuple(size * number for number in zone) for zone in (POLE, BALL))
+        zones = Zones(cylinders=(pole,), tip_spheres=(ball,))
+    radii = (*(base.plane.joint_count - 1) * (size * LINK_RADIUS,), size * LAST_LINK_RADIUS)
     content["keep_out"] |= {"link_radii": radii, "self_collision": True}
     thick = Machine.from_config(type(base.config).model_validate(content))
     return {
@@ -83,7 +90,7 @@ def machines(base: Machine) -> dict[str, Machine]:
             payload=HEAVY_PAYLOAD * base.arrays.payload,
             supply_pressure=LOW_PRESSURE * base.arrays.supply_pressure,
         ),
-        "obstacles": thick if base.slews else thick.changed(zones=ZONES),
+        "obstacles": thick.changed(zones=zones),
     }
 
 

@@ -74,7 +74,7 @@ def _draw_path(move: Move, axes: Axes) -> None:
     from matplotlib.patheffects import Normal, Stroke
 
     draw_workspace_axes(move.machine, axes)
-    draw_obstacles(move.machine, axes)
+    draw_obstacles(move.machine, axes, move.position)
     for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
         draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
     _show_all_of_the_arm(move, axes)

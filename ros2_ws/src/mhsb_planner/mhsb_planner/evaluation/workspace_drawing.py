@@ -19,6 +19,7 @@ from mhsb_model.figure_style import (
     YELLOW,
 )
 from mhsb_model.machine import Machine
+from mhsb_model.obstacles.shadows import shadows_between
 from mhsb_model.obstacles.zones import CIRCLE, KIND, LINK, NUMBER, PART, RADIUS, SHAPE
 from mhsb_model.types import FloatArray
 from mhsb_planner.evaluation.operating_regions import OperatingRegions
@@ -31,6 +32,17 @@ PAPER_COLORS = {(0,): ORANGE, (1,): SKY, (0, 1): PURPLE}
 
 OTHER_COLORS = (GREEN, YELLOW, BLUE, VERMILION)
 HEAVY = "beyond the highest boost"
+OUTLINE = {"fill": False, "edgecolor": VERMILION, "linestyle": "--", "linewidth": 1.5}
+IN_PLANE: tuple[dict[str, Any], ...] = (
+    {"facecolor": VERMILION, "alpha": 0.35, "label": "keep-out"},
+    {"facecolor": VERMILION, "alpha": 0.15, "label": "keep-out of the tip"},
+)
+IN_SHADOW: tuple[dict[str, Any], ...] = (
+    OUTLINE | {"alpha": 0.8, "label": "keep-out at some angle of the slew"},
+    OUTLINE | {"alpha": 0.4, "label": "the tip's at some angle of the slew"},
+)
+"""What the whole arm keeps out of, and its tip alone."""
+
 BORDER = 0.08  # m, beside the workspace
 TICKS = 0.25  # m
 
@@ -102,23 +114,41 @@ def draw_outline(machine: Machine, axes: Axes) -> None:
     axes.set_ylim(low[1], high[1])
 
 
-def draw_obstacles(machine: Machine, axes: Axes) -> None:
-    """Zones, ground and base: what the whole arm keeps out of, and paler what its tip does."""
+def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
+    """Zones, ground and base: what the whole arm keeps out of, and paler what its tip does.
+
+    postures  float64[k, n] in which the arm is; where it slews, zones in space are drawn as the
+              shadows that they have in its plane, at any of the angles that it turns through, only
+              outlined: the arm may well be in a shadow while its plane is beside the zone
+    """
+    own = machine.obstacles
+    _draw_rows(own.rows[~own.in_space], machine.joint_count, axes, IN_PLANE)
+    if own.in_space.any():
+        turned = postures[:, 0].min(), postures[:, 0].max()
+        shadows = shadows_between(own, machine.arrays.slew_offset, *turned)
+        _draw_rows(shadows.rows, machine.plane.joint_count, axes, IN_SHADOW)
+
+
+def _draw_rows(
+    rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, Any], ...]
+) -> None:
+    """Patches of obstacles in the plane, each once, as each of the labels is.
+
+    tip    the part of the arm that is its tip alone
+    looks  of what holds for the whole arm, and for that part
+    """
     from matplotlib.patches import Circle, Rectangle
 
-    labels = {False: "keep-out", True: "keep-out of the tip"}
-    of_tip: dict[int, bool] = {}
-    for row in machine.obstacles.rows:
-        number = int(row[NUMBER])
-        if row[KIND] == LINK or number in of_tip:
+    drawn: set[tuple[float, ...]] = set()
+    labelled: set[bool] = set()
+    for row in rows:
+        shape, of_tip = (row[NUMBER], *row[SHAPE:RADIUS]), bool(row[PART] == tip)
+        if row[KIND] == LINK or shape in drawn:
             continue
-        of_tip[number] = row[PART] == machine.joint_count
-        look: dict[str, Any] = {
-            "facecolor": VERMILION,
-            "alpha": 0.15 if of_tip[number] else 0.35,
-            "label": labels.pop(of_tip[number], None),
-        }
-        first, second, third, fourth = row[SHAPE:RADIUS]
+        look = looks[of_tip] | ({"label": None} if of_tip in labelled else {})
+        drawn.add(shape)
+        labelled.add(of_tip)
+        first, second, third, fourth = row[SHAPE:SHAPE + 4]
         if row[KIND] == CIRCLE:
             axes.add_patch(Circle((first, second), third, **look))
         else:

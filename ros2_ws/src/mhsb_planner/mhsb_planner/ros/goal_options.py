@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter, get_parameter_value
 from mhsb_model.machine import Machine
 from mhsb_planner.errors import RequestError
 from mhsb_planner.ros import planner_parameters
+from mhsb_planner.ros.zone_parameters import ZONES
 
 WHOLE_NUMBERS = Parameter.Type.DOUBLE_ARRAY, Parameter.Type.INTEGER_ARRAY
 OF_ALL_GOALS = {
@@ -19,7 +20,7 @@ OF_ALL_GOALS = {
     "lead_min",
     "lead_max",
     "planning_budget",
-    *planner_parameters.ZONES,
+    *ZONES,
 }
 OPTIONS = tuple(name for name in planner_parameters.CHANGEABLE if name not in OF_ALL_GOALS)
 """Parameters that a goal may have its own of."""

@@ -62,6 +62,7 @@ from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.ros import planner_diagnostics, planner_parameters
 from mhsb_planner.ros.move_tip_server import MoveTipServer
 from mhsb_planner.ros.outbox import RosOutbox
+from mhsb_planner.ros.zone_parameters import ZONES
 
 TICK = 0.02  # s
 DIAGNOSTICS_PERIOD = 1.0  # s
@@ -170,7 +171,7 @@ class PlannerNode(Node):
 
     def _take_parameters(self, changes: list[Parameter]) -> None:
         self._take_settings()
-        if any(change.name in planner_parameters.ZONES for change in changes):
+        if any(change.name in ZONES for change in changes):
             self._show_markers()
 
     def _take_settings(self) -> None:
@@ -180,7 +181,7 @@ class PlannerNode(Node):
 
     def _settings_with(self, own: Sequence[Parameter] = ()) -> Settings:
         """By the parameters of now, some of them replaced by a goal's own."""
-        return planner_parameters.read(self, own).settings(
+        return planner_parameters.read(self, self._machine, own).settings(
             self._machine, self._lost_pumps, self._learnt_payload
         )
 
@@ -271,7 +272,7 @@ class PlannerNode(Node):
         if payload == self._learnt_payload:
             return
         self._learnt_payload = payload
-        if planner_parameters.read(self).payload_from != "estimate":
+        if planner_parameters.read(self, self._machine).payload_from != "estimate":
             return
         try:
             self._take_settings()

@@ -25,6 +25,8 @@ from mhsb_planner.planners.options import (
     PlanOptions,
 )
 from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
+from mhsb_planner.ros.flat_arrays import declare_array, rows_of
+from mhsb_planner.ros.zone_parameters import ZONES, declare_zones, zones_of
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
@@ -38,18 +40,6 @@ FASTEST_PISTON = 1.0  # m/s
 SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0  # s
 LEAD_IS = "time from a plan's stamp to its first new motion [s]"
 HIGHEST_AREA_WEIGHT = 1e6  # 1/m
-
-ZONE_KINDS = {
-    "boxes": (4, "x z x z [m] of two opposite corners"),
-    "circles": (3, "x z [m] of the centre, radius [m]"),
-}
-ZONES = {
-    "zone_boxes": ("boxes", "boxes", "the whole arm"),
-    "zone_circles": ("circles", "circles", "the whole arm"),
-    "tip_zone_boxes": ("tip_boxes", "boxes", "the tip"),
-    "tip_zone_circles": ("tip_circles", "circles", "the tip"),
-}
-"""Parameters of keep-out zones: field of `Zones`, kind, and what keeps out of them."""
 
 
 @dataclass(frozen=True)
@@ -245,7 +235,7 @@ def declare(node: Node, machine: Machine) -> None:
         [0.0, 0.0],
         _described("x z [m], how far to either side of the goal the tip may end"),
     )
-    _declare_array(
+    declare_array(
         node, "goal_via", (), "points that the tip passes on its way, in this order: x z [m] each"
     )
     node.declare_parameter(
@@ -270,32 +260,14 @@ def declare(node: Node, machine: Machine) -> None:
             (0.0, HIGHEST_SPEED_EXCESS),
         ),
     )
-    for name, (field, kind, who) in ZONES.items():
-        _declare_zones(node, name, kind, who, getattr(machine.zones, field))
+    declare_zones(node, machine)
     if reason := refusal(node, machine, ()):
         raise UsageError(reason)
 
 
-def _declare_zones(
-    node: Node, name: str, kind: str, who: str, zones: tuple[tuple[float, ...], ...]
-) -> None:
-    _, numbers = ZONE_KINDS[kind]
-    text = f"keep-out {kind} for {who}, one after the other: {numbers}"
-    _declare_array(node, name, [value for zone in zones for value in zone], text)
-
-
-def _declare_array(node: Node, name: str, values: Sequence[float], text: str) -> None:
-    """Declare an array that may be empty: an empty one says nothing of its type on the wire."""
-    descriptor = _described(text)
-    descriptor.dynamic_typing = True
-    node.declare_parameter(name, list(values), descriptor)
-    if not node.get_parameter(name).value:
-        node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
-
-
-def read(node: Node, own: Sequence[Parameter] = ()) -> PlannerParameters:
-    """The parameters as they are now, some of them replaced by a goal's own."""
-    return _from_values(_values(node, own))
+def read(node: Node, machine: Machine, own: Sequence[Parameter] = ()) -> PlannerParameters:
+    """The parameters as they are now for a machine, some of them replaced by a goal's own."""
+    return _from_values(machine, _values(node, own))
 
 
 def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
@@ -333,7 +305,7 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
             f"'{values['planner']}'); set it to 0 or choose that planner"
         )
     try:
-        asked = _from_values(values)
+        asked = _from_values(machine, values)
         for point in asked.goal_via:
             _check_via(machine, point)
         asked.machine(machine)
@@ -371,7 +343,7 @@ CHANGEABLE = (
 )
 
 
-def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
+def _from_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParameters:
     first, second, third = values["weights"]
     return PlannerParameters(
         planner=values["planner"],
@@ -394,7 +366,7 @@ def _from_values(values: Mapping[str, Any]) -> PlannerParameters:
         goal_via_tolerance=values["goal_via_tolerance"],
         area_weight=values["area_weight"],
         max_speed_excess=values["max_speed_excess"],
-        zones=Zones(**{field: _zones(name, values[name]) for name, (field, *_) in ZONES.items()}),
+        zones=zones_of(values, machine.slews),
     )
 
 
@@ -432,28 +404,7 @@ def _check_via(machine: Machine, point: Point) -> None:
 
 def _points(name: str, value: Any) -> tuple[Point, ...]:
     """Points (x, z) m of a flat array; raises RequestError where it is not one."""
-    return tuple((x, z) for x, z in _rows(name, value, 2, "x z [m] of a point"))
-
-
-def _zones(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
-    """Zones of a flat array; raises RequestError where it is not one."""
-    return _rows(name, value, *ZONE_KINDS[ZONES[name][1]])
-
-
-def _rows(name: str, value: Any, size: int, numbers: str) -> tuple[tuple[float, ...], ...]:
-    """A flat array in rows of so many numbers; raises RequestError where it is not one.
-
-    numbers  what they are, for the sentence
-    """
-    given = [] if value is None else value
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        raise RequestError(name, repr(given), f"must be an array of numbers, {numbers}")
-    flat = list(given)
-    if not all(isinstance(number, (int, float)) for number in flat):
-        raise RequestError(name, flat, f"must hold nothing but numbers, {numbers}")
-    if len(flat) % size:
-        raise RequestError(name, f"{len(flat)} numbers", f"takes {size} for each, {numbers}")
-    return tuple(tuple(map(float, flat[i : i + size])) for i in range(0, len(flat), size))
+    return tuple((x, z) for x, z in rows_of(name, value, 2, "x z [m] of a point"))
 
 
 def _described(

@@ -19,7 +19,18 @@ from mhsb_model.command import Command
 from mhsb_model.figure_style import PATH_COLOR, rgb
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, strongest
-from mhsb_model.obstacles.zones import CIRCLE, LINK
+from mhsb_model.obstacles.zones import (
+    BOX_IN_SPACE,
+    CIRCLE,
+    CYLINDER,
+    KIND,
+    LINK,
+    NUMBER,
+    PART,
+    RADIUS,
+    SHAPE,
+    SPHERE,
+)
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
@@ -75,36 +86,65 @@ def markers(
 
 
 def _obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[Marker]:
-    """Boxes and circles; the ground as far as the arm can get."""
-    arrays, flat = machine.arrays, frame == WORK_PLANE_FRAME
-    edge = SEEN_AROUND * float(arrays.link_length.sum())
+    """Zones, base, and the ground as far as the arm can get.
+
+    Zones in space stay where they are: they are not shown in work_plane, which turns with the arm.
+    """
+    flat = frame == WORK_PLANE_FRAME
+    edge = SEEN_AROUND * float(machine.arrays.link_length.sum())
     shown: set[int] = set()
-    for kind, part, *numbers, _, number in machine.obstacles.rows.tolist():
-        if kind == LINK or number in shown:
+    for row in machine.obstacles.rows:
+        kind, part, number = row[KIND], row[PART], int(row[NUMBER])
+        if kind == LINK or number in shown or (kind >= BOX_IN_SPACE and flat):
             continue
         shown.add(number)
-        if kind == CIRCLE:
-            x, z, width = numbers[0], numbers[1], 2 * numbers[2]
-            height, shape = width, Marker.CYLINDER
+        marker = _marker(header, f"obstacles_{frame}", Marker.CUBE, OBSTACLE_DEPTH)
+        if kind >= BOX_IN_SPACE:
+            _shape_in_space(marker, row, edge)
         else:
-            x_min, z_min, x_max, z_max = np.clip(numbers, -edge, edge).tolist()
-            if machine.slews and not flat:  # ground and base, which stand around the slew's axis
-                x_max = x_max + arrays.slew_offset
-                x_min = -x_max
-            x, z, shape = (x_min + x_max) / 2, (z_min + z_max) / 2, Marker.CUBE
-            width, height = x_max - x_min, z_max - z_min
-        marker = _marker(header, f"obstacles_{frame}", shape, OBSTACLE_DEPTH)
-        marker.id = int(number)
-        marker.pose.position = _point(np.array([x, z]), frame)
-        if shape == Marker.CYLINDER:
-            marker.scale.x = marker.scale.y = width
-            marker.pose.orientation = Quaternion(w=1.0) if flat else ON_ITS_SIDE
-        else:
-            marker.scale.x = width
-            depth = width if machine.slews else OBSTACLE_DEPTH
-            marker.scale.y, marker.scale.z = (height, OBSTACLE_DEPTH) if flat else (depth, height)
+            _shape_in_plane(marker, row, edge, machine, frame)
+        marker.id = number
+        marker.frame_locked = machine.slews  # stays in place in a viewer whose frame turns
         marker.color = _color(OBSTACLE_COLORS[part == machine.joint_count], OBSTACLE_OPACITY)
         yield marker
+
+
+def _shape_in_space(marker: Marker, row: FloatArray, edge: float) -> None:
+    """Kind, place and size of a zone in `base_link`, of its row."""
+    x, y, z, *more = row[SHAPE:RADIUS].tolist()
+    if row[KIND] == SPHERE:
+        marker.type, size = Marker.SPHERE, 3 * (2 * more[0],)
+    elif row[KIND] == CYLINDER:
+        low, high = np.clip((z, more[0]), -edge, edge).tolist()
+        z, width = (low + high) / 2, 2 * more[1]
+        marker.type, size = Marker.CYLINDER, (width, width, high - low)
+    else:
+        low, high = np.clip(((x, y, z), more), -edge, edge)
+        (x, y, z), size = ((low + high) / 2).tolist(), (high - low).tolist()
+    marker.pose.position = Point(x=x, y=y, z=z)
+    marker.scale = Vector3(**dict(zip("xyz", size, strict=True)))
+
+
+def _shape_in_plane(
+    marker: Marker, row: FloatArray, edge: float, machine: Machine, frame: str
+) -> None:
+    """Kind, place and size of what is in the arm's plane, of its row."""
+    flat, shape = frame == WORK_PLANE_FRAME, row[SHAPE:SHAPE + 4]
+    if row[KIND] == CIRCLE:
+        marker.type = Marker.CYLINDER
+        marker.pose.position = _point(shape[:2], frame)
+        marker.pose.orientation = Quaternion(w=1.0) if flat else ON_ITS_SIDE
+        marker.scale.x = marker.scale.y = 2 * float(shape[2])
+        return
+    x_min, z_min, x_max, z_max = np.clip(shape, -edge, edge).tolist()
+    if machine.slews and not flat:  # ground and base, which stand around the slew's axis
+        x_max = x_max + machine.arrays.slew_offset
+        x_min = -x_max
+    marker.pose.position = _point(np.array([x_min + x_max, z_min + z_max]) / 2, frame)
+    width, height = x_max - x_min, z_max - z_min
+    depth = width if machine.slews else OBSTACLE_DEPTH
+    marker.scale.x = width
+    marker.scale.y, marker.scale.z = (height, OBSTACLE_DEPTH) if flat else (depth, height)
 
 
 def _command_markers(

@@ -10,6 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mhsb_model.figure_style import RESOLUTION
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.evaluation import energy_flow, move_page
@@ -149,8 +151,33 @@ def test_zones_are_drawn_where_they_are_once_each(machine):
     with_zones = machine.changed(
         zones=Zones(boxes=((0.6, 0.1, 0.9, 0.3),), tip_circles=((0.4, -0.5, 0.1),))
     )
-    draw_obstacles(with_zones, axes)
+    draw_obstacles(with_zones, axes, np.zeros((1, 3)))
     box, circle = axes.patches
     assert (*box.get_xy(), box.get_width(), box.get_height()) == pytest.approx((0.6, 0.1, 0.3, 0.2))
     assert (*circle.center, circle.radius) == pytest.approx((0.4, -0.5, 0.1))
     assert [box.get_label(), circle.get_label()] == ["keep-out", "keep-out of the tip"]
+
+
+def test_zones_in_space_are_outlined_where_the_turning_plane_meets_them():
+    excavator = load_machine(config_file("excavator.yaml"))
+    zones = Zones(
+        cylinders=((0.0, 2.0, -0.5, 1.0, 0.3), (2.0, -2.0, 0.0, 1.0, 0.2)),  # left, right
+        tip_spheres=((1.5, 1.5, 0.5, 0.2),),
+    )
+    axes = Figure().subplots()
+    turned = np.zeros((20, 4))
+    turned[:, 0] = np.linspace(0.0, 1.5, 20)  # to the left, and not quite to the first one's axis
+    draw_obstacles(excavator.changed(zones=zones), axes, turned)
+    pole, ball = axes.patches
+    # By points of the zones in planes that the arm is in, from joint 2, which is 0.5 m ahead.
+    slew, ahead = np.meshgrid(np.linspace(0.0, 1.5, 2001), np.linspace(0.0, 4.0, 2001))
+    x, y = ahead * np.cos(slew), ahead * np.sin(slew)
+    met = ahead[np.hypot(x, y - 2.0) < 0.3] - 0.5
+    left, low = pole.get_xy()
+    assert (left, left + pole.get_width()) == pytest.approx((met.min(), met.max()), abs=5e-3)
+    assert (low, low + pole.get_height()) == pytest.approx((-0.5, 1.0))
+    assert ball.center == pytest.approx((np.hypot(1.5, 1.5) - 0.5, 0.5))
+    assert not pole.get_fill()
+    assert pole.get_alpha() > ball.get_alpha()
+    labels = [pole.get_label(), ball.get_label()]
+    assert labels == ["keep-out at some angle of the slew", "the tip's at some angle of the slew"]

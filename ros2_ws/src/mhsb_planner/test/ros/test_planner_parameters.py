@@ -10,6 +10,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mhsb_model.command_line import UsageError
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.goal_region import Box, Disc, Segment
 from mhsb_planner.planner import PLANNER_KINDS
@@ -24,8 +26,13 @@ def node(ros_context: Context, machine) -> Iterator[Node]:
     node.destroy_node()
 
 
+@pytest.fixture(scope="module")
+def excavator():
+    return load_machine(config_file("excavator.yaml"))
+
+
 def test_left_alone_they_ask_for_the_machine_s_own_values(node, machine):
-    found = planner_parameters.read(node)
+    found = planner_parameters.read(node, machine)
     assert (found.planner, found.options.planner) == ("integrated", "integrated")
     assert found.machine(machine).hash == machine.hash
 
@@ -35,7 +42,7 @@ def test_the_planner_can_be_chosen(node, machine, kind):
     change = Parameter("planner", value=kind)
     assert planner_parameters.refusal(node, machine, [change]) is None
     node.set_parameters([change])
-    assert planner_parameters.read(node).options.planner == kind
+    assert planner_parameters.read(node, machine).options.planner == kind
 
 
 def test_a_planner_that_is_not_there_is_refused_with_those_that_are(node, machine):
@@ -54,7 +61,7 @@ def test_the_area_is_weighed_by_the_integrated_planner_alone(node, machine):
     together = [weight, Parameter("planner", value="integrated")]
     assert planner_parameters.refusal(node, machine, together) is None
     node.set_parameters(together)
-    assert planner_parameters.read(node).options.area_weight == 300.0
+    assert planner_parameters.read(node, machine).options.area_weight == 300.0
 
 
 def test_parameters_that_clash_from_the_start_are_refused(ros_context, machine):
@@ -65,15 +72,16 @@ def test_parameters_that_clash_from_the_start_are_refused(ros_context, machine):
     node.destroy_node()
 
 
-def set_zones(node, **values):
+def set_zones(node, machine, **values):
     node.set_parameters_atomically([Parameter(name, value=value) for name, value in values.items()])
-    return planner_parameters.read(node)
+    return planner_parameters.read(node, machine)
 
 
 def test_zones_are_flat_arrays_of_numbers_and_replace_those_of_the_file(node, machine):
-    assert planner_parameters.read(node).zones == machine.zones == Zones()
+    assert planner_parameters.read(node, machine).zones == machine.zones == Zones()
     found = set_zones(
         node,
+        machine,
         zone_boxes=[0.9, 0.3, 0.7, 0.1, 0.0, 0.9, 0.2, 1.0],
         tip_zone_circles=[1, 0, 1],  # whole numbers will do
     )
@@ -81,14 +89,35 @@ def test_zones_are_flat_arrays_of_numbers_and_replace_those_of_the_file(node, ma
         boxes=((0.9, 0.3, 0.7, 0.1), (0.0, 0.9, 0.2, 1.0)), tip_circles=((1.0, 0.0, 1.0),)
     )
     assert len(found.machine(machine).obstacles.names) == 3
-    assert set_zones(node, zone_boxes=[], tip_zone_circles=[]).zones == Zones()
+    assert set_zones(node, machine, zone_boxes=[], tip_zone_circles=[]).zones == Zones()
+
+
+def test_an_arm_that_slews_has_zones_in_space(ros_context, excavator):
+    node = Node("slewing", context=ros_context)
+    zones = Zones(boxes=((1.8, 0.6, -1.0, 2.2, 1.0, 0.5),), tip_spheres=((2.0, -1.0, 0.3, 0.2),))
+    crowded = excavator.changed(zones=zones)
+    planner_parameters.declare(node, crowded)
+    assert planner_parameters.read(node, crowded).zones == zones
+    found = set_zones(
+        node,
+        crowded,
+        zone_boxes=[1.8, -1.0, -1.0, 2.2, -0.6, 0.5, 1.8, 0.6, -1.0, 2.2, 1.0, 0.5],
+        tip_zone_cylinders=[2.0, 1.0, 0.0, 1.0, 0.5],
+        tip_zone_spheres=[],
+    )
+    assert found.zones == Zones(
+        boxes=((1.8, -1.0, -1.0, 2.2, -0.6, 0.5), (1.8, 0.6, -1.0, 2.2, 1.0, 0.5)),
+        tip_cylinders=((2.0, 1.0, 0.0, 1.0, 0.5),),
+    )
+    assert len(found.machine(crowded).obstacles.names) == 3
+    node.destroy_node()
 
 
 def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, machine):
     zones = Zones(boxes=((0.7, 0.1, 0.9, 0.3),), circles=((0.5, 0.8, 0.1),))
     node = Node("with_zones", context=ros_context)
     planner_parameters.declare(node, machine.changed(zones=zones))
-    assert planner_parameters.read(node).zones == zones
+    assert planner_parameters.read(node, machine).zones == zones
     node.destroy_node()
 
 
@@ -104,12 +133,64 @@ def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, 
         ("zone_boxes", ["a", "b", "c", "d"], r"must hold nothing but numbers"),
         ("zone_boxes", "0.7", r"must be an array of numbers"),
         ("zone_circles", 0.7, r"must be an array of numbers"),
+        ("zone_spheres", 0.7, r"must be an array of numbers"),
+        (
+            "tip_zone_cylinders",
+            [0.7, 0.1, 0.0, 1.0, 0.1],
+            r"^tip_zone_cylinders must be empty: this arm moves in x and z; give tip_zone_boxes or "
+            r"tip_zone_circles \(is \[0\.7, 0\.1, 0\.0, 1\.0, 0\.1\]\)$",
+        ),
+        (
+            "zone_boxes",
+            [0.7, 0.1, 0.0, 0.9, 0.2, 0.5],
+            r"^zone_boxes takes 4 for each, x z x z \[m\] of .* corners \(is 6 numbers\)$",
+        ),
     ],
 )
 def test_what_is_no_zone_is_refused_with_its_sentence(node, machine, name, value, reason):
     said = planner_parameters.refusal(node, machine, [Parameter(name, value=value)])
     assert re.search(reason, said), said
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        (
+            "zone_boxes",
+            [0.7, 0.1, 0.9, 0.3],
+            r"^zone_boxes takes 6 for each, x y z x y z \[m\] of .* corners \(is 4 numbers\)$",
+        ),
+        ("zone_cylinders", [2, 1, 0, 1], r"takes 5 for each, x y \[m\] of the upright axis, z z"),
+        ("tip_zone_spheres", [2, 1, 0], r"takes 4 for each, x y z \[m\] of the centre, radius"),
+        (
+            "zone_circles",
+            [0.5, 0.8, 0.1],
+            r"^zone_circles must be empty: joint 1 slews, its zones are in space; give zone_boxes "
+            r"or zone_cylinders or zone_spheres \(is \[0\.5, 0\.8, 0\.1\]\)$",
+        ),
+        ("zone_spheres", [2.0, 1.0, 0.0, -0.1], r"radius: must be above 0 m \(is -0\.1\)"),
+        ("zone_cylinders", [2.0, 1.0, 0.5, 0.5, 0.1], r"z_min: 0\.5 m must be below z_max 0\.5 m"),
+        ("zone_boxes", [2.0, 1.0, math.nan, 3.0, 2.0, 1.0], r"z_.*finite number"),
+    ],
+)
+def test_what_is_no_zone_of_an_arm_that_slews_is_refused(
+    ros_context, excavator, name, value, reason
+):
+    node = Node("slewing", context=ros_context)
+    planner_parameters.declare(node, excavator)
+    said = planner_parameters.refusal(node, excavator, [Parameter(name, value=value)])
+    node.destroy_node()
+    assert re.search(reason, said), said
+    assert "\n" not in said
+
+
+def test_a_zone_that_the_arm_cannot_have_is_refused_from_the_start(ros_context, excavator):
+    given = [Parameter("zone_circles", value=[0.5, 0.8, 0.1])]
+    node = Node("unfit", context=ros_context, parameter_overrides=given)
+    with pytest.raises(UsageError, match=r"zone_circles must be empty: joint 1 slews"):
+        planner_parameters.declare(node, excavator)
+    node.destroy_node()
 
 
 @pytest.mark.parametrize(
@@ -134,39 +215,39 @@ def test_what_makes_no_sense_is_refused_with_its_sentence(node, machine, changes
 
 
 def test_the_lead_adapts_unless_a_budget_is_set(node, machine):
-    assert planner_parameters.read(node).settings(machine).planning_budget == 0.0
+    assert planner_parameters.read(node, machine).settings(machine).planning_budget == 0.0
     node.set_parameters([Parameter("planning_budget", value=0.2)])
-    assert planner_parameters.read(node).settings(machine).planning_budget == 0.2
+    assert planner_parameters.read(node, machine).settings(machine).planning_budget == 0.2
 
 
 def test_what_will_do_at_the_goal_can_be_set(node, machine):
-    found = planner_parameters.read(node).options
+    found = planner_parameters.read(node, machine).options
     assert (found.goal_psi, found.goal_region) == (None, None)
     node.set_parameters([Parameter("goal_tolerance", value=0.02)])
-    assert planner_parameters.read(node).options.goal_region == Disc(0.02)
+    assert planner_parameters.read(node, machine).options.goal_region == Disc(0.02)
     node.set_parameters([Parameter("goal_tolerance", value=0.0)])
     node.set_parameters([Parameter("goal_segment", value=[0.1, -0.05])])
-    assert planner_parameters.read(node).options.goal_region == Segment(0.1, -0.05)
+    assert planner_parameters.read(node, machine).options.goal_region == Segment(0.1, -0.05)
     node.set_parameters([Parameter("goal_segment", value=[0.0, 0.0])])
     node.set_parameters([Parameter("goal_box", value=[0.1, 0.05])])
-    assert planner_parameters.read(node).options.goal_region == Box(0.1, 0.05)
+    assert planner_parameters.read(node, machine).options.goal_region == Box(0.1, 0.05)
     node.set_parameters_atomically(
         [Parameter("goal_psi_min", value=-0.5), Parameter("goal_psi_max", value=0.25)]
     )
-    assert planner_parameters.read(node).options.goal_psi == (-0.5, 0.25)
+    assert planner_parameters.read(node, machine).options.goal_psi == (-0.5, 0.25)
 
 
 def test_points_on_the_way_are_a_flat_array_of_numbers(node, machine):
-    found = planner_parameters.read(node).options
+    found = planner_parameters.read(node, machine).options
     assert (found.via, found.via_tolerance) == ((), 0.01)
     points = Parameter("goal_via", value=[0.6, -0.05, 0.7, 0.2])
     near = Parameter("goal_via_tolerance", value=0.02)
     assert planner_parameters.refusal(node, machine, [points, near]) is None
     node.set_parameters_atomically([points, near])
-    found = planner_parameters.read(node).options
+    found = planner_parameters.read(node, machine).options
     assert (found.via, found.via_tolerance) == (((0.6, -0.05), (0.7, 0.2)), 0.02)
     node.set_parameters([Parameter("goal_via", Parameter.Type.DOUBLE_ARRAY, [])])
-    assert planner_parameters.read(node).options.via == ()
+    assert planner_parameters.read(node, machine).options.via == ()
 
 
 @pytest.mark.parametrize(

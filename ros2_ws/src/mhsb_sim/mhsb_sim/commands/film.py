@@ -149,7 +149,7 @@ class _Film:
     def _draw_stage(self) -> None:
         axes = self._stage
         draw_workspace_axes(self._move.machine, axes)
-        draw_obstacles(self._move.machine, axes)
+        draw_obstacles(self._move.machine, axes, self._move.position)
         axes.plot(*self._move.tip.T, color=PALE, linewidth=3.0)
         machine, rows = self._move.machine, self._move.position[::EVERY]
         places = np.array([_flat(bar) for q in rows for bar in bars_in_plane(machine, q)])

@@ -20,7 +20,14 @@ from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.commands.plan_arguments import Box, Circle, as_asked
+from mhsb_planner.commands.plan_arguments import as_asked
+from mhsb_planner.commands.zone_arguments import (
+    ZoneBoxes,
+    ZoneCircles,
+    ZoneCylinders,
+    ZoneSpheres,
+    with_zones,
+)
 from mhsb_planner.evaluation.move_page import draw_move_page
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, energy_of_states
@@ -62,12 +69,10 @@ def simulate(
     vary: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=FACTOR")] = (),
     planner: PlannerKind = ONLINE_PLANNER,
     trajectory: TrajectoryKind | None = None,
-    zone_box: Annotated[
-        tuple[Box, ...], tyro.conf.arg(metavar="X1 Z1 X2 Z2"), tyro.conf.UseAppendAction
-    ] = (),
-    zone_circle: Annotated[
-        tuple[Circle, ...], tyro.conf.arg(metavar="X Z RADIUS"), tyro.conf.UseAppendAction
-    ] = (),
+    zone_box: ZoneBoxes = (),
+    zone_circle: ZoneCircles = (),
+    zone_cylinder: ZoneCylinders = (),
+    zone_sphere: ZoneSpheres = (),
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
     audit: bool = False,
@@ -94,9 +99,6 @@ def simulate(
             integrated, as in the node, when left out.
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
             planner, polynomial for the others when left out.
-        zone_box: Two opposite corners [m] of a box that plans keep out of, beside the machine
-            file's zones; may be given several times.
-        zone_circle: Centre and radius [m] of a circle that plans keep out of, likewise.
         output: Folder for samples.csv (100 Hz, SI units), summary.json and move.png: path, joints,
             modes, operating regions, pressures and energy on one page.
         json_: Print one JSON object instead of text.
@@ -113,6 +115,9 @@ def simulate(
     if seed < 0:
         raise command_line.UsageError(f"--seed: {seed} is below 0")
     arm = as_asked(load_machine(machine), payload=payload)
+    kept_out = with_zones(
+        arm, boxes=zone_box, circles=zone_circle, cylinders=zone_cylinder, spheres=zone_sphere
+    )
     goals = list(itertools.chain.from_iterable(timed_goals(arm, values) for values in goal))
     if output is not None:
         make_output_folder(output, "the run")
@@ -121,7 +126,6 @@ def simulate(
     compile_planner()
     compile_simulator()
     replanner = Replanner(arm, table_for(arm))
-    kept_out = as_asked(arm, zones=arm.zones.with_more(boxes=zone_box, circles=zone_circle))
     replanner.change(kept_out)
     replanner.warm_up([planner])
     simulator = Simulator(arm, controller, seed, plant=real)

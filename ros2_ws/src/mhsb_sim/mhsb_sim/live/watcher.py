@@ -41,9 +41,9 @@ class Watcher(GoalSender):
         for topic in WATCHED:
             self._watch(topic)
 
-    def recording(self) -> Recording:
-        """All that has been heard; BagError where no simulator was."""
-        return decoded(lambda topic: self.kept.get(topic, ()), "what was heard")
+    def recording(self, slews: bool = False) -> Recording:
+        """All that has been heard, of an arm that slews or not; BagError where no simulator was."""
+        return decoded(lambda topic: self.kept.get(topic, ()), "what was heard", slews=slews)
 
     def write(self, folder: Path) -> None:
         """All that has been heard, as a recording."""

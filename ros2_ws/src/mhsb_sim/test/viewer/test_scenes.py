@@ -10,6 +10,8 @@ from mhsb_model.figure_style import MODE_COLOR, rgb
 from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.modes import Mode
+from mhsb_model.obstacles.zones import Zones
+from mhsb_planner.ros.views import markers
 from mhsb_sim.viewer.arm_scene import ArmScene
 from mhsb_sim.viewer.marker_scene import MarkerScene
 from mhsb_sim.viewer.server import open_server
@@ -60,3 +62,17 @@ def test_markers_of_the_arms_frame_are_shown_until_they_are_deleted(server):
     assert list(scene._shown) == ["/plan/zones/3"]
     scene.show(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
     assert scene._shown == {}
+
+
+def test_zones_in_space_are_shown_upright_where_they_stand(server):
+    machine = load_machine(config_file("excavator.yaml"))
+    zones = Zones(cylinders=((2.0, -1.2, -1.0, 1.0, 0.15),), tip_spheres=((0.5, 2.5, 1.0, 0.4),))
+    scene = MarkerScene(server.scene, "base_link")
+    scene.show(markers(machine.changed(zones=zones), None, "", 0))
+    pole, ball = scene._shown.values()
+    np.testing.assert_allclose(pole.position, (2.0, -1.2, 0.0))
+    np.testing.assert_allclose(pole.wxyz, (1.0, 0.0, 0.0, 0.0))  # along z, as the server draws it
+    assert (pole.radius, pole.height) == (0.15, 2.0)
+    np.testing.assert_allclose(ball.position, (0.5, 2.5, 1.0))
+    assert ball.radius == 0.4
+    scene.show(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))

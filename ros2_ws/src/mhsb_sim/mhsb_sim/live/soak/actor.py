@@ -20,12 +20,20 @@ from std_srvs.srv import Trigger
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
+from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import Position
 from mhsb_msgs_py import goal_pose, names
 from mhsb_msgs_py.node_process import spin_until
+from mhsb_planner.ros.zone_parameters import ZONES
 from mhsb_sim.live.child_process import ChildProcess
-from mhsb_sim.live.nodes import PLANNER_EXECUTABLE, SIM_EXECUTABLE, START_TIMEOUT, shake_hands
+from mhsb_sim.live.nodes import (
+    PLANNER_EXECUTABLE,
+    SIM_EXECUTABLE,
+    START_TIMEOUT,
+    ros_arguments,
+    shake_hands,
+)
 from mhsb_sim.live.soak.events import PLANNER, SIM, Deed, DeedKind, Life
 from mhsb_sim.live.watcher import Watcher
 
@@ -38,10 +46,11 @@ MEMORY_PERIOD = 1.0  # s
 class Running:
     """A node's process while it lives."""
 
-    def __init__(self, node: str, number: int, folder: Path) -> None:
+    def __init__(self, node: str, number: int, folder: Path, settings: tuple[str, ...]) -> None:
+        """Start it, with settings NAME:=VALUE; its output goes to the folder."""
         self.node, self.number = node, number
         self.log = folder / f"{node}-{number}.log"
-        self.process = ChildProcess(*NODES[node][0], log=self.log)
+        self.process = ChildProcess(*NODES[node][0], *ros_arguments(settings), log=self.log)
         self.ready_ns = 0
         self.memory: list[tuple[int, int]] = []
 
@@ -83,8 +92,16 @@ def traceback_in(lines: list[str]) -> str | None:
 class Actor:
     """Starts and ends both nodes, sends and calls; every deed is written down."""
 
-    def __init__(self, watcher: Watcher, executor: SingleThreadedExecutor, folder: Path) -> None:
+    def __init__(
+        self,
+        watcher: Watcher,
+        executor: SingleThreadedExecutor,
+        folder: Path,
+        settings: tuple[str, ...] = (),
+    ) -> None:
+        """settings: NAME:=VALUE, of both nodes whenever they are started."""
         self._watcher, self._executor, self._folder = watcher, executor, folder
+        self._settings = settings
         self._triggers = {
             (node, name): watcher.create_client(Trigger, f"{NODES[node][1]}/{name}")
             for node, name in SERVICES
@@ -133,7 +150,7 @@ class Actor:
         """Start a node and wait until it is ready; MhsbError where it is not in time."""
         begin_ns = time.time_ns()
         self._numbers[node] += 1
-        running = Running(node, self._numbers[node], self._folder)
+        running = Running(node, self._numbers[node], self._folder, self._settings)
         self._running[node] = running
 
         def ended() -> bool:
@@ -195,11 +212,8 @@ class Actor:
     def zones(self, zones: Zones) -> None:
         """Replace the planner's zones."""
         arrays = {
-            f"{prefix}zone_{kind}": [
-                number for zone in getattr(zones, f"{prefix}{kind}") for number in zone
-            ]
-            for prefix in ("", "tip_")
-            for kind in ("boxes", "circles")
+            name: [number for zone in getattr(zones, each.field) for number in zone]
+            for name, each in ZONES.items()
         }
         parameters = [
             Parameter(name, Parameter.Type.DOUBLE_ARRAY, value) for name, value in arrays.items()
@@ -236,17 +250,19 @@ class Actor:
         self.deeds.append(Deed(kind, node, begin_ns, time.time_ns(), value, done))
 
 
-def spoilt_goal(random: np.random.Generator) -> PoseStamped:
-    """A goal that cannot be accepted: not finite, in a strange frame, or out of reach."""
-    x, z = random.uniform(0.3, 0.9), random.uniform(-0.5, 0.5)
-    message = goal_pose.encode(Goal(time.time_ns(), x, z))
+def spoilt_goal(random: np.random.Generator, machine: Machine) -> PoseStamped:
+    """A goal that cannot be accepted: not finite, in a strange frame, out of reach, or beside the
+    plane of an arm that has but one."""
+    size = machine.scale
+    x, z = size * random.uniform(0.3, 0.9), size * random.uniform(-0.5, 0.5)
+    message = goal_pose.encode(Goal.at(time.time_ns(), (x, 0.0, z) if machine.slews else (x, z)))
     match random.integers(4):
         case 0:
             message.pose.position.x = math.nan
         case 1:
             message.header.frame_id = "map"
         case 2:
-            message.pose.position.x = 3.0
+            message.pose.position.x = 3.0 * size
         case _:
-            message.pose.position.y = 0.5
+            message.pose.position.y = 3.0 * size if machine.slews else 0.5
     return message

@@ -36,8 +36,8 @@ JOINT_TOLERANCE = 1e-6  # rad
 SPEED_EXCESS = 0.005
 """Share by which a motion that follows its path may pass V_max and the pump's flow, by rounding."""
 
-BRAKING_NS = 2 * SECOND_NS
-"""Time after a stop in which the arm comes to rest."""
+BRAKING_NS, SLEWING_BRAKING_NS = 2 * SECOND_NS, 3 * SECOND_NS
+"""Time after a stop in which the arm comes to rest; an excavator that slewed took 2.5 s."""
 
 HEALED_SPEED = 0.05
 """What a joint may move at after healing, without a new goal [rad/s]."""
@@ -181,7 +181,7 @@ def keeps_out(events: Events) -> Kept:
     broken, tested = [], 0
     for zones, begin_ns, end_ns in _zones(events):
         arm = events.machine.changed(zones=zones)
-        rows = np.flatnonzero((at_ns > begin_ns + BRAKING_NS) & (at_ns < end_ns))
+        rows = np.flatnonzero((at_ns > begin_ns + _braking_ns(events)) & (at_ns < end_ns))
         clearance = np.array([arm.clearance(q)[0] for q in table.position[rows]])
         tested += len(rows)
         outside = np.logical_or.accumulate(clearance > 0.0) if len(rows) else clearance > 0.0
@@ -200,7 +200,8 @@ def rests_after_stops(events: Events) -> Kept:
     for stop in events.deeds_of(DeedKind.STOP):
         later = (deed.begin_ns for deed in next_deeds if deed.begin_ns > stop.begin_ns)
         end_ns = min(later, default=events.end_ns)
-        still = (table.recorded_ns > stop.end_ns + BRAKING_NS) & (table.recorded_ns < end_ns)
+        still = table.recorded_ns > stop.end_ns + _braking_ns(events)
+        still &= table.recorded_ns < end_ns
         if not (stop.done and still.any()):
             continue
         tested += 1
@@ -247,6 +248,11 @@ def _measured_speed(table: JointTable, rows: IntArray) -> float:
     return float((np.abs(q[later[first]] - q[first]).max(axis=1) / span).max())
 
 
+def _braking_ns(events: Events) -> int:
+    """Time that the arm has to come to rest [ns]."""
+    return SLEWING_BRAKING_NS if events.machine.slews else BRAKING_NS
+
+
 def _neighbours(table: JointTable) -> BoolArray:
     """Whether each reference but the last is followed by the very next one."""
     apart = np.diff(table.time_ns)
@@ -277,9 +283,8 @@ def _zones(events: Events) -> Iterator[tuple[Zones, int, int]]:
         for deed in events.deeds_of(DeedKind.ZONES)
         if deed.done
     ]
-    changes += [
-        (life.ready_ns, life.ready_ns, Zones()) for life in events.lives_of(PLANNER)
-    ]
+    own = events.machine.zones  # of the file, with which a planner starts
+    changes += [(life.ready_ns, life.ready_ns, own) for life in events.lives_of(PLANNER)]
     changes.sort(key=lambda change: change[0])
     ends = [change[1] for change in changes[1:]] + [events.end_ns]
     for (begin_ns, _, zones), end_ns in zip(changes, ends, strict=True):

@@ -111,7 +111,7 @@ class Soak:
 
     def send_spoilt(self) -> None:
         """Send a goal that must be refused."""
-        self.actor.message(spoilt_goal(self.random))
+        self.actor.message(spoilt_goal(self.random, self.machine))
 
     def send_many(self) -> None:
         """Send goals faster than they can be planned."""
@@ -131,13 +131,14 @@ class Soak:
 
     def set_zones(self) -> None:
         """Set one or two zones, often across the way."""
-        zones: dict[str, Any] = {"circles": (), "tip_circles": ()}
+        size, shape = self.machine.scale, "spheres" if self.machine.slews else "circles"
+        zones: dict[str, Any] = {shape: (), f"tip_{shape}": ()}
         for _ in range(int(self.random.integers(1, 3))):
             goal = self.one_of(self.goals)
-            if math.hypot(*goal.position) < 0.35:
-                continue  # the first link always is there
-            kind = "circles" if self.random.random() < 0.5 else "tip_circles"
-            zones[kind] += ((*goal.position, self.random.uniform(0.03, 0.1)),)
+            if math.hypot(*self.machine.in_plane(goal.position, 0.0).tip) < 0.35 * size:
+                continue  # the first link that moves in the plane always is there
+            kind = shape if self.random.random() < 0.5 else f"tip_{shape}"
+            zones[kind] += ((*goal.position, size * self.random.uniform(0.03, 0.1)),)
         self.actor.zones(Zones(**zones))
 
     def clear_zones(self) -> None:
@@ -218,6 +219,7 @@ ACTIONS = (
 
 def soak(
     minutes: float = 10.0,
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/soak"),
     seed: int = 0,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
@@ -231,21 +233,22 @@ def soak(
 
     Args:
         minutes: How long [min]; memory is judged for nodes older than three minutes.
+        machine: Machine file (YAML); the suite's own arm when left out.
         output: Folder, whose content is replaced.
         seed: Of all that is random.
         json_: Print summary.json instead of text.
     """
     if not minutes > 0.0:
         raise UsageError(f"--minutes is {minutes:g}; it must be above 0")
-    machine = load_machine()
+    arm, settings = load_machine(machine), (f"machine:={machine}",) if machine else ()
     compile_nodes()
-    planner = Planner(machine, table_for(machine))
+    planner = Planner(arm, table_for(arm))
     warm_up(planner)
     goals = seeded_goals(planner, GOALS, seed)
     _clear(output)
     command_line.keep(f"{output} has recording and output of the nodes, and no summary")
     try:
-        events = watched(machine, goals, minutes, output, seed)
+        events = watched(arm, settings, goals, minutes, output, seed)
     except ExternalShutdownException:
         raise KeyboardInterrupt from None
     kept = {promise: look(events) for promise, look in PROMISES.items()}
@@ -259,12 +262,17 @@ def soak(
 
 
 def watched(
-    machine: Machine, goals: list[SeededGoal], minutes: float, folder: Path, seed: int
+    machine: Machine,
+    settings: tuple[str, ...],
+    goals: list[SeededGoal],
+    minutes: float,
+    folder: Path,
+    seed: int,
 ) -> Events:
-    """Both nodes through a soak, and all that happened."""
+    """Both nodes, with settings NAME:=VALUE, through a soak, and all that happened."""
     with ros_running([]), serving(Watcher) as (executor, watcher):
         refuse_company(watcher, executor)
-        actor = Actor(watcher, executor, folder)
+        actor = Actor(watcher, executor, folder, settings)
         try:
             for node in (SIM, PLANNER):
                 actor.start(node)
@@ -275,7 +283,7 @@ def watched(
         finally:
             actor.end_all()
         watcher.write(folder / "bag")
-        recording = watcher.recording()
+        recording = watcher.recording(machine.slews)
     return Events(machine, recording, tuple(actor.deeds), tuple(actor.lives), begin_ns, end_ns)
 
 

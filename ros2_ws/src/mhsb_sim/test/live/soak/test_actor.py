@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import MACHINE_FILE, load_machine
 from mhsb_msgs_py import goal_pose
 from mhsb_sim.live.soak.actor import spoilt_goal, traceback_in
 
@@ -25,12 +27,15 @@ def test_the_first_traceback_is_told_by_its_last_line():
     assert traceback_in(lines[:2]) == lines[1]
 
 
-def test_a_spoilt_goal_is_nothing_that_can_be_accepted(machine):
+@pytest.mark.parametrize("file", [MACHINE_FILE, "excavator.yaml", "forestry_crane.yaml"])
+def test_a_spoilt_goal_is_nothing_that_can_be_accepted(file):
+    machine = load_machine(config_file(file))
+
     def take(message):
-        goal = goal_pose.decode(message)
-        machine.check_in_workspace((goal.x, goal.z))
+        goal = goal_pose.decode(message, to_base=machine.in_base if machine.slews else None)
+        machine.check_in_workspace(goal.position)
 
     random = np.random.default_rng(0)
     for _ in range(50):
         with pytest.raises(MhsbError):
-            take(spoilt_goal(random))
+            take(spoilt_goal(random, machine))

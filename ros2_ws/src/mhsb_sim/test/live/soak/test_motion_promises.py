@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_sim.live.soak import motion_promises
 from mhsb_sim.live.soak.events import PLANNER, SIM, DeedKind
@@ -121,6 +123,28 @@ def test_zones_hold_from_two_seconds_after_they_were_set_until_they_are_taken_ba
         assert motion_promises.keeps_out(spoilt(deeds=deeds)).held
 
 
+def test_a_zone_in_space_is_entered_where_the_arm_turns_into_it(spoilt, make, events):
+    machine = load_machine(config_file("excavator.yaml"))
+    start = np.array(machine.config.simulation.start_posture)
+    table = events.recording.references
+    position = np.tile(start, (len(table.time_ns), 1))
+    position[:, 0] = np.linspace(0.0, 1.5, len(position))  # turns left for a minute
+    turned = replace(table, position=position)
+    for slew, held in ((1.0, False), (-1.0, True)):
+        x, y, z = machine.tip_in_base(np.array([slew, *start[1:]])).tolist()
+        deeds = (make.deed(DeedKind.ZONES, PLANNER, 5.0, 5.01, Zones(spheres=((x, y, z, 0.1),))),)
+        recording = {"references": turned}
+        kept = motion_promises.keeps_out(spoilt(machine=machine, recording=recording, deeds=deeds))
+        assert kept.held is held
+        assert kept.tested > 5000
+
+
+def test_the_zones_of_the_machine_file_hold_from_the_planners_start(spoilt, events):
+    x, z = map(float, events.machine.tip_position(events.recording.references.position[-1]))
+    machine = events.machine.changed(zones=Zones(tip_circles=((x, z, 0.02),)))
+    assert not motion_promises.keeps_out(spoilt(machine=machine, deeds=())).held
+
+
 def test_a_motion_after_a_stop_is_told_until_the_next_goal(spoilt, make, events):
     stop = make.deed(DeedKind.STOP, PLANNER, 9.0, 9.01)
     kept = motion_promises.rests_after_stops(spoilt(deeds=(stop,)))
@@ -129,6 +153,13 @@ def test_a_motion_after_a_stop_is_told_until_the_next_goal(spoilt, make, events)
     assert motion_promises.rests_after_stops(spoilt(deeds=(stop, goal))).held
     refused = replace(stop, done=False)
     assert motion_promises.rests_after_stops(spoilt(deeds=(refused,))).held
+
+
+def test_an_arm_that_slews_has_longer_to_brake(spoilt, make, events):
+    excavator = load_machine(config_file("excavator.yaml"))
+    stop = make.deed(DeedKind.STOP, PLANNER, 12.4, 12.41)  # moves until 15 s
+    assert not motion_promises.rests_after_stops(spoilt(deeds=(stop,))).held
+    assert motion_promises.rests_after_stops(spoilt(machine=excavator, deeds=(stop,))).held
 
 
 def test_a_lunge_after_healing_is_told(spoilt, events):
