@@ -131,7 +131,7 @@ def _hydraulic_facts(machine: Machine) -> dict[str, Any]:
         "servo_pump_flow_m3_s": float(arrays.servo_pump_flow),
         "max_boost_pressure_pa": float(arrays.max_boost_pressure),
         "mode_patterns": len(machine.plane.patterns),
-        "max_piston_speed_m_s": float(arrays.max_piston_speed),
+        "max_piston_speed_m_s": float(arrays.max_piston_speed.max()),
         "first_boosted": first + 1,
         "speed_of_one_module_m_s": float(arrays.servo_pump_flow / arrays.cap_area[first]),
         "leakage_m3_s": float(machine.joint_count * arrays.leakage_flow),

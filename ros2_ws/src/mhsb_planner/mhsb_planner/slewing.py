@@ -59,7 +59,9 @@ class Slewing:
             path = _resting(path)
         flow = m.main_pump_flow - n * m.leakage_flow
         oil = path_oil(machine.plane, path.posture)
-        share, longer = shared_out(way, path.duration, oil, m.max_piston_speed, flow, m.cap_area[0])
+        share, longer = shared_out(
+            way, path.duration, oil, m.max_piston_speed[0], flow, m.cap_area[0]
+        )
         done = np.append(0.0, np.cumsum(share)) / way if way > NOTHING else np.zeros(len(share) + 1)
         angle = (1.0 - done) * self._task.departure[0] + done * slew
         leaks = n * m.leakage_flow * (longer - path.duration)
@@ -88,7 +90,7 @@ def slew_way(machine: Machine, began: float, ended: float) -> float:
 def slewing_meanwhile(machine: Machine, began: float, ended: float) -> Meanwhile:
     """What slewing between two angles [rad] takes: A |ΔL|, and |ΔL|/V_max at least."""
     way, m = slew_way(machine, began, ended), machine.arrays
-    return Meanwhile(float(m.cap_area[0] * way), way / m.max_piston_speed)
+    return Meanwhile(float(m.cap_area[0] * way), float(way / m.max_piston_speed[0]))
 
 
 def _without_slew(machine: Machine, task: Task, slew: float) -> Task:
