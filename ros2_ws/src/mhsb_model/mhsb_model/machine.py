@@ -230,6 +230,15 @@ class Machine:
         """The value of a path in the machine file; raises ValuePathError."""
         return value_at(self.config.model_dump(mode="json"), path)
 
+    def paths_with_own(self, path: str) -> list[str]:
+        """A path in the machine file, and those of what actuators have of their own instead."""
+        return [path, *(
+            f"joints.{j}.actuator.{own}"
+            for own, common in COMMON.items()
+            for j, joint in enumerate(self.config.joints)
+            if common == path and getattr(joint.actuator, own) is not None
+        )]  # fmt: skip
+
     def without_obstacles(self) -> Machine:
         """The same machine with nothing to keep clear of."""
         return _validated(self.config.model_dump(exclude={"keep_out"}), self.name)

@@ -87,6 +87,16 @@ def test_a_v_max_asked_for_holds_for_all_but_those_whose_own_is_lower(machine, o
     assert changed.arrays.max_piston_speed.tolist() == [asked, min(own, asked), asked]
 
 
+def test_a_value_of_all_is_found_with_those_that_actuators_have_in_its_place(machine):
+    flow, relief = "hydraulics.valve.rated_flow", "circuit.chamber_relief_pressure"
+    values = {f"joints.{j}.actuator.rated_flow": 5e-5 for j in (0, 2)}
+    own = machine.with_values(values | {"joints.1.actuator.relief_pressure": 1.5e7})
+    assert own.paths_with_own(flow) == [flow, *values]
+    assert own.paths_with_own(relief) == [relief, "joints.1.actuator.relief_pressure"]
+    assert own.paths_with_own("payload.mass") == ["payload.mass"]
+    assert machine.paths_with_own(flow) == [flow]
+
+
 def test_the_hash_follows_what_the_planner_depends_on_and_nothing_else(load, machine):
     def stiffer_oil(content):
         content["circuit"]["bulk_modulus"] = 2e9
