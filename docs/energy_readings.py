@@ -37,7 +37,7 @@ def energy(machine: Machine, path: DiscretePath, *, leaks: bool, at_v_max: bool)
                 price = max(price, held / m.servo_pump_efficiency)
             volume = inlet_area(cap, rod, delta) * abs(delta)
             if at_v_max and abs(delta) > MOVES:
-                volume = inlet_area(cap, rod, delta) * m.max_piston_speed * duration
+                volume = inlet_area(cap, rod, delta) * m.max_piston_speed[j] * duration
             total += price * (volume + leaks * m.leakage_flow * duration)
     return total
 

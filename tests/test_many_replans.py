@@ -63,7 +63,7 @@ class Limits:
         boosted = flow / np.where(modules > 0, modules * m.servo_pump_flow, np.inf)
         return {
             "joint": np.maximum(m.joint_min - q, q - m.joint_max).max(),
-            "v_max": np.abs(speed).max() / m.max_piston_speed - 1.0,
+            "v_max": (np.abs(speed) / m.max_piston_speed).max() - 1.0,
             "main_pump": flow.sum(axis=1).max() / pump - 1.0,
             "servo_pump": boosted.max() - 1.0,
             "modules": modules.sum(axis=1).max() - m.module_count,

@@ -43,9 +43,9 @@ class MachineArrays(NamedTuple):
     main_pump_flow: float  # m³/s
     servo_pump_flow: float  # m³/s
     servo_pump_efficiency: float
-    valve_coefficient: float  # m³/(s √Pa), one edge
+    valve_coefficient: FloatArray  # [n] m³/(s √Pa), one edge of each actuator's valve
     leakage_flow: float  # m³/s, one valve at the supply pressure
     idle_leakage: float  # m³/s, likewise, of valves whose actuators are not among the n
-    max_piston_speed: float  # m/s
+    max_piston_speed: FloatArray  # [n] m/s
     max_piston_acceleration: float  # m/s²
     max_piston_jerk: float  # m/s³

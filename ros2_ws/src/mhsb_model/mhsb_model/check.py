@@ -66,6 +66,7 @@ def report(machine: Machine) -> list[str]:
     found = facts(machine)
     lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.hash[:12]}"]
     lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
+    lines += _own_lines(found["joints"])
     lines += _workspace_lines(found["workspace"], 2 if found["slews"] else 1)
     if "keep_out" in found:
         lines += _keep_out_lines(found["keep_out"])
@@ -96,6 +97,7 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
         "stroke_m": float(np.ptp(lengths)),
         "straight_out_force_n" if slides else "straight_out_torque_nm": torque,
         "straight_out_load_pressure_pa": pressure,
+        "own": joint.actuator.model_dump(exclude_defaults=True),
     }
 
 
@@ -134,7 +136,7 @@ def _hydraulic_facts(machine: Machine) -> dict[str, Any]:
         "servo_pump_flow_m3_s": float(arrays.servo_pump_flow),
         "max_boost_pressure_pa": float(arrays.max_boost_pressure),
         "mode_patterns": len(machine.plane.patterns),
-        "max_piston_speed_m_s": float(arrays.max_piston_speed),
+        "max_piston_speed_m_s": float(arrays.max_piston_speed.max()),
         "first_boosted": first + 1,
         "speed_of_one_module_m_s": float(arrays.servo_pump_flow / arrays.cap_area[first]),
         "leakage_m3_s": float(machine.joint_count * arrays.leakage_flow),
@@ -153,6 +155,25 @@ def _hydraulic_lines(found: dict[str, Any]) -> list[str]:
         f"actuator {found['first_boosted']} at {1e3 * found['speed_of_one_module_m_s']:.1f} mm/s; "
         f"leakage of all valves {found['leakage_m3_s'] * per_minute:.3f} L/min",
     ]
+
+
+OWN = {
+    "rated_flow": ("valve of {:.2f} L/min", 6e4),
+    "rated_pressure_drop_per_land": ("rated drop of {:.2f} MPa at each land", 1e-6),
+    "max_piston_speed": ("piston speed of at most {:.1f} mm/s", 1e3),
+    "friction": ("{:g} times the friction", 1.0),
+    "relief_pressure": ("chambers relieved at {:.1f} MPa", 1e-6),
+}
+"""How what an actuator has of its own is told, and by what its SI value is multiplied."""
+
+
+def _own_lines(joints: list[dict[str, Any]]) -> list[str]:
+    """A line for each actuator that has something of its own."""
+    lines = []
+    for number, joint in enumerate(joints, start=1):
+        told = [OWN[name][0].format(OWN[name][1] * value) for name, value in joint["own"].items()]
+        lines += [f"actuator {number} has of its own: {', '.join(told)}"] if told else []
+    return lines
 
 
 def _workspace_facts(machine: Machine) -> dict[str, Any]:

@@ -117,7 +117,6 @@ class Oil(NamedTuple):
     tank_pressure: float  # Pa
     max_boost_pressure: float  # Pa
     boost_margin: float  # Pa
-    valve_coefficient: float  # m³/(s √Pa)
     main_pump_flow: float  # m³/s
     servo_pump_flow: float  # m³/s
     leakage_flow: float  # m³/s, one valve at the supply pressure
@@ -131,7 +130,6 @@ def oil_of(m: MachineArrays) -> Oil:
         m.tank_pressure,
         m.max_boost_pressure,
         m.boost_margin,
-        m.valve_coefficient,
         m.main_pump_flow,
         m.servo_pump_flow,
         m.leakage_flow,
@@ -157,33 +155,38 @@ def highest_flow(oil: Oil, modules: int) -> float:
 
 
 @kernel
-def pressure_to_move(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
+def pressure_to_move(
+    oil: Oil, k: float, cap: float, rod: float, force: float, speed: float
+) -> float:
     """p_L + m(v) + margin [Pa]: supply pressure at which a cylinder moves, or holds, its load.
 
-    cap, rod [m²], force [N], speed [m/s] of its piston, as in `pressure_against`.
+    k [m³/(s √Pa)], cap, rod [m²], force [N], speed [m/s] of its piston, as in `pressure_against`.
     """
-    k, tank = oil.valve_coefficient, oil.tank_pressure
-    return pressure_against(k, cap, rod, tank, force, speed) + oil.boost_margin
+    return pressure_against(k, cap, rod, oil.tank_pressure, force, speed) + oil.boost_margin
 
 
 @kernel
-def lacks_pressure(oil: Oil, cap: float, rod: float, force: float, speed: float) -> bool:
+def lacks_pressure(
+    oil: Oil, k: float, cap: float, rod: float, force: float, speed: float
+) -> bool:
     """Whether a cylinder moves (or holds) against its load and P_S is not enough for it."""
     if speed != 0.0 and not opposes_motion(force, speed):
         return False
-    return pressure_to_move(oil, cap, rod, force, speed) > oil.supply_pressure
+    return pressure_to_move(oil, k, cap, rod, force, speed) > oil.supply_pressure
 
 
 @kernel
-def boosted_supply(oil: Oil, cap: float, rod: float, force: float, speed: float) -> float:
+def boosted_supply(
+    oil: Oil, k: float, cap: float, rod: float, force: float, speed: float
+) -> float:
     """Pressure [Pa] to which a servo pump charges the line of a boosted cylinder.
 
     max(P_S, p_L(0), p_L(v) + m(v)) + margin, at most the highest boost pressure: it carries the
     load whichever way the cylinder moves, since it has to be carried at every reversal.
     """
-    need = pressure_to_move(oil, cap, rod, force, 0.0)
+    need = pressure_to_move(oil, k, cap, rod, force, 0.0)
     if speed != 0.0:
-        need = max(need, pressure_to_move(oil, cap, rod, force, speed))
+        need = max(need, pressure_to_move(oil, k, cap, rod, force, speed))
     return max(oil.supply_pressure, min(need, oil.max_boost_pressure))
 
 
@@ -239,13 +242,15 @@ def flow_for_pistons(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
 @kernel(borrows=True)
 def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
     """`pressure_to_move` of actuator j [Pa]."""
-    return pressure_to_move(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)
+    k, cap, rod = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
+    return pressure_to_move(oil_of(m), k, cap, rod, force, speed)
 
 
 @kernel(borrows=True)
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
     """`lacks_pressure` of actuator j."""
-    return lacks_pressure(oil_of(m), m.cap_area[j], m.rod_area[j], force, speed)
+    k, cap, rod = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
+    return lacks_pressure(oil_of(m), k, cap, rod, force, speed)
 
 
 @kernel

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ from mhsb_model.obstacles.zones import (
     Zones,
     obstacles_of,
 )
-from mhsb_model.schema import MachineConfig, problems_across
+from mhsb_model.schema import COMMON, MachineConfig, own_speed_problems, problems_across
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
@@ -47,7 +48,7 @@ PAPER_SPACING = 0.05  # m
 SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
 
 WITHOUT_TABLE: dict[str, Any] = {
-    "joints": {"__all__": {"kind", "actuator"}},  # all are of one kind
+    "joints": {"__all__": {"kind": True, "actuator": {"friction", "relief_pressure"}}},
     "circuit": True,
     "servo": True,
     "simulation": True,
@@ -157,9 +158,7 @@ class Machine:
     @property
     def chamber_reliefs(self) -> FloatArray:
         """Settings of the relief valves of each actuator's chambers, float64[n] Pa."""
-        usual = self.config.circuit.chamber_relief_pressure
-        own = [joint.actuator.relief_pressure for joint in self.config.joints]
-        return np.array([usual if each is None else each for each in own])
+        return _of_actuators(self.config, "relief_pressure")
 
     @property
     def frictions(self) -> FloatArray:
@@ -203,6 +202,9 @@ class Machine:
     def hash(self) -> str:
         """SHA-256 over everything that a posture table depends on."""
         content = self.config.model_dump(mode="json", exclude=WITHOUT_TABLE)
+        for joint in content["joints"]:  # what is left out leaves no trace
+            own = joint.pop("actuator")
+            joint |= {name: value for name, value in own.items() if value is not None}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def changed(
@@ -217,7 +219,8 @@ class Machine:
         """The same machine with another payload [kg], supply pressure [Pa], V_max [m/s], zones or
         number of booster modules.
 
-        Raises MachineFileError where a value is out of its range.
+        V_max is of all actuators but those whose own is lower. Raises MachineFileError where a
+        value is out of its range.
         """
         content = self.config.model_dump()
         if payload is not None:
@@ -245,6 +248,15 @@ class Machine:
     def value(self, path: str) -> Any:
         """The value of a path in the machine file; raises ValuePathError."""
         return value_at(self.config.model_dump(mode="json"), path)
+
+    def paths_with_own(self, path: str) -> list[str]:
+        """A path in the machine file, and those of what actuators have of their own instead."""
+        return [path, *(
+            f"joints.{j}.actuator.{own}"
+            for own, common in COMMON.items()
+            for j, joint in enumerate(self.config.joints)
+            if common == path and getattr(joint.actuator, own) is not None
+        )]  # fmt: skip
 
     def without_obstacles(self) -> Machine:
         """The same machine with nothing to keep clear of."""
@@ -428,6 +440,8 @@ def load_machine(path: str | Path | None = None) -> Machine:
             f"more: the tip takes {tip}, what is chosen is the rest"
         )
         raise MachineFileError(str(file), [problem])
+    if too_fast := own_speed_problems(machine.config):
+        raise MachineFileError(str(file), too_fast)
     return machine
 
 
@@ -447,11 +461,22 @@ def _validated(content: Any, source: str) -> Machine:
     return Machine.from_config(config, source)
 
 
+def _of_actuators(config: MachineConfig, name: str) -> FloatArray:
+    """Of each actuator its own value, or the one that is common to all, float64[n]."""
+    own = [getattr(joint.actuator, name) for joint in config.joints]
+    usual = attrgetter(COMMON[name])(config)
+    return np.array([usual if each is None else each for each in own])
+
+
 def _arrays(config: MachineConfig) -> MachineArrays:
     joints, first = config.joints, config.joints[0]
     oil = config.hydraulics
     area = np.array([joint.areas for joint in joints])
     slews = first.kind == "slew"
+    rated_flow, drop = (
+        _of_actuators(config, name) for name in ("rated_flow", "rated_pressure_drop_per_land")
+    )
+    fastest = _of_actuators(config, "max_piston_speed")
 
     def of_links(name: str) -> FloatArray:
         """Of each link in the plane; the platform is none."""
@@ -489,10 +514,10 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         main_pump_flow=oil.main_pump.max_flow,
         servo_pump_flow=oil.servo_pump.max_flow,
         servo_pump_efficiency=oil.servo_pump.efficiency,
-        valve_coefficient=oil.valve.rated_flow / math.sqrt(oil.valve.rated_pressure_drop_per_land),
+        valve_coefficient=frozen(rated_flow / np.sqrt(drop)),
         leakage_flow=oil.valve.leakage_flow,
         idle_leakage=0.0,
-        max_piston_speed=config.motion.max_piston_speed,
+        max_piston_speed=frozen(np.minimum(fastest, config.motion.max_piston_speed)),
         max_piston_acceleration=config.motion.max_piston_acceleration,
         max_piston_jerk=config.motion.max_piston_jerk,
     )

@@ -14,6 +14,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
+ValveFlow = Annotated[float, Field(gt=0, le=0.1)]
+ValveDrop = Annotated[float, Field(gt=0, le=5e7)]
+PistonSpeed = Annotated[float, Field(ge=1e-4, le=1)]
 
 
 class Section(BaseModel):
@@ -166,8 +169,22 @@ class Cylinder(Section):
 
 
 class Actuator(Section):
-    """What one actuator has of its own, where it is not as `circuit` says of all."""
+    """What one actuator has of its own, where it is not as the file says of all."""
 
+    rated_flow: ValveFlow | None = Field(
+        default=None,
+        description="of its valve, through one edge at the rated drop [m³/s]; "
+        "hydraulics.valve.rated_flow when left out",
+    )
+    rated_pressure_drop_per_land: ValveDrop | None = Field(
+        default=None,
+        description="of its valve, over one edge [Pa]; "
+        "hydraulics.valve.rated_pressure_drop_per_land when left out",
+    )
+    max_piston_speed: PistonSpeed | None = Field(
+        default=None,
+        description="its V_max, at most motion.max_piston_speed [m/s]; that when left out",
+    )
     friction: NonNegative = Field(
         default=1.0, le=100, description="its friction, over that of circuit [-]"
     )
@@ -312,8 +329,8 @@ class Modules(Section):
 class Valve(Section):
     """Servo valve with one metering edge per land; each edge's drop gives its flow."""
 
-    rated_flow: Positive = Field(le=0.1, description="through one edge at the rated drop [m³/s]")
-    rated_pressure_drop_per_land: Positive = Field(le=5e7, description="over one edge [Pa]")
+    rated_flow: ValveFlow = Field(description="through one edge at the rated drop [m³/s]")
+    rated_pressure_drop_per_land: ValveDrop = Field(description="over one edge [Pa]")
     leakage_flow: NonNegative = Field(le=0.01, description="supply to tank, per valve [m³/s]")
 
 
@@ -333,9 +350,7 @@ class Hydraulics(Section):
 class Motion(Section):
     """Limits of planned motion."""
 
-    max_piston_speed: float = Field(
-        ge=1e-4, le=1, description="V_max of the quasi-static plan [m/s]"
-    )
+    max_piston_speed: PistonSpeed = Field(description="V_max of the quasi-static plan [m/s]")
     max_piston_acceleration: float = Field(
         default=0.2, ge=1e-3, le=100, description="of motions that follow their path [m/s²]"
     )
@@ -633,6 +648,15 @@ class MachineConfig(Section):
     imperfections: Imperfections = Imperfections()
 
 
+COMMON = {
+    "rated_flow": "hydraulics.valve.rated_flow",
+    "rated_pressure_drop_per_land": "hydraulics.valve.rated_pressure_drop_per_land",
+    "max_piston_speed": "motion.max_piston_speed",
+    "relief_pressure": "circuit.chamber_relief_pressure",
+}
+"""What an actuator may have of its own, and the path of the value that holds otherwise."""
+
+
 def problems_across(config: MachineConfig) -> list[str]:
     """Every rule across fields that the configuration breaks, as `path: sentence`."""
     problems = _workspace_problems(config) + _hydraulic_problems(config)
@@ -642,6 +666,17 @@ def problems_across(config: MachineConfig) -> list[str]:
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
     return problems
+
+
+def own_speed_problems(config: MachineConfig) -> list[str]:
+    """A file's V_max is none's to exceed; a lower one asked for later holds for all, too."""
+    most = config.motion.max_piston_speed
+    return [
+        f"joints.{j}.actuator.max_piston_speed: {own:g} m/s is above motion.max_piston_speed "
+        f"{most:g} m/s, which no actuator exceeds; raise that, and give the slower ones their own"
+        for j, own in enumerate(joint.actuator.max_piston_speed for joint in config.joints)
+        if own is not None and own > most
+    ]
 
 
 def _workspace_problems(config: MachineConfig) -> list[str]:

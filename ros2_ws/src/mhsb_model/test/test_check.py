@@ -33,6 +33,25 @@ def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
     assert "23 mode patterns" in text
 
 
+def test_the_report_tells_what_an_actuator_has_of_its_own(machine):
+    own = machine.with_values(
+        {
+            "joints.1.actuator": {"rated_flow": 5e-5, "max_piston_speed": 0.008},
+            "joints.2.actuator": {
+                "rated_pressure_drop_per_land": 1e6, "friction": 2.0, "relief_pressure": 1.5e7
+            },
+        }
+    ).changed(payload=9.0)
+    told = [line for line in check.report(own) if "of its own" in line]
+    assert told == [
+        "actuator 2 has of its own: valve of 3.00 L/min, piston speed of at most 8.0 mm/s",
+        "actuator 3 has of its own: rated drop of 1.00 MPa at each land, 2 times the friction, "
+        "chambers relieved at 15.0 MPa",
+    ]
+    assert check.facts(own)["joints"][1]["own"] == {"rated_flow": 5e-5, "max_piston_speed": 0.008}
+    assert not any("of its own" in line for line in check.report(machine))
+
+
 def test_the_report_tells_each_joints_kind_of_linkage(machine, slider_crank_machine):
     for arm, kind in ((machine, "four_bar"), (slider_crank_machine, "slider_crank")):
         text = "\n".join(check.report(arm))

@@ -85,12 +85,34 @@ def test_required_pressure_adds_load_valve_and_margin(machine):
     arrays = machine.arrays
     force, speed = 1000.0, 0.012
     by_hand = (force + arrays.rod_area[0] * 1e5) / arrays.cap_area[0]
-    by_hand += (speed * arrays.cap_area[0] / arrays.valve_coefficient) ** 2
-    by_hand += (speed * arrays.rod_area[0] / arrays.valve_coefficient) ** 2 * (
+    by_hand += (speed * arrays.cap_area[0] / arrays.valve_coefficient[0]) ** 2
+    by_hand += (speed * arrays.rod_area[0] / arrays.valve_coefficient[0]) ** 2 * (
         arrays.rod_area[0] / arrays.cap_area[0]
     )
     by_hand += arrays.boost_margin
     assert hydraulics.required_pressure(arrays, 0, force, speed) == pytest.approx(by_hand)
+
+
+@given(st.floats(2e-5, 3e-4), st.floats(5e5, 1e7), st.floats(-800.0, 1500.0), st.booleans())
+def test_an_own_valve_needs_the_pressure_at_which_its_orifices_balance(
+    machine, flow, drop, force, extends
+):
+    """At the supply p_L + m(v) + margin, less the margin, both edges in series pass just v."""
+    own = machine.with_values(
+        {
+            "joints.1.actuator.rated_flow": flow,
+            "joints.1.actuator.rated_pressure_drop_per_land": drop,
+        }
+    ).arrays
+    cap, rod, speed = own.cap_area[1], own.rod_area[1], 0.01 if extends else -0.01
+    supply = hydraulics.required_pressure(own, 1, force, speed) - own.boost_margin
+    inlet, outlet = (cap, rod) if extends else (rod, cap)
+    fed = supply - drop * (0.01 * inlet / flow) ** 2
+    emptied = own.tank_pressure + drop * (0.01 * outlet / flow) ** 2
+    balance = (fed * inlet - emptied * outlet) * (1 if extends else -1)
+    assert balance == pytest.approx(force, rel=1e-9, abs=1e-6)
+    others = hydraulics.required_pressure(machine.arrays, 0, force, speed)
+    assert hydraulics.required_pressure(own, 0, force, speed) == others
 
 
 def test_required_pressures_are_those_of_the_actuators_one_by_one(machine):

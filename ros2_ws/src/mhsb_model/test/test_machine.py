@@ -6,6 +6,8 @@ import re
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
@@ -59,6 +61,42 @@ def test_the_valve_coefficient_reproduces_the_rated_flow_over_one_land(machine):
     assert flow == pytest.approx(valve.rated_flow)
 
 
+def test_valves_and_v_max_are_common_to_all_actuators_that_have_none_of_their_own(machine):
+    valve, usual = machine.config.hydraulics.valve, machine.arrays
+    own = machine.with_values(
+        {
+            "joints.0.actuator.rated_flow": 5e-5,
+            "joints.1.actuator.rated_flow": 4e-5,
+            "joints.1.actuator.rated_pressure_drop_per_land": 1e6,
+            "joints.2.actuator.rated_pressure_drop_per_land": 2e6,
+            "joints.2.actuator.max_piston_speed": 0.007,
+        }
+    )
+    drop = valve.rated_pressure_drop_per_land
+    expected = [5e-5 / np.sqrt(drop), 4e-8, valve.rated_flow / np.sqrt(2e6)]
+    np.testing.assert_allclose(own.arrays.valve_coefficient, expected, rtol=1e-14)
+    assert own.arrays.max_piston_speed.tolist() == [0.012, 0.012, 0.007]
+    assert usual.valve_coefficient.tolist() == [valve.rated_flow / np.sqrt(drop)] * 3
+    assert usual.max_piston_speed.tolist() == [0.012] * 3
+
+
+@given(st.floats(1e-4, 1.0), st.floats(1e-4, 1.0), st.floats(1e-4, 1.0))
+def test_a_v_max_asked_for_holds_for_all_but_those_whose_own_is_lower(machine, own, first, asked):
+    slower = machine.with_values({"joints.1.actuator.max_piston_speed": own})
+    changed = slower.changed(max_piston_speed=first).changed(max_piston_speed=asked)
+    assert changed.arrays.max_piston_speed.tolist() == [asked, min(own, asked), asked]
+
+
+def test_a_value_of_all_is_found_with_those_that_actuators_have_in_its_place(machine):
+    flow, relief = "hydraulics.valve.rated_flow", "circuit.chamber_relief_pressure"
+    values = {f"joints.{j}.actuator.rated_flow": 5e-5 for j in (0, 2)}
+    own = machine.with_values(values | {"joints.1.actuator.relief_pressure": 1.5e7})
+    assert own.paths_with_own(flow) == [flow, *values]
+    assert own.paths_with_own(relief) == [relief, "joints.1.actuator.relief_pressure"]
+    assert own.paths_with_own("payload.mass") == ["payload.mass"]
+    assert machine.paths_with_own(flow) == [flow]
+
+
 def test_the_hash_follows_what_the_planner_depends_on_and_nothing_else(load, machine):
     def stiffer_oil(content):
         content["circuit"]["bulk_modulus"] = 2e9
@@ -78,11 +116,21 @@ def test_the_hash_follows_what_the_planner_depends_on_and_nothing_else(load, mac
     assert load(heavier_link).hash != machine.hash
 
 
+def test_the_hash_follows_valves_and_v_max_of_an_actuators_own_where_it_has_them(machine):
+    def with_own(**values):
+        return machine.with_values({"joints.1.actuator": values}).hash
+
+    assert with_own() == with_own(rated_flow=None, relief_pressure=2e7) == machine.hash
+    own = {"rated_flow": 5e-5, "rated_pressure_drop_per_land": 1e6, "max_piston_speed": 0.01}
+    hashes = {with_own(**{name: value}) for name, value in own.items()}
+    assert len(hashes - {machine.hash}) == 3
+
+
 def test_changes_give_another_machine_and_leave_the_first(machine):
     other = machine.changed(payload=3.0, supply_pressure=5e6, max_piston_speed=0.02)
     assert other.arrays.payload == 3.0
     assert other.arrays.supply_pressure == 5e6
-    assert other.arrays.max_piston_speed == 0.02
+    assert other.arrays.max_piston_speed.tolist() == [0.02] * 3
     assert machine.arrays.payload == 10.0
     with pytest.raises(MachineFileError, match=r"mass: must be at least 0 kg \(is -1\.0\); rai"):
         machine.changed(payload=-1.0)
@@ -138,6 +186,31 @@ def test_zones_are_given_by_any_two_corners_and_replace_those_of_the_file(machin
         (["hydraulics", "modules", "per_mode"], [0, 0, 2], r"per_mode: .* at least 1 for DB"),
         (["hydraulics", "valve", "leakage_flow"], 2e-5, r"all valves leak 6e-05 m³/s"),
         (["joints", 0, "link", "center_of_mass"], 0.5, r"beyond the link's length 0\.45 m"),
+        (["joints", 1, "actuator"], {"rated_flow": 0.0}, r"rated_flow: must be above 0 m³/s \(is"),
+        (["joints", 1, "actuator"], {"rated_flow": 0.2}, r"rated_flow: must be at most 0\.1 m³/s"),
+        (
+            ["joints", 0, "actuator"],
+            {"rated_pressure_drop_per_land": -1.0},
+            r"joints\.0\.actuator\.rated_pressure_drop_per_land: must be above 0 Pa \(is -1",
+        ),
+        (
+            ["joints", 0, "actuator"],
+            {"rated_pressure_drop_per_land": 6e7},
+            r"rated_pressure_drop_per_land: must be at most 5e\+07 Pa",
+        ),
+        (
+            ["joints", 2, "actuator"],
+            {"max_piston_speed": 1e-5},
+            r"joints\.2\.actuator\.max_piston_speed: must be at least 0\.0001 m/s",
+        ),
+        (["joints", 2, "actuator"], {"max_piston_speed": 2}, r"max_piston_speed: must be at most"),
+        (
+            ["joints", 2, "actuator"],
+            {"max_piston_speed": 0.02},
+            r"joints\.2\.actuator\.max_piston_speed: 0\.02 m/s is above "
+            r"motion\.max_piston_speed 0\.012 m/s, which no actuator exceeds; raise that, and give",
+        ),
+        (["joints", 0, "actuator"], {"speed": 0.01}, r"actuator\.speed: there is no such key"),
         (["joints", 0, "linkage", "kind"], "wheel", r"0\.linkage: there is no kind 'wheel'; giv"),
     ],
 )

@@ -90,11 +90,23 @@ def leaves_the_workspace(machine, start, end):
     return outside.max() > max(0.0, outside[0], outside[-1]) + 1e-5
 
 
+def valves_and_speeds(machine):
+    """K [m³/(s √Pa)] and V_max [m/s] of each actuator, from the machine file's own numbers."""
+    valve, k, v_max = machine.config.hydraulics.valve, [], []
+    for joint in machine.config.joints:
+        own = joint.actuator
+        drop = own.rated_pressure_drop_per_land or valve.rated_pressure_drop_per_land
+        k.append((own.rated_flow or valve.rated_flow) / math.sqrt(drop))
+        common = machine.config.motion.max_piston_speed
+        v_max.append(min(common, own.max_piston_speed or common))
+    return np.array(k), np.array(v_max)
+
+
 def _step_by_the_book(machine, start, end, pattern):
     if leaves_the_workspace(machine, start, end):
         return ("left",)
     oil, valve = machine.config.hydraulics, machine.config.hydraulics.valve
-    k = valve.rated_flow / math.sqrt(valve.rated_pressure_drop_per_land)
+    k, v_max = valves_and_speeds(machine)
     tank, supply = oil.tank_pressure, oil.main_pump.pressure
     n = machine.joint_count
     bore = np.array([joint.cylinder.bore for joint in machine.config.joints])
@@ -105,14 +117,14 @@ def _step_by_the_book(machine, start, end, pattern):
     inlet, outlet = np.where(extends, cap, ring), np.where(extends, ring, cap)
     modules = np.array([oil.modules.per_mode[mode] for mode in pattern])
     boosted = modules > 0
-    fastest = np.full(n, machine.config.motion.max_piston_speed)
+    fastest = v_max.copy()
     pumped = modules * oil.servo_pump.max_flow / inlet
     fastest[boosted] = np.minimum(fastest, pumped)[boosted]
     held = np.abs(delta) <= 1e-6
     half_way = 0.5 * (start + end)
     load = np.where(extends, 1, -1) * machine.gravity_torque(half_way)
     load = load / machine.moment_arms(half_way)
-    drop = machine.config.motion.max_piston_speed**2 * (cap**3 + ring**3) / (k**2 * inlet)
+    drop = v_max**2 * (cap**3 + ring**3) / (k**2 * inlet)
     line = (load + outlet * tank) / inlet + drop + oil.boost_margin
     line = np.clip(line, supply, oil.servo_pump.max_boost_pressure)
     line = np.where(boosted & ~held, line, supply)
@@ -244,10 +256,13 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
 
     An oracle in plain NumPy. Entries are excesses, at most 0 where a limit holds: `joint` rad,
     `tip` m, `main_pump`, `servo_pump`, `valve` as shares of what these can give, `pressure` as
-    share of the pressure that the mode gives, `modules`.
+    share of the pressure that the mode gives, `modules`, `speed` as share of each piston's V_max
+    where `v_max` asks for it.
     """
 
-    def measure(trajectory, schedule, machine: Machine = machine) -> dict[str, float]:
+    def measure(
+        trajectory, schedule, machine: Machine = machine, v_max: bool = False
+    ) -> dict[str, float]:
         m, stamp = machine.arrays, trajectory.stamp_ns
         at = stamp + np.arange(0, trajectory.duration_ns + 1, 1_000_000)
         q, qd, _ = trajectory.sample_many(at)
@@ -263,7 +278,8 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
         outlet = np.where(extends, m.rod_area, m.cap_area)
         towards = np.where(extends, force, -force)
         flow = inlet * np.abs(speed)
-        drop = (speed / m.valve_coefficient) ** 2 * (m.cap_area**3 + m.rod_area**3) / inlet
+        valve, fastest = valves_and_speeds(machine)
+        drop = (speed / valve) ** 2 * (m.cap_area**3 + m.rod_area**3) / inlet
         load = (towards + outlet * m.tank_pressure) / inlet
         boosted = modes > 0
         against = towards > 0
@@ -271,7 +287,7 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
         supply = np.where(boosted, m.max_boost_pressure, m.supply_pressure)
         needed = np.where(against, load + drop + m.boost_margin, load + drop)
         supply = np.where(against, supply, m.supply_pressure)
-        filling = m.valve_coefficient * np.sqrt(m.supply_pressure)
+        filling = valve * np.sqrt(m.supply_pressure)
         pumped = m.modules_per_mode[modes] * m.servo_pump_flow
         radius = np.hypot(*tip.T)
         outside = [m.min_x - tip[:, 0], m.min_radius - radius, radius - m.max_radius]
@@ -284,7 +300,8 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
         line = np.where(modes == 2, rail[:, None], np.maximum(line, m.supply_pressure))
         rated = m.supply_pressure - m.tank_pressure
         leakage = m.leakage_flow * np.sqrt((line - m.tank_pressure) / rated).sum(axis=1)
-        return {
+        found = {"speed": float((np.abs(speed) / fastest).max() - 1)} if v_max else {}
+        return found | {
             "joint": float(np.max(np.maximum(m.joint_min - q, q - m.joint_max))),
             "tip": float(np.max(outside)),
             "main_pump": float((flow.sum(axis=1) / (m.main_pump_flow - leakage)).max() - 1),

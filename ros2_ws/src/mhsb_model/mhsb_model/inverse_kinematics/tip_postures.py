@@ -245,7 +245,7 @@ def closing_joints(m: MachineArrays) -> tuple[int, int]:
     return i, j
 
 
-@kernel(borrows=True)
+@kernel(inline="always", borrows=True)  # called in a loop, it costs less than handing over `m`
 def posture_with(
     m: MachineArrays,
     x: float,

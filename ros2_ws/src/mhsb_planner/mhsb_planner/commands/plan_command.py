@@ -138,7 +138,8 @@ def plan(
         energy_reading: Price of boosted oil that the search minimises; the paper's when left out.
         payload: Mass at the tip [kg]; the machine file's when left out.
         supply_pressure: Of the main pump [Pa]; the machine file's when left out.
-        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out.
+        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out. Actuators
+            whose own is lower keep that.
         supply_pressure_range: Choose the constant supply pressure in this range with which the
             motion costs least [Pa]; with --json the points looked at are printed, too.
         v_max_range: Likewise the piston speed [m/s].
@@ -235,7 +236,7 @@ def as_json(machine: Machine, made: Plan, seconds: dict[str, float]) -> dict[str
     return {
         "machine": machine.name,
         "supply_pressure_pa": machine.arrays.supply_pressure,
-        "v_max_m_s": machine.arrays.max_piston_speed,
+        "v_max_m_s": machine.config.motion.max_piston_speed,
         "energy_discrete_j": float(path.energy.sum()),
         "energy_series_discrete_j": float(path.energy_series.sum()),
         "energy_j": made.energy.paper,

@@ -117,7 +117,7 @@ class _Pricing:
         """What a way between lengths float64[…, n] costs at least."""
         m, delta = self.m, end - start
         oil = (np.where(delta > 0.0, self.cap, self.rod) * np.abs(delta)).sum(axis=-1)
-        time = np.maximum(np.abs(delta).max(axis=-1) / m.max_piston_speed, oil / self.shared)
+        time = np.maximum((np.abs(delta) / m.max_piston_speed).max(axis=-1), oil / self.shared)
         leakage = delta.shape[-1] * m.leakage_flow + m.idle_leakage
         energy = m.supply_pressure * (oil + leakage * time)
         return np.asarray(self.weights.energy * energy + self.weights.time * time)
@@ -152,7 +152,7 @@ class _Pricing:
         pressure = [self.load_pressure(force, out) for force in forces]
         worst = np.where(moves & against, np.max(pressure, axis=0), -np.inf)
         middle = pressure[1]
-        shortest = stroke.max(axis=1, keepdims=True) / m.max_piston_speed
+        shortest = (stroke / m.max_piston_speed).max(axis=1, keepdims=True)
         held = [self.load_pressure(force, force > 0.0) for force in forces]
         heaviest = np.max(held, axis=0) + m.boost_margin
         rests = (stroke <= self.rest_speed * shortest) & (self.rest_speed > 0.0)

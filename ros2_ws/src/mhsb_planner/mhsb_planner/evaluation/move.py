@@ -106,10 +106,11 @@ def planned_supply(
 ) -> FloatArray:
     """Pressure of the actuators' lines as planned, float64[k, n] Pa: P_S, own boost, the rail's."""
     m, oil = machine.arrays, oil_of(machine.arrays)
+    own_of = list(zip(m.valve_coefficient, m.cap_area, m.rod_area, strict=True))
     supply = np.empty_like(force)
     for k, pattern in enumerate(modes):
         own = np.array([
-            boosted_supply(oil, m.cap_area[j], m.rod_area[j], force[k, j], speed[k, j])
+            boosted_supply(oil, *own_of[j], force[k, j], speed[k, j])
             if BOOSTED[pattern[j]]
             else oil.supply_pressure
             for j in range(machine.joint_count)

@@ -176,10 +176,12 @@ def mode_limits(
     is shared among all actuators comes on top.
     """
     m, oil = machine.arrays, oil_of(machine.arrays)
-    area = float(m.cap_area[actuator]), float(m.rod_area[actuator])
+    own = tuple(
+        float(each[actuator]) for each in (m.valve_coefficient, m.cap_area, m.rod_area)
+    )
     modules = int(m.modules_per_mode[mode])
     lowest, highest = (
-        np.array([side * speed_limit(oil, *area, float(f), side, modules) for f in forces])
+        np.array([side * speed_limit(oil, *own, float(f), side, modules) for f in forces])
         for side in (-1.0, 1.0)
     )
     return lowest, highest
@@ -203,7 +205,7 @@ def _draw_regions(move: Move, panels: np.ndarray) -> None:
                 linewidth=2.0,
             )
         seen = (1.0 + MARGIN) * float(np.abs(move.speed[:, j]).max())
-        fastest = PER_MM * max(2.0 * move.machine.arrays.max_piston_speed, seen)
+        fastest = PER_MM * max(2.0 * float(move.machine.arrays.max_piston_speed[j]), seen)
         axes.set_xlim(-fastest, fastest)
         axes.set_ylim(PER_KN * forces[0], PER_KN * forces[-1])
         axes.axvline(0.0, color=GREY, linewidth=0.6)

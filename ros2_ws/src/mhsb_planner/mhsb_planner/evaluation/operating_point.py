@@ -126,15 +126,13 @@ def best_operating_point(
     """
     if supply_pressure is None and v_max is None:
         raise RequestError("range", "none", "of supply pressure, V_max or both must be given")
-    own = planner.machine.arrays
-    ranges = (
-        supply_pressure or Range(own.supply_pressure, own.supply_pressure),
-        v_max or Range(own.max_piston_speed, own.max_piston_speed),
-    )
+    config = planner.machine.config
+    own = config.hydraulics.main_pump.pressure, config.motion.max_piston_speed
+    ranges = supply_pressure or Range(own[0], own[0]), v_max or Range(own[1], own[1])
     search = _Search(planner, goal, start, options or PlanOptions(), ranges, told)
     for ends in zip((ranges[0].low, ranges[0].high), (ranges[1].low, ranges[1].high), strict=True):
         search.machine_at(ends)
-    search.look_around((own.supply_pressure, own.max_piston_speed))
+    search.look_around(own)
     return search.found()
 
 

@@ -206,7 +206,7 @@ def _can_follow(machine: Machine, line: Line, speed: float) -> bool:
         velocity = np.asarray(np.gradient(q, time, axis=0))
         profile = motion_profile(machine, q, velocity)
         demand = Demand.of(machine, profile, modes)
-        fastest = np.abs(profile.speed).max() / arrays.max_piston_speed
+        fastest = (np.abs(profile.speed) / arrays.max_piston_speed).max()
         usage = max(fastest, demand.usage.max(), demand.pressure.max())
         if usage <= AT_MOST and demand.outside.max() < 0.0:
             return True

@@ -160,16 +160,17 @@ class _Grid:
         share: of the loads that gravity gives
         """
         m = self.machine.arrays
-        oil, v_max = oil_of(m), m.max_piston_speed
-        lower, upper = np.full(q.shape, -v_max), np.full(q.shape, v_max)
+        oil = oil_of(m)
+        upper = np.tile(m.max_piston_speed, (len(q), 1))
+        lower = -upper
         force = share * np.array([self.machine.piston_forces(row) for row in q])
         for i, modes in enumerate(self.modes):
             for j, mode in enumerate(modes):
                 modules = m.modules_per_mode[mode]
                 for k in (i, i + 1):
-                    areas = (m.cap_area[j], m.rod_area[j], force[k, j])
-                    out = speed_limit(oil, *areas, 1.0, modules)
-                    back = speed_limit(oil, *areas, -1.0, modules)
+                    own = (m.valve_coefficient[j], m.cap_area[j], m.rod_area[j], force[k, j])
+                    out = speed_limit(oil, *own, 1.0, modules)
+                    back = speed_limit(oil, *own, -1.0, modules)
                     upper[k, j] = min(upper[k, j], max(out, DEAD_BAND))
                     lower[k, j] = max(lower[k, j], -max(back, DEAD_BAND))
         return lower, upper
@@ -192,7 +193,7 @@ class _Grid:
                 highest_supply(oil, m.modules_per_mode[modes[i, j]]) for i in (max(0, k - 1), k)
             )
             supply -= oil.boost_margin - spared_margin(oil)
-            supply -= valve_margin(oil.valve_coefficient, cap, rod, v)
+            supply -= valve_margin(m.valve_coefficient[j], cap, rod, v)
             room[k, j] = inlet * supply - outlet * oil.tank_pressure - np.sign(v) * force[k, j]
         return room
 
@@ -225,9 +226,10 @@ def _solved(grid: _Grid, share: float, length: FloatArray) -> FloatArray | None:
         push = np.einsum("kij,kj->ki", grid.inertia(q), acceleration) * np.sign(speed)
         if np.any(push > grid.thrusts(q, speed, LIGHTEST)):
             continue
-        excess = max((speed - upper).max(), (lower - speed).max())
+        beyond = np.maximum(speed - upper, lower - speed)
+        excess = (beyond / grid.machine.arrays.max_piston_speed).max()
         tip = np.hypot(*(grid.machine.tip_position(q[-1]) - grid.goal))
-        if excess <= SLACK * grid.machine.arrays.max_piston_speed and tip <= TIP_ERROR:
+        if excess <= SLACK and tip <= TIP_ERROR:
             return length
     return None
 
@@ -276,7 +278,8 @@ def _programme(
     ends = np.sort(lengths_of(m, np.array([m.joint_min, m.joint_max])), axis=0)
     low[:size] = np.maximum(length - trust, np.minimum(ends[0], length)).ravel()
     high[:size] = np.minimum(length + trust, np.maximum(ends[1], length)).ravel()
-    low[size : 3 * size], high[size : 3 * size] = 0.0, m.max_piston_speed
+    low[size : 3 * size] = 0.0
+    high[size : 3 * size] = np.tile(m.max_piston_speed, 2 * points)
     high[3 * size : 4 * size] = m.max_piston_acceleration
     low[3 * size : 4 * size] = -m.max_piston_acceleration
     high[4 * size : slack], low[4 * size : slack] = m.max_piston_jerk, -m.max_piston_jerk

@@ -43,7 +43,8 @@ def charging_energy(
         k = row + 1
         v, cap, rod = float(speed[k, j]), float(m.cap_area[j]), float(m.rod_area[j])
         volume, on_rail = circuit.line_volume, ON_RAIL[modes[k]]
-        supply = boosted_supply(oil, cap, rod, float(force[k, j]), v)
+        valve = float(m.valve_coefficient[j])
+        supply = boosted_supply(oil, valve, cap, rod, float(force[k, j]), v)
         if on_rail[j] and not ON_RAIL[modes[row]].any():
             volume += circuit.rail_volume / float(on_rail.sum())
         rise = supply - m.supply_pressure

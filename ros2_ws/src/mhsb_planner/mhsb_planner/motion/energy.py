@@ -172,10 +172,13 @@ def _sum(
     modes: ModeArray,
 ) -> FloatArray:
     """Energy of states that last for `span` [s], in the order of `Energy`'s fields."""
-    oil, cap, rod, efficiency = oil_of(m), m.cap_area, m.rod_area, m.servo_pump_efficiency
+    oil, efficiency = oil_of(m), m.servo_pump_efficiency
+    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
     energy, power, own = np.zeros(FIELDS), np.empty(FIELDS), np.empty(speed.shape[1])
     for k in range(len(span)):
-        _put_power(oil, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, power)
+        _put_power(
+            oil, valve, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, power
+        )
         for i in range(FIELDS):
             energy[i] += span[k] * power[i]
     return energy
@@ -194,7 +197,8 @@ def _energy(
     modes: ModeArray,
 ) -> FloatArray:
     """Energy of intervals of `span` [s], by trapezoids over halves, in the order of the fields."""
-    oil, cap, rod, efficiency = oil_of(m), m.cap_area, m.rod_area, m.servo_pump_efficiency
+    oil, efficiency = oil_of(m), m.servo_pump_efficiency
+    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
     energy, own = np.zeros(FIELDS), np.empty(speed.shape[1])
     begin, middle, end = np.empty(FIELDS), np.empty(FIELDS), np.empty(FIELDS)
     for k in range(len(span)):
@@ -202,12 +206,16 @@ def _energy(
             for i in range(FIELDS):
                 begin[i] = end[i]
         else:
-            _put_power(oil, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, begin)
+            _put_power(
+                oil, valve, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, begin
+            )
         _put_power(
-            oil, cap, rod, efficiency, middle_speed, middle_force, middle_inertia, k, modes, k,
-            own, middle,
+            oil, valve, cap, rod, efficiency, middle_speed, middle_force, middle_inertia, k, modes,
+            k, own, middle,
         )  # fmt: skip
-        _put_power(oil, cap, rod, efficiency, speed, force, inertia, k + 1, modes, k, own, end)
+        _put_power(
+            oil, valve, cap, rod, efficiency, speed, force, inertia, k + 1, modes, k, own, end
+        )
         for i in range(FIELDS):
             energy[i] += 0.25 * span[k] * (begin[i] + 2.0 * middle[i] + end[i])
     return energy
@@ -216,6 +224,7 @@ def _energy(
 @kernel(inline="always")
 def _put_power(
     oil: Oil,
+    valve: FloatArray,
     cap: FloatArray,
     rod: FloatArray,
     efficiency: float,
@@ -237,9 +246,10 @@ def _put_power(
     for j in range(len(own)):
         if BOOSTED[modes[k, j]]:
             f, v = force[i, j], speed[i, j]
-            own[j] = boosted_supply(oil, cap[j], rod[j], f, v)
+            own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
             if inertia[i, j] != 0.0:
-                pushed = pressure_to_move(oil, cap[j], rod[j], f + inertia[i, j], v)
+                load = f + inertia[i, j]
+                pushed = pressure_to_move(oil, valve[j], cap[j], rod[j], load, v)
                 pushed = min(pushed - spared_margin(oil), oil.max_boost_pressure)
                 own[j] = max(own[j], pushed)
     rail = rail_pressure(oil, own, modes[k])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.hydraulics import oil_of, pressure_to_move, required_pressures
+from mhsb_model.hydraulics import required_pressure, required_pressures
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -71,11 +71,9 @@ def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tup
 @kernel
 def _are_there_any(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
     """Whether a cylinder rests under more than the highest boost can carry."""
-    oil = oil_of(m)
     for k in range(len(speed)):
         for j in range(speed.shape[1]):
-            if abs(speed[k, j]) <= DEAD_BAND:
-                needed = pressure_to_move(oil, m.cap_area[j], m.rod_area[j], force[k, j], 0.0)
-                if needed > oil.max_boost_pressure:
-                    return True
+            rests = abs(speed[k, j]) <= DEAD_BAND
+            if rests and required_pressure(m, j, force[k, j], 0.0) > m.max_boost_pressure:
+                return True
     return False

@@ -123,7 +123,7 @@ def _histories(
     since, before, after = np.empty(n), np.empty(n), np.empty(n)
     for j in range(n):
         sign = -1.0 if acceleration[j] < 0.0 else 1.0
-        v, a, limit = sign * speed[j], sign * acceleration[j], m.max_piston_speed
+        v, a, limit = sign * speed[j], sign * acceleration[j], m.max_piston_speed[j]
         if a < NEGLIGIBLE:
             since[j], before[j], after[j] = 0.5 * total, speed[j], speed[j]
             continue

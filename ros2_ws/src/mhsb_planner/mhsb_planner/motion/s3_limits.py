@@ -117,16 +117,16 @@ class Violation:
 
 @kernel
 def speed_limit(
-    oil: Oil, cap: float, rod: float, force: float, direction: float, modules: int
+    oil: Oil, k: float, cap: float, rod: float, force: float, direction: float, modules: int
 ) -> float:
     """Largest speed [m/s] of a piston under `force` [N], in `direction` (±), with booster modules.
 
     Against the load: K √((p − margin − p_L) A_dir/(A³+a³)), p being P_S without modules and the
     highest boost pressure with them. With it: the valve at P_S, and the filling of the inlet
-    chamber, K √P_S/A_dir. Boosted also n Q_SP/A_dir for n modules. cap, rod in m².
+    chamber, K √P_S/A_dir. Boosted also n Q_SP/A_dir for n modules. k in
+    m³/(s √Pa), cap, rod in m².
     """
     inlet = inlet_area(cap, rod, direction)
-    k = oil.valve_coefficient
     if opposes_motion(force, direction):
         drive = highest_supply(oil, modules) - oil.boost_margin
         drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
@@ -186,14 +186,15 @@ def _demand(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Kernel of `Demand.of`; its oracle in the tests uses the Machine's methods."""
     rows, oil, own = len(speed), oil_of(m), np.empty(speed.shape[1])
-    cap, rod, modules_of = m.cap_area, m.rod_area, m.modules_per_mode
+    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
+    modules_of = m.modules_per_mode
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
     outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
     thrust = np.empty(rows)
     for k in range(rows):
         outside[k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
         usage[k], pressure[k], thrust[k] = _shares(
-            oil, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
+            oil, valve, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
         )
     return outside, usage, pressure, thrust
 
@@ -212,7 +213,8 @@ def _end_demands(
     In the same modes an interval begins as the one before ends.
     """
     intervals, oil, own = len(modes), oil_of(m), np.empty(speed.shape[1])
-    cap, rod, modules_of = m.cap_area, m.rod_area, m.modules_per_mode
+    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
+    modules_of = m.modules_per_mode
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
     begin, end = np.empty((4, intervals)), np.empty((4, intervals))
     for k in range(intervals):
@@ -222,11 +224,11 @@ def _end_demands(
         else:
             begin[0, k] = excess_of(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
             begin[1, k], begin[2, k], begin[3, k] = _shares(
-                oil, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
+                oil, valve, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
             )
         end[0, k] = excess_of(min_x, min_radius, max_radius, tip[k + 1, 0], tip[k + 1, 1])
         end[1, k], end[2, k], end[3, k] = _shares(
-            oil, cap, rod, modules_of, speed, force, inertia, k + 1, modes, k, own
+            oil, valve, cap, rod, modules_of, speed, force, inertia, k + 1, modes, k, own
         )
     return begin, end
 
@@ -234,6 +236,7 @@ def _end_demands(
 @kernel(inline="always")
 def _shares(
     oil: Oil,
+    valve: FloatArray,
     cap: FloatArray,
     rod: FloatArray,
     modules_of: IntArray,
@@ -251,17 +254,18 @@ def _shares(
         v, f, modules = speed[i, j], force[i, j], modules_of[modes[k, j]]
         flow += inlet_area(cap[j], rod[j], v) * abs(v)
         if BOOSTED[modes[k, j]]:
-            own[j] = boosted_supply(oil, cap[j], rod[j], f, v)
+            own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
         if abs(v) > DEAD_BAND:
-            limit = speed_limit(oil, cap[j], rod[j], f, v, modules)
+            limit = speed_limit(oil, valve[j], cap[j], rod[j], f, v, modules)
             fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
         lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
         if lifts and abs(v) > 0.25 * DEAD_BAND:
-            needed = pressure_to_move(oil, cap[j], rod[j], f, 0.0)
+            needed = pressure_to_move(oil, valve[j], cap[j], rod[j], f, 0.0)
             heaviest = max(heaviest, needed / highest_supply(oil, modules))
         load = f + inertia[i, j]
         if abs(v) > DEAD_BAND and opposes_motion(load, v):
-            needed = pressure_to_move(oil, cap[j], rod[j], load, v) - spared_margin(oil)
+            needed = pressure_to_move(oil, valve[j], cap[j], rod[j], load, v)
+            needed -= spared_margin(oil)
             hardest = max(hardest, needed / highest_supply(oil, modules))
     shared = flow_for_pistons(oil, own, modes[k])
     used = max(fastest, flow / shared) if shared > 0.0 else math.inf

@@ -53,11 +53,12 @@ def whole_ticks(seconds: float) -> float:
 
 
 def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
-    """The ramp from rest to a speed V [m/s], at most V_max: T₁ = V/a, T₂ = a/j, with a SHARE of
-    a_max and j_max; T₁ = T₂ = √(V/j) where the jerk does not let the acceleration build up so far.
+    """The ramp from rest to a speed V [m/s], at most the fastest piston's V_max: T₁ = V/a,
+    T₂ = a/j, with a SHARE of a_max and j_max; T₁ = T₂ = √(V/j) where the jerk does not let the
+    acceleration build up so far.
     """
     m = machine.arrays
-    speed = min(speed, m.max_piston_speed)
+    speed = min(speed, float(m.max_piston_speed.max()))
     acceleration, jerk = SHARE * m.max_piston_acceleration, SHARE * m.max_piston_jerk
     rise, blend = speed / acceleration, acceleration / jerk
     if blend > rise:

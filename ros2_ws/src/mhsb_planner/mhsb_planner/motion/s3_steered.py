@@ -166,7 +166,7 @@ def _phases(
     fastest, longest = np.empty(n), least
     for i in range(n):
         v0, a0, r, p = speed[i], acceleration[i], jerk[i], phase[i]
-        high = max(m.max_piston_speed, abs(v0))
+        high = max(m.max_piston_speed[i], abs(v0))
         low = -high
         way, time = _by_way_of(high, v0, a0, a_max, j, r, p)
         if way > stroke[i]:

@@ -438,5 +438,5 @@ def _fitted(
 
 
 def _speed_excess(machine: Machine, profile: MotionProfile) -> float:
-    fastest = max(float(profile.speed.max()), -float(profile.speed.min()))
-    return fastest / machine.arrays.max_piston_speed - 1.0
+    fastest = np.maximum(profile.speed.max(axis=0), -profile.speed.min(axis=0))
+    return float((fastest / machine.arrays.max_piston_speed).max()) - 1.0

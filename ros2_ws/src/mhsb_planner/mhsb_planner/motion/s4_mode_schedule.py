@@ -242,11 +242,11 @@ def _needs(
     need = np.empty(len(speed), dtype=np.bool_)
     lifts = np.empty(len(speed), dtype=np.bool_)
     flow = np.empty(len(speed))
-    oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
+    oil, valve, cap, rod = oil_of(m), m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
     for k in range(len(speed)):
         v, f = speed[k, j], force[k, j]
         moved = RESERVE * v if abs(v) > DEAD_BAND else 0.0
-        need[k] = lacks_pressure(oil, cap, rod, RESERVE * f, moved)
+        need[k] = lacks_pressure(oil, valve, cap, rod, RESERVE * f, moved)
         # Half the dead band: between the points a cylinder may be a little faster than at them.
         lifts[k] = abs(v) > 0.5 * DEAD_BAND and opposes_motion(f, v)
         flow[k] = inlet_area(cap, rod, v) * abs(v)
@@ -258,13 +258,13 @@ def _lacks_to_accelerate(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray
 ) -> np.ndarray:
     """Whether P_S leaves actuator j too little to accelerate, at each instant."""
-    oil, cap, rod = oil_of(m), m.cap_area[j], m.rod_area[j]
+    oil, valve, cap, rod = oil_of(m), m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
     spared = spared_margin(oil)
     lacks = np.zeros(len(speed), dtype=np.bool_)
     for k in range(len(speed)):
         v, load = speed[k, j], force[k, j] + inertia[k, j]
         if abs(v) > 0.9 * DEAD_BAND and opposes_motion(load, v):
-            needed = pressure_to_move(oil, cap, rod, RESERVE * load, RESERVE * v)
+            needed = pressure_to_move(oil, valve, cap, rod, RESERVE * load, RESERVE * v)
             lacks[k] = needed - spared > oil.supply_pressure
     return lacks
 

@@ -51,7 +51,7 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
 def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
     """Largest inlet flow of joint j in a mode under a force [N], extending, retracting [m³/s]."""
     oil, cap, rod = hydraulics.oil_of(m), m.cap_area[j], m.rod_area[j]
-    k, tank, modules = m.valve_coefficient, m.tank_pressure, m.modules_per_mode[mode]
+    k, tank, modules = m.valve_coefficient[j], m.tank_pressure, m.modules_per_mode[mode]
     supply = hydraulics.highest_supply(oil, modules)
     pumped = hydraulics.highest_flow(oil, modules)
     out = cap * hydraulics.extension_speed(k, cap, rod, supply, tank, force)

@@ -52,7 +52,7 @@ class PlannerParameters:
     payload          kg
     payload_from     whether that is planned with, or what the arm has learnt, one of `PAYLOAD_FROM`
     supply_pressure  Pa
-    v_max            m/s, piston speed
+    v_max            m/s, piston speed, of actuators whose own V_max is no lower
     lead_min, lead_max  s, between which the time adapts from a plan's stamp to where it leaves the
                      one before
     planning_budget  s, that time where it shall not adapt; 0 where it shall
@@ -193,8 +193,12 @@ def declare(node: Node, machine: Machine) -> None:
     )
     node.declare_parameter(
         "v_max",
-        arrays.max_piston_speed,
-        _described("piston speed of the discrete plan, V_max [m/s]", (1e-4, FASTEST_PISTON)),
+        machine.config.motion.max_piston_speed,
+        _described(
+            "piston speed of the discrete plan, V_max [m/s]; an actuator whose own is lower keeps "
+            "that, none is faster",
+            (1e-4, FASTEST_PISTON),
+        ),
     )
     node.declare_parameter(
         "lead_min",

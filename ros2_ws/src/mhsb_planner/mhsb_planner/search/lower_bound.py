@@ -3,7 +3,7 @@
 Cylinder strokes add up to no less than the distance between start and goal, each litre costs at
 least P_S, and leakage flows for as long as the motion must last:
 
-    T_lb = max( max_j |ΔL_j| / V_max , Σ_j A_dir |ΔL_j| / (Q_MP − n q_leak) )
+    T_lb = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − n q_leak) )
     E_lb = P_S [ Σ_j A_dir |ΔL_j| + n q_leak T_lb ]
 
 Both hold step by step for the costs of `s2_step`, since boosted oil never costs less than P_S

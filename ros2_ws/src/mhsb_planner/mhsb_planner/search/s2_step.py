@@ -3,7 +3,7 @@
 Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀), all cylinders in the same time (quasi-static):
 
     T = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − Σ_j q_leak,j) )
-    V_max,j = min(V_max, servo pump limit of its mode and direction)
+    V_max,j = min(the actuator's V_max, servo pump limit of its mode and direction)
 
 A cylinder that moves against its load needs boost where p_L + m(v) + margin exceeds P_S at the
 start, middle or end of the step. A pattern is self-consistent if it boosts exactly the joints
@@ -125,6 +125,7 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
     area = np.empty((n, 2))
     outlet = np.empty((n, 2))
     valve = np.empty((n, 2))
+    valve_at_top = np.empty((n, 2))
     pace = np.empty((n, MODE_COUNT, 2))
     oil = hydraulics.oil_of(m)
     for j in range(n):
@@ -133,10 +134,11 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
             sign = 1.0 - 2.0 * d
             area[j, d] = hydraulics.inlet_area(cap, rod, sign)
             outlet[j, d] = hydraulics.load_pressure(cap, rod, m.tank_pressure, 0.0, sign)
-            valve[j, d] = hydraulics.valve_margin(m.valve_coefficient, cap, rod, sign)
+            valve[j, d] = hydraulics.valve_margin(m.valve_coefficient[j], cap, rod, sign)
+            valve_at_top[j, d] = valve[j, d] * m.max_piston_speed[j] ** 2
             for mode in range(MODE_COUNT):
                 pumped = hydraulics.highest_flow(oil, m.modules_per_mode[mode])
-                pace[j, mode, d] = 1.0 / min(m.max_piston_speed, pumped / area[j, d])
+                pace[j, mode, d] = 1.0 / min(m.max_piston_speed[j], pumped / area[j, d])
     boosted = np.zeros(len(patterns), dtype=np.int64)
     for p in range(len(patterns)):
         for j in range(n):
@@ -154,7 +156,7 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
         1.0 / area,
         outlet,
         valve,
-        valve * m.max_piston_speed**2,
+        valve_at_top,
         pace,
         boosted,
         0.0,

@@ -68,7 +68,7 @@ def quickest_turning(
     oil = path_oil(machine.plane, path.posture)
     angle = np.linspace(began, ended, parts + 1)
     flow = m.main_pump_flow - machine.joint_count * m.leakage_flow
-    slew = np.array([way, m.max_piston_speed, flow, m.cap_area[0]])
+    slew = np.array([way, m.max_piston_speed[0], flow, m.cap_area[0]])
     least, came = least_times(m, rows, posture, path.duration, oil, corner, angle, slew)
     if least[-1, -1] == math.inf:
         return None

@@ -36,7 +36,7 @@ def slew_way(machine: Machine, began: float, ended: float) -> float:
 def slewing_meanwhile(machine: Machine, began: float, ended: float) -> Meanwhile:
     """What slewing between two angles [rad] takes: A |ΔL|, and |ΔL|/V_max at least."""
     way, m = slew_way(machine, began, ended), machine.arrays
-    return Meanwhile(float(m.cap_area[0] * way), way / m.max_piston_speed)
+    return Meanwhile(float(m.cap_area[0] * way), float(way / m.max_piston_speed[0]))
 
 
 def path_oil(machine: Machine, posture: FloatArray) -> FloatArray:

@@ -50,7 +50,7 @@ def turning_evenly(machine: Machine, path: DiscretePath, began: float, ended: fl
     else:
         step, duration = np.arange(path.steps), path.duration
         oil = path_oil(machine.plane, path.posture)
-    share, longer = shared_out(way, duration, oil, m.max_piston_speed, flow, m.cap_area[0])
+    share, longer = shared_out(way, duration, oil, m.max_piston_speed[0], flow, m.cap_area[0])
     done = np.append(0.0, np.cumsum(share)) / way if way > NOTHING else np.zeros(len(share) + 1)
     return Turning(step, (1.0 - done) * began + done * ended, longer)
 

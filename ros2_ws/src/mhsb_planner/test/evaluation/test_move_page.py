@@ -66,8 +66,18 @@ def test_the_valve_bounds_normal_mode_and_pressure_its_force(machine):
     force = 1200.0
     drive = m.cap_area[0] * (m.supply_pressure - m.boost_margin) - m.rod_area[0] * m.tank_pressure
     _, fast = mode_limits(machine, 0, Mode.N, np.array([force, 4000.0]))
-    assert fast[0] == pytest.approx(m.valve_coefficient * np.sqrt((drive - force) / areas))
+    assert fast[0] == pytest.approx(m.valve_coefficient[0] * np.sqrt((drive - force) / areas))
     assert fast[1] == 0.0  # more than P_S carries
+
+
+def test_an_own_valve_bounds_its_actuator_alone(machine):
+    own = machine.with_values({"joints.0.actuator.rated_flow": 2e-5})
+    share = 2e-5 / machine.config.hydraulics.valve.rated_flow
+    at, n = np.array([-500.0, 0.0, 800.0]), Mode.N
+    np.testing.assert_allclose(
+        mode_limits(own, 0, n, at), share * np.array(mode_limits(machine, 0, n, at)), rtol=1e-12
+    )
+    np.testing.assert_array_equal(mode_limits(own, 1, n, at), mode_limits(machine, 1, n, at))
 
 
 def test_bands_are_as_high_as_their_share_and_small_ones_are_left_out():

@@ -49,7 +49,7 @@ def check_told(found):
     assert points == sorted(set(points))
     assert found.best.cost == min(each.cost for each in found.curve)
     assert found.machine.arrays.supply_pressure == found.best.supply_pressure
-    assert found.machine.arrays.max_piston_speed == found.best.v_max
+    assert found.machine.config.motion.max_piston_speed == found.best.v_max
     assert found.plan.energy.paper == found.best.energy
 
 
@@ -92,7 +92,7 @@ def test_samples_are_told_once_the_machine_s_own_point_and_the_ends_among_them(m
     assert sorted(told, key=lambda each: each.supply_pressure) == list(found.curve)
     looked_at = {each.supply_pressure for each in found.curve}
     assert {3e6, 5.3e6, machine.arrays.supply_pressure} <= looked_at
-    assert {each.v_max for each in found.curve} == {machine.arrays.max_piston_speed}
+    assert {each.v_max for each in found.curve} == {machine.config.motion.max_piston_speed}
 
 
 def test_points_without_plan_say_why_and_the_others_are_chosen_from(machine, table):

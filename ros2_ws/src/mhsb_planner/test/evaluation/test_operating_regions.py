@@ -17,7 +17,8 @@ def test_a_joint_needs_boost_where_its_load_and_losses_exceed_the_supply(machine
             area, other = m.cap_area[j], m.rod_area[j]
             inlet, outlet = (area, other) if force > 0 else (other, area)
             load = (abs(force) + outlet * oil.tank_pressure) / inlet
-            loss = m.max_piston_speed**2 * (area**3 + other**3) / (m.valve_coefficient**2 * inlet)
+            loss = (m.max_piston_speed[j] / m.valve_coefficient[j]) ** 2
+            loss *= (area**3 + other**3) / inlet
             needed = load + loss + oil.boost_margin
             assert regions.boosted[row, j] == (needed > oil.main_pump.pressure)
             if needed > oil.servo_pump.max_boost_pressure:

@@ -18,6 +18,11 @@ from mhsb_planner.search.s2_step import step_costs
 
 WEIGHTS = Weights(0.5, 1.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
+OWN = {
+    "joints.0.actuator.rated_flow": 5e-5,
+    "joints.1.actuator.max_piston_speed": 0.005,
+    "joints.2.actuator": {"rated_flow": 3e-5, "max_piston_speed": 0.008},
+}
 
 
 def test_a_mirrored_arm_has_the_same_arms_with_the_other_sign(
@@ -33,8 +38,10 @@ def test_a_mirrored_arm_has_the_same_arms_with_the_other_sign(
 
 
 @pytest.mark.parametrize("rest_speed", [0.0, REST_SPEED])
-def test_prices_are_the_planner_s(machine, rest_speed):
+@pytest.mark.parametrize("own", [{}, OWN], ids=["common", "own"])
+def test_prices_are_the_planner_s(machine, own, rest_speed):
     assert route.REST_SPEED == REST_SPEED
+    machine = machine.with_values(own)
     random, pricing = np.random.default_rng(0), Pricing(machine, WEIGHTS, rest_speed)
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     compared = 0

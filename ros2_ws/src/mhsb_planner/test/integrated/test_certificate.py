@@ -68,8 +68,8 @@ def test_the_bound_on_time_is_the_longest_stroke_at_v_max(machine, posture_withi
     start, end = posture_within(machine, random), posture_within(machine, random)
     x, z = machine.tip_position(end)
     goals = goal_postures(machine, x, z, psi=float(end.sum()))
-    stroke = np.abs(goals.postures.length - machine.cylinder_lengths(start)).max(axis=1)
-    expected = stroke.min() / machine.arrays.max_piston_speed
+    stroke = np.abs(goals.postures.length - machine.cylinder_lengths(start))
+    expected = (stroke / machine.arrays.max_piston_speed).max(axis=1).min()
     assert bound(machine, start, goals, SECONDS) == pytest.approx(expected, rel=1e-6)
 
 

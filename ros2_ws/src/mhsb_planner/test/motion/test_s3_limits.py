@@ -26,7 +26,8 @@ def hold_schedule(*modes):
 def speed_limit(machine, j, force, direction, mode):
     m = machine.arrays
     modules = m.modules_per_mode[mode]
-    return s3_limits.speed_limit(oil_of(m), m.cap_area[j], m.rod_area[j], force, direction, modules)
+    own = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
+    return s3_limits.speed_limit(oil_of(m), *own, force, direction, modules)
 
 
 def instant(speed, force, modes):
@@ -51,6 +52,27 @@ def ramp(start, end, duration=2.0, points=101):
         dq * (30 * u**2 - 60 * u**3 + 30 * u**4) / duration,
         dq * (60 * u - 180 * u**2 + 120 * u**3) / duration**2,
     )
+
+
+@given(FORCES, st.sampled_from([-1.0, 1.0]), st.floats(1e-5, 2e-4), st.floats(5e5, 1e7))
+def test_in_n_a_valve_of_its_own_bounds_its_piston_by_the_closed_form(
+    machine, force, direction, flow, drop
+):
+    """v = K √((A p − a p_T − F)/(A³ + a³)), K = Q/√Δp; with the load also K √P_S/A, the filling."""
+    own = {"rated_flow": flow, "rated_pressure_drop_per_land": drop}
+    arm = machine.with_values({"joints.1.actuator": own})
+    m, oil = machine.arrays, machine.config.hydraulics
+    cap, rod = m.cap_area[1], m.rod_area[1]
+    inlet, outlet = (cap, rod) if direction > 0 else (rod, cap)
+    against = force * direction > 0
+    supply = oil.main_pump.pressure - (oil.boost_margin if against else 0.0)
+    drive = inlet * supply - outlet * oil.tank_pressure - direction * force
+    speed = flow / np.sqrt(drop) * np.sqrt(max(drive, 0.0) / (cap**3 + rod**3))
+    if not against:
+        speed = min(speed, flow / np.sqrt(drop) * np.sqrt(oil.main_pump.pressure) / inlet)
+    assert speed_limit(arm, 1, force, direction, Mode.N) == pytest.approx(speed, rel=1e-9)
+    usual = speed_limit(machine, 0, force, direction, Mode.N)
+    assert speed_limit(arm, 0, force, direction, Mode.N) == usual
 
 
 @given(FORCES, st.sampled_from([-1.0, 1.0]), MODES, st.integers(0, 2))

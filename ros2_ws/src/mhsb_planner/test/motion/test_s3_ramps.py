@@ -48,11 +48,20 @@ def test_the_time_at_which_speed_and_acceleration_have_a_ratio_is_found(times, s
 def test_the_shortest_ramp_to_v_max_has_its_share_of_acceleration_and_jerk(machine):
     ramp, m = shortest_ramp(machine), machine.arrays
     assert ramp == pytest.approx((0.12, 0.05))
-    acceleration = m.max_piston_speed / ramp.rise
+    fastest = m.max_piston_speed.max()
+    acceleration = fastest / ramp.rise
     assert acceleration == pytest.approx(SHARE * m.max_piston_acceleration, rel=0.02)
-    jerk = m.max_piston_speed / (ramp.rise * ramp.blend)
+    jerk = fastest / (ramp.rise * ramp.blend)
     assert jerk == pytest.approx(SHARE * m.max_piston_jerk, rel=0.03)
     assert jerk <= SHARE * m.max_piston_jerk
+
+
+def test_ramps_are_those_of_the_fastest_piston(machine):
+    slower = machine.with_values({"joints.1.actuator.max_piston_speed": 0.002})
+    assert shortest_ramp(slower) == shortest_ramp(machine)
+    own = {f"joints.{j}.actuator.max_piston_speed": 0.004 + 0.001 * j for j in range(3)}
+    slowed = machine.changed(max_piston_speed=0.006)
+    assert shortest_ramp(machine.with_values(own)) == shortest_ramp(slowed)
 
 
 def test_a_slow_machine_never_reaches_its_largest_acceleration(machine):

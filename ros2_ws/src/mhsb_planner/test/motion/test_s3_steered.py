@@ -20,9 +20,8 @@ def motion_of(machine, seed, shortest=0.0):
     """
     random = np.random.default_rng(seed)
     limits = machine.arrays
-    assert (limits.max_piston_speed, limits.max_piston_acceleration, limits.max_piston_jerk) == (
-        V_MAX, A_MAX, J_MAX,
-    )  # fmt: skip
+    assert limits.max_piston_speed.tolist() == [V_MAX] * 3
+    assert (limits.max_piston_acceleration, limits.max_piston_jerk) == (A_MAX, J_MAX)
     q = random.uniform(limits.joint_min + 0.2, limits.joint_max - 0.2)
     speed = random.uniform(-0.8, 0.8, 3) * V_MAX
     acceleration = random.uniform(-0.3, 0.3, 3) * A_MAX * random.choice([0.0, 1.0])
@@ -32,6 +31,19 @@ def motion_of(machine, seed, shortest=0.0):
     start = MotionState(q, qd, (acceleration - slope * qd**2) / arm)
     end = q + random.uniform(-0.05, 0.05, 3)
     return steered_path(machine, straight(machine, q, end, shortest), start, 1.0), end
+
+
+def test_each_piston_is_steered_within_its_own_v_max(machine):
+    slower = machine.with_values({"joints.1.actuator.max_piston_speed": 0.004})
+    q = np.array([0.3, -1.4, -1.0])
+    end = q + 0.3
+    motion = steered_path(slower, straight(slower, q, end, 0.0), MotionState.at_rest(q), 1.0)
+    position, velocity, _ = motion.sample(np.linspace(0.0, motion.end, 2001))
+    arms = np.array([machine.moment_arms(each) for each in position])
+    fastest = np.abs(arms * velocity).max(axis=0)
+    assert fastest[1] == pytest.approx(0.004, rel=1e-6)
+    assert np.all(fastest <= V_MAX * (1 + 1e-9))
+    np.testing.assert_allclose(position[-1], end, atol=1e-8)
 
 
 def straight(machine, start, end, duration):

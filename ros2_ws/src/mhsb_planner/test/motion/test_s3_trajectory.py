@@ -303,7 +303,7 @@ def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
 
 def test_a_motion_longer_than_an_arm_takes_is_refused_with_its_duration(machine, walk):
     path = walk(np.random.default_rng(3), 6)
-    slow = changed(machine, max_piston_speed=1e-6)
-    slow_path = replace(path, duration=path.duration * machine.arrays.max_piston_speed / 1e-6)
+    slow = changed(machine, max_piston_speed=np.full(3, 1e-6))
+    slow_path = replace(path, duration=path.duration * machine.arrays.max_piston_speed[0] / 1e-6)
     with pytest.raises(FitError, match=r"it takes .* s, at most 590 s is allowed"):
         from_rest(slow, slow_path)

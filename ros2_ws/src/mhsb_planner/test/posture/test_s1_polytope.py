@@ -15,6 +15,11 @@ from mhsb_planner.posture.s1_polytope import (
     projected_area,
 )
 
+OWN_VALVES = {
+    "joints.0.actuator.rated_flow": 5e-5,
+    "joints.2.actuator.rated_flow": 2e-5,
+    "joints.2.actuator.rated_pressure_drop_per_land": 2e6,
+}
 NO_PUMP_LIMIT = 0.09  # m³/s, more than any valve passes
 
 
@@ -37,7 +42,7 @@ def speed_limits(machine, q, pattern):
             rod * supply - cap * a.tank_pressure + force[j],
             cap * supply - rod * a.tank_pressure - force[j],
         ]
-        speed = a.valve_coefficient * np.sqrt(np.maximum(squares, 0.0) / (cap**3 + rod**3))
+        speed = a.valve_coefficient[j] * np.sqrt(np.maximum(squares, 0.0) / (cap**3 + rod**3))
         if mode > 0:
             pumped = a.modules_per_mode[mode] * a.servo_pump_flow
             speed = np.minimum(speed, [pumped / rod, pumped / cap])
@@ -80,6 +85,14 @@ def test_area_equals_half_space_intersection_and_hull(machine, flow, payload):
     arm = with_main_pump(machine, flow, payload)
     for q, pattern in random_cases(arm, 60, seed=1):
         assert polytope_area(arm, q, pattern) == pytest.approx(hull_area(arm, q, pattern), rel=1e-9)
+
+
+def test_with_valves_of_their_own_the_area_is_that_of_the_half_spaces(machine):
+    arm = machine.with_values(OWN_VALVES)
+    for q, pattern in random_cases(arm, 40, seed=5):
+        area = polytope_area(arm, q, pattern)
+        assert area == pytest.approx(hull_area(arm, q, pattern), rel=1e-9)
+        assert area <= polytope_area(machine, q, pattern) * (1 + 1e-12)  # no valve is larger
 
 
 def test_heavy_loads_that_leave_one_direction_only_were_among_them(machine):

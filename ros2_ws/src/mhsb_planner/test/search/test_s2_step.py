@@ -18,7 +18,9 @@ def postures(machine=MACHINE):
 
 
 def changed(machine, **changes):
-    """The machine with entries of the hydraulics section changed, by dotted path."""
+    """The machine with entries of the hydraulics section changed, or of actuators', by path."""
+    if any(path.startswith("joints.") for path in changes):
+        return machine.with_values(changes)
     content = machine.config.model_dump()
     for path, value in changes.items():
         *sections, name = path.split("__")
@@ -37,6 +39,13 @@ VARIANTS = {
     "small valves": {"valve__rated_flow": 4e-6},
     "low boost pressure": {"servo_pump__max_boost_pressure": 5e6},
     "two modules": {"modules__count": 2},
+    "own valves and speeds": {
+        "joints.0.actuator.rated_flow": 5e-5,
+        "joints.1.actuator.max_piston_speed": 0.005,
+        "joints.2.actuator.rated_flow": 4e-6,
+        "joints.2.actuator.rated_pressure_drop_per_land": 2e6,
+        "joints.2.actuator.max_piston_speed": 0.009,
+    },
 }
 
 

@@ -27,7 +27,7 @@ BULK_MODULUS_SLOPE = 0.005
 
 
 def cylinders_of(machine: Machine) -> Records:
-    """CYLINDER[n] of a machine."""
+    """CYLINDER[n] of a machine, with the valve that each has."""
     arrays = machine.arrays
     cylinders = np.zeros(machine.joint_count, CYLINDER)
     cylinders["cap_area"] = arrays.cap_area
@@ -41,6 +41,7 @@ def cylinders_of(machine: Machine) -> Records:
     motors = [linkage if isinstance(linkage, Motor) else None for linkage in _linkages(machine)]
     volume = np.array([motor.volume if motor else 0.0 for motor in motors])
     cylinders["dead_volume"] = machine.config.circuit.chamber_dead_volume + volume
+    cylinders["valve_coefficient"] = arrays.valve_coefficient
     cylinders["friction"] = machine.frictions
     cylinders["swept"] = [0.0 if motor else 1.0 for motor in motors]
     return cylinders
@@ -91,7 +92,6 @@ def constants_of(machine: Machine, substep: float) -> Records:
         "rail_capacity": oil.rail_volume / beta,
         "manifold_capacity": oil.manifold_volume / beta,
         "laminar_pressure": oil.laminar_pressure * thinner**2,
-        "valve_coefficient": arrays.valve_coefficient,
         "leakage_coefficient": arrays.leakage_flow
         / math.sqrt(arrays.supply_pressure - arrays.tank_pressure),
         "check_coefficient": oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop),

@@ -313,7 +313,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             actuator.isolated = first_order_lag(
                 actuator.isolated, actuator.isolating_command, switch_decay
             )
-            k_edge = c.valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
+            k_edge = cylinder.valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
             flow, slope = orifice(k_edge, pressure[line] - pressure[fed], laminar)
             count = enter(net, count, SERVO_VALVE, line, fed, flow, slope)
             actuator.supply_flow = flow

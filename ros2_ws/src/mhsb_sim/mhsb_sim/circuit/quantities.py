@@ -11,6 +11,7 @@ CYLINDER = np.dtype(
         ("min_length", "f8"),  # m, at one joint limit
         ("max_length", "f8"),  # m, at the other
         ("dead_volume", "f8"),  # m³ of oil on each side at its end
+        ("valve_coefficient", "f8"),  # m³/(s √Pa), one edge of its valve fully open
         ("friction", "f8"),  # its friction over what the circuit has of all
         ("swept", "f8"),  # 1, or 0 of a motor, in which there is as much oil wherever it stands
     ]
@@ -29,8 +30,7 @@ CONSTANTS = np.dtype(
             "rail_capacity",  # m³/Pa
             "manifold_capacity",  # m³/Pa
             "laminar_pressure",  # Pa
-            "valve_coefficient",  # m³/(s √Pa), one edge fully open; likewise below
-            "leakage_coefficient",
+            "leakage_coefficient",  # m³/(s √Pa), likewise below
             "check_coefficient",
             "switching_coefficient",
             "bleed_conductance",  # m³/(s Pa), likewise both below

@@ -63,7 +63,6 @@ GAINS = np.dtype(
             "supply_margin",  # Pa, the plan's and the servo's own
             "spared",  # Pa, the part of it that inertia may use up
             "max_boost_pressure",  # Pa
-            "largest_integral",  # m/s, of w
         )
     ]
 )
@@ -114,6 +113,7 @@ AXIS = np.dtype(
         ("bias", "f8"),  # N, d; NaN until the first step takes it over
         ("integral_gain", "f8"),  # 1/s², k_i
         ("integral", "f8"),  # m/s, w
+        ("largest_integral", "f8"),  # m/s, of w
         ("friction", "f8"),  # N, by the machine file
         ("friction_share", "f8"),  # of it, that feed-forward reckons with
         ("bound", "f8"),  # 1 where the valve cannot do what is demanded
@@ -168,7 +168,6 @@ def gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     gains["supply_margin"] = arrays.boost_margin + supply_margin
     gains["spared"] = spared_margin(oil_of(arrays))
     gains["max_boost_pressure"] = arrays.max_boost_pressure
-    gains["largest_integral"] = arrays.max_piston_speed / MOST_INTEGRAL
     return gains
 
 
@@ -190,6 +189,7 @@ def axis_records(machine: Machine, own: CascadeGains) -> Records:
     )
     axes["fastest_force"], axes["fastest_position"] = axes["force_bandwidth"], axes["position_gain"]
     axes["integral_gain"] = own.integral_gain * axes["position_gain"] ** 2
+    axes["largest_integral"] = machine.arrays.max_piston_speed / MOST_INTEGRAL
     axes["bias_time"] = np.maximum(
         config.servo.force_bias_time, BIAS_RESERVE * axes["force_bandwidth"] / frequency**2
     )
@@ -327,7 +327,7 @@ def demand_speed(axis: Record, known: float, force: float, error: float, gains: 
     acts = axis.fastest == math.inf or REST_BAND < off < REST_SWING
     if axis.bound == 0.0 and acts:
         w = axis.integral + axis.integral_gain * error * gains.step
-        axis.integral = min(max(w, -gains.largest_integral), gains.largest_integral)
+        axis.integral = min(max(w, -axis.largest_integral), axis.largest_integral)
     demand = axis.speed + pull * (force_reference - force) + axis.integral
     most = min(axis.fastest, axis.deliverable)
     axis.demand = min(max(demand, -most), most)
@@ -346,7 +346,7 @@ def supply_need(
     no pump.
     """
     c, g = constants[0], gains[0]
-    k, cap, rod = c.valve_coefficient, cylinder.cap_area, cylinder.rod_area
+    k, cap, rod = cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area
     need = max(
         pressure_against(k, cap, rod, c.tank_pressure, hold, 0.0),
         pressure_against(k, cap, rod, c.tank_pressure, hold, speed),

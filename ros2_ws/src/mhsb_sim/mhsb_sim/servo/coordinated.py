@@ -149,7 +149,7 @@ def open_valve(
     a motion the other way is no such case, it only gives off what it was compressed by.
     """
     c = constants[0]
-    cap, rod = cylinder.cap_area, cylinder.rod_area
+    k, cap, rod = cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area
     force = cap * sensor.cap_pressure - rod * sensor.rod_pressure
     if axis.demand >= 0.0:
         carried = load_pressure(cap, rod, c.tank_pressure, force, 1.0)
@@ -161,9 +161,9 @@ def open_valve(
         inlet_drop = sensor.line_pressure - sensor.rod_pressure
         outlet_drop = sensor.cap_pressure - c.tank_pressure
         inlet_gain, outlet_gain = rod * axis.rod_stiffness, cap * axis.cap_stiffness
-    inlet, _ = orifice(c.valve_coefficient, max(inlet_drop, 0.0), c.laminar_pressure)
-    outlet, _ = orifice(c.valve_coefficient, max(outlet_drop, 0.0), c.laminar_pressure)
-    smallest, _ = orifice(c.valve_coefficient, SMALLEST_DROP, c.laminar_pressure)
+    inlet, _ = orifice(k, max(inlet_drop, 0.0), c.laminar_pressure)
+    outlet, _ = orifice(k, max(outlet_drop, 0.0), c.laminar_pressure)
+    smallest, _ = orifice(k, SMALLEST_DROP, c.laminar_pressure)
     gain = inlet_gain * max(inlet, smallest) + outlet_gain * max(outlet, smallest)
     valve.speed_gain = gain / axis.stiffness
     opening = inverse(valve, axis.demand)

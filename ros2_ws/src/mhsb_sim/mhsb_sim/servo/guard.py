@@ -207,7 +207,7 @@ def look(g: Guard) -> None:
         away = sensor.length - length
         actuator.off = away / arm
         speed, ahead = arm * g.wanted[j], arm * g.reference[SOON, 1, j]
-        k, tank, needed, soon = c.valve_coefficient, c.tank_pressure, 0.0, 0.0
+        k, tank, needed, soon = cylinder.valve_coefficient, c.tank_pressure, 0.0, 0.0
         if cylinder.min_length < sensor.length < cylinder.max_length:  # no end stop carries it
             if abs(speed) > MOVING:
                 needed = pressure_against(k, cap, rod, tank, actuator.force, speed)

@@ -69,11 +69,12 @@ def control(s: Servo, own_gains: Records, integrals: FloatArray) -> None:
     constants, gains, rail_pressure = s.constants, s.gains, s.rail_pressure[0]
     c, own = constants[0], own_gains[0]
     piston_demands(s)
-    nominal = c.valve_coefficient * math.sqrt(own.nominal_valve_drop)
+    root = math.sqrt(own.nominal_valve_drop)
     rail_need = 0.0
     for j in range(len(axes)):
         axis, cylinder = axes[j], cylinders[j]
         inlet = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
+        nominal = cylinder.valve_coefficient * root
         actuators[j].valve_command = min(max(axis.demand * inlet / nominal, -1.0), 1.0)
         set_targets(axis, cylinder, constants, gains)
         axis.joined = 1.0 if joins_rail(j, modes, module_home, serves) else 0.0

@@ -284,7 +284,7 @@ def spare_flow(s: Servo, p: Pumps) -> float:
         if not BOOSTED[s.modes[j]] and axis.speed != 0.0:
             force = axis.force + axis.bias
             needed = pressure_against(
-                c.valve_coefficient, cylinder.cap_area, cylinder.rod_area, c.tank_pressure,
+                cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area, c.tank_pressure,
                 force, axis.speed,
             )  # fmt: skip
             kept = max(kept, min(needed + KEPT, c.supply_pressure))

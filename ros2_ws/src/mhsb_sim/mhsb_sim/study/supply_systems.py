@@ -121,7 +121,7 @@ def load_sensing(machine: Machine, loads: Loads, margin: float) -> Taken:
     """
     m, oil = machine.arrays, oil_of(machine.arrays)
     own = _load_pressure(m.cap_area, m.rod_area, oil.tank_pressure, loads.force, loads.speed)
-    drop = _valve_margin(oil.valve_coefficient, m.cap_area, m.rod_area, loads.speed)
+    drop = _valve_margin(m.valve_coefficient, m.cap_area, m.rod_area, loads.speed)
     own = np.where(loads.speed != 0.0, own + np.maximum(margin, drop), -np.inf)
     supply = np.maximum(oil.tank_pressure + margin, own.max(axis=1))
     leaks = machine.joint_count * np.array([leakage(oil, p) for p in supply])

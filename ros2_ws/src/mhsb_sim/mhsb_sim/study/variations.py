@@ -3,7 +3,8 @@
 Each variation is a name for one or more values of the machine file, which vary together: by a
 `factor`, to a `value`, both drawn evenly from a range, or to a `choice`, the same in every draw; a
 `moment` is a time [s] in which the arm moves, drawn as a share of all of these. All are
-independent of each other, and all at once.
+independent of each other, and all at once. A factor on what is common to all actuators is one on
+what some have of their own in its place, too.
 """
 
 from __future__ import annotations
@@ -98,7 +99,11 @@ def varied(
         elif variation.factor is not None:
             factor = random.uniform(*variation.factor)
             drawn[name] = factor
-            values |= {key: factor * _number(machine, key) for key in variation.keys}
+            values |= {
+                path: factor * _number(machine, path)
+                for key in variation.keys
+                for path in machine.paths_with_own(key)
+            }
         else:
             limits = variation.value or variation.moment
             assert limits is not None  # of one kind
@@ -117,7 +122,7 @@ def scaled(machine: Machine, factors: Mapping[str, float], variations: Variation
     values = {}
     for name, factor in factors.items():
         keys = variations[name].keys if name in variations else (name,)
-        for key in keys:
+        for key in (path for each in keys for path in machine.paths_with_own(each)):
             try:
                 number = _number(machine, key)
             except ValuePathError as error:

@@ -34,7 +34,10 @@ def commands(machine: Machine) -> list[tuple]:
     return [
         (
             time,
-            tuple(flow / valve.rated_flow for flow in edges),
+            tuple(
+                flow / (joint.actuator.rated_flow or valve.rated_flow)
+                for flow, joint in zip(edges, machine.config.joints, strict=True)
+            ),
             joins,
             (first + valve.leakage_flow if first > 0.0 else 0.0, *others),
             lent,
@@ -102,7 +105,10 @@ class Oracle:
         q = self.orifice(k_check, max(0.0, manifold - rail))
         q_rail, q_manifold = q_rail + q, q_manifold - q
         for j, (a, b, line) in enumerate(chambers):
-            k = m.valve_coefficient * abs(spool[j])
+            config = self.machine.config
+            valve, own = config.hydraulics.valve, config.joints[j].actuator
+            k = (own.rated_flow or valve.rated_flow) * abs(spool[j])
+            k /= math.sqrt(valve.rated_pressure_drop_per_land)
             if spool[j] >= 0:
                 into_a, from_b = self.orifice(k, line - a), self.orifice(k, b - tank)
                 q_chamber[j] += (into_a, -from_b, -into_a)
@@ -185,6 +191,15 @@ def oracle_run(machine: Machine) -> FloatArray:
 
 def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_pressures_agree_with_radau_with_valves_of_their_own(machine: Machine) -> None:
+    own = machine.with_values(
+        {"joints.0.actuator.rated_flow": 6e-5, "joints.2.actuator.rated_flow": 2e-4}
+    )
+    substep = own.config.simulation.step / own.config.simulation.circuit_substeps
+    found, _ = run(own, substep)
+    assert rms(found[:, :11] - oracle_run(own)) < 20e3
 
 
 def test_pressures_agree_with_radau_and_converge_with_the_step(machine: Machine) -> None:
@@ -311,6 +326,31 @@ def test_an_actuator_has_friction_and_relief_of_its_own(machine: Machine) -> Non
     assert force["own"] == pytest.approx([1.0, 3.0, 1.0] * force["usual"])
     usual = machine.config.circuit.chamber_relief_pressure
     assert circuit.actuators["relief"].tolist() == [1.2e7, usual, usual]
+
+
+def test_a_valve_of_its_own_passes_what_it_is_rated_for_at_its_drop(machine: Machine) -> None:
+    """Q = x Q_r √(Δp/Δp_r) over the inlet's edge as the spool opens to x, before pressures move."""
+    own, dt = {"rated_flow": 2e-5, "rated_pressure_drop_per_land": 1e6}, 1e-5
+    smaller = machine.with_values({"joints.1.actuator": own})
+    valve, oil = machine.config.hydraulics.valve, machine.config.circuit
+    flows = {}
+    for name, each in (("usual", machine), ("smaller", smaller)):
+        circuit = build_circuit(each, dt)
+        settle(circuit, each, START, MODES_N)
+        circuit.actuators["valve_command"] = 1.0
+        for _ in range(50):
+            before = circuit.pressure.copy()
+            circuit.advance(each.cylinder_lengths(START), np.zeros(3), 1)
+        rated = [(valve.rated_flow, valve.rated_pressure_drop_per_land)] * 3
+        if name == "smaller":
+            rated[1] = (own["rated_flow"], own["rated_pressure_drop_per_land"])
+        flows[name] = circuit.actuators["supply_flow"].copy()
+        for j, (flow, drop) in enumerate(rated):
+            over, x = before[3 * j + 2] - before[3 * j], circuit.actuators["spool"][j]
+            law = x * flow / math.sqrt(drop) * over / (over**2 + oil.laminar_pressure**2) ** 0.25
+            assert flows[name][j] == pytest.approx(law, rel=1e-6)
+    assert flows["smaller"][1] < 0.5 * flows["usual"][1]
+    np.testing.assert_allclose(flows["smaller"][[0, 2]], flows["usual"][[0, 2]], rtol=1e-2)
 
 
 def test_shaft_energies_are_kept_apart_from_what_the_oil_gets(machine: Machine) -> None:

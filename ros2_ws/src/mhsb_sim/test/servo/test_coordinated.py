@@ -6,7 +6,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
-from mhsb_sim.servo.cascade import POSITION_SHARE
+from mhsb_sim.servo.cascade import MOST_INTEGRAL, POSITION_SHARE
 from mhsb_sim.servo.coordinated import CoordinatedController, heed_delay
 from mhsb_sim.simulation.simulator import Simulator
 
@@ -92,6 +92,24 @@ def test_a_piston_in_boost_is_told_no_speed_that_its_pump_cannot_keep_up_with(
     for _ in range(2):
         controller.update()
     assert axes["demand"][0] > 1.5 * left / m.cap_area[0]
+
+
+def test_the_integral_of_an_axis_goes_up_to_its_share_of_the_actuators_own_v_max(
+    machine: Machine,
+) -> None:
+    slower = machine.with_values({"joints.1.actuator.max_piston_speed": 0.006})
+    signals = Simulator(slower)._signals
+    controller = CoordinatedController(slower, signals)
+    axes = controller._control.args[0].axes
+    axes["integral_gain"] = 1e4
+    controller.update()
+    signals.reference[:, 1] = 1e-3 / axes["arm"]
+    signals.sensors["length"] -= 1e-3
+    highest = np.zeros(3)
+    for _ in range(200):
+        controller.update()
+        highest = np.maximum(highest, axes["integral"])
+    np.testing.assert_allclose(highest, np.array([0.012, 0.006, 0.012]) / MOST_INTEGRAL)
 
 
 @pytest.mark.parametrize(("late", "softness"), [(0, 1.0), (2, 1.0), (5, 1.0), (5, 0.6), (5, 1.5)])

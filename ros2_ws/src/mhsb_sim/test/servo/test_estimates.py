@@ -1,6 +1,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.machine import Machine
@@ -30,6 +31,25 @@ def plant_of(machine: Machine) -> Machine:
 
 def estimates(simulator: Simulator) -> list[Estimate]:
     return simulator.estimates
+
+
+def test_of_valves_of_their_own_the_smaller_one_is_found_out(
+    machine: Machine, motion: Motion
+) -> None:
+    """That of actuator 2 passes a fifth less than the servo knows of it, in circuit and MuJoCo."""
+    flow, believed = machine.value("hydraulics.valve.rated_flow"), {}
+    for j, size in enumerate((1.5, 0.8, 0.6)):
+        believed[f"joints.{j}.actuator.rated_flow"] = size * flow
+    arm = machine.with_values(believed)
+    plant = arm.with_values({"joints.1.actuator.rated_flow": 0.8 * 0.8 * flow})
+    simulator = Simulator(arm, plant=plant)
+    for goal in WAYS * 2:
+        plan = motion(simulator.reference, goal, simulator.time_ns, of=arm)
+        simulator.set_plan(*plan)
+        simulator.advance(plan[0].duration_ns / SECOND_NS + 0.3)
+    gains = [each for each in estimates(simulator) if each.quantity == "valve_gain"]
+    for each, true in zip(gains, (1.0, 0.8, 1.0), strict=True):
+        assert each.value == pytest.approx(true, abs=0.05), each
 
 
 def test_at_rest_nothing_is_known(machine: Machine) -> None:

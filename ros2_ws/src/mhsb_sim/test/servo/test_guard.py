@@ -25,7 +25,7 @@ def test_the_reserve_is_the_pressure_beyond_load_and_valve(machine: Machine) -> 
     q = simulator.reference.position
     for j, speed in enumerate(machine.moment_arms(q) * velocity):
         needed = pressure_against(
-            m.valve_coefficient, m.cap_area[j], m.rod_area[j], m.tank_pressure,
+            m.valve_coefficient[j], m.cap_area[j], m.rod_area[j], m.tank_pressure,
             states.force[j], speed,
         )  # fmt: skip
         in_n = states.supply_pressure.min() - max(needed, 0.0)

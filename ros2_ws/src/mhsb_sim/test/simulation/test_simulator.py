@@ -91,6 +91,24 @@ def test_the_coordinated_servo_follows_a_boosted_lift_within_a_fifth_of_a_millim
     assert simulator.energies["relief_valves"] == 0.0
 
 
+def test_the_servo_knows_the_valve_of_each_actuator(machine: Machine, motion: Motion) -> None:
+    """As exactly as with equal valves, and nothing is learnt that the file does not say."""
+    flow = machine.config.hydraulics.valve.rated_flow
+    arm = machine.with_values(
+        {"joints.0.actuator.rated_flow": 1.8 * flow, "joints.2.actuator.rated_flow": 0.5 * flow}
+    )
+    simulator = Simulator(arm, posture=LOWERED)
+    errors = []
+    for goal in (LIFTED, LOWERED):
+        duration = go(simulator, motion, goal, of=arm)
+        errors.append(tip_errors(simulator, duration))
+    assert rms(np.concatenate(errors)) < 0.1e-3
+    assert np.concatenate(errors).max() < 0.25e-3
+    gains = {each.actuator: each for each in simulator.estimates if each.quantity == "valve_gain"}
+    for each in gains.values():
+        assert each.value == pytest.approx(1.0, abs=0.05)
+
+
 @pytest.mark.parametrize("controller", sorted(CONTROLLERS))
 def test_replans_in_motion_are_followed(machine: Machine, motion: Motion, controller: str) -> None:
     simulator = Simulator(machine, controller=controller, posture=LOWERED)

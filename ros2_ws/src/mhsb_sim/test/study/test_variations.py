@@ -66,6 +66,23 @@ def test_a_factor_goes_by_a_variations_name_or_by_a_path(machine: Machine) -> No
     assert plant.arrays.link_mass[1] == machine.arrays.link_mass[1]
 
 
+def test_a_factor_on_what_is_common_is_one_on_what_actuators_have_in_its_place(
+    machine: Machine,
+) -> None:
+    own = machine.with_values({"joints.1.actuator.rated_flow": 5e-5})
+    variations = load_variations(own)
+    usual = own.config.hydraulics.valve.rated_flow
+    plants = [scaled(own, {"valve_gain": 0.8}, variations)]
+    plant, drawn = varied(own, variations, np.random.default_rng(3), float)
+    factors = [0.8, float(drawn["valve_gain"])]
+    for factor, each in zip(factors, [*plants, plant], strict=True):
+        assert each.config.joints[1].actuator.rated_flow == pytest.approx(factor * 5e-5)
+        assert each.config.hydraulics.valve.rated_flow == pytest.approx(factor * usual)
+        np.testing.assert_allclose(
+            each.arrays.valve_coefficient / own.arrays.valve_coefficient, factor
+        )
+
+
 @pytest.mark.parametrize(
     ("factors", "sentence"),
     [

@@ -146,7 +146,7 @@ def _draw_load_line(machine: Machine, fit: Fit, joint: int, axes: Axes) -> None:
         out, back = _valve_limits(machine, joint, supply, forces)
         axes.plot(PER_KN * forces, PER_MM * out, color=color, label=label)
         axes.plot(PER_KN * forces, PER_MM * back, color=color)
-    fastest = PER_MM * machine.arrays.max_piston_speed
+    fastest = PER_MM * float(machine.arrays.max_piston_speed[joint])
     for limit in (fastest, -fastest):
         axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.9, label="V_max of the search")
     axes.set_ylim(-2.2 * fastest, 2.2 * fastest)
@@ -159,7 +159,8 @@ def _valve_limits(
 ) -> tuple[FloatArray, FloatArray]:
     """Highest and lowest piston speed [m/s] by force [N] with the valve fully open."""
     m = machine.arrays
-    k, cap, rod, tank = m.valve_coefficient, m.cap_area[joint], m.rod_area[joint], m.tank_pressure
+    k, cap, rod = m.valve_coefficient[joint], m.cap_area[joint], m.rod_area[joint]
+    tank = m.tank_pressure
     out = [hydraulics.extension_speed(k, cap, rod, supply, tank, f) for f in forces]
     back = [-hydraulics.retraction_speed(k, cap, rod, supply, tank, f) for f in forces]
     return np.array(out), np.array(back)

@@ -51,7 +51,7 @@ def test_a_run_leads_from_its_case_s_start_to_its_goal(runs):
 
 def test_a_run_is_made_under_its_own_conditions(runs):
     arrays = runs.machine.arrays
-    assert runs[speed_run(0.03)].machine.arrays.max_piston_speed == 0.03
+    assert runs[speed_run(0.03)].machine.config.motion.max_piston_speed == 0.03
     assert runs[pressure_run(10e6)].machine.arrays.supply_pressure == 10e6
     assert runs[switch_run(20.0)].setting.case.weights.switches == 20.0
     assert runs["1-1"].machine.arrays.supply_pressure == arrays.supply_pressure

@@ -158,8 +158,8 @@ def within_speed_limits(events: Events) -> Kept:
     inlet = np.where(speed > 0.0, m.cap_area, m.rod_area)
     pump = m.main_pump_flow - events.machine.joint_count * m.leakage_flow
     flow = (inlet * np.abs(speed)).sum(axis=1) / pump
-    fastest = m.max_piston_speed * (1.0 + _allowed_excess(events, table.recorded_ns))
-    share = np.maximum(np.abs(speed).max(axis=1, initial=0.0) / fastest, flow)
+    fastest = (np.abs(speed) / m.max_piston_speed).max(axis=1, initial=0.0)
+    share = np.maximum(fastest / (1.0 + _allowed_excess(events, table.recorded_ns)), flow)
     return _broken_rows(events, table, share > 1.0 + SPEED_EXCESS, share, "of V_max or the flow")
 
 

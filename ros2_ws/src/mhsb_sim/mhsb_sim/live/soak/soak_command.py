@@ -148,11 +148,12 @@ class Soak:
     def set_parameter(self) -> None:
         """Change what plans are to be like."""
         random, arrays = self.random, self.machine.arrays
+        motion = self.machine.config.motion
         changes: list[tuple[str, Any]] = [
             ("weights", [0.5, random.uniform(0.0, 15.0), 2.0]),
             ("energy_reading", self.one_of(["paper", "series"])),
             ("payload", arrays.payload * random.uniform(0.5, 1.1)),
-            ("v_max", arrays.max_piston_speed * random.uniform(0.5, 1.0)),
+            ("v_max", motion.max_piston_speed * random.uniform(0.5, 1.0)),
             ("planner", self.one_of(["integrated", "table"])),
         ]
         name, value = self.one_of(changes)

@@ -74,7 +74,7 @@ def test_a_piston_too_fast_is_told(events, spoilt):
     table = events.recording.references
     fast = replace(table, velocity=table.velocity.copy())
     arm = events.machine.moment_arms(table.position[700])[0]
-    fast.velocity[700, 0] = 1.1 * events.machine.arrays.max_piston_speed / arm
+    fast.velocity[700, 0] = 1.1 * events.machine.arrays.max_piston_speed[0] / arm
     kept = motion_promises.within_speed_limits(spoilt(recording={"references": fast}))
     assert kept.broken[0].startswith("1 times, 1.1 of V_max or the flow at 7.00 s")
 
@@ -85,7 +85,7 @@ def test_the_table_planners_polynomials_may_pass_v_max_a_little_and_may_bend_sha
     table = events.recording.references
     fast = replace(table, velocity=table.velocity.copy())
     arm = events.machine.moment_arms(table.position[700])[0]
-    fast.velocity[700, 0] = 1.08 * events.machine.arrays.max_piston_speed / arm
+    fast.velocity[700, 0] = 1.08 * events.machine.arrays.max_piston_speed[0] / arm
     told = (*events.deeds, make.deed(DeedKind.PARAMETER, PLANNER, 6.0, 6.0, "table"))
     allowed = spoilt(recording={"references": fast}, deeds=told)
     assert motion_promises.within_speed_limits(allowed).held
