@@ -11,6 +11,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import load_machine
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import stamps, topics
 
@@ -69,7 +70,7 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
     assert "joint 1 would have to slew to 3.137 rad" in behind.sentence
     taken, reason = arm.set_parameter("mhsb_planner", "goal_via", (1.5, 0.1))
     assert not taken
-    assert "know no points on the way yet" in reason
+    assert "goal_via takes 3 for each, x y z [m] of a point (is 2 numbers)" in reason
     taken, reason = arm.set_parameter("mhsb_planner", "zone_boxes", (1.0, 0.1, 1.5, 0.3))
     assert not taken
     assert "zone_boxes takes 6 for each, x y z x y z [m]" in reason
@@ -96,6 +97,46 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
     }
     arm.set_parameters_back()
     arm.until(lambda: not zones_in(shown[-1]))
+
+
+def test_an_excavator_replans_past_a_post_that_is_set_up_while_it_runs(excavator):
+    arm, right, left = excavator, (2.4, -1.2, -0.4), (2.2, 1.4, -0.4)
+    assert arm.ask(*right).code is Verdict.OK
+    arm.until(lambda: len(arm.executions) == 1, 30.0)
+    post = Zones(cylinders=((2.4, 0.2, -2.0, 3.0, 0.15),))
+    taken, reason = arm.set_parameter("mhsb_planner", "zone_cylinders", post.cylinders[0])
+    assert taken, reason
+
+    # What lies in the post is refused by its name.
+    verdict = arm.ask(2.3, 0.2, 0.0)
+    assert verdict.code is Verdict.ZONE
+    assert "deep in the keep-out cylinder of 0.15 m around (2.4, 0.2) m" in verdict.sentence
+
+    # Past it to the left; on the way, to another place behind it.
+    arm.references.clear()
+    assert arm.ask(*left).code is Verdict.OK
+    arm.until(lambda: arm.references[-1].state.velocity.any())
+    verdict = arm.ask(1.9, 1.6, 0.3)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    assert arm.ending_of(verdict).outcome is Outcome.REACHED
+    machine = arm.machine.changed(zones=post)
+    assert min(machine.clearance(each.state.position)[0] for each in arm.references) > 0.0
+    assert arm.largest_reference_step() < 1e-3
+
+    # Over a point on the way, past the post again.
+    over = (1.5, 1.0, 0.6)
+    for name, value in (("goal_via", over), ("goal_via_tolerance", 0.05)):
+        taken, reason = arm.set_parameter("mhsb_planner", name, value)
+        assert taken, reason
+    arm.references.clear()
+    verdict = arm.ask(*right)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    assert arm.ending_of(verdict).outcome is Outcome.REACHED
+    postures = [each.state.position for each in arm.references]
+    assert min(machine.clearance(q)[0] for q in postures) > 0.0
+    tips = np.array([machine.tip_in_base(q) for q in postures])
+    assert np.linalg.norm(tips - over, axis=1).min() < 0.051
+    arm.set_parameters_back()
 
 
 def zones_in(message: MarkerArray) -> dict[int, tuple[float, float, float]]:

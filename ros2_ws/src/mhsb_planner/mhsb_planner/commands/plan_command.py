@@ -97,7 +97,9 @@ def plan(
     goal_segment: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
     goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ")] = None,
     via: Annotated[
-        tuple[Point, ...], tyro.conf.arg(metavar="X Z"), tyro.conf.UseAppendAction
+        tuple[tuple[float, ...], ...],
+        tyro.conf.arg(metavar="X [Y] Z"),
+        tyro.conf.UseAppendAction,
     ] = (),
     via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
     zone_box: ZoneBoxes = (),
@@ -148,7 +150,8 @@ def plan(
         goal_tolerance: Distance from the goal at which the tip may end as well [m].
         goal_segment: Other end of a line, from the goal on, anywhere on which the tip may end [m].
         goal_box: How far to either side of the goal, forward and up, the tip may end [m].
-        via: Point that the tip passes on its way [m]; may be given several times, in their order.
+        via: Point that the tip passes on its way [m], with Y where the arm slews; may be given
+            several times, in their order.
         via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
         plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
             pressures, energy.

@@ -16,8 +16,9 @@ from mhsb_model.command_line import UsageError
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
+from mhsb_model.types import Position
 from mhsb_planner.errors import RequestError
-from mhsb_planner.goal_region import Angle, Point, Region, check_angle, region_of
+from mhsb_planner.goal_region import Angle, Region, check_angle, region_of
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planners.options import (
     DEFAULT_SPEED_EXCESS,
@@ -59,7 +60,8 @@ class PlannerParameters:
     goal_psi         rad, angle of the end link at the goal, or the least and the greatest that
                      will do; None leaves it free
     goal_region      where else than at the goal the tip may end
-    goal_via         (x, z) m, points that the tip passes on its way to a goal, in this order
+    goal_via         points that the tip passes on its way to a goal, in this order: (x, z) m, where
+                     the arm slews (x, y, z) m
     goal_via_tolerance  m, at what distance at most
     area_weight      1/m, of the velocity polytope's area; 0 leaves it out
     max_speed_excess greatest |v|/V_max − 1 of a piston on a polynomial
@@ -78,7 +80,7 @@ class PlannerParameters:
     planning_budget: float
     goal_psi: Angle
     goal_region: Region | None
-    goal_via: tuple[Point, ...]
+    goal_via: tuple[Position, ...]
     goal_via_tolerance: float
     area_weight: float
     max_speed_excess: float
@@ -240,7 +242,11 @@ def declare(node: Node, machine: Machine) -> None:
         _described("x z [m], how far to either side of the goal the tip may end"),
     )
     declare_array(
-        node, "goal_via", (), "points that the tip passes on its way, in this order: x z [m] each"
+        node,
+        "goal_via",
+        (),
+        "points that the tip passes on its way, in this order: x z [m] each, where the arm slews "
+        "x y z",
     )
     node.declare_parameter(
         "goal_via_tolerance",
@@ -366,7 +372,7 @@ def _from_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParamete
             _pair("goal_segment", values["goal_segment"]),
             _pair("goal_box", values["goal_box"]),
         ),
-        goal_via=_points("goal_via", values["goal_via"]),
+        goal_via=rows_of("goal_via", values["goal_via"], *_point_numbers(machine)),
         goal_via_tolerance=values["goal_via_tolerance"],
         area_weight=values["area_weight"],
         max_speed_excess=values["max_speed_excess"],
@@ -393,22 +399,20 @@ def _pair(name: str, value: Any) -> tuple[float, float] | None:
     return (float(numbers[0]), float(numbers[1])) if any(numbers) else None
 
 
-def _check_via(machine: Machine, point: Point) -> None:
+def _check_via(machine: Machine, point: Position) -> None:
     """Raise RequestError where the tip can never be at a point on its way."""
     if not all(map(math.isfinite, point)):
-        raise RequestError("goal_via", point, "must be two finite numbers for each point, x z [m]")
-    if machine.slews:
-        rule = "must be empty: arms that slew know no points on the way yet"
-        raise RequestError("goal_via", point, rule)
+        raise RequestError("goal_via", point, "must be finite numbers [m]")
     try:
         machine.check_in_workspace(point)
     except MhsbError as error:
         raise RequestError("goal_via", point, f"cannot be passed: {error}") from error
 
 
-def _points(name: str, value: Any) -> tuple[Point, ...]:
-    """Points (x, z) m of a flat array; raises RequestError where it is not one."""
-    return tuple((x, z) for x, z in rows_of(name, value, 2, "x z [m] of a point"))
+def _point_numbers(machine: Machine) -> tuple[int, str]:
+    """How many numbers a point has, and what they are."""
+    return len(machine.axes), f"{' '.join(machine.axes)} [m] of a point"
+
 
 
 def _described(
