@@ -51,6 +51,17 @@ def test_it_knows_the_papers_solver_and_keeps_its_table_apart(
     assert not cached_table_path(machine, 0.5).exists()
 
 
+def test_it_tells_what_share_of_its_entries_may_be_short(tmp_path, capsys):
+    path = tmp_path / "table.npz"
+    assert run("--output", path, "--spacing", 0.5, "--judge", 5) == 0
+    assert "of 5 random entries 0 are short of what SLSQP finds from 30" in capsys.readouterr().out
+    assert run("--output", path, "--spacing", 0.5, "--judge", 5, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["judgement"]["most_short"] == pytest.approx(1.0 - 0.05**0.2)
+    assert run("--judge", -1) == 2
+    assert "--judge: -1 must not be negative" in capsys.readouterr().err
+
+
 def test_by_default_it_writes_where_the_planner_looks(machine, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert run("--spacing", 0.1) == 0

@@ -54,9 +54,9 @@ from mhsb_planner.evaluation.time_optimality import (
 )
 from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
+from mhsb_planner.posture import s1_judge, s1_slsqp
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import search
@@ -156,24 +156,16 @@ def _table_figures(
     machine: Machine, effort: Effort, jobs: int | None
 ) -> tuple[PostureTable, Figures]:
     build_s, table = _timed(lambda: build_posture_table(machine, jobs=jobs), effort.runs)
-    random = np.random.default_rng(SEED)
-    feasible = np.flatnonzero(table.feasible)
-    seconds, ratios = 0.0, []
-    for node in tqdm(random.choice(feasible, effort.entries), desc="SLSQP", unit="entry"):
-        p = int(random.integers(len(table.patterns)))
-        x, z = table.nodes[node] * table.spacing
-        began = time.perf_counter()
-        found = largest_by_slsqp(machine.plane, float(x), float(z), table.patterns[p], seed=p)
-        seconds += time.perf_counter() - began
-        if found is not None:
-            ratios.append(float(table.area[node, p]) / found[1])
-    per_entry = seconds / effort.entries
+    began = time.perf_counter()
+    judgement = s1_judge.judged(machine.plane, table, effort.entries, SEED)
+    per_start = (time.perf_counter() - began) / (effort.entries * s1_judge.STARTS)
+    per_entry = s1_slsqp.STARTS * per_start
     return table, {
         "entries": table.entries,
         "build_s": build_s,
         "slsqp_s_per_entry": per_entry,
         "speedup_over_slsqp": per_entry / (build_s / table.entries),
-        "worst_area_ratio": min(ratios),
+        "worst_area_ratio": judgement.worst_ratio,
     }
 
 

@@ -8,7 +8,7 @@ that are already found under other patterns, the area is then ascended along the
 three joints move and the others rest; a joint that would pass its limit is put there. Curves
 through a posture at limits lie in these limits, so that the ascent slides along them.
 
-Nothing bounds what is missed: SLSQP from many starts is the judge (`s1_slsqp`).
+What share of entries may have been missed is told by SLSQP from many starts (`s1_judge`).
 """
 
 from __future__ import annotations
