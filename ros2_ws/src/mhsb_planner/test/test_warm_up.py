@@ -61,6 +61,10 @@ for options in (
     for x, z in ((0.60, 0.30), (0.61, 0.31)):
         start = MotionState.at_rest(q)
         plan = planner.plan((x, z), start, options=options, deadline=Deadline.after(3600.0))
+out = table.posture[graph.grid.node_at(0.95, 0.0), 0]  # stretched: lifting takes boost
+for options in (planning.PlanOptions(planner=kind) for kind in planning.PLANNER_KINDS):
+    plan = planner.plan((0.85, 0.40), MotionState.at_rest(out), options=options)
+    assert (plan.motion.schedule.modes[1:] > 0).any(), options
 crowded = machine.changed(zones=Zones(boxes=((0.65, 0.1, 0.95, 0.3),)))
 planner.change(crowded)
 for kind in planning.PLANNER_KINDS:

@@ -13,6 +13,8 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -40,6 +42,9 @@ SAMPLES = 2000
 
 HELD, REST_SPEED = 1e-6, 2e-4  # m, m/s
 
+FASTEST = 1.0 + 1e-9
+"""Of V_max: no step is faster, however it is rounded."""
+
 TINY = float(np.finfo(float).tiny)
 """Instead of a cost of 0, which SciPy takes for no step."""
 
@@ -64,6 +69,27 @@ def least_cost(
     pricing = _Pricing(machine, weights, REST_SPEED if holding else 0.0)
     goals = goal_postures(machine, *goal, spacing=PSI_SPACING).postures.posture
     return _Lattice(pricing, start, goals, known).cheapest()
+
+
+class _Demands(NamedTuple):
+    """What k steps ask of their cylinders, whatever the pattern, float64[k, n] each.
+
+    stroke m, area m², oil m³
+    valve   by which its drop grows with the speed squared [Pa s²/m²]
+    worst   load pressure on the way [Pa], −∞ where no boost is asked for
+    middle  load pressure half-way [Pa]
+    more    what its valve leaks more where it is boosted [m³/s]
+    loads   whether it moves, or rests under a load that P_S does not carry, bool[k, n]
+    """
+
+    stroke: FloatArray
+    area: FloatArray
+    oil: FloatArray
+    valve: FloatArray
+    worst: FloatArray
+    middle: FloatArray
+    more: FloatArray
+    loads: np.ndarray
 
 
 class _Pricing:
@@ -116,8 +142,8 @@ class _Pricing:
     def bound(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """What a way between lengths float64[…, n] costs at least."""
         m, delta = self.m, end - start
-        oil = (np.where(delta > 0.0, self.cap, self.rod) * np.abs(delta)).sum(axis=-1)
-        time = np.maximum((np.abs(delta) / m.max_piston_speed).max(axis=-1), oil / self.shared)
+        oil = _total(np.where(delta > 0.0, self.cap, self.rod) * np.abs(delta))
+        time = np.maximum(_most(np.abs(delta) / m.max_piston_speed), oil / self.shared)
         leakage = delta.shape[-1] * m.leakage_flow + m.idle_leakage
         energy = m.supply_pressure * (oil + leakage * time)
         return np.asarray(self.weights.energy * energy + self.weights.time * time)
@@ -141,10 +167,31 @@ class _Pricing:
         """w₁ E + w₂ T of k steps by delta float64[k, n] m, float64[k, patterns], inf: no step.
 
         forces  at their start, middle and end, float64[k, n] N each
+
+        A pattern counts where it boosts exactly what needs it; where none does, those that boost
+        more. So most patterns need not be looked at, by what needs boost at rest and at V_max.
         """
+        demands = self._demands(delta, forces)
+        slow, fast = (self._needed(demands, v) for v in (0.0, FASTEST * self.m.max_piston_speed))
+        surely, perhaps = _code(slow), _code(fast)
+        cost = np.full((len(delta), len(self.patterns)), np.inf)
+        exact = np.zeros(cost.shape, dtype=bool)
+        codes = _code(self.boosted)
+        for p, code in enumerate(codes):
+            rows = np.flatnonzero((surely & ~code | code & ~perhaps) == 0)
+            self._put_pattern(p, demands, rows, cost, exact)
+        without = np.logical_not(exact.any(axis=1))
+        for p, code in enumerate(codes):
+            rows = np.flatnonzero(without & (surely & ~code == 0) & (code & ~perhaps != 0))
+            self._put_pattern(p, demands, rows, cost, exact)
+        cost[np.logical_not(without[:, None] | exact)] = np.inf
+        return cost
+
+    def _demands(
+        self, delta: FloatArray, forces: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> _Demands:
         m, stroke, out = self.m, np.abs(delta), delta > 0.0
         area = np.where(out, self.cap, self.rod)
-        oil = stroke * area
         valve = (self.cap**3 + self.rod**3) / (m.valve_coefficient**2 * area)
         moves = stroke > HELD
         sign = np.where(out, 1.0, -1.0)
@@ -152,7 +199,7 @@ class _Pricing:
         pressure = [self.load_pressure(force, out) for force in forces]
         worst = np.where(moves & against, np.max(pressure, axis=0), -np.inf)
         middle = pressure[1]
-        shortest = (stroke / m.max_piston_speed).max(axis=1, keepdims=True)
+        shortest = _most(stroke / m.max_piston_speed)[:, None]
         held = [self.load_pressure(force, force > 0.0) for force in forces]
         heaviest = np.max(held, axis=0) + m.boost_margin
         rests = (stroke <= self.rest_speed * shortest) & (self.rest_speed > 0.0)
@@ -160,33 +207,41 @@ class _Pricing:
         worst = np.where(rests, heaviest - m.boost_margin, worst)
         middle, valve = np.where(rests, held[1], middle), np.where(rests, 0.0, valve)
         more = self.more_leakage(middle + valve * m.max_piston_speed**2 + m.boost_margin)
-        cost = np.full((len(delta), len(self.patterns)), np.inf)
-        exact = np.zeros(cost.shape, dtype=bool)
-        for p in range(len(self.patterns)):
-            boosted = self.boosted[p]
-            modules = m.modules_per_mode[self.patterns[p]]
-            pumped = np.where(modules > 0, modules * m.servo_pump_flow, np.inf) / area
-            time = (stroke / np.minimum(m.max_piston_speed, pumped)).max(axis=1)
-            rail = np.where(self.on_rail[p] & (moves | rests), more, 0.0).max(axis=1, keepdims=True)
-            leaks = np.where(self.on_rail[p], rail, more) * (boosted & (moves | rests))
-            time = np.maximum(time, oil.sum(axis=1) / (self.shared - leaks.sum(axis=1)))
-            speed = stroke / np.maximum(time[:, None], TINY)
-            needs = worst + valve * speed**2 + m.boost_margin
-            needed = needs > m.supply_pressure
-            possible = np.all(needs <= m.max_boost_pressure, axis=1)
-            possible &= np.all(boosted | ~needed, axis=1)
-            exact[:, p] = possible & np.all(np.equal(needed, boosted), axis=1)
-            loaded = boosted & (moves | rests)
-            price = np.full(delta.shape, m.supply_pressure)
-            price = np.where(
-                loaded, np.maximum(price, middle / m.servo_pump_efficiency), price
-            )
-            energy = (price * (oil + m.leakage_flow * time[:, None])).sum(axis=1)
-            energy += m.supply_pressure * m.idle_leakage * time
-            value = self.weights.energy * energy + self.weights.time * time
-            cost[:, p] = np.where(possible, value, np.inf)
-        cost[np.logical_and(np.any(exact, axis=1, keepdims=True), ~exact)] = np.inf
-        return cost
+        return _Demands(stroke, area, stroke * area, valve, worst, middle, more, moves | rests)
+
+    def _needed(self, demands: _Demands, speed: FloatArray | float) -> np.ndarray:
+        """What needs boost at these speeds [m/s], bool[k, n]."""
+        needs = demands.worst + demands.valve * speed**2 + self.m.boost_margin
+        return needs > self.m.supply_pressure
+
+    def _put_pattern(
+        self, p: int, of_all: _Demands, rows: IntArray, cost: FloatArray, exact: np.ndarray
+    ) -> None:
+        """Write what some of the steps cost in a pattern, and whether it boosts what needs it."""
+        if len(rows) == 0:
+            return
+        m, demands = self.m, _Demands(*(column[rows] for column in of_all))
+        stroke, oil, boosted = demands.stroke, demands.oil, self.boosted[p]
+        loaded = boosted & demands.loads
+        modules = m.modules_per_mode[self.patterns[p]]
+        pumped = np.where(modules > 0, modules * m.servo_pump_flow, np.inf) / demands.area
+        time = _most(stroke / np.minimum(m.max_piston_speed, pumped))
+        rail = _most(np.where(self.on_rail[p] & demands.loads, demands.more, 0.0))[:, None]
+        leaks = np.where(self.on_rail[p], rail, demands.more) * loaded
+        time = np.maximum(time, _total(oil) / (self.shared - _total(leaks)))
+        speed = stroke / np.maximum(time[:, None], TINY)
+        needs = demands.worst + demands.valve * speed**2 + m.boost_margin
+        needed = needs > m.supply_pressure
+        possible = np.all(needs <= m.max_boost_pressure, axis=1)
+        possible &= np.all(boosted | ~needed, axis=1)
+        exact[rows, p] = possible & np.all(np.equal(needed, boosted), axis=1)
+        price = np.full(stroke.shape, m.supply_pressure)
+        boost = np.maximum(price, demands.middle / m.servo_pump_efficiency)
+        price = np.where(loaded, boost, price)
+        energy = _total(price * (oil + m.leakage_flow * time[:, None]))
+        energy += m.supply_pressure * m.idle_leakage * time
+        value = self.weights.energy * energy + self.weights.time * time
+        cost[rows, p] = np.where(possible, value, np.inf)
 
     def to_hold(self, force: FloatArray) -> FloatArray:
         """Cost of the switches to what holds forces[k, n] at rest, float64[k, patterns]."""
@@ -194,6 +249,21 @@ class _Pricing:
         hold = np.where(needs > self.m.supply_pressure, Mode.DB, Mode.N)
         changed = (hold[:, None, :] != self.patterns[None, :, :]).sum(axis=2)
         return np.asarray(self.weights.switches * changed, dtype=np.float64)
+
+
+def _total(values: FloatArray) -> FloatArray:
+    """Sum over the joints, the last axis; NumPy's own takes several times as long over so few."""
+    return np.asarray(reduce(np.add, np.moveaxis(values, -1, 0)))
+
+
+def _most(values: FloatArray) -> FloatArray:
+    """Largest over the joints, likewise."""
+    return np.asarray(reduce(np.maximum, np.moveaxis(values, -1, 0)))
+
+
+def _code(flags: np.ndarray) -> IntArray:
+    """Rows of bool[k, n] as numbers, a bit for each joint."""
+    return np.asarray(flags @ (1 << np.arange(flags.shape[1])))
 
 
 @dataclass
@@ -227,8 +297,8 @@ class _Lattice:
         self._pricing, self._known, self._goals = pricing, known, goals
         self._goal_lengths = pricing.lengths(goals)
         here = pricing.lengths(start[None, :])[0]
-        cheap = self._goal_lengths[pricing.bound(here, self._goal_lengths) < known]
-        stroke = np.max(np.abs(cheap - here), initial=1e-3)
+        self._worth_it = self._goal_lengths[pricing.bound(here, self._goal_lengths) < known]
+        stroke = np.max(np.abs(self._worth_it - here), initial=1e-3)
         spacing = min(SPACING * pricing.machine.scale, stroke / CELLS)
         while not self._lay_out(start, here, spacing):
             spacing *= 1.1
@@ -243,17 +313,20 @@ class _Lattice:
         angle = np.stack([axis[grids[:, j]] for j, axis in enumerate(axes)], axis=1)
         lengths = [self._along(start, j, axis, pricing.lengths) for j, axis in enumerate(axes)]
         length = np.stack([axis[grids[:, j]] for j, axis in enumerate(lengths)], axis=1)
-        left = np.full(len(length), np.inf)
-        for goal in self._goal_lengths:
+        spent = pricing.bound(here, length)
+        near = np.flatnonzero(spent < self._known)
+        length, left = length[near], np.full(len(near), np.inf)
+        for goal in self._worth_it:
             left = np.minimum(left, pricing.bound(length, goal))
-        kept = np.flatnonzero(pricing.bound(here, length) + left < self._known)
+        worth = np.flatnonzero(spent[near] + left < self._known)
+        kept = near[worth]
         if len(kept) > MOST_POINTS:
             return False
         self.place = grids[kept]
         if len(kept) == 0:
             return True
         self.shape, self.spacing = np.array(shape), 1.001 * spacing
-        self.angle, self.length = angle[kept], length[kept]
+        self.angle, self.length = angle[kept], length[worth]
         self.number = np.full(shape, -1)
         self.number[tuple(self.place.T)] = np.arange(len(kept))
         self.here = int(np.argmin(np.abs(self.angle - start).max(axis=1)))

@@ -98,7 +98,7 @@ class PathPlanner(Protocol):
     summary      where postures come from, for people: a clause that follows its name
     trajectory   how S3 begins unless it is told
     weighs_area  whether w₄ may be above 0
-    rivals       other planners, with whose motions its own are compared
+    rivals       other planners, with whose motions its own are compared, the quickest first
     takes        of the options that not all planners look at, those that it does: `search`,
                  `heuristic_scale`, `initial_j3`
     """

@@ -9,7 +9,7 @@ are three ways, and paths are taken from each in turn:
    stands at the start before it, and of what stands at the goal after it.
 
 Where the first way loses no time to zones there is no need for the others. The second and third are
-also those of the planners that the plan is compared with.
+also those of the planners that the plan is compared with, the first of which is the quickest.
 """
 
 from __future__ import annotations
@@ -101,7 +101,8 @@ class SlewingPaths:
         began, bound = float(task.departure[0]), in_plane.bound(self.graph)
         direct = map(InPlane, self.planner.paths(self.graph, in_plane, time))
         ways: deque[Iterator[InPlane]] = deque([direct])
-        for planner in (self.planner, *self.planner.rivals):
+        rivals = self.planner.rivals
+        for planner in (*rivals[:1], self.planner, *rivals[1:]):
             rival = planner is not self.planner
             ways.append(self._past_shadows(planner, rival, in_plane, (began, slew), time))
             ways.append(self._carried(planner, rival, in_plane, (began, slew), time))
