@@ -40,7 +40,8 @@ from mhsb_model.obstacles.zones import (
     Zones,
     obstacles_of,
 )
-from mhsb_model.schema import COMMON, MachineConfig, own_speed_problems, problems_across
+from mhsb_model.schema import COMMON, MachineConfig
+from mhsb_model.schema_rules import own_speed_problems, problems_across
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"

@@ -19,7 +19,7 @@ from mhsb_planner.integrated.integrated_search import IntegratedSearch
 from mhsb_planner.integrated.task import Effort
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.fixed import FixedPlanner
-from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
+from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task, in_both_ways
 from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm, area_along_path
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -162,6 +162,4 @@ def _elsewhere(
     for planner in planners:
         with suppress(MhsbError):
             for candidate in planner.paths(graph, task, time):
-                yield candidate
-                if task.options.trajectory is None:
-                    yield candidate._replace(trajectory=planner.trajectory)
+                yield from in_both_ways(candidate, planner, task)

@@ -125,3 +125,11 @@ class PathPlanner(Protocol):
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile what paths run through."""
+
+
+def in_both_ways(path: Candidate, rival: PathPlanner, task: Task) -> Iterator[Candidate]:
+    """A rival's path, to be made a motion in the way of who compares and, unless that is told, in
+    the rival's own."""
+    yield path
+    if task.options.trajectory is None:
+        yield path._replace(trajectory=rival.trajectory)

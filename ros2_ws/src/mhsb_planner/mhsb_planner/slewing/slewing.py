@@ -35,6 +35,7 @@ from mhsb_planner.planners.path_planner import (
     Meanwhile,
     PathPlanner,
     Task,
+    in_both_ways,
 )
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import check_tip
@@ -103,9 +104,8 @@ class SlewingPaths:
         ways: deque[Iterator[InPlane]] = deque([direct])
         rivals = self.planner.rivals
         for planner in (*rivals[:1], self.planner, *rivals[1:]):
-            rival = planner is not self.planner
-            ways.append(self._past_shadows(planner, rival, in_plane, (began, slew), time))
-            ways.append(self._carried(planner, rival, in_plane, (began, slew), time))
+            ways.append(self._past_shadows(planner, in_plane, (began, slew), time))
+            ways.append(self._carried(planner, in_plane, (began, slew), time))
         found, refused, pause = False, None, shortest_ramp(self.machine).duration
         while ways and not (found and time.until.passed):
             way = ways.popleft()
@@ -142,19 +142,18 @@ class SlewingPaths:
     def _past_shadows(
         self,
         planner: PathPlanner,
-        rival: bool,
         in_plane: Task,
         turn: tuple[float, float],
         time: SearchTime,
     ) -> Iterator[InPlane]:
         """Paths of the plane on which it may turn at any time, from one angle to the other."""
-        for candidate in self._among(planner, *turn).paths(in_plane, time):
-            yield InPlane(candidate._replace(compared=candidate.compared or rival))
+        for path in self._among(planner, *turn).paths(in_plane, time):
+            for candidate in self._as_ways(planner, path, in_plane):
+                yield InPlane(candidate)
 
     def _carried(
         self,
         planner: PathPlanner,
-        rival: bool,
         in_plane: Task,
         turn: tuple[float, float],
         time: SearchTime,
@@ -168,7 +167,17 @@ class SlewingPaths:
             for posture in postures:
                 with suppress(MhsbError):
                     legs = self._over(posture, ends, in_plane, time, thorough)
-                    yield InPlane(Candidate(joined(legs), rival), legs[0].steps)
+                    for candidate in self._as_ways(planner, Candidate(joined(legs)), in_plane):
+                        yield InPlane(candidate, legs[0].steps)
+
+    def _as_ways(
+        self, planner: PathPlanner, path: Candidate, in_plane: Task
+    ) -> Iterator[Candidate]:
+        """An own path as it is, a rival's as one that is compared."""
+        if planner is self.planner:
+            yield path
+        else:
+            yield from in_both_ways(path._replace(compared=True), planner, in_plane)
 
     def _over(
         self,

@@ -1,0 +1,209 @@
+"""Rules of a machine file that concern several values, each a named function.
+
+All are checked before anything is reported, as `path: sentence`.
+"""
+
+from __future__ import annotations
+
+from mhsb_model.schema import JOINT_KINDS, AnyJoint, MachineConfig, Section, unit_of
+
+
+def problems_across(config: MachineConfig) -> list[str]:
+    """Every rule across fields that the configuration breaks, as `path: sentence`."""
+    problems = _workspace_problems(config) + _hydraulic_problems(config)
+    problems += _start_problems(config) + _keep_out_problems(config) + _zone_problems(config)
+    problems += _version_problems(config)
+    problems += _kept_problems(config) + _telescope_problems(config) + _slew_problems(config)
+    for index, joint in enumerate(config.joints):
+        problems += _joint_problems(f"joints.{index}", joint)
+    return problems
+
+
+def own_speed_problems(config: MachineConfig) -> list[str]:
+    """A file's V_max is none's to exceed; a lower one asked for later holds for all, too."""
+    most = config.motion.max_piston_speed
+    return [
+        f"joints.{j}.actuator.max_piston_speed: {own:g} m/s is above motion.max_piston_speed "
+        f"{most:g} m/s, which no actuator exceeds; raise that, and give the slower ones their own"
+        for j, own in enumerate(joint.actuator.max_piston_speed for joint in config.joints)
+        if own is not None and own > most
+    ]
+
+
+def _workspace_problems(config: MachineConfig) -> list[str]:
+    area = config.workspace
+    reach = sum(joint.link.length for joint in config.joints if joint.kind != "slew")
+    reach += sum(joint.limits.upper for joint in config.joints if joint.kind == "prismatic")
+    problems = []
+    if area.min_radius >= area.max_radius:
+        problems.append(
+            f"workspace.min_radius: {area.min_radius:g} m must be below "
+            f"max_radius {area.max_radius:g} m"
+        )
+    if area.max_radius > reach * (1 + 1e-9):
+        problems.append(
+            f"workspace.max_radius: {area.max_radius:g} m is beyond the reach {reach:g} m"
+        )
+    return problems
+
+
+def _version_problems(config: MachineConfig) -> list[str]:
+    """In files of version 1 all joints are revolute, later ones name the kind of each."""
+    return [
+        f"joints.{index}.kind: is missing; in schema_version 2 a joint has one: "
+        f"{' or '.join(JOINT_KINDS)}"
+        for index, joint in enumerate(config.joints)
+        if config.schema_version > 1 and "kind" not in joint.model_fields_set
+    ]
+
+
+def _kept_problems(config: MachineConfig) -> list[str]:
+    kept, joints = config.motion.kept_joints, len(config.joints)
+    first = 2 if config.joints[0].kind == "slew" else 1
+    distinct, needed = set(kept) & set(range(first, joints + 1)), joints - first - 1
+    if not kept or (len(kept) == len(distinct) == needed):
+        return []
+    return [
+        f"motion.kept_joints: {list(kept)} must be {needed} different ones of the joints {first} "
+        f"to {joints}, so that two are left to reach the tip position"
+    ]
+
+
+def _slew_problems(config: MachineConfig) -> list[str]:
+    """One joint slews, the first."""
+    kinds = [joint.kind for joint in config.joints]
+    problems = [
+        f"joints.{index}.kind: joint 1 alone can slew; all others move in the plane that it turns"
+        for index, kind in enumerate(kinds)
+        if kind == "slew" and index > 0
+    ]
+    if kinds[0] == "slew" and config.schema_version < 2:
+        problems.append("schema_version: slew joints need version 2")
+    return problems
+
+
+def _zone_problems(config: MachineConfig) -> list[str]:
+    """Zones of arms that slew are in space, those of others in the arm's plane."""
+    keep_out, slews = config.keep_out, config.joints[0].kind == "slew"
+    where = "joint 1 slews, and zones are in space" if slews else "this arm moves in x and z alone"
+    rule = "give y_min and y_max, too" if slews else "leave out y_min and y_max"
+    instead = {"circles": "cylinders or spheres"}
+    if not slews:
+        instead = {"cylinders": "circles", "spheres": "circles"}
+    problems = [
+        f"keep_out.boxes.{i}: {where}; {rule}"
+        for i, box in enumerate(keep_out.boxes)
+        if slews == (box.y_min is None) or slews == (box.y_max is None)
+    ]
+    return problems + [
+        f"keep_out.{name}: {where}; give {others}"
+        for name, others in instead.items()
+        if getattr(keep_out, name)
+    ]
+
+
+def _telescope_problems(config: MachineConfig) -> list[str]:
+    """A telescope slides along a link that turns."""
+    kinds = [joint.kind for joint in config.joints]
+    if "prismatic" not in kinds:
+        return []
+    problems, first = [], 1 if kinds[0] == "slew" else 0
+    if kinds[first:first + 1] == ["prismatic"]:
+        problems.append(
+            f"joints.{first}.kind: joint {first + 1} must be revolute, a telescope needs a link "
+            "before"
+        )
+    problems += [
+        f"joints.{index}.kind: two prismatic joints in succession slide along one line; give one "
+        "the stroke of both"
+        for index in range(1, len(kinds))
+        if kinds[index - 1] == kinds[index] == "prismatic"
+    ]
+    if (turning := kinds.count("revolute")) < 2:
+        problems.append(
+            f"joints: {turning} of them are revolute, a chain with a telescope needs at least 2"
+        )
+    if config.schema_version < 2:
+        problems.append("schema_version: prismatic joints need version 2")
+    return problems
+
+
+def _hydraulic_problems(config: MachineConfig) -> list[str]:
+    oil = config.hydraulics
+    problems = []
+    if oil.tank_pressure >= oil.main_pump.pressure:
+        problems.append(
+            f"hydraulics.tank_pressure: {oil.tank_pressure:g} Pa must be below the supply "
+            f"pressure {oil.main_pump.pressure:g} Pa"
+        )
+    normal, *boosted = oil.modules.per_mode
+    if normal != 0 or min(boosted) < 1:
+        problems.append(
+            f"hydraulics.modules.per_mode: {oil.modules.per_mode} must be 0 for N "
+            "and at least 1 for DB and SB, which are boosted"
+        )
+    leakage = len(config.joints) * oil.valve.leakage_flow
+    if leakage >= oil.main_pump.max_flow:
+        problems.append(
+            f"hydraulics.valve.leakage_flow: all valves leak {leakage:g} m³/s, the main pump "
+            f"gives {oil.main_pump.max_flow:g} m³/s"
+        )
+    return problems
+
+
+def _start_problems(config: MachineConfig) -> list[str]:
+    start = config.simulation.start_posture
+    if len(start) != len(config.joints):
+        return [
+            f"simulation.start_posture: has {len(start)} angles, "
+            f"the machine has {len(config.joints)} joints"
+        ]
+    return [
+        f"simulation.start_posture.{j}: {q:g} {unit_of(joint)} is outside the joint's limits "
+        f"[{joint.limits.lower:g}, {joint.limits.upper:g}] {unit_of(joint)}"
+        for j, (q, joint) in enumerate(zip(start, config.joints, strict=True))
+        if not joint.limits.lower <= q <= joint.limits.upper
+    ]
+
+
+def _keep_out_problems(config: MachineConfig) -> list[str]:
+    keep_out, problems = config.keep_out, []
+    links = sum(joint.kind != "slew" for joint in config.joints)
+    if len(keep_out.link_radii) not in (0, links):
+        problems.append(
+            f"keep_out.link_radii: has {len(keep_out.link_radii)} radii, the machine has "
+            f"{links} links in its plane"
+        )
+    ends: list[tuple[str, Section]] = [
+        (f"keep_out.boxes.{i}", box) for i, box in enumerate(keep_out.boxes)
+    ]
+    ends += [(f"keep_out.cylinders.{i}", each) for i, each in enumerate(keep_out.cylinders)]
+    ends += [("keep_out.base", keep_out.base)] if keep_out.base else []
+    for path, zone in ends:
+        for axis in ("x", "y", "z"):
+            low, high = (getattr(zone, f"{axis}_{end}", None) for end in ("min", "max"))
+            if low is not None and high is not None and low >= high:
+                problems.append(f"{path}.{axis}_min: {low:g} m must be below {axis}_max {high:g} m")
+    return problems
+
+
+def _joint_problems(path: str, joint: AnyJoint) -> list[str]:
+    problems, unit = [], unit_of(joint)
+    if joint.limits.lower >= joint.limits.upper:
+        problems.append(
+            f"{path}.limits.lower: {joint.limits.lower:g} {unit} must be below "
+            f"upper {joint.limits.upper:g} {unit}"
+        )
+    if joint.kind == "slew":
+        return problems
+    if joint.cylinder.rod >= joint.cylinder.bore:
+        problems.append(
+            f"{path}.cylinder.rod: {joint.cylinder.rod:g} m must be below "
+            f"bore {joint.cylinder.bore:g} m"
+        )
+    if joint.link.center_of_mass > joint.link.length:
+        problems.append(
+            f"{path}.link.center_of_mass: {joint.link.center_of_mass:g} m is beyond the "
+            f"link's length {joint.link.length:g} m"
+        )
+    return problems
