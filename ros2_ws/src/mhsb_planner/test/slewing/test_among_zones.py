@@ -76,7 +76,7 @@ def least_time(machine, path):
     for i in range(path.steps + 1):
         for k in range(parts + 1):
             if k < parts and is_clear(machine, at(i, k), at(i, k + 1)):
-                alone = max(way / a.max_piston_speed, a.cap_area[0] * way / flow)
+                alone = max(way / a.max_piston_speed[0], a.cap_area[0] * way / flow)
                 edges[state(i, k), state(i, k + 1)] = alone
             for more in range(AT_ONCE + 1):
                 if i == path.steps or k + more > parts:
@@ -85,7 +85,7 @@ def least_time(machine, path):
                     slewed = more * way
                     edges[state(i, k), state(i + 1, k + more)] = max(
                         path.duration[i],
-                        slewed / a.max_piston_speed,
+                        slewed / a.max_piston_speed[0],
                         (oil[i] + a.cap_area[0] * slewed) / flow,
                     )
     pairs = np.array(list(edges))
