@@ -93,6 +93,7 @@ class PlanMaking:
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
+        self._put_off: tuple[Candidate, FittedMotion, FitRules] | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
         self._began = self._since = began
 
@@ -118,7 +119,10 @@ class PlanMaking:
         try:
             for candidate in candidates:
                 self._spend("comparison" if candidate.compared else "search")
+                put_off, self._put_off = self._put_off, None
                 self._consider(candidate)
+                self._vary(put_off)
+            self._vary(self._put_off)
         except DeadlineError:
             if self._best is None:
                 raise
@@ -140,7 +144,11 @@ class PlanMaking:
         )
 
     def _consider(self, candidate: Candidate) -> None:
-        """Make the path a motion, where it may be cheaper, and keep it if it is."""
+        """Make the path a motion, where it may be cheaper, and keep it if it is.
+
+        With a deadline other motions along the first path wait for the second path: they take
+        several times as long as that path's motion, and gain less.
+        """
         path, options, best = candidate.path, self._task.options, self._best
         promised = path.cost - options.weights.switches * path.switches
         if best is not None and PROMISE_KEPT * promised > best.cost(options):
@@ -152,7 +160,17 @@ class PlanMaking:
         motion = self._made(candidate, rules) or followed
         if motion is None:
             return
-        for other in self._others(path, motion, rules):
+        if best is None and self.time.ends:
+            self._put_off = candidate, motion, rules
+        else:
+            self._vary((candidate, motion, rules))
+
+    def _vary(self, made: tuple[Candidate, FittedMotion, FitRules] | None) -> None:
+        """Make the path of a motion other motions, and keep what is cheaper."""
+        if made is None:
+            return
+        candidate, motion, rules = made
+        for other in self._others(candidate.path, motion, rules):
             before = self._best
             if self._made(candidate, other) is not None and self._best is not before:
                 self._refused_before(motion)

@@ -10,7 +10,8 @@ from mhsb_model.braking import brake_along
 from mhsb_model.errors import MhsbError
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.deadline import Deadline
+from mhsb_planner import plan_making
+from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.motion.s3_trajectory import fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
@@ -43,6 +44,29 @@ def moves(planner, count, seed=0):
             continue
         count -= 1
         yield start, goal
+
+
+@pytest.mark.parametrize("ends", [True, False], ids=["with a deadline", "without"])
+def test_with_a_deadline_the_table_planners_motion_is_made_second_and_other_ramps_wait(
+    planner, monkeypatch, ends
+):
+    made = []
+
+    def noted(machine, path, *arguments):
+        made.append(path.tip.tobytes())
+        return fit_trajectory(machine, path, *arguments)
+
+    options, deadline = PlanOptions(planner="integrated"), Deadline.after(3600.0)
+    for start, goal in moves(planner, 20):
+        table = planner.plan(goal, start, options=PlanOptions(planner="table"))
+        with monkeypatch.context() as patched:
+            patched.setattr(plan_making, "fit_trajectory", noted)
+            planner.plan(goal, start, options=options, deadline=deadline if ends else NEVER)
+        if table.path.tip.tobytes() in made:  # it may be too dear to be looked at
+            break
+        made.clear()
+    assert made.count(made[0]) > 1
+    assert (made.index(table.path.tip.tobytes()) == 1) == ends
 
 
 @pytest.mark.parametrize("kind", PLANNER_KINDS)

@@ -31,12 +31,14 @@ INTEGRATED = PlanOptions(ENERGY_OPTIMAL, planner="integrated")
 
 
 class Compared(NamedTuple):
-    """Plans of a move: energies over the table planner's motion, and times [ms]; with the deadline
-    not a number where none was found."""
+    """Plans of a move: energies and costs over the table planner's motion, and times [ms]; with the
+    deadline not a number where none was found."""
 
     energy: float
+    cost: float
     took: float
     soon_energy: float
+    soon_cost: float
     soon_took: float
 
 
@@ -48,9 +50,10 @@ def integrated_figures(
     within: deadline of plans that are wanted soon [s]; answers come a little later
 
     energy_ratio_geomean of the cases alone, which are the three-joint arm's, of the moves where
-    there are none; worst_energy_ratio of cases and moves, both to the table planner's motions;
-    ground_truth_ratio_… of the paths of the cases and of the first moves; soon: the same with a
-    deadline.
+    there are none; worst_energy_ratio of cases and moves, both to the table planner's motions, and
+    worst_cost_ratio, that of w₁ E + w₂ T + w₃ switches, by which plans are chosen: a switch less
+    may be worth a little energy; ground_truth_ratio_… of the paths of the cases and of the first
+    moves; soon: the same with a deadline.
     """
     three = planner.machine.is_3r
     cases = list(case_moves(planner.machine).values()) if three else []
@@ -62,18 +65,20 @@ def integrated_figures(
     bar = tqdm(measured, desc="ground truth")
     of_truths = np.array([_over_truth(planner, move, within) for move in bar])
     everything = [*of_cases, *of_moves]
-    soon = np.array([row.soon_energy for row in everything])
+    soon = np.array([(row.soon_energy, row.soon_cost) for row in everything])
     return {
         **_times([row.took for row in of_moves]),
         "energy_ratio_geomean": float(np.exp(np.mean(np.log(ratios)))),
         "worst_energy_ratio": max(row.energy for row in everything),
+        "worst_cost_ratio": max(row.cost for row in everything),
         "ground_truth_ratio_mean": float(np.mean(of_truths[:, 0])),
         "ground_truth_ratio_max": float(np.max(of_truths[:, 0])),
         "soon": {
             "deadline_ms": MILLI * within,
             **_times([row.soon_took for row in of_moves]),
-            "not_found": int(np.count_nonzero(np.isnan(soon))),
-            "worst_energy_ratio": float(np.nanmax(soon)),
+            "not_found": int(np.count_nonzero(np.isnan(soon[:, 0]))),
+            "worst_energy_ratio": float(np.nanmax(soon[:, 0])),
+            "worst_cost_ratio": float(np.nanmax(soon[:, 1])),
             "ground_truth_ratio_mean": float(np.nanmean(of_truths[:, 1])),
             "ground_truth_ratio_max": float(np.nanmax(of_truths[:, 1])),
         },
@@ -121,18 +126,26 @@ def _soon(planner: Planner, move: Move, within: float) -> Plan | None:
 
 
 def _compared(planner: Planner, move: Move, within: float) -> Compared:
-    table = _plan(planner, move, TABLE).energy.paper
+    table = _plan(planner, move, TABLE)
     began = time.perf_counter()
     integrated = _plan(planner, move, INTEGRATED)
     ended = time.perf_counter()
     soon = _soon(planner, move, within)
     soon_took = time.perf_counter() - ended
     return Compared(
-        integrated.energy.paper / table,
+        *_over(integrated, table),
         MILLI * (ended - began),
-        math.nan if soon is None else soon.energy.paper / table,
+        *_over(soon, table),
         MILLI * soon_took,
     )
+
+
+def _over(plan: Plan | None, table: Plan) -> tuple[float, float]:
+    """Energy and cost of a plan over the table planner's."""
+    if plan is None:
+        return math.nan, math.nan
+    cost = plan.cost(INTEGRATED) / table.cost(INTEGRATED)
+    return plan.energy.paper / table.energy.paper, cost
 
 
 def _over_truth(planner: Planner, move: Move, within: float) -> tuple[float, float]:

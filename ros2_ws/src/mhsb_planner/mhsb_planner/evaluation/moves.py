@@ -25,7 +25,12 @@ class Move(NamedTuple):
 
 
 def case_moves(machine: Machine) -> dict[str, Move]:
-    """The moves of Cases 1 to 4, each once, from the posture of the table planner's case."""
+    """The moves of Cases 1 to 4, each once, from the posture of the table planner's case.
+
+    None where the arm slews: the cases are in a plane.
+    """
+    if machine.slews:
+        return {}
     moves: dict[tuple[Position, Position], str] = {}
     cases = paper_cases()
     for name, case in cases.items():
@@ -49,13 +54,13 @@ def anywhere(machine: Machine, random: np.random.Generator) -> Position:
     return tuple(machine.in_base(np.array([x, z]), slew).tolist())
 
 
-def random_moves(planner: Planner, count: int) -> Iterator[Move]:
+def random_moves(planner: Planner, count: int, seed: int = SEED) -> Iterator[Move]:
     """Random moves between nodes of the grid, from the table's posture in N, that have a plan.
 
     Goals are nodes, since those off the grid would have their postures sought first (S1). Arms that
     slew do so between any angles within their limits.
     """
-    random, machine = np.random.default_rng(SEED), planner.machine
+    random, machine = np.random.default_rng(seed), planner.machine
     table, a = planner.graph.table, machine.arrays
     nodes = np.flatnonzero(table.feasible)
     while count:

@@ -47,8 +47,9 @@ class IntegratedPlanner:
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """Own paths; in between, as soon as these have no motion or take long, or half the time is
         gone, the table planner's, at the next occasion the other's, which take longer to find.
-        Where what moves meanwhile takes longer than the first path, paths that leakage does not
-        hurry come next.
+        With a deadline the table planner's comes second: it is there within a millisecond or two,
+        and no plan is to be dearer. Where what moves meanwhile takes longer than the first path,
+        paths that leakage does not hurry come next.
 
         With the area weighed lower bounds say little and the search is long: the others come
         before it.
@@ -56,18 +57,26 @@ class IntegratedPlanner:
         own, waits = _search(graph.machine, task, time, task.area), False
         others = list(self.rivals)
         weighed = task.area.weight > 0.0
+        soon = time.ends and not weighed and task.options.period == 0.0
+
+        def theirs(count: int) -> Iterator[Candidate]:
+            now, others[:] = others[:count], others[count:]
+            return _others(graph, task, time, own.lower_bound, now)
+
         for path in own.paths():
             if path is not None:
                 yield Candidate(path)
+                if soon:
+                    soon = False
+                    yield from theirs(1)
                 if not waits and task.meanwhile.time > path.duration.sum():
                     waits = True
                     for calm in _patient(graph.machine, task, time):
                         yield Candidate(replace(calm, lower_bound=own.lower_bound))
             if others and (path is None or not time.found or time.half_gone or weighed):
-                now = others if weighed else others[:1]
-                others = others[len(now):]
-                yield from _others(graph, task, time, own.lower_bound, now)
-        yield from _others(graph, task, time, own.lower_bound, others)
+                soon = False
+                yield from theirs(len(others) if weighed else 1)
+        yield from theirs(len(others))
         if task.area.weight == 0.0:
             for path in _hurried(graph.machine, task, time):
                 yield Candidate(replace(path, lower_bound=own.lower_bound), True)

@@ -24,6 +24,11 @@ class SearchTime:
     _began: float = field(default_factory=now, init=False)
 
     @property
+    def ends(self) -> bool:
+        """Whether there is a deadline at all."""
+        return self.deadline != NEVER
+
+    @property
     def half_gone(self) -> bool:
         """Whether less than half of the time is left."""
         return now() - self._began > self.until.left

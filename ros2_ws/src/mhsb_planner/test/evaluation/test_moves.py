@@ -1,3 +1,5 @@
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import load_machine
 from mhsb_planner.evaluation.moves import case_moves, random_moves
 from mhsb_planner.evaluation.paper_cases import paper_cases
 from mhsb_planner.planner import Planner
@@ -12,8 +14,13 @@ def test_the_cases_have_six_moves_from_postures_at_their_starts(machine):
         assert abs(machine.tip_position(move.start) - cases[name].start).max() < 1e-9
 
 
+def test_an_arm_that_slews_has_no_cases():
+    assert case_moves(load_machine(config_file("excavator.yaml"))) == {}
+
+
 def test_random_moves_are_the_same_every_time(machine, table):
     planner = Planner(machine, table)
     first, again = (list(random_moves(planner, 3)) for _ in range(2))
     assert [move.goal for move in first] == [move.goal for move in again]
     assert len({move.goal for move in first}) == 3
+    assert [move.goal for move in random_moves(planner, 3, seed=1)] != [m.goal for m in first]

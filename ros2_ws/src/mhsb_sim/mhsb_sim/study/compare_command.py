@@ -58,10 +58,10 @@ def compare(
 ) -> None:
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
 
-    Every motion follows its path, whichever planner found that. Beside it, what the same moves
-    would take with other supplies: constant pressure, load sensing, pump control, by energy models
-    (docs/supplies.md). Writes DIR/records.json (energies in J, times in s, errors in mm),
-    DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
+    Arms that slew have random ones alone. Every motion follows its path, whichever planner found
+    that. Beside it, what the same moves would take with other supplies: constant pressure, load
+    sensing, pump control, by energy models (docs/supplies.md). Writes DIR/records.json (energies in
+    J, times in s, errors in mm), DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
 
     Args:
         output: Folder for records, summary and figure.
@@ -110,7 +110,8 @@ def compare(
         print((output / "summary.json").read_text(encoding="utf-8"))
         return
     print("\n".join(as_text(cases, summary)))
-    print("\n".join(by_case([c.name for c in cases], [c.motions for c in cases], arm)))
+    if cases:  # arms that slew have none
+        print("\n".join(by_case([c.name for c in cases], [c.motions for c in cases], arm)))
     for title, found_there in supplies.items():
         print("\n".join(supplies_as_text(title, found_there)))
     print(f"written to {output}")
@@ -168,10 +169,11 @@ def _spread(values: FloatArray) -> dict[str, float]:
 
 def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
     """The cases line by line, then the summaries."""
-    lines = [
+    head = (
         "case  planner       path   planned   series  simulated [J]  least [J]  time [s]  switches"
         "  largest step [rad]"
-    ]
+    )
+    lines = [head] if cases else []
     for case in cases:
         for kind, r in case.records.items():
             lines.append(

@@ -34,6 +34,8 @@ def draw_proportions(
             (cases, VERMILION, "Cases 1 to 4"),
         ):
             found = ratios(moves, "integrated")
+            if len(found.series) == 0:
+                continue
             axes.scatter(found.series, found.simulated, s=12, color=color, label=label)
         axes.set_xlabel(f"planned energy over the {BASELINE} planner's (pumps in series)")
         axes.set_ylabel("the same, simulated")

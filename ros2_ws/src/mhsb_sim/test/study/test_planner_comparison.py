@@ -4,9 +4,11 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from mhsb_model.machine import Machine
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.evaluation.moves import Move
 from mhsb_planner.planner import ENERGY_OPTIMAL
 from mhsb_planner.posture.s1_global_search import postures_at
@@ -57,6 +59,20 @@ def test_a_goal_without_plan_is_a_failure_with_its_reason(
     found = comparer.compare(Request("far", Move(start, (3.0, 0.0)), False))
     assert not found.records
     assert all("workspace" in reason for reason in found.failures.values())
+
+
+def test_arms_that_slew_are_compared_too() -> None:
+    arm = load_machine(config_file("excavator.yaml"))
+    start = np.array([0.3, *arm.config.simulation.start_posture[1:]])
+    tip = arm.tip_position(start) + [0.12, 0.10]
+    goal = tuple(arm.in_base(tip, -0.2).tolist())
+    found = Comparer(arm, ENERGY_OPTIMAL).compare(Request("near", Move(start, goal), True))
+    assert not found.failures
+    assert list(found.records) == ["table", "fixed", "integrated", "ground truth"]
+    truth = found.records["ground truth"].energy_path_j
+    for record in found.records.values():
+        assert record.energy_simulated_j == pytest.approx(record.energy_series_j, rel=0.1)
+        assert record.energy_path_j >= truth * 0.99
 
 
 def test_ratios_are_taken_of_moves_that_both_planners_have() -> None:
