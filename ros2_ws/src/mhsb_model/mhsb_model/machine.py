@@ -19,6 +19,7 @@ from mhsb_model import kinematics, slewing, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import config_file
+from mhsb_model.files.machine_rules import own_speed_problems, problems_across
 from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.value_paths import set_value, value_at
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
@@ -41,7 +42,6 @@ from mhsb_model.obstacles.zones import (
     obstacles_of,
 )
 from mhsb_model.schema import COMMON, MachineConfig
-from mhsb_model.schema_rules import own_speed_problems, problems_across
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"

@@ -1,7 +1,7 @@
 """Schema of a machine file: names, units, ranges and meaning of every parameter.
 
 All values are SI. Unknown keys and non-finite numbers are refused. Rules that concern several
-values are in `schema_rules`.
+values are in `files.machine_rules`.
 """
 
 from __future__ import annotations

@@ -24,11 +24,11 @@ from mhsb_planner.evaluation.ground_truth import ground_truth
 from mhsb_planner.evaluation.moves import Move
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
-from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.path_planner import Task
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA
 from mhsb_planner.search.s2_search import Weights
-from mhsb_planner.slewing import Slewing
+from mhsb_planner.slewing.turned_path import turned, turning_evenly
 from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
@@ -137,15 +137,17 @@ class Comparer:
     def _truth(self, move: Move, modes: StartModes) -> Plan:
         """The plan along the ground truth's path in the arm's plane, which turns meanwhile."""
         machine, options = self._planner.machine, PlanOptions(self._weights, trajectory="followed")
-        place = machine.in_plane(move.goal, move.start[0])
-        start = MotionState.at_rest(move.start)
-        task = Task(place.tip, start, modes, None, start.position, options, WITHOUT_AREA)
-        slewing = Slewing(machine, task, place.slew)
-        plane = slewing.in_plane
+        tip, slew = machine.in_plane(move.goal, move.start[0])
+        first = int(machine.slews)  # joint of the plane
         path = ground_truth(
-            machine.plane, plane.departure, plane.modes.modes, plane.goal, self._weights
+            machine.plane, move.start[first:], modes.modes[first:], tip, self._weights
         )
-        return self._planner.follow(slewing.along(Candidate(path)).path, modes, options)
+        if slew is not None:
+            start = MotionState.at_rest(move.start)
+            task = Task(move.goal, start, modes, None, start.position, options, WITHOUT_AREA)
+            turning = turning_evenly(machine, path, float(move.start[0]), slew)
+            path = turned(machine, task, path, turning)
+        return self._planner.follow(path, modes, options)
 
     def _judged(self, start: FloatArray, plan: Plan) -> tuple[Record, Supplied]:
         """A plan's record, its simulation included, and what its motion takes."""
