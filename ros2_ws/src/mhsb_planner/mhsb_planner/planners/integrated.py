@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
@@ -34,6 +35,10 @@ HURRIED_STATES = 4000
 """States of lattices that this may take."""
 
 
+RIVALS: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
+"""Their motions are compared with its own."""
+
+
 class IntegratedPlanner:
     """Ever cheaper routes in the space of cylinder lengths, and others to compare them with."""
 
@@ -41,42 +46,23 @@ class IntegratedPlanner:
     summary = "decides postures together with path and modes"
     trajectory: TrajectoryKind = "followed"
     weighs_area = True
-    rivals: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
+    rivals: tuple[PathPlanner, ...] = RIVALS
     takes: tuple[str, ...] = ()
 
     def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
         """Own paths; in between, as soon as these have no motion or take long, or half the time is
         gone, the table planner's, at the next occasion the other's, which take longer to find.
-        With a deadline the table planner's comes second: it is there within a millisecond or two,
-        and no plan is to be dearer. Where what moves meanwhile takes longer than the first path,
-        paths that leakage does not hurry come next.
+        Where what moves meanwhile takes longer than the first path, paths that leakage does not
+        hurry come next.
 
         With the area weighed lower bounds say little and the search is long: the others come
-        before it.
+        before it. For what comes when with a deadline see `_soon`.
         """
-        own, waits = _search(graph.machine, task, time, task.area), False
-        others = list(self.rivals)
-        weighed = task.area.weight > 0.0
-        soon = time.ends and not weighed and task.options.period == 0.0
-
-        def theirs(count: int) -> Iterator[Candidate]:
-            now, others[:] = others[:count], others[count:]
-            return _others(graph, task, time, own.lower_bound, now)
-
-        for path in own.paths():
-            if path is not None:
-                yield Candidate(path)
-                if soon:
-                    soon = False
-                    yield from theirs(1)
-                if not waits and task.meanwhile.time > path.duration.sum():
-                    waits = True
-                    for calm in _patient(graph.machine, task, time):
-                        yield Candidate(replace(calm, lower_bound=own.lower_bound))
-            if others and (path is None or not time.found or time.half_gone or weighed):
-                soon = False
-                yield from theirs(len(others) if weighed else 1)
-        yield from theirs(len(others))
+        own = _search(graph.machine, task, time, task.area)
+        if time.ends and task.area.weight == 0.0 and task.options.period == 0.0:
+            yield from _soon(own, graph, task, time)
+        else:
+            yield from _thoroughly(own, graph, task, time)
         if task.area.weight == 0.0:
             for path in _hurried(graph.machine, task, time):
                 yield Candidate(replace(path, lower_bound=own.lower_bound), True)
@@ -92,6 +78,59 @@ class IntegratedPlanner:
         integrated_search.warm_up(graph.machine)
         for planner in self.rivals:
             planner.warm_up(graph)
+
+
+def _thoroughly(
+    own: IntegratedSearch, graph: StepGraph, task: Task, time: SearchTime
+) -> Iterator[Candidate]:
+    """Own paths and the other planners', as `IntegratedPlanner.paths` says."""
+    waits, weighed = False, task.area.weight > 0.0
+    others = list(RIVALS)
+    for path in own.paths():
+        if path is not None:
+            yield Candidate(path)
+            if not waits and task.meanwhile.time > path.duration.sum():
+                waits = True
+                yield from _patient(own, graph, task, time)
+        if others and (path is None or not time.found or time.half_gone or weighed):
+            now = others if weighed else others[:1]
+            others = others[len(now):]
+            yield from _others(graph, task, time, own.lower_bound, now)
+    yield from _others(graph, task, time, own.lower_bound, others)
+
+
+def _soon(
+    own: IntegratedSearch, graph: StepGraph, task: Task, time: SearchTime
+) -> Iterator[Candidate]:
+    """With a deadline: the table planner's path comes right after the first own one, or before it
+    where that takes long. It is there within a millisecond or two, and no plan is to be dearer.
+
+    All else of others waits until the own search has ended: the other planner's path may take
+    longer than there is time, and the table's polynomial is seldom kept.
+    """
+    waits, looked = False, False
+    table, fixed = (
+        _others(graph, task, time, own.lower_bound, [planner])
+        for planner in RIVALS
+    )
+    for path in own.paths():
+        if path is not None:
+            yield Candidate(path)
+        if not (looked and time.found):
+            yield from _until_found(chain(table, fixed) if looked else table, time)
+            looked = True
+        if path is not None and not waits and task.meanwhile.time > path.duration.sum():
+            waits = True
+            yield from _patient(own, graph, task, time)
+    yield from chain(table, fixed)
+
+
+def _until_found(candidates: Iterator[Candidate], time: SearchTime) -> Iterator[Candidate]:
+    """At least one of them, and more until there is a motion."""
+    for candidate in candidates:
+        yield candidate
+        if time.found:
+            return
 
 
 def _search(
@@ -122,11 +161,15 @@ def _search(
     )
 
 
-def _patient(machine: Machine, task: Task, time: SearchTime) -> Iterator[DiscretePath]:
+def _patient(
+    own: IntegratedSearch, graph: StepGraph, task: Task, time: SearchTime
+) -> Iterator[Candidate]:
     """Paths that are cheapest where others take their time: leakage goes on anyway."""
     with suppress(MhsbError):
-        search = _search(machine, task, time, task.area, leaks=False)
-        yield from (path for path in search.paths() if path is not None)
+        search = _search(graph.machine, task, time, task.area, leaks=False)
+        for path in search.paths():
+            if path is not None:
+                yield Candidate(replace(path, lower_bound=own.lower_bound))
 
 
 def _hurried(machine: Machine, task: Task, time: SearchTime) -> Iterator[DiscretePath]:

@@ -9,7 +9,8 @@ are three ways, and paths are taken from each in turn:
    stands at the start before it, and of what stands at the goal after it.
 
 Where the first way loses no time to zones there is no need for the others. The second and third are
-also those of the planners that the plan is compared with, the first of which is the quickest.
+also those of the planners that the plan is compared with; the first of these is the quickest, and
+its paths are taken one after the other until there is a motion.
 """
 
 from __future__ import annotations
@@ -100,12 +101,16 @@ class SlewingPaths:
         self, task: Task, in_plane: Task, slew: float, time: SearchTime
     ) -> Iterator[Candidate]:
         began, bound = float(task.departure[0]), in_plane.bound(self.graph)
-        direct = map(InPlane, self.planner.paths(self.graph, in_plane, time))
-        ways: deque[Iterator[InPlane]] = deque([direct])
-        rivals = self.planner.rivals
-        for planner in (*rivals[:1], self.planner, *rivals[1:]):
-            ways.append(self._past_shadows(planner, in_plane, (began, slew), time))
-            ways.append(self._carried(planner, in_plane, (began, slew), time))
+        direct: Iterator[InPlane] = map(
+            InPlane, self.planner.paths(self.graph, in_plane, time)
+        )
+        rivals, turn = self.planner.rivals, (began, slew)
+        others = [
+            way(planner, in_plane, turn, time)
+            for planner in (*rivals[:1], self.planner, *rivals[1:])
+            for way in (self._past_shadows, self._carried)
+        ]
+        ways, quick = deque([direct, *others]), others[:2]
         found, refused, pause = False, None, shortest_ramp(self.machine).duration
         while ways and not (found and time.until.passed):
             way = ways.popleft()
@@ -116,7 +121,10 @@ class SlewingPaths:
             except MhsbError as error:
                 refused = refused or (error if way is direct else None)
                 continue
-            ways.append(way)
+            if way in quick and not time.found:
+                ways.appendleft(way)
+            else:
+                ways.append(way)
             path = replace(candidate.path, lower_bound=bound)
             turning = turning_among_zones(self.machine, path, began, slew)
             if turning is None:
