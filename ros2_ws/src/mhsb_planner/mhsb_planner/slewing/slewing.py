@@ -10,7 +10,7 @@ are three ways, and paths are taken from each in turn:
 
 Where the first way loses no time to zones there is no need for the others. The second and third are
 also those of the planners that the plan is compared with; the first of these is the quickest, and
-its paths are taken one after the other until there is a motion.
+its paths are taken one after the other until there is a motion, then every second one.
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ class SlewingPaths:
             except MhsbError as error:
                 refused = refused or (error if way is direct else None)
                 continue
-            if way in quick and not time.found:
-                ways.appendleft(way)
+            if way in quick:
+                ways.insert(1 if time.found else 0, way)
             else:
                 ways.append(way)
             path = replace(candidate.path, lower_bound=bound)
