@@ -24,7 +24,9 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED, ON_RAIL, Mode
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.integrated.goals_near import with_those_near
 from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_step import circuit_of
 
 SPACING = 2.5e-3
 """Between the lattice's points along each cylinder, about, of an arm of the paper's size [m]."""
@@ -67,7 +69,10 @@ def least_cost(
     cheaper is found. Obstacles are not looked at.
     """
     pricing = _Pricing(machine, weights, REST_SPEED if holding else 0.0)
-    goals = goal_postures(machine, *goal, spacing=PSI_SPACING).postures.posture
+    circuit = circuit_of(machine.arrays, machine.patterns)
+    weight = np.array([weights.energy, weights.time, weights.switches])
+    among = goal_postures(machine, *goal, spacing=PSI_SPACING)
+    goals = with_those_near(machine, among, start, circuit, weight).postures.posture
     return _Lattice(pricing, start, goals, known).cheapest()
 
 

@@ -21,7 +21,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.goal_region import Angle, Region, is_met
-from mhsb_planner.integrated import stages
+from mhsb_planner.integrated import goals_near, stages
 from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.integrated.route import path_of, patient, price_route, terms
@@ -94,6 +94,7 @@ class IntegratedSearch:
         weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
         self._terms = terms(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
         priced_by = self._terms if leaks else patient(self._terms)
+        goals = goals_near.with_those_near(machine, goals, posture, priced_by.circuit, weight)
         self._task = Task.of(machine, posture, priced_by, goals, time, effort)
         time.until.check(SEARCHING)
         origin = posture if certified_from is None else certified_from
@@ -232,6 +233,7 @@ def warm_up_pricing(machine: Machine) -> None:
     """Compile what a route's cost takes."""
     task = _example(machine)
     task.price(_line(task))
+    goals_near.warm_up(machine, task.start, task.terms.circuit)
 
 
 def warm_up_paths(machine: Machine) -> None:
