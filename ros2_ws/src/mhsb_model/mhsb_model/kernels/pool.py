@@ -71,14 +71,18 @@ class _Bar:
 
 
 def _marks(parts: Sequence[str]) -> dict[str, Path]:
-    """The file of each part that is there when it is complete, for these kernels and processor."""
+    """The file of each part that is there when it is complete, for these kernels and processor.
+
+    And for the place of their sources, by which numba keeps them: another checkout of the same
+    sources has its own.
+    """
     from llvmlite import binding
 
     folder = Path(os.environ[cache_folder.VARIABLE])
     sources = cache_folder.fingerprint(cache_folder.kernel_sources())
 
     def mark(part: str) -> Path:
-        words = (part, sources, sys.version, binding.get_host_cpu_name())
+        words = (part, sources, __file__, sys.version, binding.get_host_cpu_name())
         return folder / f"complete-{hashlib.sha256(repr(words).encode()).hexdigest()[:16]}"
 
     return {part: mark(part) for part in parts}

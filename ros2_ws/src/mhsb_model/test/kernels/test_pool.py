@@ -1,11 +1,15 @@
 """Compiling ahead: in parts, by several processes, told as it goes on, once for all programs."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
+
+import mhsb_model
 
 PARTS = """
 import os
@@ -45,14 +49,16 @@ print("ready", flush=True)
 
 @pytest.fixture
 def start(tmp_path):
-    """Function (parts...) that starts a program which has these parts compiled ahead."""
+    """Function (parts..., sources) that starts a program which has these parts compiled ahead, with
+    the suite as it is or, of a package, the one in the folder `sources`."""
     (tmp_path / "parts.py").write_text(PARTS)
 
-    def run(*parts):
+    def run(*parts, sources=tmp_path):
+        path = (str(sources), str(tmp_path), os.environ["PYTHONPATH"])
         environment = {
             **os.environ,
             "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-            "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}",
+            "PYTHONPATH": os.pathsep.join(path),
         }
         return subprocess.Popen(
             [sys.executable, "-c", PROGRAM, *(f"parts:{part}" for part in parts)],
@@ -88,6 +94,13 @@ def test_what_is_complete_is_not_done_again_and_other_parts_are(start):
         "compiling kernels, which happens once: 1 of 1 parts",
         "ready",
     ]
+
+
+def test_another_checkout_of_the_same_sources_has_its_own(start, tmp_path):
+    assert len(lines(start("quick"))) == 3
+    shutil.copytree(Path(mhsb_model.__file__).parent, tmp_path / "other" / "mhsb_model")
+    assert len(lines(start("quick", sources=tmp_path / "other"))) == 3
+    assert lines(start("quick", sources=tmp_path / "other")) == ["ready"]
 
 
 def test_what_cannot_be_compiled_is_told_and_stops_nothing(start, tmp_path):
