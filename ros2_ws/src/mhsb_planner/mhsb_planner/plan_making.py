@@ -119,10 +119,8 @@ class PlanMaking:
         try:
             for candidate in candidates:
                 self._spend("comparison" if candidate.compared else "search")
-                put_off, self._put_off = self._put_off, None
                 self._consider(candidate)
-                self._vary(put_off)
-            self._vary(self._put_off)
+            self._go_on_with_the_first()
         except DeadlineError:
             if self._best is None:
                 raise
@@ -158,18 +156,21 @@ class PlanMaking:
             followed = self._made(candidate, _followed(rules))
             rules = replace(rules, alone=followed is not None)
         motion = self._made(candidate, rules) or followed
-        if motion is None:
-            return
-        if best is None and self.time.ends:
+        if best is None and self.time.ends and motion is not None:
             self._put_off = candidate, motion, rules
-        else:
-            self._vary((candidate, motion, rules))
-
-    def _vary(self, made: tuple[Candidate, FittedMotion, FitRules] | None) -> None:
-        """Make the path of a motion other motions, and keep what is cheaper."""
-        if made is None:
             return
-        candidate, motion, rules = made
+        self._go_on_with_the_first()
+        if motion is not None:
+            self._vary(candidate, motion, rules)
+
+    def _go_on_with_the_first(self) -> None:
+        """Look at the other motions along the first path, if they were put off."""
+        if self._put_off is not None:
+            put_off, self._put_off = self._put_off, None
+            self._vary(*put_off)
+
+    def _vary(self, candidate: Candidate, motion: FittedMotion, rules: FitRules) -> None:
+        """Make the path of a motion other motions, and keep what is cheaper."""
         for other in self._others(candidate.path, motion, rules):
             before = self._best
             if self._made(candidate, other) is not None and self._best is not before:
