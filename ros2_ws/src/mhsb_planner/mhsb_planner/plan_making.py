@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -94,6 +95,7 @@ class PlanMaking:
         self._best: Plan | None = None
         self._refused: FitError | None = None
         self._put_off: tuple[Candidate, FittedMotion, FitRules] | None = None
+        self._first_cost = math.inf
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
         self._began = self._since = began
 
@@ -156,18 +158,24 @@ class PlanMaking:
             followed = self._made(candidate, _followed(rules))
             rules = replace(rules, alone=followed is not None)
         motion = self._made(candidate, rules) or followed
-        if best is None and self.time.ends and motion is not None:
-            self._put_off = candidate, motion, rules
+        if best is None and self.time.ends and motion is not None and self._best is not None:
+            self._put_off, self._first_cost = (candidate, motion, rules), self._best.cost(options)
             return
         self._go_on_with_the_first()
         if motion is not None:
             self._vary(candidate, motion, rules)
 
     def _go_on_with_the_first(self) -> None:
-        """Look at the other motions along the first path, if they were put off."""
-        if self._put_off is not None:
-            put_off, self._put_off = self._put_off, None
-            self._vary(*put_off)
+        """Look at the other motions along the first path, if these were put off.
+
+        Only where its own motion is still nearly the best.
+        """
+        if self._put_off is None or self._best is None:
+            return
+        (candidate, motion, rules), self._put_off = self._put_off, None
+        options, best = self._task.options, self._best
+        if self._first_cost <= NEARLY * best.cost(options):
+            self._vary(candidate, motion, rules)
 
     def _vary(self, candidate: Candidate, motion: FittedMotion, rules: FitRules) -> None:
         """Make the path of a motion other motions, and keep what is cheaper."""
