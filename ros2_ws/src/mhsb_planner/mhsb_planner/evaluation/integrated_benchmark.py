@@ -17,6 +17,7 @@ from tqdm import tqdm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
+from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.evaluation.ground_truth import ground_truth
@@ -53,7 +54,7 @@ def integrated_figures(
     there are none; worst_energy_ratio of cases and moves, both to the table planner's motions, and
     worst_cost_ratio, that of w₁ E + w₂ T + w₃ switches, by which plans are chosen: a switch less
     may be worth a little energy; ground_truth_ratio_… of the paths of the cases and of the first
-    moves; soon: the same with a deadline.
+    moves, left out where there are none; soon: the same with a deadline.
     """
     three = planner.machine.is_3r
     cases = list(case_moves(planner.machine).values()) if three else []
@@ -63,7 +64,7 @@ def integrated_figures(
     ratios = [row.energy for row in of_cases or of_moves]
     measured = [*cases, *moves[:truths]]
     bar = tqdm(measured, desc="ground truth")
-    of_truths = np.array([_over_truth(planner, move, within) for move in bar])
+    of_truths = np.array([_over_truth(planner, move, within) for move in bar]).reshape(-1, 2)
     everything = [*of_cases, *of_moves]
     soon = np.array([(row.soon_energy, row.soon_cost) for row in everything])
     return {
@@ -71,18 +72,25 @@ def integrated_figures(
         "energy_ratio_geomean": float(np.exp(np.mean(np.log(ratios)))),
         "worst_energy_ratio": max(row.energy for row in everything),
         "worst_cost_ratio": max(row.cost for row in everything),
-        "ground_truth_ratio_mean": float(np.mean(of_truths[:, 0])),
-        "ground_truth_ratio_max": float(np.max(of_truths[:, 0])),
+        **_truth_ratios(of_truths[:, 0]),
         "soon": {
             "deadline_ms": MILLI * within,
             **_times([row.soon_took for row in of_moves]),
             "not_found": int(np.count_nonzero(np.isnan(soon[:, 0]))),
             "worst_energy_ratio": float(np.nanmax(soon[:, 0])),
             "worst_cost_ratio": float(np.nanmax(soon[:, 1])),
-            "ground_truth_ratio_mean": float(np.nanmean(of_truths[:, 1])),
-            "ground_truth_ratio_max": float(np.nanmax(of_truths[:, 1])),
+            **_truth_ratios(of_truths[:, 1]),
         },
     }
+
+
+def _truth_ratios(ratios: FloatArray) -> dict[str, float]:
+    """Mean and largest of those that are numbers; nothing where none is."""
+    known = ratios[np.isfinite(ratios)]
+    if not len(known):
+        return {}
+    mean, worst = float(known.mean()), float(known.max())
+    return {"ground_truth_ratio_mean": mean, "ground_truth_ratio_max": worst}
 
 
 def _truth(machine: Machine, move: Move) -> float:

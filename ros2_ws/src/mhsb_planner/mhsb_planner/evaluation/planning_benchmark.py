@@ -343,9 +343,10 @@ def planning(
             those of any machine, when left out.
         json_: Print the JSON file instead of text.
     """
-    for name, count in (("moves", moves), ("collocations", collocations)):
-        if count < 1:
-            raise command_line.UsageError(f"--{name} {count} is below 1")
+    least_counts = (("moves", moves, 1), ("collocations", collocations, 1), ("truths", truths, 0))
+    for name, count, least in least_counts:
+        if count < least:
+            raise command_line.UsageError(f"--{name} {count} is below {least}")
     arm = load_machine(machine)
     possible = PARTS if arm.is_3r else ANY_MACHINE
     for part in parts or ():
@@ -413,15 +414,19 @@ def _plan_lines(figures: Figures) -> list[str]:
         f"integrated plans p50 {integrated['p50_ms']:.1f} ms, p99 {integrated['p99_ms']:.1f} ms; "
         f"energy over the table planner's {integrated['energy_ratio_geomean']:.3f} (Cases 1-4, or "
         f"all moves where there are none), at worst {integrated['worst_energy_ratio']:.3f}, cost "
-        f"at worst {integrated['worst_cost_ratio']:.3f}; over the ground truth "
-        f"{integrated['ground_truth_ratio_mean']:.3f}, at worst "
-        f"{integrated['ground_truth_ratio_max']:.3f}",
+        f"at worst {integrated['worst_cost_ratio']:.3f}{_over_the_truth(integrated)}",
         f"  in {soon['deadline_ms']:.0f} ms      answered p50 {soon['p50_ms']:.1f} ms, p99 "
         f"{soon['p99_ms']:.1f} ms; {soon['not_found']} without a plan; energy over the table "
         f"planner's at worst {soon['worst_energy_ratio']:.3f}, cost at worst "
-        f"{soon['worst_cost_ratio']:.3f}; over the ground truth "
-        f"{soon['ground_truth_ratio_mean']:.3f}, at worst {soon['ground_truth_ratio_max']:.3f}",
+        f"{soon['worst_cost_ratio']:.3f}{_over_the_truth(soon)}",
     ]
+
+
+def _over_the_truth(figures: Figures) -> str:
+    if "ground_truth_ratio_mean" not in figures:
+        return ""
+    mean, worst = figures["ground_truth_ratio_mean"], figures["ground_truth_ratio_max"]
+    return f"; over the ground truth {mean:.3f}, at worst {worst:.3f}"
 
 
 def _growth_lines(rows: Sequence[Figures]) -> list[str]:

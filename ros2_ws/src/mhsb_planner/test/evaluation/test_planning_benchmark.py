@@ -122,6 +122,7 @@ def test_the_command_writes_them(figures, tmp_path, monkeypatch):
     [
         ({"moves": 0}, "--moves 0 is below 1"),
         ({"collocations": 0}, "--collocations 0 is below 1"),
+        ({"truths": -1}, "--truths -1 is below 0"),
         ({"parts": ["speed"]}, "--parts speed is none of table, plan, .*, time_optimality"),
         ({"parts": ["scenes"], "machine": config_file("mhsb_arm4.yaml")}, "scenes is none of"),
     ],
@@ -141,6 +142,13 @@ def test_an_arm_of_four_joints_is_measured_in_the_parts_that_are_of_any_machine(
     assert figures["table"]["worst_area_ratio"] >= 0.999
     assert figures["plan"]["integrated"]["worst_cost_ratio"] <= 1.0 + 1e-9
     assert len(as_text(figures)) > 4
+
+
+def test_without_ground_truths_nothing_is_said_of_them():
+    arm = load_machine(config_file("excavator.yaml"))
+    figures = measure(arm, Effort(moves=1, truths=0, runs=1), parts=("plan",))
+    assert not any("ground truth" in line for line in as_text(figures))
+    assert figures["plan"]["integrated"]["worst_cost_ratio"] <= 1.0 + 1e-9
 
 
 def test_scipy_is_given_the_graph_that_is_searched(graph):
