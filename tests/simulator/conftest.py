@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.arm_reports import HandOverReport
@@ -81,10 +82,16 @@ class Commander:
             mode_schedule.encode(schedule, machine.actuator_names),
         )
 
-    def send(self, halves: Halves) -> int:
-        """Send both halves; their stamp."""
+    def send(self, halves: Halves, once_received: Duration | None = None) -> int:
+        """Send both halves; their stamp.
+
+        once_received: how long the second half may wait until the first has arrived: one of many
+                       points is longer under way than a half waits for the other
+        """
         for publisher, message in zip(self.publishers, halves, strict=True):
             publisher.publish(message)
+            if once_received is not None:
+                assert publisher.wait_for_all_acked(once_received)
         return stamps.from_time(halves[0].header.stamp)
 
     def reports(self, stamp_ns: int) -> list[HandOverReport]:

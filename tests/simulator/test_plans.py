@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import JointTrajectory
 
@@ -118,7 +119,7 @@ def test_a_trajectory_of_100000_points_is_refused_at_once_and_nothing_stalls(obs
     zero = np.zeros_like(still)
     halves = commander.halves(latest.stamp_ns + 1, SECOND_NS // 200, (still, zero, zero), (0, 0, 0))
     observer.serve(0.1)
-    stamp = commander.send(halves)
+    stamp = commander.send(halves, once_received=Duration(seconds=20))
     assert commander.outcome(stamp).sentence.endswith(
         "its joint_trajectory cannot be used: the trajectory has 100000 points; give at most 40000"
     )

@@ -7,7 +7,7 @@ recording has no data for is null.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -38,6 +38,7 @@ def summary(run: RecordedRun) -> Summary:
 
     goals_sent, goals_accepted  goal poses, and accepting verdicts
     goals_…                     reached; superseded, refused and lost as `goal_fates` says
+    places_not_reached          of goals, however often they were replaced there
     switches_in_motion          accepted goals whose plan took over while the reference moved
     tip_error_rms_mm            measured tip against reference tip, from the first to the last
                                 moment at which the reference moved; tip_error_max_mm likewise
@@ -67,6 +68,7 @@ def summary(run: RecordedRun) -> Summary:
         "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
         "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
         "goals_replaced": sum(goal.outcome is Outcome.REPLACED for goal in run.goals),
+        "places_not_reached": _places_not_reached(run.goals),
         "goals_superseded": sum(each.fate is Fate.SUPERSEDED for each in run.fates),
         "goals_refused": sum(each.fate is Fate.REFUSED for each in run.fates),
         "goals_lost": sum(each.fate is Fate.LOST for each in run.fates),
@@ -86,6 +88,15 @@ def summary(run: RecordedRun) -> Summary:
         "goals": [_goal(goal) for goal in run.goals],
         "lost": [_lost(each) for each in run.fates if each.fate is Fate.LOST],
     }
+
+
+def _places_not_reached(goals: Sequence[GoalRecord]) -> int:
+    there = {
+        goal.verdict.goal.position
+        for goal in goals
+        if goal.outcome is Outcome.REACHED or goal.verdict.code is Verdict.AT_GOAL
+    }
+    return len({goal.verdict.goal.position for goal in goals} - there)
 
 
 def _tip_errors(tip: TipMotion, goals: Iterable[GoalRecord]) -> Summary:

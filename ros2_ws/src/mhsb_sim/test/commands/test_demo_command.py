@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import config_file, of_machine
+from mhsb_model.machine import load_machine
 from mhsb_sim.commands.demo_command import (
     GOALS_FILE,
     TimedGoal,
@@ -21,6 +22,19 @@ GOOD = {"goals_sent": 11, "goals_refused": 0, "lost": []}
 def test_goals_are_read_with_the_time_to_the_next_one():
     goals = read_goals(config_file(GOALS_FILE))
     assert goals[0] == TimedGoal(0.55, 0.60, 5.0)
+    assert goals[-1].time is None
+
+
+@pytest.mark.parametrize("name", ["mhsb_arm4", "telescope_arm", "excavator", "forestry_crane"])
+def test_a_machine_s_own_goals_are_within_reach_and_may_all_be_reached(name):
+    """A goal that may be replaced on the way comes again."""
+    machine = load_machine(config_file(f"{name}.yaml"))
+    goals = read_goals(of_machine(GOALS_FILE, machine.name))
+    places = [goal.position for goal in goals]
+    for place in places:
+        machine.check_in_workspace(place)
+    again = {place for place in places if places.count(place) > 1}
+    assert len(again) >= 2
     assert goals[-1].time is None
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mhsb_model.verdict import Outcome
 from mhsb_sim.recording.bag_reader import read_recording
 from mhsb_sim.report.goal_fates import goal_fates
 from mhsb_sim.report.recorded_run import recorded_run
@@ -24,6 +25,13 @@ def test_goals_are_counted_by_what_became_of_them(numbers):
     assert numbers["goals_accepted"] == 4
     assert numbers["goals_reached"] == 2
     assert numbers["switches_in_motion"] == 1
+
+
+def test_a_place_counts_as_reached_whichever_of_its_goals_led_there(run, numbers):
+    assert numbers["places_not_reached"] == 3  # replaced, out of the workspace, not a number
+    first, *others = run.goals
+    again = replace(first, outcome=Outcome.REACHED)
+    assert summary(replace(run, goals=(first, *others, again)))["places_not_reached"] == 2
 
 
 def test_goals_are_lost_or_superseded_as_their_fates_tell(run, numbers):
