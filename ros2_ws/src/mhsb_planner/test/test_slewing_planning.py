@@ -13,6 +13,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import Disc
+from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.slewing.sharing_out import shared_out
@@ -116,6 +117,19 @@ def test_a_plan_from_motion_goes_on_from_where_the_arm_is(planner, arm, start, w
     assert now.velocity == pytest.approx(state.velocity, abs=1e-9)
     assert arm.tip_in_base(trajectory.position[-1]) == pytest.approx(begin, abs=1e-6)
     assert max(worst(trajectory, plan.motion.schedule, machine=arm).values()) < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["table", "integrated"])
+def test_a_large_arm_passes_a_point_within_10_mm_without_stopping_at_every_step(
+    planner, arm, start, kind
+):
+    begin, goal = MOVES[arm.name]
+    point = tuple(0.5 * (a + b) + 0.2 for a, b in zip(begin, goal, strict=True))
+    options = PlanOptions(planner=kind, via=(point,))
+    motion = planner.plan(goal, MotionState.at_rest(start), options=options).motion
+    assert motion.method is FitMethod.RAMPED
+    tips = arm.tip_in_base(motion.trajectory.position)
+    assert np.linalg.norm(tips - point, axis=1).min() < 0.01 + 1e-3  # between points of 20 ms
 
 
 def test_a_tolerance_holds_in_the_plane(planner, arm, start):

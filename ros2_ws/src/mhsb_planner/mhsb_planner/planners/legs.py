@@ -1,4 +1,4 @@
-"""Paths through points on the way: leg by leg, joined to one path that does not stop there."""
+"""Paths through points on the way: leg by leg, joined to one path that need not stop there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
+from mhsb_model.machine import Machine
 from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
+from mhsb_planner.planners.resting import with_rests
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.search_time import SearchTime
@@ -16,6 +18,10 @@ from mhsb_planner.search.search_time import SearchTime
 
 class PathSource(Protocol):
     """Where paths of the whole arm come from."""
+
+    @property
+    def machine(self) -> Machine:
+        """The whole arm."""
 
     def bound(self, task: Task) -> float:
         """No plan takes less energy [J]."""
@@ -31,6 +37,11 @@ class PlanePaths:
     planner: PathPlanner
     graph: StepGraph
 
+    @property
+    def machine(self) -> Machine:
+        """That of the graph."""
+        return self.graph.machine
+
     def bound(self, task: Task) -> float:
         """No plan takes less energy [J]."""
         return task.bound(self.graph)
@@ -44,7 +55,8 @@ def paths_by_way(source: PathSource, task: Task, time: SearchTime) -> Iterator[C
     """Paths from the task's departure to its goal, through the points on the way in their order.
 
     First with what each leg begins with, then with the cheapest path of each. A leg ends in the
-    posture that is best for itself. Raises what the source's paths raise.
+    posture that is best for itself. Each path comes once more with rests at these points, for arms
+    whose motion would else pass them by. Raises what the source's paths raise.
     """
     if not task.options.via:
         yield from source.paths(task, time)
@@ -60,6 +72,10 @@ def paths_by_way(source: PathSource, task: Task, time: SearchTime) -> Iterator[C
         for candidate in source.paths(last, time):
             whole = replace(joined([*legs, candidate.path]), lower_bound=bound)
             yield candidate._replace(path=whole)
+            before = np.cumsum([leg.steps for leg in legs])
+            before = np.unique(before[(before > 0) & (before < whole.steps)])
+            rested = with_rests(source.machine, whole, before, task.options.weights)
+            yield candidate._replace(path=rested, compared=True)
 
 
 def path_of_leg(

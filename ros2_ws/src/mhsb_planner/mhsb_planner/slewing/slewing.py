@@ -27,7 +27,6 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import DeadlineError, NoPathError
-from mhsb_planner.motion.s3_ramps import shortest_ramp
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.legs import PlanePaths, joined, path_of_leg
 from mhsb_planner.planners.path_planner import (
@@ -38,6 +37,7 @@ from mhsb_planner.planners.path_planner import (
     Task,
     in_both_ways,
 )
+from mhsb_planner.planners.resting import with_rests
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import check_tip
 from mhsb_planner.search.s2_graph import StepGraph
@@ -46,7 +46,7 @@ from mhsb_planner.search.search_time import SearchTime
 from mhsb_planner.slewing.among_zones import turning_among_zones
 from mhsb_planner.slewing.carrying import carrying_postures
 from mhsb_planner.slewing.sharing_out import slewing_meanwhile
-from mhsb_planner.slewing.turned_path import RESTS, pausing, turned, turning_evenly
+from mhsb_planner.slewing.turned_path import RESTS, corners, turned, turning_evenly
 
 CARRIED_OVER = 4
 """Points on the way that are tried, at most."""
@@ -111,7 +111,7 @@ class SlewingPaths:
             for way in (self._past_shadows, self._carried)
         ]
         ways, quick = deque([direct, *others]), others[:2]
-        found, refused, pause = False, None, shortest_ramp(self.machine).duration
+        found, refused = False, None
         while ways and not (found and time.until.passed):
             way = ways.popleft()
             try:
@@ -134,8 +134,9 @@ class SlewingPaths:
                 ways = deque([direct])
             yield candidate._replace(path=whole)
             if corner is not None or RESTS in turning.step:
-                paused = turned(self.machine, task, path, pausing(turning, pause, corner))
-                yield candidate._replace(path=paused, compared=True)
+                before, weights = corners(turning, corner), task.options.weights
+                rested = with_rests(self.machine, whole, before, weights)
+                yield candidate._replace(path=rested, compared=True)
         if not found:
             raise self._nothing_found(task, refused, time)
 

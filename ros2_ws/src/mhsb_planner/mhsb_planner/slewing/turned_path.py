@@ -55,21 +55,17 @@ def turning_evenly(machine: Machine, path: DiscretePath, began: float, ended: fl
     return Turning(step, (1.0 - done) * began + done * ended, longer)
 
 
-def pausing(turning: Turning, pause: float, corner: int | None) -> Turning:
-    """The same with a rest of so many seconds at the path's corner and wherever the plane's joints
-    stop for the slew or go on after it: a motion, whose ramps round corners, then gets to these.
+def corners(turning: Turning, corner: int | None) -> IntArray:
+    """Numbers of the steps before which the plane's joints stop for the slew or go on after it.
 
-    corner  number of the step of the path that follows it; None: there is none
+    corner  number of the step of the path after a corner of its own, which is one of them; None:
+            there is none
     """
     alone = turning.step == RESTS
     before = np.flatnonzero(alone[1:] != alone[:-1]) + 1
     if corner is not None:
         before = np.union1d(before, np.flatnonzero(turning.step == corner))
-    return Turning(
-        np.insert(turning.step, before, RESTS),
-        np.insert(turning.angle, before, turning.angle[before]),
-        np.insert(turning.duration, before, pause),
-    )
+    return before
 
 
 def turned(machine: Machine, task: Task, path: DiscretePath, turning: Turning) -> DiscretePath:

@@ -12,14 +12,16 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import frozen
+from mhsb_planner.motion.s3_ramps import shortest_ramp
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.planners.path_planner import Task
+from mhsb_planner.planners.resting import with_rests
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.slewing.among_zones import AT_ONCE, PART, quickest_turning
 from mhsb_planner.slewing.sharing_out import path_oil
-from mhsb_planner.slewing.turned_path import RESTS, pausing, turned
+from mhsb_planner.slewing.turned_path import RESTS, corners, turned
 
 POST = Zones(cylinders=((2.6, 0.2, -2.0, 0.2, 0.15),))
 LIFTED = 10  # steps of the path up to where it is highest
@@ -132,13 +134,21 @@ def test_behind_a_wall_that_the_path_does_not_pass_there_is_no_turning(over_a_po
     assert quickest_turning(machine.changed(zones=wall), path, BEGAN, ENDED) is None
 
 
-def test_pauses_stand_at_the_corner_and_where_the_slew_turns_alone(over_a_post):
+def test_rests_stand_at_the_corner_and_where_the_slew_turns_alone(over_a_post):
     machine, path = over_a_post
     turning = quickest_turning(machine, path, BEGAN, ENDED)
-    paused = pausing(turning, 0.7, LIFTED)
-    added = len(paused.step) - len(turning.step)
-    assert paused.duration.sum() == pytest.approx(turning.duration.sum() + 0.7 * added)
-    corner = int(np.flatnonzero(paused.step == LIFTED)[0])
-    assert paused.step[corner - 1] == RESTS
-    assert paused.angle[corner - 1] == paused.angle[corner]
-    assert np.diff(paused.angle).sum() == pytest.approx(ENDED - BEGAN)
+    task = _task(machine, path)
+    whole, before = turned(machine, task, path, turning), corners(turning, LIFTED)
+    assert int(np.flatnonzero(turning.step == LIFTED)[0]) in before
+    alone = turning.step == RESTS
+    for step in np.flatnonzero(alone[1:] != alone[:-1]) + 1:
+        assert step in before
+    rested = with_rests(machine, whole, before, task.options.weights)
+    seconds = shortest_ramp(machine).duration
+    assert rested.duration.sum() == pytest.approx(whole.duration.sum() + seconds * len(before))
+    still = np.flatnonzero((np.diff(rested.posture, axis=0) == 0.0).all(axis=1))
+    assert set(before + np.arange(len(before))) <= set(still.tolist())
+    a = machine.arrays
+    leaks = 4 * a.leakage_flow * a.supply_pressure * seconds * len(before)
+    assert rested.energy.sum() == pytest.approx(whole.energy.sum() + leaks)
+    assert rested.switches == whole.switches
