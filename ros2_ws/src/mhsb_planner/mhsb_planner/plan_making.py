@@ -51,6 +51,13 @@ NEARLY = 1.03
 SLOWER = (1.5, 2.2, 3.4)
 """Factors on the duration of ramps that are compared with the shortest."""
 
+VARIED_STRETCH = 1.2
+"""By so much such a motion may be stretched at most: one that takes longer is seldom cheaper."""
+
+OF_THE_TIME = 1.0 / 3.0
+"""Of the time that is left the motion along a path to compare with may take so much, while there is
+none: one that takes long is long, and the own search finds a shorter way meanwhile."""
+
 WORTH_LEAVING = 0.02
 """By this share another motion has to be cheaper than the rest of the plan in force."""
 
@@ -207,8 +214,15 @@ class PlanMaking:
         it, as published; where none keeps the limits, what is taken says why.
         """
         began, best, path = self._since, self._best, candidate.path
+        deadline = self.time.deadline
+        if best is None and candidate.compared and self.time.ends:
+            deadline = deadline.less((1.0 - OF_THE_TIME) * deadline.left)
         try:
-            motion = self._motion(path, rules)
+            motion = self._motion(path, rules, deadline)
+        except DeadlineError:
+            if deadline == self.time.deadline:
+                raise
+            return None
         except FitError as error:
             self._refused = self._refused or error
             if best is None and self._steers:
@@ -226,7 +240,8 @@ class PlanMaking:
             self._seconds["first_motion"] = self._since - self._began
             self.time.found = True
             self.time.reserve = max(self.time.reserve, self._since - began)
-        published = rules.alone and motion.stretch <= 1.0
+        polynomial = rules.trajectory == "polynomial"
+        published = polynomial and rules.alone and motion.stretch <= 1.0
         if best is None or published or self._takes_over(plan, best):
             self._best = plan
             return motion
@@ -253,20 +268,21 @@ class PlanMaking:
         as more switches than the path's tell, slower ones.
         """
         followed = _followed(rules)
+        varied = replace(followed, alone=True, max_stretch=VARIED_STRETCH)
         stays = self._task.options.period == 0.0  # a goal that moves does not wait for more
         if stays and motion.method == FitMethod.RAMPED and not motion.braked:
             for faster in FASTER:
-                yield replace(followed, slowness=(faster,))
+                yield replace(varied, slowness=(faster,))
             if self._task.options.weights.time > 0.0:
-                yield replace(followed, last_ramp=BRISK_END)
+                yield replace(varied, last_ramp=BRISK_END)
         if motion.method == FitMethod.POLYNOMIAL:
             if motion.stretch > 1.0 and not rules.alone and self._may_follow(path, rules):
                 yield followed
         elif stays and motion.schedule.switches > path.switches:
             for slower in SLOWER:
-                yield replace(followed, slowness=(slower,))
+                yield replace(varied, slowness=(slower,))
 
-    def _motion(self, path: DiscretePath, rules: FitRules) -> FittedMotion:
+    def _motion(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
         task = self._task
         if path.steps == 0:
             brake = task.brake or standstill(task.start.position)
@@ -279,7 +295,7 @@ class PlanMaking:
             task.modes,
             task.brake,
             rules,
-            self.time.deadline,
+            deadline,
         )
 
     def _priced(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:

@@ -51,8 +51,8 @@ NARROWEST = 1e-5
 """Cells of ψ that are not halved any more [rad]."""
 
 FIRST_CELLS = 32
-MOST_CELLS = 4000
-"""Cells of chains with more than three joints that are looked at, at most."""
+MOST_CELLS, SOON_CELLS = 4000, 1000
+"""Cells of chains with more than three joints that are looked at, at most; where time is short."""
 
 
 @kernel
@@ -189,6 +189,7 @@ def _branch_and_bound_of_chain(
     ranges: FloatArray,
     weight: FloatArray,
     met: float,
+    most_cells: int,
 ) -> Interval:
     """The same for any chain: the cell of the least bound is halved where it is widest.
 
@@ -197,7 +198,7 @@ def _branch_and_bound_of_chain(
     ranges  float64[n - 2, 3], of what is free: from, to, and what counts as a radian
     """
     n = len(start)
-    work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + MOST_CELLS, n - 2, 2))
+    work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + most_cells, n - 2, 2))
     elbow = np.empty(len(cell), dtype=np.int64)
     for i in range(2 * FIRST_CELLS):
         elbow[i] = -1 if i < FIRST_CELLS else 1
@@ -237,10 +238,12 @@ def least_cost_to(
     start: FloatArray,
     goals: GoalPostures,
     weight: FloatArray,
+    most_cells: int = MOST_CELLS,
 ) -> float:
     """No plan from the cylinder lengths start[n] [m] to one of the goal's tips costs less.
 
-    weight  float64[2 or more], of energy [1/J] and time [1/s]
+    weight      float64[2 or more], of energy [1/J] and time [1/s]
+    most_cells  that are looked at where there are more than three joints
     """
     between = (-math.pi, math.pi) if goals.between is None else goals.between
     least, met, three = math.inf, math.inf, machine.is_3r
@@ -254,7 +257,7 @@ def least_cost_to(
             )
         else:
             here, met = _branch_and_bound_of_chain(
-                machine.arrays, circuit, start, tip, ranges, weight, met
+                machine.arrays, circuit, start, tip, ranges, weight, met, most_cells
             )
         least = min(least, here)
     return least

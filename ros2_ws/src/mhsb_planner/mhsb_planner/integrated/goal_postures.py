@@ -168,13 +168,30 @@ def _turning(
     apart = spacing ** (1.0 / max(1, n - 3 if given else n - 2))
     widest = max((a.joint_max - a.joint_min)[: n - 3], default=0.0)
     samples = math.ceil(widest / apart) + 1
+    some_psi = n == 3 or given  # else looking is quicker than trying
+    numbers = np.arange(samples ** (n - 3)) if some_psi else _in_reach(a, x, z, samples)
     found = []
-    for number in range(samples ** (n - 3)):
+    for number in numbers if len(numbers) > 0 else range(1):
         q = np.empty(n)
         inner_angles(a, number, samples, q)
         found.append(_with_inner(machine, x, z, q, between, apart))
     posture, elbow, angle = (np.concatenate(part) for part in zip(*found, strict=True))
     return posture, elbow, np.column_stack([posture[:, : n - 3], angle])
+
+
+@kernel
+def _in_reach(m: MachineArrays, x: float, z: float, samples: int) -> IntArray:
+    """Numbers of the inner joints' samples with which the others reach the tip in some ψ."""
+    n, count = len(m.link_length), 0
+    q, interval = np.empty(n), np.empty((MAX_INTERVALS, 3))
+    numbers = np.empty(samples ** (n - 3), dtype=np.int64)
+    for number in range(len(numbers)):
+        inner_angles(m, number, samples, q)
+        ahead, up, _ = outer_tip(m.link_length, x, z, q)
+        if feasible_intervals(m, ahead, up, interval) > 0:
+            numbers[count] = number
+            count += 1
+    return numbers[:count]
 
 
 def _with_inner(

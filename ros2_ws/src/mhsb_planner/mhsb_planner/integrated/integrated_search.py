@@ -26,7 +26,7 @@ from mhsb_planner.integrated.certificate import least_cost_to
 from mhsb_planner.integrated.goal_postures import goal_postures
 from mhsb_planner.integrated.route import path_of, patient, price_route, terms
 from mhsb_planner.integrated.stages import Work
-from mhsb_planner.integrated.task import WITH_AREA, Effort, Route, Task
+from mhsb_planner.integrated.task import WITH_AREA, Effort, Route, Task, cells_within
 from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, with_others
@@ -108,7 +108,8 @@ class IntegratedSearch:
             return task.bound / float(energy)
         origin = task.machine.cylinder_lengths(posture)
         circuit = with_others(self._terms.circuit, *others)
-        return least_cost_to(task.machine, circuit, origin, task.goals, ENERGY_ALONE)
+        cells = cells_within(task.time)
+        return least_cost_to(task.machine, circuit, origin, task.goals, ENERGY_ALONE, cells)
 
     def paths(self) -> Iterator[DiscretePath | None]:
         """Ever cheaper paths; None where what follows may take long: others may be quicker now.

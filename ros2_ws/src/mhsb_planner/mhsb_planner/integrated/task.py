@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.integrated.certificate import least_cost_to
+from mhsb_planner.integrated.certificate import MOST_CELLS, SOON_CELLS, least_cost_to
 from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures
 from mhsb_planner.integrated.route import Memory, Terms, new_memory, price_route
 from mhsb_planner.search.lower_bound import least_costs_between
@@ -105,6 +105,7 @@ class Task:
     ) -> Task:
         """The task from a posture [rad] to these goals."""
         lengths, reached = machine.cylinder_lengths(posture), goals.postures.length
+        weight, cells = priced_by.weight, cells_within(time)
         return cls(
             machine=machine,
             terms=priced_by,
@@ -112,8 +113,8 @@ class Task:
             start=posture,
             lengths=lengths,
             goals=goals,
-            bound=least_cost_to(machine, priced_by.circuit, lengths, goals, priced_by.weight),
-            least=least_costs_between(priced_by.circuit, lengths, reached, priced_by.weight),
+            bound=least_cost_to(machine, priced_by.circuit, lengths, goals, weight, cells),
+            least=least_costs_between(priced_by.circuit, lengths, reached, weight),
             time=time,
             effort=effort,
         )
@@ -125,3 +126,8 @@ class Task:
     def to_goal(self, via: FloatArray, k: int, cost: float) -> Route:
         """Route to the goal posture k."""
         return Route(via, k, int(self.goals.elbow[k]), self.goals.free[k], cost)
+
+
+def cells_within(time: SearchTime) -> int:
+    """Cells that a lower bound may take: with a deadline fewer, so that searches begin sooner."""
+    return SOON_CELLS if time.ends else MOST_CELLS

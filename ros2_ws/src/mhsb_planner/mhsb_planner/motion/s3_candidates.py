@@ -60,7 +60,7 @@ class FitRules:
     """What a fit may do.
 
     trajectory   whether the published polynomials are tried, or the path is followed at once
-    alone        whether nothing else is tried where these do not keep the limits
+    alone        whether nothing else is tried where polynomials, or ramps, do not keep the limits
     switching    how modes are switched
     slowness     factors on the duration of the shortest ramps, in the order tried
     last_ramp    a further factor on that of the last one
@@ -146,6 +146,8 @@ def candidates(
         lead_ins.append(("after a rest, ", waited))
     for words, lead_in in lead_ins:
         yield from _ramped(machine, path, rest, lead_in, None, rules, words)
+        if rules.alone:
+            continue
         stepped = partial(stepped_path, machine, path)
         yield Candidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
 

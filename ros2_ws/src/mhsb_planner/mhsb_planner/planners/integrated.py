@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
@@ -105,8 +105,9 @@ def _soon(
     """With a deadline: the table planner's path comes right after the first own one, or before it
     where that takes long. It is there within a millisecond or two, and no plan is to be dearer.
 
-    All else of others waits until the own search has ended: the other planner's path may take
-    longer than there is time, and the table's polynomial is seldom kept.
+    All else of others waits until the own search has ended, or half the time is gone without a
+    motion: the other planner's path may take longer than there is time, and the table's polynomial
+    is seldom kept.
     """
     waits, looked = False, False
     table, fixed = (
@@ -116,9 +117,11 @@ def _soon(
     for path in own.paths():
         if path is not None:
             yield Candidate(path)
-        if not (looked and time.found):
-            yield from _until_found(chain(table, fixed) if looked else table, time)
+        if not looked:
             looked = True
+            yield from islice(table, 1)
+        elif not time.found and time.half_gone:
+            yield from _until_found(chain(table, fixed), time)
         if path is not None and not waits and task.meanwhile.time > path.duration.sum():
             waits = True
             yield from _patient(own, graph, task, time)
@@ -126,7 +129,7 @@ def _soon(
 
 
 def _until_found(candidates: Iterator[Candidate], time: SearchTime) -> Iterator[Candidate]:
-    """At least one of them, and more until there is a motion."""
+    """As many of them as it takes until there is a motion."""
     for candidate in candidates:
         yield candidate
         if time.found:
