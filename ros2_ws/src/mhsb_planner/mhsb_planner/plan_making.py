@@ -239,7 +239,8 @@ class PlanMaking:
         if best is None:
             self._seconds["first_motion"] = self._since - self._began
             self.time.found = True
-            self.time.reserve = max(self.time.reserve, self._since - began)
+            took = (self._since - began) / (1 + len(motion.refused))
+            self.time.reserve = max(self.time.reserve, took)
         polynomial = rules.trajectory == "polynomial"
         published = polynomial and rules.alone and motion.stretch <= 1.0
         if best is None or published or self._takes_over(plan, best):

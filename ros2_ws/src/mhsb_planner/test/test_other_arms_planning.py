@@ -7,8 +7,8 @@ from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.integrated.certificate import least_cost_to
-from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.integrated import goal_postures
+from mhsb_planner.integrated.certificate import SOON_CELLS, least_cost_to
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, energy_lower_bound
@@ -90,9 +90,25 @@ def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_lea
     low, high = arm.arrays.joint_min, arm.arrays.joint_max
     for q in np.random.default_rng(9).uniform(low, high, (4, arm.joint_count)):
         for tip in (GOAL, (0.9, -0.2)):
-            goals = goal_postures(arm, *tip)
+            goals = goal_postures.goal_postures(arm, *tip)
             bound = least_cost_to(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
             dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, angles))
             sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
             assert bound <= sampled * (1 + 1e-9)
             assert bound >= share * sampled
+            lengths = arm.cylinder_lengths(q)
+            hasty = least_cost_to(arm, circuit, lengths, goals, ENERGY_ALONE, SOON_CELLS)
+            assert 0.0 <= hasty <= bound * (1 + 1e-9)
+
+
+def test_inner_samples_that_are_left_out_reach_nothing(monkeypatch):
+    arm = load_machine(config_file("mhsb_arm4.yaml"))
+
+    def all_of_them(m, x, z, samples):
+        return np.arange(samples ** (len(m.link_length) - 3))
+
+    tips = ((0.55, 0.60), (0.9, -0.2), (1.1, 0.1), (0.3, -0.3))
+    chosen = [goal_postures.goal_postures(arm, *tip).postures.posture for tip in tips]
+    monkeypatch.setattr(goal_postures, "_in_reach", all_of_them)
+    for tip, expected in zip(tips, chosen, strict=True):
+        assert np.array_equal(goal_postures.goal_postures(arm, *tip).postures.posture, expected)

@@ -168,10 +168,13 @@ def _turning(
     apart = spacing ** (1.0 / max(1, n - 3 if given else n - 2))
     widest = max((a.joint_max - a.joint_min)[: n - 3], default=0.0)
     samples = math.ceil(widest / apart) + 1
-    some_psi = n == 3 or given  # else looking is quicker than trying
-    numbers = np.arange(samples ** (n - 3)) if some_psi else _in_reach(a, x, z, samples)
+    numbers = np.arange(samples ** (n - 3))
+    if n > 3 and not given:  # most reach nothing, and are sooner left out than tried
+        numbers = _in_reach(a, x, z, samples)
+        if len(numbers) == 0:
+            return np.empty((0, n)), np.empty(0, dtype=np.int64), np.empty((0, n - 2))
     found = []
-    for number in numbers if len(numbers) > 0 else range(1):
+    for number in numbers:
         q = np.empty(n)
         inner_angles(a, number, samples, q)
         found.append(_with_inner(machine, x, z, q, between, apart))

@@ -49,6 +49,9 @@ TURNED = 6.0
 HASTE = 2.0
 """Of a first route: it may cost so many times as much as the cheapest over the same lattice."""
 
+SOON = 1.3
+"""Likewise of what is found over a lattice of four joints and more with a deadline."""
+
 FIRST_STATES = 2000
 """Expanded for such a route; then it is only asked whether there is any, at any cost."""
 
@@ -223,7 +226,8 @@ def over_lattice(
     search = lattice(task, priced_by, worth, spacing)
     if best is not None:
         left = task.effort.expansions - work.expanded
-        found = search.search(WORTH_FINDING * limit, left, task.time.until)
+        haste = SOON if task.time.ends and len(task.lengths) > 3 else 1.0
+        found = search.search(WORTH_FINDING * limit, left, task.time.until, haste)
         work.add(search)
     else:
         found = search.search(math.inf, FIRST_STATES, task.time.until, HASTE)

@@ -14,7 +14,7 @@ class SearchTime:
     Whoever makes motions of the paths keeps it up to date; the search looks at it.
 
     deadline  of the whole plan
-    reserve   s, that making a motion of a path has taken so far
+    reserve   s, that making a motion of a path has taken so far, for each curve that was tried
     found     whether there is a motion already
     """
 
