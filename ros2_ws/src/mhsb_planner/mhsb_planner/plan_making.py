@@ -54,8 +54,8 @@ SLOWER = (1.5, 2.2, 3.4)
 VARIED_STRETCH = 1.2
 """By so much such a motion may be stretched at most: one that takes longer is seldom cheaper."""
 
-OF_THE_TIME = 1.0 / 3.0
-"""Of the time that is left the motion along a path to compare with may take so much, while there is
+COMPARED_SHARE = 1.0 / 3.0
+"""Of the time that is left a motion along a path to compare with may take so much, while there is
 none: one that takes long is long, and the own search finds a shorter way meanwhile."""
 
 WORTH_LEAVING = 0.02
@@ -101,6 +101,7 @@ class PlanMaking:
         self.time = SearchTime(deadline)
         self._best: Plan | None = None
         self._refused: FitError | None = None
+        self._cut_short: DeadlineError | None = None
         self._put_off: tuple[Candidate, FittedMotion, FitRules] | None = None
         self._first_cost = math.inf
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
@@ -134,12 +135,12 @@ class PlanMaking:
             if self._best is None:
                 raise
             in_time = False
-        except MhsbError:
+        except MhsbError as error:
             if self._best is None:
-                raise
+                raise self._cut_short or error from None
         self._spend("search")
         if self._best is None:
-            raise self._refused or ValueError("a planner that gives no path must say why")
+            raise self._without_motion()
         path = self._best.path
         out_of_time = not in_time or self.time.until.passed
         statistics = replace(path.statistics, out_of_time=out_of_time)
@@ -149,6 +150,13 @@ class PlanMaking:
             cavitations=cavitations_of(self._machine, self._best.motion.trajectory),
             seconds=MappingProxyType(self._seconds),
         )
+
+    def _without_motion(self) -> Exception:
+        """Why no path has a motion: for lack of time, where there might be others."""
+        if self._cut_short is None and self.time.until.passed:
+            return DeadlineError("making motions of paths")
+        unsaid = ValueError("a planner that gives no path must say why")
+        return self._cut_short or self._refused or unsaid
 
     def _consider(self, candidate: Candidate) -> None:
         """Make the path a motion, where it may be cheaper, and keep it if it is.
@@ -216,12 +224,13 @@ class PlanMaking:
         began, best, path = self._since, self._best, candidate.path
         deadline = self.time.deadline
         if best is None and candidate.compared and self.time.ends:
-            deadline = deadline.less((1.0 - OF_THE_TIME) * deadline.left)
+            deadline = deadline.less((1.0 - COMPARED_SHARE) * deadline.left)
         try:
             motion = self._motion(path, rules, deadline)
-        except DeadlineError:
+        except DeadlineError as error:
             if deadline == self.time.deadline:
                 raise
+            self._cut_short = error
             return None
         except FitError as error:
             self._refused = self._refused or error

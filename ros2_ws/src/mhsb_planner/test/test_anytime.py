@@ -2,6 +2,8 @@
 
 import itertools
 import math
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,9 +15,10 @@ from mhsb_model.trajectory import MotionState
 from mhsb_planner import plan_making
 from mhsb_planner.deadline import NEVER, Deadline
 from mhsb_planner.errors import DeadlineError
-from mhsb_planner.motion.s3_trajectory import fit_trajectory
+from mhsb_planner.motion.s3_trajectory import FitError, fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, fit_rules
+from mhsb_planner.planners.path_planner import Candidate
 
 LOOKS_TO_END = 15
 """Looks at the clock that stages may take to see, one after the other, that time is up."""
@@ -177,3 +180,26 @@ def test_a_fit_ends_with_the_first_look_that_finds_the_deadline_passed(planner, 
         with pytest.raises(DeadlineError):
             fit_trajectory(*arguments, looks.deadline_after(after))
         assert looks.count == after + 1
+
+
+@pytest.mark.parametrize(("deadline", "error"), [(0.5, DeadlineError), (math.inf, FitError)])
+def test_a_path_that_is_refused_is_no_verdict_on_the_goal_when_the_time_is_up(
+    planner, deadline, error
+):
+    start, goal = next(moves(planner, 1))
+    path = planner.plan(goal, start).path
+    posture = path.posture.copy()
+    posture[-1] = planner.machine.arrays.joint_max + 0.1
+    beyond = replace(path, posture=posture)
+    task = planner._task(goal, start, None, None, PlanOptions())
+    making = plan_making.PlanMaking(
+        planner.machine, task, Deadline.after(deadline), time.perf_counter()
+    )
+
+    def until_the_time_is_up():
+        yield Candidate(beyond)
+        while making.time.ends and not making.time.until.passed:
+            time.sleep(0.01)
+
+    with pytest.raises(error):
+        making.best_along(until_the_time_is_up())
