@@ -19,7 +19,8 @@ class OperatingRegions:
 
     spacing  of the grid [m]
     nodes    int64[nodes, 2], (x, z) in units of the spacing
-    boosted  bool[nodes, n], whether P_S is not enough for joint j
+    boosted  bool[nodes, n], whether P_S is not enough for joint j; never for one that slews, which
+             holds nothing against gravity
     heavy    bool[nodes], whether even the highest boost pressure is not enough for a joint
     """
 
@@ -37,13 +38,14 @@ def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions
     """
     normal = int(np.flatnonzero(~any_boosted(table.patterns))[0])
     reached = table.feasible
-    m, postures = machine.arrays, np.ascontiguousarray(table.posture[reached, normal])
-    force = np.array([machine.piston_forces(q) for q in postures])
-    force = force.reshape(-1, machine.joint_count)
+    plane = machine.plane
+    m, postures = plane.arrays, np.ascontiguousarray(table.posture[reached, normal])
+    force = np.array([plane.piston_forces(q) for q in postures]).reshape(-1, plane.joint_count)
     pressure = required_pressures(m, force, np.copysign(m.max_piston_speed, force))
+    slews = machine.joint_count - plane.joint_count
     return OperatingRegions(
         table.spacing,
         table.nodes[reached],
-        pressure > m.supply_pressure,
+        np.pad(pressure > m.supply_pressure, ((0, 0), (slews, 0))),
         np.any(pressure > m.max_boost_pressure, axis=1),
     )

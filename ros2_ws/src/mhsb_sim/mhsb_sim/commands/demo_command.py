@@ -115,7 +115,8 @@ def _demo(
     wanted = read_goals(file)
     for number, goal in enumerate(wanted, start=1):
         if len(goal.position) != len(arm.axes):
-            raise MhsbError(f"{file}: goal {number} must have {', '.join(arm.axes)} [m]")
+            own = "" if goals else f"; give goals of {arm.name} with --goals"
+            raise MhsbError(f"{file}: goal {number} must have {', '.join(arm.axes)} [m]{own}")
     if plant:
         check_plant(arm, load_plant(arm, plant))
     began = time.monotonic()

@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError
 from mhsb_model.files.config_files import of_machine
 from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
+from mhsb_model.goal import place
 from mhsb_model.machine import Machine
 from mhsb_model.schema import NonNegative, Positive, Section
 from mhsb_model.types import Position
@@ -78,9 +79,10 @@ class Scenario:
         return Machine.from_config(config.model_copy(update={"circuit": circuit}))
 
 
-def load_scenarios(file: Path | None = None, machine_name: str | None = None) -> list[Scenario]:
-    """All scenarios of a file, the suite's own when left out; raises ScenarioError."""
-    file = file or of_machine(SCENARIOS_FILE, machine_name)
+def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> list[Scenario]:
+    """All scenarios of a file, the suite's own for a machine when left out; raises ScenarioError,
+    also where its goals are not the machine's."""
+    file = file or of_machine(SCENARIOS_FILE, machine.name if machine else None)
     try:
         config = StudyConfig.model_validate(read_yaml(file))
     except YamlFileError as error:
@@ -94,7 +96,19 @@ def load_scenarios(file: Path | None = None, machine_name: str | None = None) ->
             f"{file}: training: there is no scenario {', '.join(sorted(unknown))}; a name is "
             f"made like {scenarios[0].name}"
         )
+    if machine is not None:
+        for scenario in scenarios:
+            _check_goals(file, scenario, machine)
     return scenarios
+
+
+def _check_goals(file: Path, scenario: Scenario, machine: Machine) -> None:
+    for goal in scenario.goals:
+        if len(goal) != len(machine.axes):
+            raise ScenarioError(
+                f"{file}: {scenario.name}: {place(goal)} is no goal of {machine.name}, which takes "
+                f"{' '.join(machine.axes)}; give a file of its own with --scenarios"
+            )
 
 
 def scenarios_of(config: StudyConfig) -> list[Scenario]:

@@ -123,7 +123,7 @@ def study(
         lines = study_draws(arm, real, variations, count, seed or 0, workers, output, each, names)
         _tell(lines, output / "summary.json", json_)
         return
-    lines = study_scenarios(arm, load_scenarios(scenarios, arm.name), workers, output)
+    lines = study_scenarios(arm, load_scenarios(scenarios, arm), workers, output)
     _tell(lines, output / "comparison.json", json_)
 
 

@@ -17,7 +17,15 @@ from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
 from mhsb_planner.work_arguments import Scheduler, jobs_of
 from mhsb_sim.study.scenarios import load_scenarios
 from mhsb_sim.study.servo_study import script_of
-from mhsb_sim.study.tuning import RANGES, Training, Trial, draws_of, tune, write_gains
+from mhsb_sim.study.tuning import (
+    RANGES,
+    Training,
+    Trial,
+    draws_of,
+    present_gains,
+    tune,
+    write_gains,
+)
 from mhsb_sim.study.variations import load_variations
 
 DRAWS = 24
@@ -82,7 +90,9 @@ def tune_servo(
         best[controller] = found
         if not json_:
             gains = ", ".join(f"{name} {value:g}" for name, value in found.gains.items())
-            print(f"{controller}: cost {found.cost:.3f} with {gains}", flush=True)
+            kept = found.gains == present_gains(arm, controller)
+            note = f", the file's own: none of {budget} trials was better" if kept else ""
+            print(f"{controller}: cost {found.cost:.3f} with {gains}{note}", flush=True)
         if not dry_run:
             write_gains(file.resolve(), controller, found.gains)
             command_line.keep(f"{file} has the new gains of {', '.join(best)}")
@@ -94,7 +104,7 @@ def _training(
     arm: Machine, scenarios: Path | None, variations: Path | None, draws: int, seed: int
 ) -> Training:
     """Plans of all training scenarios and draws."""
-    wanted = [each for each in load_scenarios(scenarios, arm.name) if not each.held_out]
+    wanted = [each for each in load_scenarios(scenarios, arm) if not each.held_out]
     scripts = [script_of(arm, each) for each in tqdm(wanted, "plans", leave=False, disable=None)]
     drawn = draws_of(arm, load_variations(arm, variations), draws, seed)
     return Training(scripts, list(tqdm(drawn, "draws", draws, leave=False, disable=None)))

@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from mhsb_model.machine import Machine
+from mhsb_model.files.config_files import config_file
+from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.errors import ScenarioError
 from mhsb_sim.study.scenarios import load_scenarios
 
@@ -48,10 +49,22 @@ def test_the_suites_own_scenarios_cover_lags_payloads_and_intervals() -> None:
     [("mhsb_arm4", {0.0, 8.0, 10.0}), ("telescope_arm", {0.0, 8.0, 9.0})],
 )
 def test_a_machine_has_scenarios_of_its_own_by_its_name(name: str, payloads: set[float]) -> None:
-    own = load_scenarios(machine_name=name)
+    arm = load_machine(config_file(f"{name}.yaml"))
+    own = load_scenarios(machine=arm)
     assert {each.payload for each in own} == payloads
     assert 0 < sum(not each.held_out for each in own) < len(own) / 2
-    assert load_scenarios(machine_name="another_arm") == load_scenarios()
+    assert load_scenarios(machine=_renamed(arm)) == load_scenarios()
+
+
+def _renamed(arm: Machine) -> Machine:
+    return Machine.from_config(arm.config.model_copy(update={"name": "another_arm"}))
+
+
+def test_scenarios_whose_goals_are_another_machines_are_refused_with_what_to_do() -> None:
+    loader = _renamed(load_machine(config_file("excavator.yaml")))
+    sentence = r"\(0\.55, 0\.6\) m is no goal of another_arm, which takes x y z; .* --scenarios"
+    with pytest.raises(ScenarioError, match=sentence):
+        load_scenarios(machine=loader)
 
 
 def test_a_scenarios_machine_has_its_payload_and_lag(file: Path, machine: Machine) -> None:
