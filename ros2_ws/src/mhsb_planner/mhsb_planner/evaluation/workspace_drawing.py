@@ -110,7 +110,7 @@ def draw_outline(machine: Machine, axes: Axes) -> None:
     outline = np.vstack([*arcs, arcs[0][:1]])
     axes.plot(*outline.T, color=BLACK, linestyle=":", linewidth=1.2, label="operating range")
     low, high = outline.min(axis=0) - BORDER, outline.max(axis=0) + BORDER
-    axes.set_xlim(low[0], high[0])
+    axes.set_xlim(min(low[0], -BORDER), high[0])  # with the foot of the arm
     axes.set_ylim(low[1], high[1])
 
 
