@@ -250,8 +250,7 @@ class PlanMaking:
             self.time.found = True
             took = (self._since - began) / (1 + len(motion.refused))
             self.time.reserve = max(self.time.reserve, took)
-        polynomial = rules.trajectory == "polynomial"
-        published = polynomial and rules.alone and motion.stretch <= 1.0
+        published = rules.alone and motion.stretch <= 1.0
         if best is None or published or self._takes_over(plan, best):
             self._best = plan
             return motion
@@ -278,7 +277,7 @@ class PlanMaking:
         as more switches than the path's tell, slower ones.
         """
         followed = _followed(rules)
-        varied = replace(followed, alone=True, max_stretch=VARIED_STRETCH)
+        varied = replace(followed, stepped=False, max_stretch=VARIED_STRETCH)
         stays = self._task.options.period == 0.0  # a goal that moves does not wait for more
         if stays and motion.method == FitMethod.RAMPED and not motion.braked:
             for faster in FASTER:

@@ -182,6 +182,20 @@ def test_a_fit_ends_with_the_first_look_that_finds_the_deadline_passed(planner, 
         assert looks.count == after + 1
 
 
+def test_other_ramps_that_are_refused_are_not_told_of_the_motion_that_is_taken(
+    planner, monkeypatch
+):
+    def without_faster_ones(machine, path, start, modes, brake, rules, deadline):
+        if rules.slowness[0] in plan_making.FASTER:
+            raise FitError(("too fast",))
+        return fit_trajectory(machine, path, start, modes, brake, rules, deadline)
+
+    monkeypatch.setattr(plan_making, "fit_trajectory", without_faster_ones)
+    for start, goal in moves(planner, 5):
+        plan = planner.plan(goal, start, options=PlanOptions(planner="integrated"))
+        assert "too fast" not in plan.motion.refused
+
+
 @pytest.mark.parametrize(("deadline", "error"), [(0.5, DeadlineError), (math.inf, FitError)])
 def test_a_path_that_is_refused_is_no_verdict_on_the_goal_when_the_time_is_up(
     planner, deadline, error

@@ -60,7 +60,8 @@ class FitRules:
     """What a fit may do.
 
     trajectory   whether the published polynomials are tried, or the path is followed at once
-    alone        whether nothing else is tried where polynomials, or ramps, do not keep the limits
+    alone        whether nothing else is tried where these do not keep the limits
+    stepped      whether the path may be gone step by step
     switching    how modes are switched
     slowness     factors on the duration of the shortest ramps, in the order tried
     last_ramp    a further factor on that of the last one
@@ -73,6 +74,7 @@ class FitRules:
 
     trajectory: TrajectoryKind = "polynomial"
     alone: bool = False
+    stepped: bool = True
     switching: SwitchingRules = field(default_factory=SwitchingRules)
     slowness: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
     last_ramp: float = 1.0
@@ -146,10 +148,9 @@ def candidates(
         lead_ins.append(("after a rest, ", waited))
     for words, lead_in in lead_ins:
         yield from _ramped(machine, path, rest, lead_in, None, rules, words)
-        if rules.alone:
-            continue
-        stepped = partial(stepped_path, machine, path)
-        yield Candidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
+        if rules.stepped:
+            stepped = partial(stepped_path, machine, path)
+            yield Candidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
 
 
 def _ramped(

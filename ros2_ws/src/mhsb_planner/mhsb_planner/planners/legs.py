@@ -74,8 +74,9 @@ def paths_by_way(source: PathSource, task: Task, time: SearchTime) -> Iterator[C
             yield candidate._replace(path=whole)
             before = np.cumsum([leg.steps for leg in legs])
             before = np.unique(before[(before > 0) & (before < whole.steps)])
-            rested = with_rests(source.machine, whole, before, task.options.weights)
-            yield candidate._replace(path=rested, compared=True)
+            if len(before) > 0:
+                rested = with_rests(source.machine, whole, before, task.options.weights)
+                yield candidate._replace(path=rested)
 
 
 def path_of_leg(

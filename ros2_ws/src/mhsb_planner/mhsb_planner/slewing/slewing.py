@@ -136,7 +136,7 @@ class SlewingPaths:
             if corner is not None or RESTS in turning.step:
                 before, weights = corners(turning, corner), task.options.weights
                 rested = with_rests(self.machine, whole, before, weights)
-                yield candidate._replace(path=rested, compared=True)
+                yield candidate._replace(path=rested)
         if not found:
             raise self._nothing_found(task, refused, time)
 
