@@ -194,6 +194,8 @@ class World:
             made = work.answered_by(self.replanner)
         except Exception as error:
             made = error
+        if self.planning_time is not None and isinstance(made, Replan):
+            made = replace(made, improving=0.0)  # of the time here, which is not the world's
         took = deadline.now() - began if self.planning_time is None else self.planning_time
         self.later(took, lambda: self.life.planned(request, made))
 

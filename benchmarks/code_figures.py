@@ -1,0 +1,169 @@
+"""Count what makes the installed packages hard to read: size, long functions, missing docstrings.
+
+    python benchmarks/code_figures.py
+    python benchmarks/code_figures.py --json
+    python benchmarks/code_figures.py --worst 20
+
+Everything is read from the syntax trees of `ros2_ws/src`, tests left out. The figures:
+
+- statements: `ast.stmt` nodes without docstrings
+- complexity: 1 + the branches of a function (McCabe), nested functions counted with it
+- parameters: of all kinds, `self` and `cls` left out
+- undocumented: functions of six lines and more without a docstring
+- same names: public classes that are defined in more than one module
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+SOURCES = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
+LONG_BODY = 6
+"""Functions with so many lines or more need a docstring."""
+
+MANY_PARAMETERS = 8
+BRANCHES = (
+    ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.match_case,
+    ast.Assert,
+)  # fmt: skip
+
+FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+@dataclass(frozen=True)
+class FunctionFigures:
+    """Figures of one function; `place` is its file, line and name."""
+
+    place: str
+    lines: int
+    complexity: int
+    parameters: int
+    undocumented: bool
+
+
+def installed_modules() -> Iterator[Path]:
+    """Yield the Python files of all packages, without tests and set-up files."""
+    for file in sorted(SOURCES.rglob("*.py")):
+        parts = file.relative_to(SOURCES).parts
+        if "test" not in parts and len(parts) > 2:
+            yield file
+
+
+def count_statements(tree: ast.AST) -> int:
+    """Count statements; expressions that are docstrings do not count."""
+    docstrings = sum(
+        1
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+    return sum(isinstance(node, ast.stmt) for node in ast.walk(tree)) - docstrings
+
+
+def complexity_of(function: FunctionNode) -> int:
+    """Return 1 + the number of branches; each operand of `and` and `or` beyond the first counts."""
+    branches = sum(isinstance(node, BRANCHES) for node in ast.walk(function))
+    operands = sum(
+        len(node.values) - 1 for node in ast.walk(function) if isinstance(node, ast.BoolOp)
+    )
+    return 1 + branches + operands
+
+
+def parameter_count(function: FunctionNode) -> int:
+    """Count parameters of all kinds without `self` and `cls`."""
+    given = function.args
+    names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+    extra = sum(each is not None for each in (given.vararg, given.kwarg))
+    return len([name for name in names if name not in ("self", "cls")]) + extra
+
+
+def figures_of(file: Path, tree: ast.AST) -> Iterator[FunctionFigures]:
+    """Yield the figures of each function in a file, nested ones too."""
+    for node in ast.walk(tree):
+        if isinstance(node, FunctionNode):
+            assert node.end_lineno is not None
+            body_lines = node.end_lineno - node.body[0].lineno + 1
+            silent = ast.get_docstring(node) is None and body_lines >= LONG_BODY
+            place = f"{file.relative_to(SOURCES)}:{node.lineno} {node.name}"
+            yield FunctionFigures(
+                place,
+                node.end_lineno - node.lineno + 1,
+                complexity_of(node),
+                parameter_count(node),
+                silent,
+            )
+
+
+def measure() -> tuple[dict[str, Any], list[FunctionFigures]]:
+    """Return the figures of all packages by name, and those of each function."""
+    statements: dict[str, int] = defaultdict(int)
+    functions: list[FunctionFigures] = []
+    classes: dict[str, list[str]] = defaultdict(list)
+    files = 0
+    for file in installed_modules():
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        files += 1
+        statements[file.relative_to(SOURCES).parts[0]] += count_statements(tree)
+        functions += figures_of(file, tree)
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                classes[node.name].append(str(file.relative_to(SOURCES)))
+    same = {name: places for name, places in classes.items() if len(places) > 1}
+    figures = {
+        "files": files,
+        "functions": len(functions),
+        "statements": sum(statements.values()),
+        "statements_by_package": dict(statements),
+        "longest_function_lines": max(each.lines for each in functions),
+        "largest_complexity": max(each.complexity for each in functions),
+        "functions_with_many_parameters": sum(
+            each.parameters >= MANY_PARAMETERS for each in functions
+        ),
+        "most_parameters": max(each.parameters for each in functions),
+        "undocumented_functions": sum(each.undocumented for each in functions),
+        "class_names_defined_twice": dict(sorted(same.items())),
+    }
+    return figures, functions
+
+
+def main(json_: Annotated[bool, tyro.conf.arg(name="json")] = False, worst: int = 5) -> int:
+    """Print the figures of the installed packages.
+
+    Args:
+        json_: Print one JSON object instead of text.
+        worst: How many functions to list for each figure.
+    """
+    figures, functions = measure()
+    if json_:
+        print(json.dumps(figures, indent=1))
+        return 0
+    for name, value in figures.items():
+        if isinstance(value, dict):
+            print(f"{name} ({len(value)}):")
+            for key, each in value.items():
+                print(f"    {key}: {each if isinstance(each, int) else ', '.join(each)}")
+        else:
+            print(f"{name}: {value}")
+    for figure in ("lines", "complexity", "parameters"):
+        ordered = sorted(functions, key=lambda each: getattr(each, figure), reverse=True)
+        print(f"most {figure}:")
+        for each in ordered[:worst]:
+            print(f"    {getattr(each, figure):4d}  {each.place}")
+    print("undocumented, six lines and more:")
+    for each in [each for each in functions if each.undocumented][:worst]:
+        print(f"    {each.place}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(tyro.cli(main))
