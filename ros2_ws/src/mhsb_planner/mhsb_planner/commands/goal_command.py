@@ -14,6 +14,7 @@ import tyro
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Within
 from mhsb_model.types import Position
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
@@ -23,11 +24,15 @@ ACCEPTED, REFUSED, NO_ANSWER = 0, 1, 3
 
 
 def goal(
-    place: Annotated[Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z")],
-    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
-    psi_range: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
+    place: Annotated[
+        Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z"), Within(-1e4, 1e4)
+    ],
+    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), Within(0.0, 2.0)] = None,
+    psi_range: Annotated[
+        tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH"), Within(-100.0, 100.0)
+    ] = None,
     wait: bool = False,
-    timeout: Annotated[float, tyro.conf.arg(metavar="S")] = 10.0,
+    timeout: Annotated[float, tyro.conf.arg(metavar="S"), Within(0.0, 1e6)] = 10.0,
     json: bool = False,
 ) -> int:
     """Send the tip to (X, Z), or where the arm slews to (X, Y, Z), and print what the planner says.

@@ -16,6 +16,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Seed, Within
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
@@ -60,11 +61,12 @@ def simulate(
         tuple[tuple[float, ...], ...],
         tyro.conf.arg(metavar="X [Y] Z T [X [Y] Z T ...]"),
         tyro.conf.UseAppendAction,
+        Within(-1e4, 1e4),
     ] = (),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     controller: str = "coordinated",
-    seed: int = 0,
-    payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    seed: Seed = 0,
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG"), Within(0.0, 1e4)] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     vary: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=FACTOR")] = (),
     planner: PlannerKind = ONLINE_PLANNER,
