@@ -50,11 +50,12 @@ from mhsb_planner.evaluation.operating_point import (
     best_operating_point,
 )
 from mhsb_planner.evaluation.paper_cases import PaperCase
+from mhsb_planner.goal_region import FARTHEST, WIDEST_ANGLE
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.cavitation import cavitating_steps
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planner import Plan, Planner, PlannerKind
-from mhsb_planner.planners.options import HIGHEST_WEIGHT, WIDEST_ANGLE
+from mhsb_planner.planners.options import HIGHEST_WEIGHT
 from mhsb_planner.planners.registry import summaries
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.area_shortfall import area_along_motion, area_along_path, reference_area
@@ -64,7 +65,7 @@ from mhsb_planner.search.s2_step import EnergyReading
 SHORT = 1.0
 """A plan that took no longer is made once more, for the sake of the times that are told [s]."""
 
-ANYWHERE, DISTANCES = Within(-1e4, 1e4), Within(0.0, 100.0)
+ANYWHERE, DISTANCES = Within(-1e4, 1e4), Within(0.0, FARTHEST)
 ANGLES = Within(-WIDEST_ANGLE, WIDEST_ANGLE)
 WEIGHTS = Within(0.0, HIGHEST_WEIGHT)
 PRESSURES, SPEEDS = Within(1e5, 5e7), Within(1e-4, 1.0)

@@ -12,6 +12,7 @@ from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import (
     AT_GOAL_ANGLE,
     AT_GOAL_DISTANCE,
+    FARTHEST,
     Angle,
     Region,
     check_angle,
@@ -34,9 +35,6 @@ HIGHEST_SPEED_EXCESS = 1.0
 HIGHEST_WEIGHT = 1e6
 """Of energy [1/J], time [1/s], switches [-] and area [1/m]: costs stay below 1e15, far from where
 sums of them lose digits."""
-
-WIDEST_ANGLE = 100.0
-"""Of the end link, either way [rad]: some turns more than any arm makes."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +88,9 @@ class PlanOptions:
                 raise RequestError("via", point, "must be finite numbers [m]")
         if not (math.isfinite(self.via_tolerance) and self.via_tolerance > 0.0):
             raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
+        if self.via_tolerance > FARTHEST:
+            rule = f"must be at most {FARTHEST:g} m"
+            raise RequestError("via_tolerance", self.via_tolerance, rule)
         if not 0.0 <= self.area_weight <= HIGHEST_WEIGHT:
             rule = f"must be from 0 to {HIGHEST_WEIGHT:g}"
             raise RequestError("area weight", self.area_weight, rule)

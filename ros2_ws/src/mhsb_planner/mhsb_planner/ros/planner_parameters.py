@@ -18,13 +18,19 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import Position
 from mhsb_planner.errors import RequestError
-from mhsb_planner.goal_region import Angle, Region, check_angle, region_of
+from mhsb_planner.goal_region import (
+    FARTHEST,
+    WIDEST_ANGLE,
+    Angle,
+    Region,
+    check_angle,
+    region_of,
+)
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planners.options import (
     DEFAULT_SPEED_EXCESS,
     HIGHEST_SPEED_EXCESS,
     HIGHEST_WEIGHT,
-    WIDEST_ANGLE,
     PlanOptions,
 )
 from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
@@ -44,12 +50,11 @@ FASTEST_PISTON = 1.0  # m/s
 SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0  # s
 LEAD_IS = "time from a plan's stamp to its first new motion [s]"
 HIGHEST_AREA_WEIGHT = HIGHEST_WEIGHT  # 1/m
-FARTHEST_REGION = 100.0  # m
 OWN_RANGES = {
     "weights": (0.0, HIGHEST_WEIGHT),
     **dict.fromkeys(FREE_ANGLES, (-WIDEST_ANGLE, WIDEST_ANGLE)),
-    "goal_segment": (-FARTHEST_REGION, FARTHEST_REGION),
-    "goal_box": (-FARTHEST_REGION, FARTHEST_REGION),
+    "goal_segment": (-FARTHEST, FARTHEST),
+    "goal_box": (-FARTHEST, FARTHEST),
     "goal_via": (-FARTHEST_POINT, FARTHEST_POINT),
     **dict.fromkeys(ZONES, (-FARTHEST_POINT, FARTHEST_POINT)),
 }
