@@ -1,8 +1,11 @@
 """Starts in which the arm should not be: named at once, and left without getting further in."""
 
+import json
+
 import numpy as np
 import pytest
 
+from mhsb_model import command_line
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.machine import load_machine
@@ -10,6 +13,7 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.verdict import Verdict
+from mhsb_planner.commands.plan_command import plan
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import (
     DeadlineError,
@@ -23,6 +27,8 @@ from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.verdicts import announcement, code_of
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import table_for
+
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 
 ARMS = ("mhsb_arm3", "mhsb_arm4", "telescope_arm", "excavator", "forestry_crane")
 LOOKS_NS = 1_000_000
@@ -70,7 +76,7 @@ def assert_only_returns(machine, trajectory):
 @pytest.mark.parametrize("beyond", [0.5 * START_NOISE, 0.02, 0.1])
 def test_every_planner_leads_a_joint_back_that_is_beyond_its_limit(any_planner, beyond):
     machine = any_planner.machine
-    for start, goal, j in starts_beyond(any_planner, beyond, 2):
+    for start, goal, j in starts_beyond(any_planner, beyond, 1):
         for kind in PLANNER_KINDS:
             options = PlanOptions(planner=kind)
             inside = np.clip(start, machine.arrays.joint_min, machine.arrays.joint_max)
@@ -136,15 +142,31 @@ def test_a_new_goal_on_the_way_back_leads_back_as_well(machine, table):
     assert_only_returns(machine, second.command.trajectory)
 
 
+@pytest.mark.parametrize("kind", PLANNER_KINDS)
+def test_the_command_plan_leads_back_into_the_limits_as_well(machine, capsys, kind):
+    start = [float(machine.arrays.joint_max[0]) + 0.02, -1.4, -0.6]
+    words = ["--start-posture", *map(str, start), "--goal", "0.55", "0.4", "--planner", kind]
+    assert command_line.run(plan, [*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["joint_path"][0] == start
+    assert told["joint_path"][1] == [float(machine.arrays.joint_max[0]), *start[1:]]
+    assert "joint_1 at" in told["warnings"][0]
+    assert "0.02 rad beyond its upper limit" in told["warnings"][0]
+    assert command_line.run(plan, [*words[:4], "0.1", *words[4:]]) == command_line.USAGE
+    assert "takes 3 joint positions, joint_1, joint_2, joint_3" in capsys.readouterr().err
+    assert command_line.run(plan, [*words, "--start", "0.5", "0"]) == command_line.USAGE
+    assert "give --start-posture or --start, not both" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["mhsb_arm3", "excavator"])
 def test_an_arm_deep_in_a_zone_gets_out_or_the_answer_names_the_zone(name, request):
-    """At least 17 of 20 get out; none gets deeper than START_LEEWAY allows."""
+    """At least 10 of 12 get out; none gets deeper than START_LEEWAY allows."""
     arm = load_machine(f"{request.config.rootpath}/config/{name}.yaml")
     planner, random, planned, seen = Planner(arm, table_for(arm)), np.random.default_rng(6), 0, 0
     refused = []
     table = planner.graph.table
     nodes = np.flatnonzero(table.feasible)
-    while seen < 20:
+    while seen < 12:
         here, there = random.choice(nodes, 2, replace=False)
         start, goal = table.posture[here, 0], table.nodes[there] * table.spacing
         if arm.slews:
@@ -172,5 +194,5 @@ def test_an_arm_deep_in_a_zone_gets_out_or_the_answer_names_the_zone(name, reque
         assert clear.min() >= clear[0] - 1.1e-3
         out = int(np.argmax(clear > 1e-3))
         assert clear[out:].min() > 0.0
-    assert planned >= 17
+    assert planned >= 10
     assert all("deep in the keep-out" in sentence for sentence in refused)

@@ -34,6 +34,7 @@ from mhsb_planner.commands.plan_arguments import (
     refuse_idle,
     replaced,
     request,
+    start_in_posture,
 )
 from mhsb_planner.commands.zone_arguments import (
     ZoneBoxes,
@@ -123,6 +124,9 @@ def plan(
     zone_cylinder: ZoneCylinders = (),
     zone_sphere: ZoneSpheres = (),
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    start_posture: Annotated[
+        tuple[float, ...] | None, tyro.conf.arg(metavar="Q1 Q2 Q3 ..."), ANGLES
+    ] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Plan a motion from rest and print it: path, modes, energy, time.
@@ -171,10 +175,16 @@ def plan(
         via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
         plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
             pressures, energy.
+        start_posture: Joint positions at the start [rad], extensions of telescopes [m], in place of
+            --start. They may be beyond the joint limits: the motion then leads back into them.
         json_: Print one JSON object instead of text.
     """
     if plot is not None and plot.suffix.lower() != ".png":
         raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
+    posture = None
+    if start_posture is not None:
+        others = {"start": start, "case": case}
+        posture, start = start_in_posture(load_machine(machine), start_posture, others)
     asked = request(start, goal, case, weights, planner, initial_j3)
     ranges = (
         range_of("supply-pressure", supply_pressure_range, supply_pressure),
@@ -213,8 +223,10 @@ def plan(
     compile_planner()
     suite = Planner(arm, table_for(base, table))
     began = time.perf_counter()
-    base.check_in_workspace(asked.start)
-    at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
+    if posture is None:
+        base.check_in_workspace(asked.start)
+        posture = asked.start_posture(suite.machine)
+    at_rest = MotionState.at_rest(posture)
     found = None
     if any(ranges):
         with tqdm(desc="operating points", unit="plan", disable=json_, delay=BAR_DELAY) as bar:
