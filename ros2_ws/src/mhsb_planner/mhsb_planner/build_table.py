@@ -14,7 +14,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, JobCount, UsageError, Within
+from mhsb_model.command_line import Count, JobCount, Within
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.posture import s1_global_search, s1_slsqp
 from mhsb_planner.posture.grid import grid_nodes
@@ -52,8 +52,6 @@ def build_table(
             which takes about 0.1 s each, and what share of all may be short is told; 0: none.
         json: Print the result as JSON.
     """
-    if judge < 0:
-        raise UsageError(f"--judge: {judge} must not be negative; give how many entries to judge")
     arm = load_machine(machine).plane
     spacing = arm.spacing if spacing is None else spacing
     total = len(grid_nodes(arm, spacing))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import math
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -55,8 +54,6 @@ def goal(
         raise command_line.UsageError(f"give X Z or X Y Z [m], not {given or 'nothing'}")
     if timeout <= 0:
         raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
-    if tolerance is not None and not 0.0 <= tolerance < math.inf:
-        raise command_line.UsageError(f"--tolerance takes a distance in m, not {tolerance:g}")
     if psi_range is not None and not psi_range[0] <= psi_range[1]:
         low, high = psi_range
         raise command_line.UsageError(

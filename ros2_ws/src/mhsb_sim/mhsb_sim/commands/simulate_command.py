@@ -114,8 +114,6 @@ def simulate(
             "--audit has no effect with --json, which has it all: energies_j, volumes_m3 and "
             "energy_elements_j; leave it out"
         )
-    if seed < 0:
-        raise command_line.UsageError(f"--seed: {seed} is below 0")
     arm = as_asked(load_machine(machine), payload=payload)
     kept_out = with_zones(
         arm, boxes=zone_box, circles=zone_circle, cylinders=zone_cylinder, spheres=zone_sphere

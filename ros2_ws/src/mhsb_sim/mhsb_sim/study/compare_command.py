@@ -80,9 +80,6 @@ def compare(
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     sought = min(TRUTHS, moves) if truths is None else truths
-    for name, count in (("--moves", moves), ("--truths", sought)):
-        if count < 0:
-            raise command_line.UsageError(f"{name}: {count} is negative")
     if sought > moves:
         raise command_line.UsageError(
             f"--truths: {sought} is above the number of random moves, {moves}; give at most that, "
