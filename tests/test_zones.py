@@ -88,7 +88,7 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     # Both or neither.
     taken, reason = setter.set(zone_boxes=BOX, zone_circles=(0.5, 0.8, -0.1))
     assert not taken
-    assert "radius: must be above 0 m" in reason
+    assert "radius: must be at least 0.0001 m" in reason
     assert list(setter.boxes()) == []
     taken, reason = setter.set(zone_boxes=BOX, tip_zone_circles=(0.30, -0.80, 0.05))
     assert taken, reason

@@ -22,9 +22,11 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Protocol, get_type_hints
+from typing import Annotated, Any, Protocol, cast, get_type_hints
 
 import tyro
 
@@ -32,6 +34,7 @@ import tyro
 from tyro import _errors as parse_errors
 
 from mhsb_model.errors import ArgumentError, MhsbError
+from mhsb_model.types import Position
 
 FAILED = 1
 USAGE = 2
@@ -39,6 +42,12 @@ INTERRUPTED = 130
 READER_GONE = 141
 
 NOTHING_KEPT = "no result was kept"
+
+LONGEST_WORD = 120
+"""Characters of a word of the command line that a message repeats; paths are long."""
+
+LONGEST_NUMBER = 30
+"""Characters of a number that a message repeats."""
 
 
 _kept: list[str] = []
@@ -52,6 +61,38 @@ def keep(words: str) -> None:
 
 class UsageError(ArgumentError):
     """The arguments of a command cannot be used."""
+
+
+@dataclass(frozen=True)
+class Within:
+    """The range of an argument's numbers, as metadata: `Annotated[float, Within(0.0, 5.0)]`.
+
+    Help shows it, and a number outside of it is refused before the command begins.
+
+    Attributes:
+        least: The smallest number that is taken.
+        greatest: The greatest one.
+    """
+
+    least: float
+    greatest: float
+
+    def __str__(self) -> str:
+        """Return the range in words."""
+        return f"from {self.least:g} to {self.greatest:g}"
+
+
+Seed = Annotated[int, Within(0, 2**63 - 1)]
+"""Of random numbers."""
+
+Count = Annotated[int, Within(0, 1_000_000)]
+"""How many of something."""
+
+JobCount = Annotated[int | None, Within(0, 4096)]
+"""Processes that work; None takes one for each processor."""
+
+Coordinates = Annotated[Position, Within(-1e4, 1e4)]
+"""A position [m]."""
 
 
 class Command(Protocol):
@@ -139,16 +180,18 @@ def _parse(
         sentence = _sentence(event, arguments).rstrip(".")
         raise UsageError(f"{sentence}; see {name} --help")
 
+    plain = get_type_hints(command, include_extras=True)
     if isinstance(command, type):
         target: Callable[..., Any] = command
     else:
         # Parsing calls its target; binding keeps errors of the command apart from those of parsing.
         def target(*values: Any, **named: Any) -> Callable[[], int | None]:
+            _check_ranges(plain, signature.bind(*values, **named).arguments)
             return functools.partial(command, *values, **named)
 
         hints = {
-            name: Annotated[kind, tyro.conf.arg(help_behavior_hint=_default)]
-            for name, kind in get_type_hints(command, include_extras=True).items()
+            name: Annotated[kind, tyro.conf.arg(help_behavior_hint=partial(_hint, _range(kind)))]
+            for name, kind in plain.items()
         }
         signature = inspect.signature(command)
         # inspect, and tyro by it, looks for this name; mypy's functions do not have it.
@@ -169,7 +212,10 @@ def _parse(
             config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
             registry=_REGISTRY,
         )
-    return parsed.run if isinstance(command, type) else parsed
+    if not isinstance(command, type):
+        return cast(Callable[[], int | None], parsed)
+    _check_ranges(plain, vars(parsed))
+    return cast(Callable[[], int | None], parsed.run)
 
 
 def _description(command: Callable[..., Any]) -> str:
@@ -188,11 +234,48 @@ def _description(command: Callable[..., Any]) -> str:
     return "\n".join(wrap.fill(_one_line(part)) for part in text.strip().split("\n\n"))
 
 
-def _default(value: str) -> str:
-    """What help says of a default value behind the meaning of an argument."""
-    if value == "None":  # the meaning tells what happens where it is left out
-        return ""
-    return f"(default: {value})" if value else "(repeatable)"
+def _hint(limits: Within | None, value: str) -> str:
+    """Return what help says behind the meaning of an argument: its range and default value.
+
+    Args:
+        limits: The range of its numbers, None if it has none.
+        value: The default value; "None" is left out, since the meaning says what happens then.
+    """
+    default = {"None": "", "": "repeatable"}.get(value, f"default: {value}")
+    words = "; ".join(filter(None, (str(limits or ""), default)))
+    return f"({words})" if words else ""
+
+
+def _range(kind: Any) -> Within | None:
+    """Return the range in an argument's type, or None."""
+    found = (each for each in getattr(kind, "__metadata__", ()) if isinstance(each, Within))
+    return next(found, None)
+
+
+def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+    """Raise UsageError for the first argument with a number outside its range.
+
+    Args:
+        kinds: Type of each argument by its name.
+        values: What the arguments are.
+    """
+    for name, value in values.items():
+        limits = _range(kinds.get(name))
+        if limits is None:
+            continue
+        for number in _numbers(value):
+            if not limits.least <= number <= limits.greatest:
+                flag = f"--{name.strip('_').replace('_', '-')}"
+                raise UsageError(f"{flag} must be {limits} (is {str(number)[:LONGEST_NUMBER]})")
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """Yield all numbers in a value, in tuples and lists as well."""
+    if isinstance(value, list | tuple):
+        for each in value:
+            yield from _numbers(each)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield value
 
 
 # --- Sentences about arguments -------------------------------------------------------------------
@@ -221,7 +304,8 @@ def _bad_value(argument: Any, message: str, arguments: list[str]) -> str:
     """What an argument takes, and what it was given."""
     quoted = re.findall(r"'([^']*)'", message)
     given = _tokens_after(argument.lowered.name_or_flags, arguments) or quoted[-1:]
-    found = f"not '{' '.join(given)}'" if given else "but nothing was given"
+    shown = " ".join(f"{word[:LONGEST_WORD]}…" if word[LONGEST_WORD:] else word for word in given)
+    found = f"not '{shown}'" if given else "but nothing was given"
     return f"{_label(argument)} takes {_values(argument)}, {found}"
 
 

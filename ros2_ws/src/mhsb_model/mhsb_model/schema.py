@@ -11,12 +11,29 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
-Positive = Annotated[float, Field(gt=0)]
+FARTHEST, HEAVIEST, FASTEST_FLOW, HIGHEST_PRESSURE = 1e4, 1e6, 1.0, 1e9
+"""Largest coordinates of zones [m], masses [kg], flows [m³/s] and pressures [Pa].
+
+Ranges leave two orders of magnitude around what machines of 0.1 kg to 1000 t have. A number that
+was mistyped is noticed, and computing with all others neither overflows nor divides by 0.
+"""
+
 NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
-ValveFlow = Annotated[float, Field(gt=0, le=0.1)]
-ValveDrop = Annotated[float, Field(gt=0, le=5e7)]
+Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Length = Annotated[float, Field(ge=1e-4, le=20)]
+Mass = Annotated[float, Field(ge=0, le=HEAVIEST)]
+Inertia = Annotated[float, Field(ge=0, le=1e9)]
+Volume = Annotated[float, Field(ge=1e-10, le=1)]
+Flow = Annotated[float, Field(ge=1e-10, le=FASTEST_FLOW)]
+Pressure = Annotated[float, Field(ge=1, le=HIGHEST_PRESSURE)]
+Duration = Annotated[float, Field(ge=1e-5, le=1e4)]
+Gain = Annotated[float, Field(ge=1e-4, le=1e4)]
+ValveFlow = Annotated[float, Field(ge=1e-10, le=0.1)]
+ValveDrop = Annotated[float, Field(ge=1, le=5e7)]
 PistonSpeed = Annotated[float, Field(ge=1e-4, le=1)]
+Weight = Annotated[float, Field(ge=0, le=1e6)]
+"""Of energy [1/J], time [1/s] or mode switches [-] in the cost of a plan."""
 
 
 class Section(BaseModel):
@@ -28,10 +45,10 @@ class Section(BaseModel):
 class Link(Section):
     """A rigid link, from its joint to the next one (or to the tip)."""
 
-    length: Positive = Field(le=20, description="joint to next joint [m]")
-    mass: NonNegative = Field(description="[kg]")
-    center_of_mass: NonNegative = Field(description="distance from the link's joint [m]")
-    inertia: NonNegative = Field(description="about the centre of mass, in the plane [kg m²]")
+    length: Length = Field(description="joint to next joint [m]")
+    mass: Mass = Field(description="[kg]")
+    center_of_mass: NonNegative = Field(le=20, description="distance from the link's joint [m]")
+    inertia: Inertia = Field(description="about the centre of mass, in the plane [kg m²]")
 
 
 class Extension(Section):
@@ -40,23 +57,26 @@ class Extension(Section):
     length: NonNegative = Field(
         le=20, description="tip of the link before to the own tip at q = 0 [m]"
     )
-    mass: NonNegative = Field(description="[kg]")
+    mass: Mass = Field(description="[kg]")
     center_of_mass: float = Field(
         ge=-20,
+        le=20,
         description="at q = 0, beyond the tip of the link before; negative inside that link [m]",
     )
-    inertia: NonNegative = Field(description="about the centre of mass, in the plane [kg m²]")
+    inertia: Inertia = Field(description="about the centre of mass, in the plane [kg m²]")
 
 
 class Platform(Section):
     """What turns about the vertical and carries the arm; its inertia alone counts."""
 
     length: NonNegative = Field(le=20, description="slew's axis to joint 2, forwards [m]")
-    mass: Positive = Field(description="[kg]")
+    mass: Mass = Field(ge=1e-6, description="[kg]")
     center_of_mass: float = Field(
-        ge=-20, description="ahead of the slew's axis, negative behind it [m]"
+        ge=-20, le=20, description="ahead of the slew's axis, negative behind it [m]"
     )
-    inertia: Positive = Field(description="about the vertical through the centre of mass [kg m²]")
+    inertia: Inertia = Field(
+        ge=1e-9, description="about the vertical through the centre of mass [kg m²]"
+    )
 
     @property
     def slew_inertia(self) -> float:
@@ -67,7 +87,7 @@ class Platform(Section):
 class Pin(Section):
     """A pin of a linkage in polar coordinates about the joint's axis."""
 
-    radius: Positive = Field(le=5, description="distance from the joint's axis [m]")
+    radius: Length = Field(le=5, description="distance from the joint's axis [m]")
     angle: Angle = Field(description="from the x axis of the frame the pin is fixed in [rad]")
 
 
@@ -95,9 +115,9 @@ class FourBar(Section):
 
     kind: Literal["four_bar"]
     rocker_pivot: Pin
-    rocker_length: Positive = Field(le=5, description="pivot to tip [m]")
+    rocker_length: Length = Field(le=5, description="pivot to tip [m]")
     rocker_side: Literal["left", "right"] = Field(description="of pivot → child pin")
-    coupler_length: Positive = Field(le=5, description="rocker's tip to child pin [m]")
+    coupler_length: Length = Field(le=5, description="rocker's tip to child pin [m]")
     child_pin: Pin = Field(description="of the coupler")
     parent_pin: Pin = Field(description="of the cylinder")
 
@@ -106,7 +126,7 @@ class Direct(Section):
     """A cylinder along a telescope: L = retracted length + q, r = dL/dq = 1."""
 
     kind: Literal["direct"]
-    retracted_length: Positive = Field(le=20, description="pin to pin at q = 0 [m]")
+    retracted_length: Length = Field(description="pin to pin at q = 0 [m]")
 
 
 class RackAndPinion(Section):
@@ -116,8 +136,8 @@ class RackAndPinion(Section):
     """
 
     kind: Literal["rack_and_pinion"]
-    pitch_radius: Positive = Field(le=5, description="R of the pinion [m]")
-    bore: Positive = Field(le=1, description="piston diameter [m]")
+    pitch_radius: Length = Field(le=5, description="R of the pinion [m]")
+    bore: Length = Field(le=1, description="piston diameter [m]")
     racks: int = Field(default=1, ge=1, le=8, description="that turn the pinion together [-]")
 
     @property
@@ -135,9 +155,11 @@ class Motor(Section):
     """
 
     kind: Literal["motor"]
-    displacement: Positive = Field(le=0.01, description="D, of the motor's shaft [m³/rad]")
-    gear_ratio: Positive = Field(le=10_000, description="i, turns of the shaft for one slewed [-]")
-    pitch_radius: Positive = Field(le=5, description="R of the ring gear [m]")
+    displacement: Volume = Field(le=0.01, description="D, of the motor's shaft [m³/rad]")
+    gear_ratio: float = Field(
+        ge=0.01, le=10_000, description="i, turns of the shaft for one slewed [-]"
+    )
+    pitch_radius: Length = Field(le=5, description="R of the ring gear [m]")
 
     @property
     def area(self) -> float:
@@ -159,8 +181,8 @@ JOINT_KINDS = ("revolute", "prismatic", "slew")
 class Cylinder(Section):
     """Single-rod cylinder."""
 
-    bore: Positive = Field(le=1, description="piston diameter [m]")
-    rod: Positive = Field(le=1, description="rod diameter [m]")
+    bore: Length = Field(le=1, description="piston diameter [m]")
+    rod: Length = Field(le=1, description="rod diameter [m]")
 
     @property
     def areas(self) -> tuple[float, float]:
@@ -188,7 +210,7 @@ class Actuator(Section):
     friction: NonNegative = Field(
         default=1.0, le=100, description="its friction, over that of circuit [-]"
     )
-    relief_pressure: Positive | None = Field(
+    relief_pressure: Pressure | None = Field(
         default=None,
         description="of its chambers [Pa]; circuit.chamber_relief_pressure when left out",
     )
@@ -205,7 +227,7 @@ class Stroke(Section):
     """Range of a prismatic joint, from where it is retracted."""
 
     lower: NonNegative = Field(le=20, description="[m]")
-    upper: Positive = Field(le=20, description="[m]")
+    upper: Length = Field(description="[m]")
 
 
 def _known_kind(kind: Any) -> Any:
@@ -296,9 +318,9 @@ class Payload(Section):
 class Workspace(Section):
     """Where the tip may be asked to go; distances are from joint 1, or 2 where joint 1 slews."""
 
-    min_x: float = Field(description="least horizontal coordinate, in the arm's plane [m]")
-    min_radius: NonNegative = Field(description="[m]")
-    max_radius: Positive = Field(description="[m]")
+    min_x: Coordinate = Field(description="least horizontal coordinate, in the arm's plane [m]")
+    min_radius: NonNegative = Field(le=1000, description="[m]")
+    max_radius: float = Field(ge=1e-4, le=1000, description="[m]")
     spacing: float = Field(
         default=0.05, ge=0.005, le=2, description="of the tip positions of its posture table [m]"
     )
@@ -307,23 +329,28 @@ class Workspace(Section):
 class MainPump(Section):
     """Pump at constant pressure that feeds all actuators (MP)."""
 
-    pressure: Positive = Field(ge=1e5, le=5e7, description="supply pressure P_S [Pa]")
-    max_flow: Positive = Field(le=0.1, description="[m³/s]")
+    pressure: float = Field(ge=1e5, le=5e7, description="supply pressure P_S [Pa]")
+    max_flow: Flow = Field(le=0.1, description="[m³/s]")
 
 
 class ServoPump(Section):
     """Pump of one booster module (SP)."""
 
-    max_flow: Positive = Field(le=0.01, description="[m³/s]")
-    efficiency: float = Field(gt=0, le=1, description="hydraulic power out over power in [-]")
-    max_boost_pressure: Positive = Field(le=5e7, description="highest boosted supply pressure [Pa]")
+    max_flow: Flow = Field(le=0.01, description="[m³/s]")
+    efficiency: float = Field(ge=0.01, le=1, description="hydraulic power out over power in [-]")
+    max_boost_pressure: Pressure = Field(le=5e7, description="highest boosted supply pressure [Pa]")
+
+
+ModulesUsed = Annotated[int, Field(ge=0, le=64)]
 
 
 class Modules(Section):
     """Booster modules and how many of them each mode occupies."""
 
     count: int = Field(ge=0, le=64, description="modules fitted [-]")
-    per_mode: tuple[int, int, int] = Field(description="modules used by N, DB, SB [-]")
+    per_mode: tuple[ModulesUsed, ModulesUsed, ModulesUsed] = Field(
+        description="modules used by N, DB, SB [-]"
+    )
 
 
 class Valve(Section):
@@ -357,7 +384,7 @@ class Motion(Section):
     max_piston_jerk: float = Field(
         default=4.0, ge=1e-2, le=1e4, description="of motions that follow their path [m/s³]"
     )
-    kept_joints: tuple[int, ...] = Field(
+    kept_joints: tuple[Annotated[int, Field(ge=1, le=64)], ...] = Field(
         default=(), description="by the `fixed` planner, all but two; none: all from joint 3 on [-]"
     )
 
@@ -365,75 +392,84 @@ class Motion(Section):
 class CircuitDynamics(Section):
     """What the simulated circuit needs beyond the planner's view."""
 
-    bulk_modulus: Positive = Field(description="effective, oil and hoses [Pa]")
-    chamber_dead_volume: Positive = Field(description="each side of a cylinder, at its end [m³]")
-    line_volume: Positive = Field(description="supply line of one actuator [m³]")
-    rail_volume: Positive = Field(description="rail that shared boost uses [m³]")
-    manifold_volume: Positive = Field(description="between the main pump and the modules [m³]")
-    laminar_pressure: Positive = Field(
+    bulk_modulus: float = Field(ge=1e5, le=1e12, description="effective, oil and hoses [Pa]")
+    chamber_dead_volume: Volume = Field(description="each side of a cylinder, at its end [m³]")
+    line_volume: Volume = Field(description="supply line of one actuator [m³]")
+    rail_volume: Volume = Field(description="rail that shared boost uses [m³]")
+    manifold_volume: Volume = Field(description="between the main pump and the modules [m³]")
+    laminar_pressure: Pressure = Field(
         description="pressure drop below which orifices become laminar [Pa]"
     )
-    main_pump_droop: Positive = Field(
+    main_pump_droop: Pressure = Field(
         description="how far the main pump's pressure sinks up to full flow [Pa]"
     )
-    check_valve_flow: Positive = Field(description="at its rated drop [m³/s]")
-    check_valve_pressure_drop: Positive = Field(description="rated drop [Pa]")
-    switching_valve_flow: Positive = Field(description="at its rated drop [m³/s]")
-    switching_valve_pressure_drop: Positive = Field(description="rated drop [Pa]")
-    switching_valve_time: Positive = Field(description="time constant of opening and closing [s]")
-    valve_frequency: Positive = Field(description="of the servo valve's spool [Hz]")
-    valve_damping: Positive = Field(description="damping ratio of the spool [-]")
-    servo_pump_lag: Positive = Field(description="time constant of the servo pump's speed [s]")
+    check_valve_flow: Flow = Field(description="at its rated drop [m³/s]")
+    check_valve_pressure_drop: Pressure = Field(description="rated drop [Pa]")
+    switching_valve_flow: Flow = Field(description="at its rated drop [m³/s]")
+    switching_valve_pressure_drop: Pressure = Field(description="rated drop [Pa]")
+    switching_valve_time: Duration = Field(description="time constant of opening and closing [s]")
+    valve_frequency: float = Field(ge=0.01, le=1e5, description="of the servo valve's spool [Hz]")
+    valve_damping: Gain = Field(description="damping ratio of the spool [-]")
+    servo_pump_lag: Duration = Field(description="time constant of the servo pump's speed [s]")
     servo_pump_flow_reserve: NonNegative = Field(
-        description="flow beyond max_flow that covers the valve's leakage and compression [m³/s]"
+        le=0.1,
+        description="flow beyond max_flow that covers the valve's leakage and compression [m³/s]",
     )
-    servo_pump_slew: Positive = Field(description="fastest change of a servo pump's flow [m³/s²]")
-    servo_pump_power: Positive = Field(description="most that a servo pump's motor gives [W]")
-    rail_bleed_flow: NonNegative = Field(description="rail to tank at 10 MPa [m³/s]")
-    line_relief_pressure: Positive = Field(description="[Pa]")
-    chamber_relief_pressure: Positive = Field(description="[Pa]")
-    manifold_relief_margin: Positive = Field(
+    servo_pump_slew: float = Field(
+        ge=1e-9, le=1e4, description="fastest change of a servo pump's flow [m³/s²]"
+    )
+    servo_pump_power: float = Field(
+        ge=1e-3, le=1e8, description="most that a servo pump's motor gives [W]"
+    )
+    rail_bleed_flow: NonNegative = Field(le=0.1, description="rail to tank at 10 MPa [m³/s]")
+    line_relief_pressure: Pressure = Field(description="[Pa]")
+    chamber_relief_pressure: Pressure = Field(description="[Pa]")
+    manifold_relief_margin: Pressure = Field(
         default=1e6, description="above P_S, at which the main pump's relief valve opens [Pa]"
     )
-    relief_flow_gain: Positive = Field(description="flow per excess pressure [m³/(s Pa)]")
-    anti_cavitation_flow: Positive = Field(description="tank to chamber at its rated drop [m³/s]")
-    anti_cavitation_pressure_drop: Positive = Field(description="rated drop [Pa]")
+    relief_flow_gain: float = Field(
+        ge=1e-18, le=1e-3, description="flow per excess pressure [m³/(s Pa)]"
+    )
+    anti_cavitation_flow: Flow = Field(description="tank to chamber at its rated drop [m³/s]")
+    anti_cavitation_pressure_drop: Pressure = Field(description="rated drop [Pa]")
     vapour_pressure: NonNegative = Field(
         default=1e3, le=9e4, description="below which no oil gets [Pa]"
     )
-    pump_filling_pressure: Positive = Field(
+    pump_filling_pressure: Pressure = Field(
         default=8e4, description="above vapour pressure, fills a servo pump wholly [Pa]"
     )
     main_pump_efficiency: float = Field(
-        default=0.9, gt=0, le=1, description="torque of the main pump that makes pressure [-]"
+        default=0.9, ge=0.01, le=1, description="torque of the main pump that makes pressure [-]"
     )
     main_pump_drag_power: NonNegative = Field(
-        default=10.0, description="that turning the main pump takes beside it [W]"
+        le=1e8, default=10.0, description="that turning the main pump takes beside it [W]"
     )
     servo_pump_drag_power: NonNegative = Field(
-        default=0.0, description="that turning a servo pump at full speed takes beside it [W]"
+        le=1e8,
+        default=0.0,
+        description="that turning a servo pump at full speed takes beside it [W]",
     )
-    coulomb_friction: NonNegative = Field(description="of a cylinder [N]")
-    viscous_friction: NonNegative = Field(description="of a cylinder [N s/m]")
-    friction_speed: Positive = Field(
-        description="piston speed at which 3/4 of the Coulomb friction acts [m/s]"
+    coulomb_friction: NonNegative = Field(le=1e7, description="of a cylinder [N]")
+    viscous_friction: NonNegative = Field(le=1e9, description="of a cylinder [N s/m]")
+    friction_speed: float = Field(
+        ge=1e-7, le=10, description="piston speed at which 3/4 of the Coulomb friction acts [m/s]"
     )
 
 
 class CascadeGains(Section):
     """Gains that every controller has of its own, relative to what the machine can do."""
 
-    position_gain: Positive = Field(
+    position_gain: Gain = Field(
         description="piston speed per position error, in the joint's natural frequencies [-]"
     )
     integral_gain: NonNegative = Field(
-        default=0.0, description="of the position loop, in squares of its gain [-]"
+        le=1e4, default=0.0, description="of the position loop, in squares of its gain [-]"
     )
-    force_bandwidth: Positive = Field(
+    force_bandwidth: Gain = Field(
         description="of the cylinder force loop, at most, in natural frequencies of the servo "
         "valve [-]"
     )
-    force_damping: Positive = Field(
+    force_damping: Gain = Field(
         description="damping ratio that the force loop gives the joint on its oil, at most [-]"
     )
 
@@ -441,16 +477,16 @@ class CascadeGains(Section):
 class CoordinatedServo(CascadeGains):
     """Gains of the `coordinated` controller."""
 
-    pressure_gain: Positive = Field(
-        description="of the servo pumps' pressure loop, per lag of the pumps [-]"
+    pressure_gain: float = Field(
+        ge=1e-4, le=1e8, description="of the servo pumps' pressure loop, per lag of the pumps [-]"
     )
-    preview: Positive = Field(
-        le=1, description="how long before a boost its line is charged [s]"
+    preview: float = Field(
+        ge=1e-5, le=1, description="how long before a boost its line is charged [s]"
     )
     allowed_rise: NonNegative = Field(
-        description="above the needed pressure while a servo pump coasts [Pa]"
+        le=1e9, description="above the needed pressure while a servo pump coasts [Pa]"
     )
-    pump_response: Positive = Field(
+    pump_response: Gain = Field(
         description="time constant to which a servo pump with a longer lag is driven, in times "
         "that it takes to full flow at its slew [-]"
     )
@@ -459,24 +495,28 @@ class CoordinatedServo(CascadeGains):
 class IndependentServo(CascadeGains):
     """Gains of the `independent` controller."""
 
-    nominal_valve_drop: Positive = Field(
+    nominal_valve_drop: Gain = Field(
         description="drop over an edge for which the valve's gain is taken, of P_S [-]"
     )
-    pressure_gain: Positive = Field(description="of the servo pumps' pressure loop [1/s]")
-    pressure_integral_gain: NonNegative = Field(
-        description="of the servo pumps' pressure loop [1/s²]"
+    pressure_gain: float = Field(
+        ge=1e-4, le=1e8, description="of the servo pumps' pressure loop [1/s]"
     )
-    supply_margin: NonNegative = Field(description="boosted beyond what the plan needs [Pa]")
+    pressure_integral_gain: NonNegative = Field(
+        le=1e12, description="of the servo pumps' pressure loop [1/s²]"
+    )
+    supply_margin: NonNegative = Field(
+        le=1e9, description="boosted beyond what the plan needs [Pa]"
+    )
 
 
 class Servo(Section):
     """The servo's gains and the noise of its sensors."""
 
-    force_bias_time: Positive = Field(
+    force_bias_time: Duration = Field(
         description="time in which unknown forces are taken over into the force reference [s]"
     )
-    pressure_noise: NonNegative = Field(description="standard deviation of a sensor [Pa]")
-    length_noise: NonNegative = Field(description="standard deviation of a sensor [m]")
+    pressure_noise: NonNegative = Field(le=1e9, description="standard deviation of a sensor [Pa]")
+    length_noise: NonNegative = Field(le=1.0, description="standard deviation of a sensor [m]")
     coordinated: CoordinatedServo
     independent: IndependentServo
 
@@ -484,9 +524,7 @@ class Servo(Section):
 class Simulation(Section):
     """How the simulator runs."""
 
-    step: Annotated[float, Field(ge=1e-5, le=5e-3)] = Field(
-        description="of the control [s]"
-    )
+    step: Annotated[float, Field(ge=1e-5, le=5e-3)] = Field(description="of the control [s]")
     mechanics_substeps: int = Field(
         default=1, ge=1, le=100, description="of the mechanics in one step of the control [-]"
     )
@@ -502,26 +540,28 @@ class Stiction(Section):
     """Friction with memory (LuGre): bristles that bend, stick and slip."""
 
     breakaway: float = Field(ge=1, le=10, description="static over Coulomb friction [-]")
-    speed: Positive = Field(description="piston speed by which most of it is overcome [m/s]")
-    stiffness: Positive = Field(description="of the bristles [N/m]")
-    damping: NonNegative = Field(description="of the bristles [N s/m]")
+    speed: float = Field(
+        ge=1e-7, le=10, description="piston speed by which most of it is overcome [m/s]"
+    )
+    stiffness: float = Field(ge=1e-3, le=1e15, description="of the bristles [N/m]")
+    damping: NonNegative = Field(le=1e12, description="of the bristles [N s/m]")
 
 
 class Accumulator(Section):
     """Gas-loaded accumulator behind the main pump."""
 
-    volume: Positive = Field(le=0.1, description="of the gas at its precharge [m³]")
-    precharge: Positive = Field(description="pressure at which the gas fills it [Pa]")
+    volume: Volume = Field(le=0.1, description="of the gas at its precharge [m³]")
+    precharge: Pressure = Field(description="pressure at which the gas fills it [Pa]")
     exponent: float = Field(default=1.4, ge=1, le=2, description="polytropic [-]")
 
 
 class SupplySag(Section):
     """The main pump's pressure falls for a while, and comes back."""
 
-    start: NonNegative = Field(description="after the start of the simulation [s]")
-    fall: Positive = Field(default=0.05, description="time in which it falls, and rises [s]")
-    duration: NonNegative = Field(description="at the lower pressure [s]")
-    pressure: Positive = Field(description="that it falls to [Pa]")
+    start: NonNegative = Field(le=1e6, description="after the start of the simulation [s]")
+    fall: Duration = Field(default=0.05, description="time in which it falls, and rises [s]")
+    duration: NonNegative = Field(le=1e6, description="at the lower pressure [s]")
+    pressure: Pressure = Field(description="that it falls to [Pa]")
 
 
 class Sensors(Section):
@@ -541,8 +581,11 @@ class Imperfections(Section):
     valve_hysteresis: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, width as a share of its stroke [-]"
     )
-    spool_rate: Positive | None = Field(
-        default=None, description="fastest motion of a spool, strokes a second [1/s]"
+    spool_rate: float | None = Field(
+        default=None,
+        ge=1e-3,
+        le=1e6,
+        description="fastest motion of a spool, strokes a second [1/s]",
     )
     computing_delay: float = Field(
         default=0.0, ge=0, le=0.1, description="from sensors to commands, whole steps [s]"
@@ -562,48 +605,48 @@ HoldsFor = Literal["arm", "tip"]
 class Box(Section):
     """A rectangle along the axes."""
 
-    x_min: float = Field(description="[m]")
-    z_min: float = Field(description="[m]")
-    x_max: float = Field(description="[m]")
-    z_max: float = Field(description="[m]")
+    x_min: Coordinate = Field(description="[m]")
+    z_min: Coordinate = Field(description="[m]")
+    x_max: Coordinate = Field(description="[m]")
+    z_max: Coordinate = Field(description="[m]")
 
 
 class BoxZone(Box):
     """A box that the whole arm keeps out of, or its tip alone; upright in space, with y, where
     joint 1 slews."""
 
-    y_min: float | None = Field(default=None, description="of arms that slew [m]")
-    y_max: float | None = Field(default=None, description="of arms that slew [m]")
+    y_min: Coordinate | None = Field(default=None, description="of arms that slew [m]")
+    y_max: Coordinate | None = Field(default=None, description="of arms that slew [m]")
     holds_for: HoldsFor = "arm"
 
 
 class CircleZone(Section):
     """A circle that the whole arm keeps out of, or its tip alone."""
 
-    x: float = Field(description="of the centre [m]")
-    z: float = Field(description="of the centre [m]")
-    radius: Positive = Field(le=100, description="[m]")
+    x: Coordinate = Field(description="of the centre [m]")
+    z: Coordinate = Field(description="of the centre [m]")
+    radius: float = Field(ge=1e-4, le=100, description="[m]")
     holds_for: HoldsFor = "arm"
 
 
 class CylinderZone(Section):
     """An upright cylinder that an arm that slews keeps out of, or its tip alone."""
 
-    x: float = Field(description="of the axis [m]")
-    y: float = Field(description="of the axis [m]")
-    z_min: float = Field(description="[m]")
-    z_max: float = Field(description="[m]")
-    radius: Positive = Field(le=100, description="[m]")
+    x: Coordinate = Field(description="of the axis [m]")
+    y: Coordinate = Field(description="of the axis [m]")
+    z_min: Coordinate = Field(description="[m]")
+    z_max: Coordinate = Field(description="[m]")
+    radius: float = Field(ge=1e-4, le=100, description="[m]")
     holds_for: HoldsFor = "arm"
 
 
 class SphereZone(Section):
     """A sphere that an arm that slews keeps out of, or its tip alone."""
 
-    x: float = Field(description="of the centre [m]")
-    y: float = Field(description="of the centre [m]")
-    z: float = Field(description="of the centre [m]")
-    radius: Positive = Field(le=100, description="[m]")
+    x: Coordinate = Field(description="of the centre [m]")
+    y: Coordinate = Field(description="of the centre [m]")
+    z: Coordinate = Field(description="of the centre [m]")
+    radius: float = Field(ge=1e-4, le=100, description="[m]")
     holds_for: HoldsFor = "arm"
 
 
@@ -615,11 +658,13 @@ class KeepOut(Section):
         le=0.1,
         description="that the discrete path keeps, for the trajectory to cut corners [m]",
     )
-    link_radii: tuple[NonNegative, ...] = Field(
+    link_radii: tuple[Annotated[float, Field(ge=0, le=5)], ...] = Field(
         default=(),
         description="half the thickness of each link in the plane [m]; none: links are lines",
     )
-    ground: float | None = Field(default=None, description="height below which nothing gets [m]")
+    ground: Coordinate | None = Field(
+        default=None, description="height below which nothing gets [m]"
+    )
     base: Box | None = Field(default=None, description="all links but the first keep out of it")
     self_collision: bool = Field(
         default=False, description="whether links that are not neighbours keep apart"
@@ -634,7 +679,11 @@ class MachineConfig(Section):
     """A whole machine file."""
 
     schema_version: Literal[1, 2] = Field(description="2 names the kind of each joint")
-    name: str = Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=64)
+    name: str = Field(
+        pattern=r"^[A-Za-z][A-Za-z0-9_]*$",
+        max_length=64,
+        description="letters A to Z and a to z, digits and '_' only, beginning with a letter",
+    )
     gravity: NonNegative = Field(le=100, description="downwards [m/s²]")
     payload: Payload
     workspace: Workspace

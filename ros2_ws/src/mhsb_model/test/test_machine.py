@@ -186,12 +186,16 @@ def test_zones_are_given_by_any_two_corners_and_replace_those_of_the_file(machin
         (["hydraulics", "modules", "per_mode"], [0, 0, 2], r"per_mode: .* at least 1 for DB"),
         (["hydraulics", "valve", "leakage_flow"], 2e-5, r"all valves leak 6e-05 m³/s"),
         (["joints", 0, "link", "center_of_mass"], 0.5, r"beyond the link's length 0\.45 m"),
-        (["joints", 1, "actuator"], {"rated_flow": 0.0}, r"rated_flow: must be above 0 m³/s \(is"),
+        (["joints", 1, "actuator"], {"rated_flow": 0.0}, r"rated_flow: must be at least 1e-10 m³"),
+        (["joints", 1, "actuator"], {"rated_flow": 10**60}, r"at most 0\.1 m³/s \(is 1\d{39}\)"),
+        (["name"], "ZX200/6", r"name: must be letters A to Z and a to z, digits and '_' only, be"),
+        (["name"], "ZX200/6", r"beginning with a letter \(is 'ZX200/6'\); change it"),
+        (["name"], "x" * 70, r"name: has 70 characters, must have at most 64 \(is 'x{40}'\)"),
         (["joints", 1, "actuator"], {"rated_flow": 0.2}, r"rated_flow: must be at most 0\.1 m³/s"),
         (
             ["joints", 0, "actuator"],
             {"rated_pressure_drop_per_land": -1.0},
-            r"joints\.0\.actuator\.rated_pressure_drop_per_land: must be above 0 Pa \(is -1",
+            r"joints\.0\.actuator\.rated_pressure_drop_per_land: must be at least 1 Pa \(is -1",
         ),
         (
             ["joints", 0, "actuator"],

@@ -14,7 +14,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import UsageError
+from mhsb_model.command_line import Count, JobCount, Within
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.posture import s1_global_search, s1_slsqp
 from mhsb_planner.posture.grid import grid_nodes
@@ -31,10 +31,10 @@ def build_table(
     machine: Path | None = None,
     output: Path | None = None,
     solver: Literal["global", "slsqp"] = "global",
-    spacing: float | None = None,
-    jobs: int | None = None,
+    spacing: Annotated[float | None, Within(-100.0, 100.0)] = None,
+    jobs: JobCount = None,
     scheduler: Scheduler = None,
-    judge: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    judge: Annotated[Count, tyro.conf.arg(metavar="N")] = 0,
     json: bool = False,
 ) -> None:
     """Compute the posture table: for every node of the grid and every mode pattern the posture of
@@ -52,8 +52,6 @@ def build_table(
             which takes about 0.1 s each, and what share of all may be short is told; 0: none.
         json: Print the result as JSON.
     """
-    if judge < 0:
-        raise UsageError(f"--judge: {judge} must not be negative; give how many entries to judge")
     arm = load_machine(machine).plane
     spacing = arm.spacing if spacing is None else spacing
     total = len(grid_nodes(arm, spacing))

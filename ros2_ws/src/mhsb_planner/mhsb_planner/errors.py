@@ -62,6 +62,21 @@ class NoPathError(MhsbError):
         )
 
 
+class StartError(MhsbError):
+    """The arm is beyond joint limits at the start, and no motion leads back into them.
+
+    Args:
+        remarks: Which joints by how much, as a clause.
+    """
+
+    def __init__(self, remarks: str) -> None:
+        self.remarks = remarks
+        super().__init__(
+            f"{remarks}; no motion was found that only lessens this: bring the joint back into its "
+            "limits by hand or with the machine's own controls"
+        )
+
+
 class DeadlineError(MhsbError):
     """The deadline passed before there was anything to answer with; `work` is what it cut off."""
 

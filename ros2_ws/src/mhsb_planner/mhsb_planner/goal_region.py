@@ -28,19 +28,28 @@ AT_GOAL_DISTANCE = 1e-4
 
 AT_GOAL_ANGLE = 1e-3  # rad, of the end link, where one is asked for
 
+FARTHEST = 100.0
+"""Sizes of regions [m], at most: far beyond what any arm reaches."""
+
+WIDEST_ANGLE = 100.0
+"""Of the end link, either way [rad]: some turns more than any arm makes."""
+
 INSIDE = 1.0 - 1e-9
 """Points at a disc's edge lie inside by this factor, whatever the rounding."""
 
 
 @dataclass(frozen=True)
 class _Region:
-    """Raises RequestError for sizes that are not finite."""
+    """Raises RequestError for sizes that are not finite, not above 0 or beyond FARTHEST."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             if not math.isfinite(value) or (field.name not in ("x", "z") and value <= 0.0):
                 rule = "must be finite" if field.name in ("x", "z") else "must be above 0 m"
+                raise RequestError(f"goal region's {field.name}", value, rule)
+            if abs(value) > FARTHEST:
+                rule = f"must be at most {FARTHEST:g} m"
                 raise RequestError(f"goal region's {field.name}", value, rule)
 
 
@@ -140,7 +149,11 @@ def tips(goal: Point, region: Region | None) -> FloatArray:
 
 
 def check_angle(psi: Angle) -> None:
-    """Raise RequestError where it is not an angle or a range of angles."""
+    """Raise RequestError where it is not an angle or a range of angles within WIDEST_ANGLE."""
+    for angle in psi if isinstance(psi, tuple) else (psi,):
+        if angle is not None and math.isfinite(angle) and abs(angle) > WIDEST_ANGLE:
+            rule = f"must be from {-WIDEST_ANGLE:g} to {WIDEST_ANGLE:g} rad"
+            raise RequestError("goal_psi", psi, rule)
     if isinstance(psi, tuple):
         low, high = psi
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):

@@ -30,7 +30,8 @@ class Plan:
              motion at all [s]
     area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
     cavitations     of actuators whose static loads drive them faster than inlets fill
-    start_in        what obstacle the arm is in or touches at the start, as a clause; else empty
+    start_in        which joints are beyond their limits and what obstacle the arm is in or touches
+             at the start, as a clause; else empty
     """
 
     path: DiscretePath
@@ -43,7 +44,7 @@ class Plan:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What obstacle the start is in, and what the motion asks of the machine beyond its limits;
+        """What is wrong with the start, and what the motion asks of the machine beyond its limits;
         one sentence for each."""
         start = (self.start_in,) if self.start_in else ()
         return (*start, *map(str, (*self.motion.overloads, *self.cavitations)))

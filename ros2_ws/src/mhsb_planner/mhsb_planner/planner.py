@@ -24,7 +24,8 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
+from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.first_moves import paths_from_anywhere, start_remarks
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.s3_coasting import Coasting, coasting
@@ -33,7 +34,7 @@ from mhsb_planner.motion.s3_steered import Steering
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_making import PlanMaking, fit_rules
-from mhsb_planner.planners.legs import PathSource, PlanePaths, paths_by_way
+from mhsb_planner.planners.legs import PathSource, PlanePaths
 from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import Candidate, Task
 from mhsb_planner.planners.registry import (
@@ -48,7 +49,6 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import area_shortfall, goal_clearance
 from mhsb_planner.search.area_shortfall import area_term
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.goal_clearance import start_in
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.slewing import among_zones
 from mhsb_planner.slewing.slewing import SlewingPaths
@@ -137,17 +137,24 @@ class Planner:
             if rest is not None and self._leads_to(goal, rest, options):
                 making.go_on(rest, source.bound(task))
             try:
-                plan = making.best_along(paths_by_way(source, task, making.time))
-                return replace(plan, start_in=start_in(self.machine, start.position))
-            except DeadlineError:
-                raise
+                paths = paths_from_anywhere(
+                    self.machine, source, self.graph.table, task, making.time
+                )
+                plan = making.best_along(paths)
+                return replace(plan, start_in=start_remarks(self.machine, start.position))
+            except DeadlineError as error:
+                raise self._with_remarks(error, start) from None
             except MhsbError as error:
                 refused = refused or error
         assert refused is not None
-        if isinstance(refused, NoPathError):
-            inside = start_in(self.machine, start.position)
-            raise NoPathError(refused.start, refused.goal, refused.among, inside)
-        raise refused
+        raise self._with_remarks(refused, start)
+
+    def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
+        """Return the error, its sentence ending with what is wrong with the start, if anything."""
+        remarks = start_remarks(self.machine, start.position)
+        if remarks and remarks not in str(error):
+            error.args = (f"{error}; {remarks}",)
+        return error
 
     def follow(
         self,

@@ -59,7 +59,7 @@ def test_it_tells_what_share_of_its_entries_may_be_short(tmp_path, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["judgement"]["most_short"] == pytest.approx(1.0 - 0.05**0.2)
     assert run("--judge", -1) == 2
-    assert "--judge: -1 must not be negative" in capsys.readouterr().err
+    assert "--judge must be from 0 to 1e+06 (is -1)" in capsys.readouterr().err
 
 
 def test_by_default_it_writes_where_the_planner_looks(machine, tmp_path, monkeypatch):

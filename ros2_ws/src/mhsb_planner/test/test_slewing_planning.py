@@ -18,6 +18,8 @@ from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.slewing.sharing_out import shared_out
 
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
 PLANNERS = ("table", "fixed", "integrated")
 MOVES = {
     "excavator": ((2.6, 0.0, -1.0), (1.3, 1.8, 0.5)),

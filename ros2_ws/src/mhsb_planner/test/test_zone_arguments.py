@@ -74,7 +74,7 @@ def test_they_stand_beside_those_of_the_machine_file(excavator, machine):
             "--zone-circle 0.4 -0.8 0.1: excavator slews; give --zone-box X1 Y1 Z1 X2 Y2 Z2 or "
             "--zone-cylinder X Y Z_MIN Z_MAX RADIUS or --zone-sphere X Y Z RADIUS",
         ),
-        ({"spheres": ((1.0, 0.0, 0.0, -0.2),)}, "radius: must be above 0 m (is -0.2)"),
+        ({"spheres": ((1.0, 0.0, 0.0, -0.2),)}, "radius: must be at least 0.0001 m (is -0.2)"),
     ],
 )
 def test_what_an_arm_that_slews_cannot_have_is_refused_with_what_it_can(

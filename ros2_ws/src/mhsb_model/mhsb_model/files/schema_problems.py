@@ -85,6 +85,13 @@ def _sentence(item: Any, model: type[BaseModel]) -> str:
         least, most = context.get("min_length"), context.get("max_length")
         limit = f"at least {least}" if kind == "too_short" else f"at most {most}"
         return f"has {context['actual_length']} values, must have {limit}"
+    if kind == "string_pattern_mismatch":
+        allowed = (field.description if field else "") or f"text like {context['pattern']}"
+        return f"must be {allowed}{value}; change it"
+    if kind in ("string_too_long", "string_too_short"):
+        least, most = context.get("min_length"), context.get("max_length")
+        limit = f"at most {most}" if kind == "string_too_long" else f"at least {least}"
+        return f"has {len(item['input'])} characters, must have {limit}{value}"
     if kind == "value_error":
         return f"{context['error']}"
     of_type = TYPES.get(kind.partition("_")[0])
@@ -102,10 +109,12 @@ def _unknown(key: str, keys: Sequence[str]) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A value that can be repeated."""
-    if not isinstance(value, str | int | float | bool):
+    """Return a value in brackets, cut to what can be repeated; nothing for lists and sections."""
+    if isinstance(value, str):
+        return f" (is {value[:LONGEST_VALUE]!r})"
+    if not isinstance(value, int | float | bool):
         return ""
-    return f" (is {value[:LONGEST_VALUE] if isinstance(value, str) else value!r})"
+    return f" (is {repr(value)[:LONGEST_VALUE]})"
 
 
 def _unit(field: FieldInfo | None) -> str:

@@ -22,6 +22,12 @@ LARGEST_FILE = 256 * 1024
 MOST_VALUES = 100_000
 """In a file whose anchors are written out."""
 
+LONGEST_NUMBER = 64
+"""Characters of a number; a float written out in full has 24. Whole numbers of any base, 60
+included, then stay below 1e77, so that they can be compared and printed at once."""
+
+UNREADABLE = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
+"""What PyYAML raises for values that are not of their tag: a date with a month 13, `!!bool x`."""
 
 OF_TOKENS = re.compile(r"expected [^']*('<[a-z ]+>')?, but found '<[a-z ]+>'")
 PLAIN_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}")
@@ -43,7 +49,7 @@ def read_yaml(path: Path) -> Any:
     """Content of a file as dict, list, text, numbers; raises YamlFileError."""
     text = _text(path)
     try:
-        loader = yaml.SafeLoader(text)
+        loader = BoundedLoader(text)
         node = loader.get_single_node()
         if node is None:
             return None
@@ -55,8 +61,33 @@ def read_yaml(path: Path) -> Any:
         return loader.construct_document(node)
     except RecursionError:
         raise YamlFileError(path, "is nested too deeply, or in itself; make it flatter") from None
-    except (yaml.YAMLError, ValueError) as error:  # such as a date with a month 13
+    except (yaml.YAMLError, *UNREADABLE) as error:
         raise YamlFileError(path, f"is not YAML: {_problem(error)}") from None
+
+
+class BoundedLoader(yaml.SafeLoader):
+    """A loader of plain values that refuses numbers of more than LONGEST_NUMBER characters."""
+
+    def construct_bounded_int(self, node: yaml.ScalarNode) -> int:
+        """Return the whole number of a node; raises ConstructorError if it is too long."""
+        _check_length(node)
+        return self.construct_yaml_int(node)
+
+    def construct_bounded_float(self, node: yaml.ScalarNode) -> float:
+        """Return the number of a node; raises ConstructorError if it is too long."""
+        _check_length(node)
+        return self.construct_yaml_float(node)
+
+
+BoundedLoader.add_constructor("tag:yaml.org,2002:int", BoundedLoader.construct_bounded_int)
+BoundedLoader.add_constructor("tag:yaml.org,2002:float", BoundedLoader.construct_bounded_float)
+
+
+def _check_length(node: yaml.Node) -> None:
+    """Raise ConstructorError if a number has more characters than LONGEST_NUMBER."""
+    if isinstance(node, yaml.ScalarNode) and len(node.value) > LONGEST_NUMBER:
+        problem = f"a number has {len(node.value)} characters, at most {LONGEST_NUMBER} are read"
+        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
 
 
 def _text(path: Path) -> str:

@@ -35,6 +35,12 @@ def test_plain_values_and_anchors_are_read(tmp_path):
     }  # fmt: skip
 
 
+def test_numbers_as_long_as_any_machine_needs_are_read(tmp_path):
+    file = tmp_path / "file.yaml"
+    file.write_text(f"a: {'9' * 64}\nb: 0x{'f' * 62}\nc: 1:30\nd: 0.{'1' * 62}\n")
+    assert read_yaml(file) == {"a": 10**64 - 1, "b": 16**62 - 1, "c": 90, "d": 1 / 9}
+
+
 def test_an_empty_file_has_no_content(tmp_path):
     (tmp_path / "empty.yaml").touch()
     assert read_yaml(tmp_path / "empty.yaml") is None
@@ -52,6 +58,15 @@ def test_an_empty_file_has_no_content(tmp_path):
         ("a: !secret 1", "could not determine a constructor for the tag …"),
         ("a: 2024-13-45", "something cannot be read"),
         ("? [secret]\n: 1", "found unhashable key"),
+        ("a: 0x" + "f" * 60_000, "line 1, column 4: a number has 60002 characters, at most 64"),
+        ("a: 1" + ":59" * 30_000, "line 1, column 4: a number has 90001 characters, at most 64"),
+        ("a: 1" + ":59" * 30_000 + ".5", "a number has 90003 characters, at most 64 are read"),
+        ("a: " + "9" * 65, "a number has 65 characters, at most 64 are read"),
+        ("a: !!int ''", "is not YAML: something cannot be read"),
+        ("a: !!float ''", "is not YAML: something cannot be read"),
+        ("a: !!bool secret", "is not YAML: something cannot be read"),
+        ("a: !!timestamp secret", "is not YAML: something cannot be read"),
+        ("a: 2001-12-14 21:59:43.10 +99:99", "is not YAML: something cannot be read"),
         (b"secret\xff", "is not text in UTF-8; is it the right file?"),
         (b"secret\x00", "is not YAML"),
         (BOMB, "has more than 100000 values, with anchors written out; shorten it"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import math
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -14,6 +13,7 @@ import tyro
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Within
 from mhsb_model.types import Position
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
@@ -23,11 +23,15 @@ ACCEPTED, REFUSED, NO_ANSWER = 0, 1, 3
 
 
 def goal(
-    place: Annotated[Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z")],
-    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
-    psi_range: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
+    place: Annotated[
+        Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z"), Within(-1e4, 1e4)
+    ],
+    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), Within(0.0, 2.0)] = None,
+    psi_range: Annotated[
+        tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH"), Within(-100.0, 100.0)
+    ] = None,
     wait: bool = False,
-    timeout: Annotated[float, tyro.conf.arg(metavar="S")] = 10.0,
+    timeout: Annotated[float, tyro.conf.arg(metavar="S"), Within(0.0, 1e6)] = 10.0,
     json: bool = False,
 ) -> int:
     """Send the tip to (X, Z), or where the arm slews to (X, Y, Z), and print what the planner says.
@@ -50,8 +54,6 @@ def goal(
         raise command_line.UsageError(f"give X Z or X Y Z [m], not {given or 'nothing'}")
     if timeout <= 0:
         raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
-    if tolerance is not None and not 0.0 <= tolerance < math.inf:
-        raise command_line.UsageError(f"--tolerance takes a distance in m, not {tolerance:g}")
     if psi_range is not None and not psi_range[0] <= psi_range[1]:
         low, high = psi_range
         raise command_line.UsageError(

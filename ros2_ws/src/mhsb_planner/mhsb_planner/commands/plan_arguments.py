@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from mhsb_model.command_line import UsageError
 from mhsb_model.errors import MachineFileError
 from mhsb_model.machine import Machine
-from mhsb_model.types import Position
+from mhsb_model.types import FloatArray, Position
 from mhsb_planner.errors import RequestError
 from mhsb_planner.evaluation.operating_point import Range
 from mhsb_planner.evaluation.paper_cases import PaperCase, paper_case
@@ -52,6 +54,30 @@ def request(
         planner=planner or base.planner,
         initial_j3=base.initial_j3 if initial_j3 is None else initial_j3,
     )
+
+
+def start_in_posture(
+    machine: Machine, posture: Position, given: Mapping[str, Any]
+) -> tuple[FloatArray, Position]:
+    """Return a start posture [rad or m] and where the tip is in it [m].
+
+    Args:
+        machine: The arm.
+        posture: Position of each joint, within its limits or not.
+        given: Other options that say where the motion starts, by name; None where left out.
+
+    Raises:
+        UsageError: The numbers are not as many as the joints, or another option is given as well.
+    """
+    for name, value in given.items():
+        if value is not None:
+            flag = f"--{name.replace('_', '-')}"
+            raise UsageError(f"give --start-posture or {flag}, not both")
+    if len(posture) != machine.joint_count:
+        wanted = f"{machine.joint_count} joint positions, {', '.join(machine.joint_names)}"
+        raise UsageError(f"--start-posture takes {wanted}, not {_words(posture) or 'nothing'}")
+    q = np.array(posture, dtype=np.float64)
+    return q, tuple(machine.tip_in_base(q).tolist())
 
 
 def replaced(asked: PaperCase) -> list[str]:

@@ -15,6 +15,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Within
 from mhsb_model.files.output_folders import make_room_for
 from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
@@ -33,6 +34,7 @@ from mhsb_planner.commands.plan_arguments import (
     refuse_idle,
     replaced,
     request,
+    start_in_posture,
 )
 from mhsb_planner.commands.zone_arguments import (
     ZoneBoxes,
@@ -49,10 +51,12 @@ from mhsb_planner.evaluation.operating_point import (
     best_operating_point,
 )
 from mhsb_planner.evaluation.paper_cases import PaperCase
+from mhsb_planner.goal_region import FARTHEST, WIDEST_ANGLE
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.cavitation import cavitating_steps
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planner import Plan, Planner, PlannerKind
+from mhsb_planner.planners.options import HIGHEST_WEIGHT
 from mhsb_planner.planners.registry import summaries
 from mhsb_planner.posture.posture_table_cache import table_for
 from mhsb_planner.search.area_shortfall import area_along_motion, area_along_path, reference_area
@@ -62,51 +66,67 @@ from mhsb_planner.search.s2_step import EnergyReading
 SHORT = 1.0
 """A plan that took no longer is made once more, for the sake of the times that are told [s]."""
 
+ANYWHERE, DISTANCES = Within(-1e4, 1e4), Within(0.0, FARTHEST)
+ANGLES = Within(-WIDEST_ANGLE, WIDEST_ANGLE)
+WEIGHTS = Within(0.0, HIGHEST_WEIGHT)
+PRESSURES, SPEEDS = Within(1e5, 5e7), Within(1e-4, 1.0)
+"""Ranges of options: positions and distances [m], angles [rad], weights, P_S [Pa], V_max [m/s]."""
+
 BAR_DELAY = 0.5
 """Before which no progress is shown [s]: what is wrong with a request shows sooner."""
 
 
 def plan(
-    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
-    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
+    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), ANYWHERE] = None,
+    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), ANYWHERE] = None,
     case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     weights: Annotated[
-        tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3")
+        tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3"), WEIGHTS
     ] = None,
-    area_weight: Annotated[float | None, tyro.conf.arg(metavar="W4")] = None,
+    area_weight: Annotated[float | None, tyro.conf.arg(metavar="W4"), WEIGHTS] = None,
     planner: Annotated[
         PlannerKind | None,
         tyro.conf.arg(help=f"Where postures come from: {summaries()}; table when left out."),
     ] = None,
-    initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
+    initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLES] = None,
     search: SearchMethod | None = None,
-    heuristic_scale: Annotated[float | None, tyro.conf.arg(metavar="PER_M")] = None,
+    heuristic_scale: Annotated[
+        float | None, tyro.conf.arg(metavar="PER_M"), Within(0.0, 1e6)
+    ] = None,
     trajectory: TrajectoryKind | None = None,
-    max_speed_excess: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None,
+    max_speed_excess: Annotated[
+        float | None, tyro.conf.arg(metavar="SHARE"), Within(0.0, 1.0)
+    ] = None,
     energy_reading: EnergyReading | None = None,
-    payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
-    supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA")] = None,
-    v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S")] = None,
-    supply_pressure_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
-    v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
-    goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD")] = None,
-    goal_psi_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH")] = None,
-    goal_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
-    goal_segment: Annotated[Point | None, tyro.conf.arg(metavar="X Z")] = None,
-    goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ")] = None,
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG"), Within(0.0, 1e4)] = None,
+    supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA"), PRESSURES] = None,
+    v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S"), SPEEDS] = None,
+    supply_pressure_range: Annotated[
+        Point | None, tyro.conf.arg(metavar="LOW HIGH"), PRESSURES
+    ] = None,
+    v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), SPEEDS] = None,
+    goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLES] = None,
+    goal_psi_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), ANGLES] = None,
+    goal_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCES] = None,
+    goal_segment: Annotated[Point | None, tyro.conf.arg(metavar="X Z"), ANYWHERE] = None,
+    goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ"), DISTANCES] = None,
     via: Annotated[
         tuple[tuple[float, ...], ...],
         tyro.conf.arg(metavar="X [Y] Z"),
         tyro.conf.UseAppendAction,
+        ANYWHERE,
     ] = (),
-    via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M")] = None,
+    via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCES] = None,
     zone_box: ZoneBoxes = (),
     zone_circle: ZoneCircles = (),
     zone_cylinder: ZoneCylinders = (),
     zone_sphere: ZoneSpheres = (),
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    start_posture: Annotated[
+        tuple[float, ...] | None, tyro.conf.arg(metavar="Q1 Q2 Q3 ..."), ANGLES
+    ] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Plan a motion from rest and print it: path, modes, energy, time.
@@ -155,10 +175,16 @@ def plan(
         via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
         plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
             pressures, energy.
+        start_posture: Joint positions at the start [rad], extensions of telescopes [m], in place of
+            --start. They may be beyond the joint limits: the motion then leads back into them.
         json_: Print one JSON object instead of text.
     """
     if plot is not None and plot.suffix.lower() != ".png":
         raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
+    posture = None
+    if start_posture is not None:
+        others = {"start": start, "case": case}
+        posture, start = start_in_posture(load_machine(machine), start_posture, others)
     asked = request(start, goal, case, weights, planner, initial_j3)
     ranges = (
         range_of("supply-pressure", supply_pressure_range, supply_pressure),
@@ -197,8 +223,10 @@ def plan(
     compile_planner()
     suite = Planner(arm, table_for(base, table))
     began = time.perf_counter()
-    base.check_in_workspace(asked.start)
-    at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
+    if posture is None:
+        base.check_in_workspace(asked.start)
+        posture = asked.start_posture(suite.machine)
+    at_rest = MotionState.at_rest(posture)
     found = None
     if any(ranges):
         with tqdm(desc="operating points", unit="plan", disable=json_, delay=BAR_DELAY) as bar:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from mhsb_model.command_line import UsageError
+from mhsb_model.command_line import UsageError, Within
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Numbers, zone_numbers
 from mhsb_planner.commands.plan_arguments import as_asked
@@ -22,6 +22,7 @@ ZoneBoxes = Annotated[
         "zones, with Y where the arm slews; may be given several times.",
     ),
     tyro.conf.UseAppendAction,
+    Within(-1e4, 1e4),
 ]
 ZoneCircles = Annotated[
     tuple[tuple[float, float, float], ...],
@@ -31,6 +32,7 @@ ZoneCircles = Annotated[
         "not slew.",
     ),
     tyro.conf.UseAppendAction,
+    Within(-1e4, 1e4),
 ]
 ZoneCylinders = Annotated[
     tuple[tuple[float, float, float, float, float], ...],
@@ -40,6 +42,7 @@ ZoneCylinders = Annotated[
         "for arms that slew.",
     ),
     tyro.conf.UseAppendAction,
+    Within(-1e4, 1e4),
 ]
 ZoneSpheres = Annotated[
     tuple[tuple[float, float, float, float], ...],
@@ -49,6 +52,7 @@ ZoneSpheres = Annotated[
         "slew.",
     ),
     tyro.conf.UseAppendAction,
+    Within(-1e4, 1e4),
 ]
 """Types of the options; an arm has those of `zone_numbers`."""
 

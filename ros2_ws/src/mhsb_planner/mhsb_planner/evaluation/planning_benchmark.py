@@ -24,6 +24,7 @@ from scipy.sparse.csgraph import dijkstra
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Count, JobCount, Seed, Within
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
@@ -315,14 +316,14 @@ def _timed(work: Callable[[], Result], runs: int) -> tuple[float, Result]:
 def planning(
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/planning.json"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
-    boosted: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.boosted,
-    scenes: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.scenes,
-    collocations: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.collocations,
-    moves: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.moves,
-    truths: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.truths,
-    within: Annotated[float, tyro.conf.arg(metavar="S")] = Effort.within,
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = Effort.seed,
+    jobs: Annotated[JobCount, tyro.conf.arg(metavar="N")] = None,
+    boosted: Annotated[Count, tyro.conf.arg(metavar="N")] = Effort.boosted,
+    scenes: Annotated[Count, tyro.conf.arg(metavar="N")] = Effort.scenes,
+    collocations: Annotated[Count, tyro.conf.arg(metavar="N")] = Effort.collocations,
+    moves: Annotated[Count, tyro.conf.arg(metavar="N")] = Effort.moves,
+    truths: Annotated[Count, tyro.conf.arg(metavar="N")] = Effort.truths,
+    within: Annotated[float, tyro.conf.arg(metavar="S"), Within(1e-4, 1e4)] = Effort.within,
+    seed: Annotated[Seed, tyro.conf.arg(metavar="N")] = Effort.seed,
     parts: Annotated[list[str] | None, tyro.conf.arg(metavar="PART")] = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:

@@ -87,10 +87,6 @@ __all__ = [
 
 SAME_POSTURE = 1e-9  # rad, rounding
 
-START_NOISE = 0.01
-"""A start this far outside the limits [rad, m] is taken as measurement noise on a valid one: its
-motion returns inside and stays there."""
-
 THRUST_STRETCH = 1.25
 """By so much a motion is stretched for which pressure lacks: inertia then falls by a third."""
 
@@ -292,11 +288,13 @@ def _same(one: FloatArray, other: FloatArray) -> bool:
 
 
 def _admitting(machine: Machine, posture: FloatArray) -> Machine:
-    """The machine, its limits widened to a start that noise has put a little outside of them."""
+    """Return the machine, its joint limits and workspace widened to a start outside of them.
+
+    Joints then may be as far outside as at the start; `way_out` sees to it that they only return.
+    """
     arrays = machine.arrays
     x, z = tip_position(arrays, posture)
-    beyond, outside = float(joint_excess(arrays, posture)), node_set_excess(arrays, x, z)
-    if max(beyond, outside) <= 0.0 or beyond > START_NOISE or outside > START_NOISE:
+    if max(float(joint_excess(arrays, posture)), node_set_excess(arrays, x, z)) <= 0.0:
         return machine
     radius = math.hypot(x, z)
     widened = arrays._replace(

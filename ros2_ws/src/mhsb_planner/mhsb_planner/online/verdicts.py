@@ -11,6 +11,7 @@ from mhsb_planner.errors import (
     InfeasibleGoalError,
     NoPathError,
     RequestError,
+    StartError,
     TableError,
     ZoneError,
 )
@@ -24,6 +25,7 @@ CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (InfeasibleGoalError, Verdict.INFEASIBLE),
     (NoPathError, Verdict.INFEASIBLE),
     (FitError, Verdict.INFEASIBLE),
+    (StartError, Verdict.INFEASIBLE),
     (DeadlineError, Verdict.DEADLINE),
     (ExpansionLimitError, Verdict.DEADLINE),
     (TableError, Verdict.TABLE),

@@ -12,6 +12,7 @@ from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import (
     AT_GOAL_ANGLE,
     AT_GOAL_DISTANCE,
+    FARTHEST,
     Angle,
     Region,
     check_angle,
@@ -30,6 +31,10 @@ DEFAULT_SPEED_EXCESS = 0.1
 passes it by a quarter at least, and is stretched."""
 
 HIGHEST_SPEED_EXCESS = 1.0
+
+HIGHEST_WEIGHT = 1e6
+"""Of energy [1/J], time [1/s], switches [-] and area [1/m]: costs stay below 1e15, far from where
+sums of them lose digits."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +88,16 @@ class PlanOptions:
                 raise RequestError("via", point, "must be finite numbers [m]")
         if not (math.isfinite(self.via_tolerance) and self.via_tolerance > 0.0):
             raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
-        if not (math.isfinite(self.area_weight) and self.area_weight >= 0.0):
-            raise RequestError("area weight", self.area_weight, "must be finite and not negative")
+        if self.via_tolerance > FARTHEST:
+            rule = f"must be at most {FARTHEST:g} m"
+            raise RequestError("via_tolerance", self.via_tolerance, rule)
+        if not 0.0 <= self.area_weight <= HIGHEST_WEIGHT:
+            rule = f"must be from 0 to {HIGHEST_WEIGHT:g}"
+            raise RequestError("area weight", self.area_weight, rule)
         weights = self.weights
+        if max(weights.energy, weights.time, weights.switches) > HIGHEST_WEIGHT:
+            given = [weights.energy, weights.time, weights.switches]
+            raise RequestError("weights", given, f"must each be from 0 to {HIGHEST_WEIGHT:g}")
         if not (weights.energy or weights.time or weights.switches or self.area_weight):
             rule = "must not all be 0: any motion would be as good as any other; raise one of them"
             raise RequestError("weights", "0 0 0", rule)

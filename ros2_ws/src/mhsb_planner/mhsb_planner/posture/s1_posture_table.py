@@ -8,10 +8,9 @@ there whole or not at all.
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
-import zipfile
-import zlib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,30 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.errors import TableError
+from mhsb_planner.posture.npz_reader import UNREADABLE, ArchiveTooLargeError, read_arrays
 
 SCHEMA_VERSION = 1
+KINDS = {
+    "header": r"<U\d{1,4}",
+    "nodes": "<i8",
+    "patterns": r"\|u1",
+    "posture": "<f8",
+    "area": "<f8",
+}
+"""Arrays of a file and their dtypes; the header has at most 9999 characters, NumPy's own 300."""
+
 ARRAY_NAMES = ("nodes", "patterns", "posture", "area")
 LARGEST_TABLE = 2**30
 """Bytes, unpacked; that of the suite's own machine has half a million."""
+
+LONGEST_SHOWN = 80
+"""Characters of a header's value that are kept and repeated: a hash has 64."""
+
+SMALLEST_SPACING = 1e-4
+"""Of a grid [m]; machine files have 5 mm at least."""
+
+LARGEST_EXCESS = 1e-6
+"""By how much a table's posture may be beyond a joint limit, by rounding [rad, m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,18 +123,16 @@ class PostureTable:
         path = Path(path)
         header, arrays = _read(path)
         if header.get("schema_version") != SCHEMA_VERSION:
-            raise TableError(
-                path,
-                f"has schema version {header.get('schema_version')}, {SCHEMA_VERSION} is needed",
-            )
+            found = str(header.get("schema_version"))[:LONGEST_SHOWN]
+            raise TableError(path, f"has schema version {found}, {SCHEMA_VERSION} is needed")
         try:
             table = cls(
-                machine_name=str(header["machine_name"]),
-                machine_hash=str(header["machine_hash"]),
+                machine_name=str(header["machine_name"])[:LONGEST_SHOWN],
+                machine_hash=str(header["machine_hash"])[:LONGEST_SHOWN],
                 spacing=float(header["spacing"]),
                 **arrays,
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise TableError(path, f"has no usable header ({error})") from error
         table._check_for(path, machine.plane, spacing)
         return table
@@ -142,22 +158,46 @@ class PostureTable:
                 raise TableError(path, f"has {name} of shape {found.shape}, not {shape}")
         if not self.feasible.any():
             raise TableError(path, "holds no posture at all")
+        if reason := self._content_problem(machine):
+            raise TableError(path, f"is damaged: {reason}")
+
+    def _content_problem(self, machine: Machine) -> str | None:
+        """Return what is wrong with the numbers of a table that has the right shape, or None."""
+        if not SMALLEST_SPACING <= self.spacing <= machine.arrays.max_radius:
+            return f"its spacing is {self.spacing:g} m"
+        farthest = math.ceil(machine.arrays.max_radius / self.spacing) + 1
+        if np.any(self.nodes < -farthest) or np.any(self.nodes > farthest):
+            return "nodes lie beyond the arm's reach"
+        if not np.array_equal(self.patterns, machine.patterns):
+            return "its mode patterns are not those of the machine"
+        beyond = joint_excess_of(machine, self.posture[np.isfinite(self.area)])
+        if not np.all(beyond <= LARGEST_EXCESS):  # NaN, too
+            return "postures lie beyond the joint limits"
+        return None
+
+
+def joint_excess_of(machine: Machine, postures: FloatArray) -> FloatArray:
+    """Return how far the worst joint of postures[k, n] is beyond its limits, float64[k] [rad]."""
+    a = machine.arrays
+    return np.maximum(a.joint_min - postures, postures - a.joint_max).max(axis=-1, initial=-np.inf)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return header and arrays of a file; raises TableError."""
     try:
         if path.exists() and not path.is_file():
             raise TableError(path, "cannot be read: it is no regular file")
-        with zipfile.ZipFile(path) as file:
-            size = sum(part.file_size for part in file.infolist())
-        if size > LARGEST_TABLE:
-            raise TableError(path, f"cannot be read: {size} bytes, {LARGEST_TABLE} are the most")
-        with np.load(path, allow_pickle=False) as content:
-            header = json.loads(str(content["header"]))
-            return header, {name: content[name] for name in ARRAY_NAMES}
+        arrays = read_arrays(path, KINDS, LARGEST_TABLE)
+        header = json.loads(str(arrays.pop("header")))
+        if not isinstance(header, dict):
+            raise ValueError("a header that is no object")
     except FileNotFoundError as error:
         raise TableError(path, "there is no such file") from error
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except ArchiveTooLargeError as error:
+        size = f"{error.size} bytes, {LARGEST_TABLE} are the most"
+        raise TableError(path, f"cannot be read: {size}") from error
+    except UNREADABLE as error:  # RecursionError, of a deep header, is a RuntimeError
         raise TableError(path, "is damaged or not a posture table") from error
     except OSError as error:
         raise TableError(path, f"cannot be read: {error.strerror or error}") from error
+    return header, arrays

@@ -5,19 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mhsb_planner.errors import RequestError
 
+FARTHEST_POINT = 1e4
+"""Largest coordinate or radius of points and zones [m]."""
+
 
 def declare_array(node: Node, name: str, values: Sequence[float], text: str) -> None:
     """Declare an array that may be empty: an empty one says nothing of its type on the wire.
 
-    text  what it is, for whoever describes the parameter
+    Its numbers are lengths up to FARTHEST_POINT. The descriptor says so, but rclpy looks at the
+    ranges of single numbers alone.
+
+    Args:
+        node: Gets the parameter.
+        name: Of the parameter.
+        values: At first.
+        text: What it is, for whoever describes the parameter.
     """
-    descriptor = ParameterDescriptor(description=text, dynamic_typing=True)
+    limits = FloatingPointRange(from_value=-FARTHEST_POINT, to_value=FARTHEST_POINT, step=0.0)
+    descriptor = ParameterDescriptor(
+        description=text, dynamic_typing=True, floating_point_range=[limits]
+    )
     node.declare_parameter(name, list(values), descriptor)
     if not node.get_parameter(name).value:
         node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])

@@ -64,6 +64,8 @@ def _as_declared(node: Node, given: Parameter) -> Parameter:
         kind = declared.type_.name.lower().replace("_", " ")
         raise RequestError(f"options: {given.name}", repr(given.value), f"must be a {kind}")
     for limits in node.describe_parameter(given.name).floating_point_range:
+        if not isinstance(value, float):  # the numbers of arrays are looked at with all others
+            continue
         if not limits.from_value <= value <= limits.to_value and value == value:
             rule = f"must be from {limits.from_value:g} to {limits.to_value:g}"
             raise RequestError(f"options: {given.name}", value, rule)

@@ -18,15 +18,23 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import Position
 from mhsb_planner.errors import RequestError
-from mhsb_planner.goal_region import Angle, Region, check_angle, region_of
+from mhsb_planner.goal_region import (
+    FARTHEST,
+    WIDEST_ANGLE,
+    Angle,
+    Region,
+    check_angle,
+    region_of,
+)
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planners.options import (
     DEFAULT_SPEED_EXCESS,
     HIGHEST_SPEED_EXCESS,
+    HIGHEST_WEIGHT,
     PlanOptions,
 )
 from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
-from mhsb_planner.ros.flat_arrays import declare_array, rows_of
+from mhsb_planner.ros.flat_arrays import FARTHEST_POINT, declare_array, rows_of
 from mhsb_planner.ros.zone_parameters import ZONES, declare_zones, zones_of
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
@@ -35,12 +43,23 @@ READINGS = ("paper", "series")
 PAYLOAD_FROM = ("file", "estimate")
 FREE_PSI = math.nan
 FREE_ANGLES = "goal_psi", "goal_psi_min", "goal_psi_max"
+FREE_OR = f"[rad], {-WIDEST_ANGLE:g} to {WIDEST_ANGLE:g}; .nan is free"
 HIGHEST_PRESSURE = 5e7  # Pa
 HEAVIEST_PAYLOAD = 1e4  # kg
 FASTEST_PISTON = 1.0  # m/s
 SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0  # s
 LEAD_IS = "time from a plan's stamp to its first new motion [s]"
-HIGHEST_AREA_WEIGHT = 1e6  # 1/m
+HIGHEST_AREA_WEIGHT = HIGHEST_WEIGHT  # 1/m
+OWN_RANGES = {
+    "weights": (0.0, HIGHEST_WEIGHT),
+    **dict.fromkeys(FREE_ANGLES, (-WIDEST_ANGLE, WIDEST_ANGLE)),
+    "goal_segment": (-FARTHEST, FARTHEST),
+    "goal_box": (-FARTHEST, FARTHEST),
+    "goal_via": (-FARTHEST_POINT, FARTHEST_POINT),
+    **dict.fromkeys(ZONES, (-FARTHEST_POINT, FARTHEST_POINT)),
+}
+"""Least and greatest number of parameters whose descriptors cannot have rclpy look at a range: it
+does so for single numbers alone, and would refuse the NaN of angles that are free."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +191,11 @@ def declare(node: Node, machine: Machine) -> None:
         _described(f"one of {', '.join(PLANNERS)}: {summaries()}"),
     )
     node.declare_parameter(
-        "weights", [0.5, 0.0, 2.0], _described("of energy [1/J], time [1/s] and mode switches [-]")
+        "weights",
+        [0.5, 0.0, 2.0],
+        _described(
+            "of energy [1/J], time [1/s] and mode switches [-]", OWN_RANGES["weights"]
+        ),
     )
     node.declare_parameter(
         "energy_reading", READINGS[0], _described(f"one of {', '.join(READINGS)}")
@@ -221,10 +244,10 @@ def declare(node: Node, machine: Machine) -> None:
         ),
     )
     node.declare_parameter(
-        "goal_psi", FREE_PSI, _described("angle of the end link at the goal [rad]; .nan is free")
+        "goal_psi", FREE_PSI, _described(f"angle of the end link at the goal {FREE_OR}")
     )
     for name, which in (("goal_psi_min", "least"), ("goal_psi_max", "greatest")):
-        text = f"{which} angle of the end link that will do at the goal [rad]; .nan is free"
+        text = f"{which} angle of the end link that will do at the goal {FREE_OR}"
         node.declare_parameter(name, FREE_PSI, _described(text))
     node.declare_parameter(
         "goal_tolerance",
@@ -234,12 +257,18 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "goal_segment",
         [0.0, 0.0],
-        _described("x z [m] from the goal to the other end of a line on which the tip may end"),
+        _described(
+            "x z [m] from the goal to the other end of a line on which the tip may end",
+            OWN_RANGES["goal_segment"],
+        ),
     )
     node.declare_parameter(
         "goal_box",
         [0.0, 0.0],
-        _described("x z [m], how far to either side of the goal the tip may end"),
+        _described(
+            "x z [m], how far to either side of the goal the tip may end",
+            OWN_RANGES["goal_box"],
+        ),
     )
     declare_array(
         node,
@@ -290,6 +319,8 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
     ):
         if values[name] not in allowed:
             return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
+    if reason := _beyond_range(values):
+        return reason
     weights = list(values["weights"])
     if len(weights) != 3 or not all(math.isfinite(w) and w >= 0 for w in weights):
         return f"weights {weights} must be three finite numbers that are not negative"
@@ -322,6 +353,17 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
         _ = asked.options  # raises where they cannot be planned with
     except MhsbError as error:
         return str(error)
+    return None
+
+
+def _beyond_range(values: Mapping[str, Any]) -> str | None:
+    """Return which number of a parameter is out of a range that rclpy does not look at, or None."""
+    for name, (least, greatest) in OWN_RANGES.items():
+        value = values[name]
+        for number in value if isinstance(value, Sequence) else (value,):
+            beyond = isinstance(number, int | float) and math.isfinite(number)
+            if beyond and not least <= number <= greatest:
+                return f"{name} must be from {least:g} to {greatest:g} (is {number:g})"
     return None
 
 

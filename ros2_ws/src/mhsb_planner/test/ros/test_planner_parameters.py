@@ -126,7 +126,7 @@ def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, 
     [
         ("zone_boxes", [0.7, 0.1, 0.9], r"zone_boxes takes 4 for each, x z x z .*3 numbers"),
         ("tip_zone_circles", [0.7, 0.1], r"takes 3 for each, x z \[m\] of the centre, radius"),
-        ("zone_circles", [0.7, 0.1, -0.1], r"radius: must be above 0 m \(is -0\.1\); raise it"),
+        ("zone_circles", [0.7, 0.1, -0.1], r"radius: must be at least 0\.0001 m \(is -0\.1\);"),
         ("zone_boxes", [0.7, 0.1, 0.7, 0.3], r"x_min: 0\.7 m must be below x_max 0\.7 m"),
         ("zone_boxes", [-0.1, -0.1, 0.1, 0.1], r"-0\.1 m from joint 1, where link 1 always is"),
         ("zone_boxes", [0.7, 0.1, float("nan"), 0.3], r"x_.*finite number"),
@@ -169,7 +169,7 @@ def test_what_is_no_zone_is_refused_with_its_sentence(node, machine, name, value
             r"^zone_circles must be empty: joint 1 slews, its zones are in space; give zone_boxes "
             r"or zone_cylinders or zone_spheres \(is \[0\.5, 0\.8, 0\.1\]\)$",
         ),
-        ("zone_spheres", [2.0, 1.0, 0.0, -0.1], r"radius: must be above 0 m \(is -0\.1\)"),
+        ("zone_spheres", [2.0, 1.0, 0.0, -0.1], r"radius: must be at least 0\.0001 m \(is -0\.1\)"),
         ("zone_cylinders", [2.0, 1.0, 0.5, 0.5, 0.1], r"z_min: 0\.5 m must be below z_max 0\.5 m"),
         ("zone_boxes", [2.0, 1.0, math.nan, 3.0, 2.0, 1.0], r"z_.*finite number"),
     ],
@@ -304,3 +304,36 @@ def test_weights_that_are_all_zero_are_refused_with_the_reason(node, machine):
         "weights must not all be 0: any motion would be as good as any other; raise one of them "
         "(is 0 0 0)"
     )
+
+
+def test_every_number_has_a_range_and_is_refused_beyond_it(node, machine):
+    """Of what can be changed: rclpy refuses single numbers, the planner all others."""
+    tried = 0
+    for name in planner_parameters.CHANGEABLE:
+        descriptor, value = node.describe_parameter(name), node.get_parameter(name).value
+        if isinstance(value, str):
+            continue
+        own = planner_parameters.OWN_RANGES.get(name)
+        ranges = [(r.from_value, r.to_value) for r in descriptor.floating_point_range]
+        assert own or ranges, name
+        assert all(math.isfinite(end) for pair in (own or ranges[0],) for end in pair), name
+        for beyond in (1e308, -1e308):
+            change = beyond
+            if isinstance(value, list) or value is None:
+                change = [beyond] * (30 if "zone" in name or name == "goal_via" else 3)
+                change = change[:2] if name in ("goal_segment", "goal_box") else change
+            parameter = Parameter(name, value=change)
+            by_rclpy = not isinstance(change, list) and bool(ranges)
+            reason = planner_parameters.refusal(node, machine, [parameter])
+            if by_rclpy:
+                reason = node.set_parameters([parameter])[0].reason
+            assert name in (reason or ""), name
+            assert "\n" not in reason
+            tried += 1
+    assert tried > 40
+
+
+def test_weights_beyond_what_costs_can_be_summed_with_are_refused(node, machine):
+    change = [Parameter("weights", value=[1e308, 0.0, 0.0])]
+    reason = planner_parameters.refusal(node, machine, change)
+    assert reason == "weights must be from 0 to 1e+06 (is 1e+308)"

@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Within
 from mhsb_model.files.output_folders import make_room_for
 from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
@@ -37,17 +38,17 @@ def animate(
     bag: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="BAG")] = None,
     *,
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")],
-    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
-    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z")] = None,
+    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), Within(-1e4, 1e4)] = None,
+    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), Within(-1e4, 1e4)] = None,
     case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     planner: PlannerKind | None = None,
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     namespace: str | None = None,
-    begin: Annotated[float, tyro.conf.arg(metavar="S")] = 0.0,
-    end: Annotated[float | None, tyro.conf.arg(metavar="S")] = None,
-    speed: float = 1.0,
-    rate: Annotated[float, tyro.conf.arg(metavar="PER_S")] = 12.0,
-    width: int = 800,
+    begin: Annotated[float, tyro.conf.arg(metavar="S"), Within(-1e9, 1e9)] = 0.0,
+    end: Annotated[float | None, tyro.conf.arg(metavar="S"), Within(-1e9, 1e9)] = None,
+    speed: Annotated[float, Within(-1e6, 1e6)] = 1.0,
+    rate: Annotated[float, tyro.conf.arg(metavar="PER_S"), Within(-1e6, 1e6)] = 12.0,
+    width: Annotated[int, Within(-(10**6), 10**6)] = 800,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Draw a recording, or a plan, as an animated GIF.

@@ -16,6 +16,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Seed, Within
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.goal import place
 from mhsb_model.machine import Machine, load_machine
@@ -60,11 +61,12 @@ def simulate(
         tuple[tuple[float, ...], ...],
         tyro.conf.arg(metavar="X [Y] Z T [X [Y] Z T ...]"),
         tyro.conf.UseAppendAction,
+        Within(-1e4, 1e4),
     ] = (),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     controller: str = "coordinated",
-    seed: int = 0,
-    payload: Annotated[float | None, tyro.conf.arg(metavar="KG")] = None,
+    seed: Seed = 0,
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG"), Within(0.0, 1e4)] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     vary: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=FACTOR")] = (),
     planner: PlannerKind = ONLINE_PLANNER,
@@ -112,8 +114,6 @@ def simulate(
             "--audit has no effect with --json, which has it all: energies_j, volumes_m3 and "
             "energy_elements_j; leave it out"
         )
-    if seed < 0:
-        raise command_line.UsageError(f"--seed: {seed} is below 0")
     arm = as_asked(load_machine(machine), payload=payload)
     kept_out = with_zones(
         arm, boxes=zone_box, circles=zone_circle, cylinders=zone_cylinder, spheres=zone_sphere

@@ -29,7 +29,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import UsageError
+from mhsb_model.command_line import Count, Seed, UsageError, Within
 from mhsb_model.machine import Machine, load_machine
 from mhsb_msgs_py.node_process import ros_running, serving, spin_until
 from mhsb_planner.evaluation.moves import random_moves
@@ -151,12 +151,12 @@ def reference_ms(planner: Planner) -> float:
 
 def online(
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/online.json"),
-    goals: Annotated[int, tyro.conf.arg(metavar="N")] = 200,
+    goals: Annotated[Count, tyro.conf.arg(metavar="N")] = 200,
     condition: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [NAME ...]")] = tuple(
         CONDITIONS
     ),
-    seed: int = 0,
-    stream: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 60.0,
+    seed: Seed = 0,
+    stream: Annotated[float, tyro.conf.arg(metavar="SECONDS"), Within(0.0, 1e6)] = 60.0,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> int:
     """Measure replanning online, print a table and write the figures as JSON.

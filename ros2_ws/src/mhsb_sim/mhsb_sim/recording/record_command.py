@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from mhsb_model import process
-from mhsb_model.command_line import UsageError, run
+from mhsb_model.command_line import UsageError, Within, run
 from mhsb_msgs_py import topics
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.topics import Topic
@@ -102,7 +102,7 @@ class Record:
 
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """new folder of the recording"""
-    duration: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    duration: Annotated[float | None, tyro.conf.arg(metavar="S"), Within(-1e9, 1e9)] = None
     """stop by itself after this time [s, wall clock]"""
     repair: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """instead of recording, complete a recording that was cut off, up to its tear"""

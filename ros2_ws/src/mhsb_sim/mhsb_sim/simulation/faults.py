@@ -44,12 +44,14 @@ class Kind(NamedTuple):
     usual   value where none is given; None where a fault of this kind has none
     unit    of the value
     apply   makes it so
+    limits  least and greatest value
     """
 
     places: Callable[[Machine], Sequence[str]]
     usual: float | None
     unit: str
     apply: Callable[[Plant, int, float], None]
+    limits: tuple[float, float] = (0.0, 0.0)
 
 
 def parse_faults(text: str, machine: Machine) -> tuple[Fault, ...]:
@@ -73,6 +75,12 @@ def _parsed(word: str, machine: Machine) -> Fault:
         if kind.usual is None or not math.isfinite(number):
             valid = "none" if kind.usual is None else f"a number in {kind.unit}"
             raise FaultError(f"the fault {word!r} has the value {value!r}; {name} takes {valid}")
+        least, greatest = kind.limits
+        if not least <= number <= greatest:
+            raise FaultError(
+                f"the fault {word!r} has the value {value!r}; {name} takes {least:g} to "
+                f"{greatest:g} {kind.unit}"
+            )
     return Fault(name, places.index(place) if places else 0, number)
 
 
@@ -193,20 +201,20 @@ def _pressure_drift(plant: Plant, place: int, value: float) -> None:
 
 KINDS = {
     "main_pump": Kind(_one, None, "", _main_pump),
-    "supply_sag": Kind(_one, 3.3e6, "Pa", _supply_sag),
+    "supply_sag": Kind(_one, 3.3e6, "Pa", _supply_sag, (1e3, 5e7)),
     "servo_pumps": Kind(_one, None, "", _servo_pumps_off),
     "servo_pump_dead": Kind(_servo_pumps, None, "", _servo_pump_dead),
-    "servo_pump_slow": Kind(_servo_pumps, 20.0, "times its lag", _servo_pump_slow),
+    "servo_pump_slow": Kind(_servo_pumps, 20.0, "times its lag", _servo_pump_slow, (0.01, 1e4)),
     "servo_pump_stuck_on": Kind(_servo_pumps, None, "", _servo_pump_stuck_on),
     "valve_stuck": Kind(_actuators, None, "", _valve_stuck),
-    "valve_hard_over": Kind(_actuators, 1.0, "shares of its stroke", _valve_hard_over),
-    "leakage": Kind(_actuators, 5.0, "times that of the file", _leakage),
+    "valve_hard_over": Kind(_actuators, 1.0, "shares of its stroke", _valve_hard_over, (-1.0, 1.0)),
+    "leakage": Kind(_actuators, 5.0, "times that of the file", _leakage, (0.0, 1e4)),
     "sensor_dead": Kind(_sensors, None, "", _sensor_dead),
     "sensor_frozen": Kind(_sensors, None, "", _sensor_frozen),
-    "length_offset": Kind(_lengths, 5e-3, "m", _length_offset),
-    "length_drift": Kind(_lengths, 2e-3, "m/s", _length_drift),
-    "pressure_offset": Kind(_pressures, 1e6, "Pa", _pressure_offset),
-    "pressure_drift": Kind(_pressures, 2e5, "Pa/s", _pressure_drift),
+    "length_offset": Kind(_lengths, 5e-3, "m", _length_offset, (-10.0, 10.0)),
+    "length_drift": Kind(_lengths, 2e-3, "m/s", _length_drift, (-10.0, 10.0)),
+    "pressure_offset": Kind(_pressures, 1e6, "Pa", _pressure_offset, (-1e8, 1e8)),
+    "pressure_drift": Kind(_pressures, 2e5, "Pa/s", _pressure_drift, (-1e9, 1e9)),
 }
 """By name: main pump without flow, or at less pressure; servo pumps that stand still, one that
 does, one that is slow, one that runs at full speed; a spool that stays where it is, one that goes

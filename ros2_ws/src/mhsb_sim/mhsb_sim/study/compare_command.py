@@ -13,6 +13,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Count, JobCount, Within
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
@@ -45,14 +46,16 @@ TRUTHS = 10
 def compare(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/compare"),
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    weights: Annotated[tuple[float, float, float], tyro.conf.arg(metavar="W1 W2 W3")] = (
+    weights: Annotated[
+        tuple[float, float, float], tyro.conf.arg(metavar="W1 W2 W3"), Within(0.0, 1e6)
+    ] = (
         0.5,
         0.0,
         2.0,
     ),
-    moves: int = 100,
-    truths: int | None = None,
-    jobs: int | None = None,
+    moves: Count = 100,
+    truths: Annotated[int | None, Within(0, 10**6)] = None,
+    jobs: JobCount = None,
     scheduler: Scheduler = None,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -77,9 +80,6 @@ def compare(
     if jobs is not None and jobs < 1:
         raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     sought = min(TRUTHS, moves) if truths is None else truths
-    for name, count in (("--moves", moves), ("--truths", sought)):
-        if count < 0:
-            raise command_line.UsageError(f"{name}: {count} is negative")
     if sought > moves:
         raise command_line.UsageError(
             f"--truths: {sought} is above the number of random moves, {moves}; give at most that, "

@@ -18,7 +18,7 @@ from mhsb_model.files.config_files import config_file
 from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
-from mhsb_model.schema import NonNegative, Positive, Section
+from mhsb_model.schema import Duration, Section, Weight
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.workers import Jobs, Prepared, results_of
@@ -36,10 +36,10 @@ Coordinate = Annotated[float, Field(ge=-10.0, le=10.0)]
 class BenchmarkMoves(Section):
     """Goals that come one after the other, and what their plans are to be like."""
 
-    weights: tuple[NonNegative, NonNegative, NonNegative] = Field(
+    weights: tuple[Weight, Weight, Weight] = Field(
         description="of energy [1/J], time [1/s] and mode switches [-]"
     )
-    goals: tuple[tuple[Coordinate, Coordinate, Positive], ...] = Field(
+    goals: tuple[tuple[Coordinate, Coordinate, Duration], ...] = Field(
         min_length=1, description="tip x, z [m] and the time until the next goal [s]"
     )
 
@@ -57,10 +57,12 @@ class BenchmarkMoves(Section):
 class ProtocolFile(Section):
     """The benchmark's file."""
 
-    version: int = Field(ge=1)
-    draws: int = Field(ge=1, description="unless told otherwise")
-    seed: int = Field(ge=0)
-    lost: Positive = Field(description="tip error from which on the arm counts as lost [m]")
+    version: int = Field(ge=1, le=1000)
+    draws: int = Field(ge=1, le=1_000_000, description="unless told otherwise")
+    seed: int = Field(ge=0, le=2**63 - 1)
+    lost: float = Field(
+        ge=1e-9, le=100, description="tip error from which on the arm counts as lost [m]"
+    )
     sequences: tuple[BenchmarkMoves, ...] = Field(min_length=1)
     variations: dict[str, Any] = Field(min_length=1, description="as config/variations.yaml")
 

@@ -14,7 +14,7 @@ from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.goal import place
 from mhsb_model.machine import Machine
-from mhsb_model.schema import NonNegative, Positive, Section
+from mhsb_model.schema import Coordinate, Duration, NonNegative, Section, Weight
 from mhsb_model.types import Position
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.errors import ScenarioError
@@ -22,14 +22,17 @@ from mhsb_sim.errors import ScenarioError
 SCENARIOS_FILE = "study_scenarios.yaml"
 
 
-Place = tuple[float, float] | tuple[float, float, float]
+Place = tuple[Coordinate, Coordinate] | tuple[Coordinate, Coordinate, Coordinate]
+
+
+PayloadMass = Annotated[float, Field(ge=0, le=10_000)]
 
 
 class GoalSequence(Section):
     """Goals that come one after the other, whether the arm has arrived or not."""
 
-    interval: Positive = Field(le=600, description="from one goal to the next [s]")
-    weights: tuple[NonNegative, NonNegative, NonNegative] = Field(
+    interval: Duration = Field(le=600, description="from one goal to the next [s]")
+    weights: tuple[Weight, Weight, Weight] = Field(
         description="of energy [1/J], time [1/s] and mode switches [-]"
     )
     goals: tuple[Place, ...] = Field(min_length=1, description="tip (x, z) or (x, y, z) [m]")
@@ -38,9 +41,11 @@ class GoalSequence(Section):
 class StudyConfig(Section):
     """The scenario file: every sequence with every pump lag and every payload."""
 
-    pump_lags: Annotated[tuple[Positive, ...], Field(min_length=1, description="[s]")]
-    payloads: Annotated[tuple[NonNegative, ...], Field(min_length=1, description="[kg]")]
-    tail: NonNegative = Field(description="how long a run goes on after the last interval [s]")
+    pump_lags: Annotated[tuple[Duration, ...], Field(min_length=1, description="[s]")]
+    payloads: Annotated[tuple[PayloadMass, ...], Field(min_length=1, description="[kg]")]
+    tail: NonNegative = Field(
+        le=1e4, description="how long a run goes on after the last interval [s]"
+    )
     sequences: dict[str, GoalSequence] = Field(min_length=1)
     training: tuple[str, ...] = Field(description="scenarios that gains are tuned on")
 

@@ -14,6 +14,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import JobCount, Within
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.kernel_parts import compile_planner
@@ -51,12 +52,12 @@ def study(
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    draws: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
-    seed: int | None = None,
-    goals: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    draws: Annotated[int | None, tyro.conf.arg(metavar="N"), Within(0, 10**6)] = None,
+    seed: Annotated[int | None, Within(0, 2**63 - 1)] = None,
+    goals: Annotated[int | None, tyro.conf.arg(metavar="N"), Within(0, 10**6)] = None,
     plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     controllers: Annotated[list[str] | None, tyro.conf.arg(metavar="NAME")] = None,
-    jobs: int | None = None,
+    jobs: JobCount = None,
     scheduler: Scheduler = None,
     faults: Annotated[list[str] | None, tyro.conf.arg(metavar="FAULT")] = None,
     benchmark: bool = False,

@@ -12,6 +12,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Count, JobCount, Seed
 from mhsb_model.files.config_files import config_file
 from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
 from mhsb_planner.work_arguments import Scheduler, jobs_of
@@ -33,11 +34,11 @@ DRAWS = 24
 
 def tune_servo(
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    budget: int = 96,
-    draws: Annotated[int, tyro.conf.arg(metavar="N")] = DRAWS,
+    budget: Count = 96,
+    draws: Annotated[Count, tyro.conf.arg(metavar="N")] = DRAWS,
     variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    seed: int = 0,
-    jobs: int | None = None,
+    seed: Seed = 0,
+    jobs: JobCount = None,
     scheduler: Scheduler = None,
     scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     dry_run: bool = False,

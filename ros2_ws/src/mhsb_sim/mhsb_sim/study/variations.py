@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -21,23 +21,31 @@ from mhsb_model.files.schema_problems import problems_of
 from mhsb_model.files.value_paths import ValuePathError
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
-from mhsb_model.schema import Positive, Section
+from mhsb_model.schema import Section
 from mhsb_sim.errors import VariationError
 
 VARIATIONS_FILE = "variations.yaml"
 KINDS = ("factor", "value", "choice", "moment")
 
-Share = tuple[float, float]
+Factor = Annotated[float, Field(ge=1e-6, le=1e6)]
+FileValue = Annotated[float, Field(ge=-1e15, le=1e15)]
+"""In the unit of whatever value of the machine file; its own range holds as well."""
+
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Variation(Section):
     """Values of the machine file that vary together."""
 
     keys: tuple[str, ...] = Field(min_length=1, description="their paths in the machine file")
-    factor: tuple[Positive, Positive] | None = Field(default=None, description="on the file's [-]")
-    value: Share | None = Field(default=None, description="in the file's unit")
+    factor: tuple[Factor, Factor] | None = Field(default=None, description="on the file's [-]")
+    value: tuple[FileValue, FileValue] | None = Field(
+        default=None, description="in the file's unit"
+    )
     choice: str | None = None
-    moment: Share | None = Field(default=None, description="share of the time of motion [-]")
+    moment: tuple[Share, Share] | None = Field(
+        default=None, description="share of the time of motion [-]"
+    )
     source: str = Field(min_length=1, description="why this range")
 
     @model_validator(mode="after")

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from mhsb_model import command_line
+from mhsb_model.command_line import Within
 from mhsb_model.machine import load_machine
 from mhsb_sim.recording.bag_reader import read_recording
 
@@ -19,7 +20,7 @@ HIGHEST_PORT = 65535
 def viewer(
     bag: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[BAG]")] = None,
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    port: int = DEFAULT_PORT,
+    port: Annotated[int, Within(0, 65535)] = DEFAULT_PORT,
     host: str = "127.0.0.1",
 ) -> int:
     """Show the arm in a browser: live, or a recording with a time slider.

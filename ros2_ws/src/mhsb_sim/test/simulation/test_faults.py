@@ -48,6 +48,8 @@ def test_faults_are_written_by_kind_place_and_value(
         ("main_pump::3", "has the value '3'; main_pump takes none"),
         ("supply_sag::low", "has the value 'low'; supply_sag takes a number in Pa"),
         ("supply_sag::inf", "has the value 'inf'; supply_sag takes a number in Pa"),
+        ("supply_sag::1e308", "has the value '1e308'; supply_sag takes 1000 to 5e+07 Pa"),
+        ("length_offset:actuator_1.length:-1e308", "length_offset takes -10 to 10 m"),
     ],
 )
 def test_what_cannot_fail_is_refused_with_what_can(
@@ -87,3 +89,11 @@ def test_every_fault_changes_the_run_and_its_healing_leaves_nothing_of_it(
 
 STILL = {"servo_pumps", "servo_pump_dead", "servo_pump_slow", "valve_stuck"}
 """Nothing shows of these while the arm rests in N."""
+
+
+def test_every_value_of_a_fault_has_a_finite_range_and_the_usual_one_is_within():
+    for kind in KINDS.values():
+        if kind.usual is not None:
+            least, greatest = kind.limits
+            assert np.isfinite(kind.limits).all()
+            assert least <= kind.usual <= greatest

@@ -48,7 +48,7 @@ def test_the_realistic_plant_is_of_the_suites_build_and_differs(machine: Machine
         ("", "is no plant file: it is to name what differs in schema_version, name"),
         ("secret: 1", "is no plant file"),
         ("circuit: {softness: 1.0}", "circuit.softness: there is no such key"),
-        ("circuit: {bulk_modulus: -1.0}", "circuit.bulk_modulus: must be above 0 Pa"),
+        ("circuit: {bulk_modulus: -1.0}", "circuit.bulk_modulus: must be at least 100000 Pa"),
         ("joints: {7: {link: {mass: 1.0}}}", "there is no '7'; valid are 0, 1, 2"),
         ("payload: [", "is not YAML"),
     ],

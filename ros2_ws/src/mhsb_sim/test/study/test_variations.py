@@ -109,7 +109,7 @@ def test_a_factor_that_makes_no_sense_is_refused_in_a_sentence(
         ("a: {keys: [payload.mass], source: x}", "needs exactly one of factor, value"),
         ("a: {keys: [payload.mass], factor: [2, 1], source: x}", "has its higher end first"),
         ("a: {keys: [payload.weight], factor: [1, 2], source: x}", "there is no 'weight'"),
-        ("a: {keys: [circuit.bulk_modulus], value: [-1, -1], source: x}", "must be above 0"),
+        ("a: {keys: [circuit.bulk_modulus], value: [-1, -1], source: x}", "at least 100000 Pa"),
     ],
 )
 def test_a_file_that_makes_no_sense_is_refused_in_a_sentence(

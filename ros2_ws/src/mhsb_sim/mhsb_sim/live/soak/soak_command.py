@@ -20,7 +20,7 @@ from rclpy.executors import ExternalShutdownException
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import UsageError
+from mhsb_model.command_line import Seed, UsageError, Within
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
@@ -219,10 +219,10 @@ ACTIONS = (
 
 
 def soak(
-    minutes: float = 10.0,
+    minutes: Annotated[float, Within(0.0, 1e6)] = 10.0,
     machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/soak"),
-    seed: int = 0,
+    seed: Seed = 0,
     json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> int:
     """Let random things happen to both nodes, print each promise and whether it held.
