@@ -39,6 +39,10 @@ PASSED = 5e-3
 half of that on each side [m]."""
 
 
+PROMISES_NOTHING = "the arm took no command that brakes"
+"""Begin of the sentence on an arm that goes on to its goal, or is stopped by itself."""
+
+
 @dataclass(frozen=True)
 class ZoneTrial:
     """What was said of a zone ahead of a moving arm, and what the arm's reference did.
@@ -73,11 +77,15 @@ class ZoneTrial:
         if not self.sentences:
             return self.stops_before
         said = self.sentences[-1]
+        if said.startswith(PROMISES_NOTHING):
+            return self.ending != self.sentences[0]
         if said.endswith("the arm stops before it"):
             return self.stops_before
+        if found := re.search(r"its reference rests ([\d.]+) m before it", said):
+            return self.stops_before and abs(self.rest - float(found[1])) <= AGREES
         if found := re.search(r"comes to rest ([\d.]+) m deep in it", said):
             return self.rest < AGREES and abs(self.rest + float(found[1])) <= AGREES
-        if self.stops_before and "in it already" in said:
+        if self.stops_before and "already" in said:
             return False
         if found := re.search(r"beyond it, having been ([\d.]+) m deep in it", said):
             return self.rest >= 0.0 and abs(self.deepest + float(found[1])) <= PASSED

@@ -684,7 +684,7 @@ class GoalLifecycle:
         if self._stopping is None:
             self._stopping = Stopping("", self._clock.wall(), again=again)
             self._said_of_obstacle = ""
-        self._stopping.obstacle = obstacle
+        self._stopping.obstacle, self._stopping.set_ns = obstacle, now_ns
         self._go_on_stopping()
         if self._stopping is not None and not self._stopping.reason:
             self._say_of_obstacle(waits_for_plan(obstacle))
@@ -736,15 +736,15 @@ class GoalLifecycle:
 
         The sentence is empty if no obstacle is braked for.
         """
-        obstacle = "" if self._stopping is None else self._stopping.obstacle
-        if not obstacle:
+        stopping = self._stopping
+        if stopping is None or not stopping.obstacle:
             return *self._brake(own, at_ns, lead), ""
-        machine = self._settings.machine
-        stop = brake_for(machine, own, at_ns, lead)
+        machine, since_ns = self._settings.machine, stopping.set_ns
+        stop = brake_for(machine, own, at_ns, lead, since_ns)
         took = (self._now_ns() - at_ns) / SECOND_NS
         if took > LATE_SHARE * lead:  # what is left of the lead is too short for its way to the arm
-            stop = brake_for(machine, own, self._now_ns(), lead + LONGER * took)
-        sentence = stop.sentence(obstacle)
+            stop = brake_for(machine, own, self._now_ns(), lead + LONGER * took, since_ns)
+        sentence = stop.sentence(stopping.obstacle)
         self._say_of_obstacle(sentence)
         return stop.command, stop.change_ns, sentence
 

@@ -28,6 +28,7 @@ class Stopping:
     again   the goal to be planned for afterwards
     tries   commands that brake, sent so far
     obstacle  name of the obstacle ahead that is braked for, empty without one
+    set_ns  when that was set, by the arm's clock [ns]
     """
 
     reason: str
@@ -37,3 +38,4 @@ class Stopping:
     again: GoalInHand | None = None
     tries: int = 0
     obstacle: str = ""
+    set_ns: int = 0
