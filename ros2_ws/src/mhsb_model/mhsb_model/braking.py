@@ -50,15 +50,42 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
         qd[-1] = 0.0
         return Trajectory(at_ns, offset, q, qd, qdd)
     offset = _offsets(duration_ns)
-    t, duration = offset / SECOND_NS, duration_ns / SECOND_NS
-    u = t / duration
-    rate = (1 - 3 * u**2 + 2 * u**3)[:, None]
-    slope = (6 * (u**2 - u) / duration)[:, None]
-    passed_ns = np.rint(duration_ns * (u - u**3 + 0.5 * u**4)).astype(np.int64)
+    duration = duration_ns / SECOND_NS
+    u = offset / duration_ns
+    passed = duration * (u - u**3 + 0.5 * u**4)
+    rate, slope = 1 - 3 * u**2 + 2 * u**3, 6 * (u**2 - u) / duration
+    return slowed_along(trajectory, at_ns, offset, passed, rate, slope)
+
+
+def slowed_along(
+    trajectory: Trajectory,
+    at_ns: int,
+    offset_ns: IntArray,
+    passed: FloatArray,
+    rate: FloatArray,
+    slope: FloatArray,
+) -> Trajectory:
+    """Follow the path of a trajectory at another pace and come to rest on it.
+
+    With the trajectory Q(σ), q = Q(σ), q̇ = Q′σ̇ and q̈ = Q″σ̇² + Q′σ̈. Source: path-velocity
+    decomposition, Siciliano et al., Robotics, Section 4.3.
+
+    Args:
+        trajectory: The motion Q whose path is followed.
+        at_ns: Absolute time at which the trajectory is left; σ is 0 there [ns].
+        offset_ns: Times of the result's points after `at_ns`, the first is 0, int64[k] [ns].
+        passed: σ at these times, float64[k] [s].
+        rate: σ̇ at these times, float64[k]; the result rests at the last one.
+        slope: σ̈ at these times, float64[k] [1/s].
+
+    Returns:
+        The slowed motion, with the stamp `at_ns`.
+    """
+    passed_ns = np.rint(passed * SECOND_NS).astype(np.int64)
     q, qd, qdd = trajectory.sample_many(at_ns + passed_ns)
-    qd, qdd = qd * rate, qdd * rate**2 + qd * slope
+    qd, qdd = qd * rate[:, None], qdd * rate[:, None] ** 2 + qd * slope[:, None]
     qd[-1] = qdd[-1] = 0.0
-    return Trajectory(at_ns, offset, q, qd, qdd)
+    return Trajectory(at_ns, offset_ns, q, qd, qdd)
 
 
 def rest_of(trajectory: Trajectory, at_ns: int) -> Trajectory | None:

@@ -24,7 +24,6 @@ from mhsb_model.types import ModeArray
 from mhsb_model.verdict import Outcome, Report, Verdict
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import DeadlineError
-from mhsb_planner.motion.s3_clearance import contact_ahead
 from mhsb_planner.online.arm_view import NO_PLAN, ArmView, Heard
 from mhsb_planner.online.departure import MovingError, NoStateError, departure
 from mhsb_planner.online.execution import EARLY_NS, Execution
@@ -50,6 +49,12 @@ from mhsb_planner.online.stopping import (
     Stopping,
 )
 from mhsb_planner.online.verdicts import announcement, code_of
+from mhsb_planner.online.zone_ahead import (
+    brake_for,
+    not_braked,
+    obstacle_ahead,
+    waits_for_plan,
+)
 from mhsb_planner.search import goal_clearance
 
 LONGEST_WAIT = 2.0
@@ -69,6 +74,10 @@ TRIES = 3
 
 REMEMBERED = 16
 """Commands that were sent last, of which the arm may still confirm one."""
+
+LATE_SHARE = 0.5
+"""A braking for an obstacle that took a larger share of its commit horizon to make is made again,
+with a longer one. A larger share lets more of them come too late."""
 
 OLD_STOP = 1.0
 """The arm's clock may be so much behind what is told of it, also when it told of a stop [s]."""
@@ -102,6 +111,7 @@ class GoalLifecycle:
         self._unconfirmed: Sent | None = None
         self._execution: Execution | None = None
         self._stopping: Stopping | None = None
+        self._said_of_obstacle = ""
         self._sent: dict[int, Sent] = {}
         self._last_stamp_ns = 0
         self._last_stop_ns = 0
@@ -549,7 +559,11 @@ class GoalLifecycle:
             self.lead.add_flight(wall - sent.planned)
         if sent.request is None or sent.replan is None:  # it brakes
             left = (sent.command.trajectory.end_ns - self._now_ns()) / SECOND_NS
+            if sent.sentence:
+                self._say_of_obstacle(sent.sentence)
             self._stopped(True, f"the arm stands still in {max(0.0, left):.2f} s", braked=True)
+            if sent.braked_for is not self._settings.machine:
+                self._keep_clear()
             return
         in_hand = sent.request.in_hand
         self._no_further_plan(in_hand)
@@ -657,20 +671,35 @@ class GoalLifecycle:
             self._keep_clear()
 
     def _keep_clear(self, again: GoalInHand | None = None) -> None:
-        """Stop where an obstacle now lies across what is left of the motion in force."""
+        """Stop if an obstacle now lies across what is left of the motion in force.
+
+        A stop that is under way already goes on as one that brakes for the obstacle.
+        """
         own, now_ns = self.view.own, self._now_ns()
-        if own is None or self._stopping or not self.view.executes_own(now_ns):
+        if own is None or not self.view.executes_own(now_ns):
             return
-        contact = contact_ahead(self._settings.machine, own.trajectory, now_ns)
-        if contact is None:
+        obstacle = obstacle_ahead(self._settings.machine, own, now_ns)
+        if obstacle is None:
             return
-        braked, _ = self._brake(own, now_ns, self._settings.lead_min)
-        met = contact_ahead(self._settings.machine, braked.trajectory, now_ns)
-        where = "before it" if met is None else "as soon as it can, but not before it"
-        reason = f"{contact.name} was set across the way; the arm stops {where}"
-        self._out.warn(reason)
-        self._stopping = Stopping(reason, self._clock.wall(), again=again)
+        if self._stopping is None:
+            self._stopping = Stopping("", self._clock.wall(), again=again)
+            self._said_of_obstacle = ""
+        self._stopping.obstacle, self._stopping.set_ns = obstacle, now_ns
         self._go_on_stopping()
+        if self._stopping is not None and not self._stopping.reason:
+            self._say_of_obstacle(waits_for_plan(obstacle))
+
+    def _say_of_obstacle(self, sentence: str) -> None:
+        """Log a sentence on an obstacle ahead unless it was the last one; it is the stop's reason.
+
+        A stop that somebody has asked for keeps its own reason.
+        """
+        stopping = self._stopping
+        if stopping is not None and stopping.reason not in (STOP_ASKED, ARM_STOPPED):
+            stopping.reason = sentence
+        if sentence != self._said_of_obstacle:
+            self._said_of_obstacle = sentence
+            self._out.warn(sentence)
 
     def _go_on_stopping(self) -> None:
         """The next step to rest, once it is known what the arm has taken."""
@@ -697,15 +726,35 @@ class GoalLifecycle:
     def _send_braking(self, own: Command, now_ns: int, stretch: float) -> None:
         shortest, longest = self._settings.lead_min, self._settings.lead_max
         lead = self._in_arm_time(min(max(shortest, stretch * self.lead.flight), longest))
-        command, change_ns = self._brake(own, max(now_ns, self._last_stamp_ns + 1), lead)
-        wall = self._clock.wall()
-        self._send(Sent(command, change_ns, wall, wall))
+        at_ns = max(now_ns, self._last_stamp_ns + 1)
+        command, change_ns, sentence = self._braking(own, at_ns, lead)
+        wall, machine = self._clock.wall(), self._settings.machine
+        self._send(Sent(command, change_ns, wall, wall, braked_for=machine, sentence=sentence))
+
+    def _braking(self, own: Command, at_ns: int, lead: float) -> tuple[Command, int, str]:
+        """Return a command that brakes, where it leaves its own, and where the arm then rests.
+
+        The sentence is empty if no obstacle is braked for.
+        """
+        stopping = self._stopping
+        if stopping is None or not stopping.obstacle:
+            return *self._brake(own, at_ns, lead), ""
+        machine, since_ns = self._settings.machine, stopping.set_ns
+        stop = brake_for(machine, own, at_ns, lead, since_ns)
+        took = (self._now_ns() - at_ns) / SECOND_NS
+        if took > LATE_SHARE * lead:  # what is left of the lead is too short for its way to the arm
+            stop = brake_for(machine, own, self._now_ns(), lead + LONGER * took, since_ns)
+        sentence = stop.sentence(stopping.obstacle)
+        self._say_of_obstacle(sentence)
+        return stop.command, stop.change_ns, sentence
 
     def _stopped(self, success: bool, sentence: str, *, braked: bool = False) -> None:
         """The arm cannot do anything else any more, or does not answer."""
         stopping, self._stopping = self._stopping, None
         if stopping is None:
             return
+        if stopping.obstacle and not braked:
+            self._out.warn(not_braked(stopping.obstacle, sentence))
         execution = self._execution
         if braked and execution is not None:
             self._execution = None

@@ -8,6 +8,7 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal
+from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import Position
 from mhsb_planner import deadline
@@ -94,6 +95,8 @@ class Sent:
     sent       when it was sent [s]
     replan     where it comes from, with its request; None for a command that brakes
     void       whether the arm should not take it any more: if it does, it is braked
+    braked_for  machine with the zones that held when a command that brakes was made
+    sentence   where such a command comes to rest, if it brakes for an obstacle
     """
 
     command: Command
@@ -103,3 +106,5 @@ class Sent:
     replan: Replan | None = None
     request: PlanRequest | None = None
     void: bool = False
+    braked_for: Machine | None = None
+    sentence: str = ""

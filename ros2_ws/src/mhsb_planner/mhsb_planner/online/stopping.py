@@ -26,6 +26,9 @@ class Stopping:
     done    who is told when the arm can no longer do anything else: success, sentence
     goals   that end with it
     again   the goal to be planned for afterwards
+    tries   commands that brake, sent so far
+    obstacle  name of the obstacle ahead that is braked for, empty without one
+    set_ns  when that was set, by the arm's clock [ns]
     """
 
     reason: str
@@ -34,3 +37,5 @@ class Stopping:
     goals: list[GoalInHand] = field(default_factory=list)
     again: GoalInHand | None = None
     tries: int = 0
+    obstacle: str = ""
+    set_ns: int = 0
