@@ -178,7 +178,7 @@ def _copy(survey: Survey, file: DataFile, stream: IO[bytes]) -> BagContents:
         if isinstance(piece, Chunk) and seen.keeps(piece):
             copy.add_chunk(piece)
         elif isinstance(piece, Record) and piece.opcode == Opcode.MESSAGE:
-            copy.add_message(file.read(piece.begin, piece.length))
+            copy.add_message(file.read(piece.at, HEAD.size + piece.length))
         elif isinstance(piece, Record) and piece.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
             content = file.read(piece.begin, piece.length)
             if piece.opcode == Opcode.ATTACHMENT or check_metadata(content) != BAG_METADATA:

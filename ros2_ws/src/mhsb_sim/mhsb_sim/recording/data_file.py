@@ -26,8 +26,16 @@ A recording is read twice at most, and unpacks to a few times its size; only one
 the purpose takes more. Larger factors let such a file take longer.
 """
 
-COST_OF_A_READ = 512
-"""Each read counts as so many bytes more, which take as long as its call."""
+COST_OF_A_MESSAGE = 256
+"""Each message in a chunk counts as so many bytes more unpacked."""
+
+COST_OF_A_READ = 64
+"""Each read counts as so many bytes more, for the time that its call takes."""
+
+WINDOW = 64 * 1024
+"""Bytes that are read ahead for reads of less than SMALL_READ."""
+
+SMALL_READ = 4096
 
 
 class DataFile:
@@ -47,6 +55,7 @@ class DataFile:
             os.close(self._descriptor)
             raise BagError(f"{path} cannot be read: it is no regular file; name a recording's own")
         self.size = status.st_size
+        self._window, self._window_at = b"", 0
         self._read_left = FREE_WORK + READ_FACTOR * self.size
         self._unpack_left = FREE_WORK + UNPACK_FACTOR * self.size
 
@@ -67,6 +76,15 @@ class DataFile:
         self._read_left -= length + COST_OF_A_READ
         if self._read_left < 0:
             raise self._too_much_work("search")
+        if length > SMALL_READ:
+            return self._pread(at, length)
+        begin = at - self._window_at
+        if begin < 0 or begin + length > len(self._window):
+            self._window, self._window_at, begin = self._pread(at, WINDOW), at, 0
+        return self._window[begin : begin + length]
+
+    def _pread(self, at: int, length: int) -> bytes:
+        """Return the bytes from a place on, as the operating system has them."""
         try:
             data = os.pread(self._descriptor, length, at)
             while 0 < len(data) < length:  # one call reads 2 GiB at most, or up to a signal

@@ -27,6 +27,9 @@ from mhsb_sim.recording.mcap_records import (
     parse_definition,
 )
 
+OFFSETS_AT_ONCE = 10_000
+"""Places of messages that are made Python's numbers at once."""
+
 MAX_ZSTD_WINDOW = 128 * 1024 * 1024
 """Memory that a zstd frame may ask for [bytes]; it is touched only as far as it is filled."""
 
@@ -77,8 +80,18 @@ class Chunk:
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield the messages in the order of the chunk."""
-        for offset in self.offsets.tolist():
+        for offset in self.each_offset():
             yield message_at(self.unpacked, offset)
+
+    def each_offset(self) -> Iterator[int]:
+        """Yield where the records of messages begin; a list of all takes more than the chunk."""
+        for first in range(0, len(self.offsets), OFFSETS_AT_ONCE):
+            yield from self.offsets[first : first + OFFSETS_AT_ONCE].tolist()
+
+    def counts(self) -> dict[int, int]:
+        """Return the number of messages of each channel."""
+        numbers, counts = np.unique(self.channels, return_counts=True)
+        return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
 
 
 def message_at(records: bytes, offset: int) -> RawMessage:
@@ -184,13 +197,12 @@ def take_apart(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
     )
 
 
-def message_indexes(chunk: Chunk) -> dict[int, np.ndarray]:
-    """Return what the message index of each channel must hold: rows of time [ns] and offset."""
-    return {
-        int(channel_id): np.stack([chunk.log_ns[rows], chunk.offsets[rows]], axis=1)
-        for channel_id in np.unique(chunk.channels)
-        for rows in [np.flatnonzero(chunk.channels == channel_id)]
-    }
+def message_index(chunk: Chunk, channel_id: int) -> np.ndarray:
+    """Return what the message index of a channel must hold: rows of time [ns] and offset."""
+    rows = chunk.channels == channel_id
+    entries = np.empty((np.count_nonzero(rows), 2), dtype="<u8")
+    entries[:, 0], entries[:, 1] = chunk.log_ns[rows], chunk.offsets[rows]
+    return entries
 
 
 def parse_chunk_fields(head: bytes) -> tuple[ChunkHeader, int, int]:

@@ -17,7 +17,7 @@ from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
 
 from mhsb_sim.recording.bag_format import BagError
-from mhsb_sim.recording.mcap_chunk import Chunk, ChunkHeader, message_indexes, take_apart
+from mhsb_sim.recording.mcap_chunk import Chunk, ChunkHeader, message_index, take_apart
 from mhsb_sim.recording.mcap_records import (
     CHUNK_TIMES,
     HEAD,
@@ -27,6 +27,7 @@ from mhsb_sim.recording.mcap_records import (
     Schema,
 )
 from mhsb_sim.recording.mcap_survey import Definitions
+from mhsb_sim.recording.mcap_walk import INDEX_HEAD_SIZE
 
 CHUNK_SIZE = 32 * 1024
 """Bytes after which messages outside of chunks fill one."""
@@ -91,9 +92,13 @@ class McapCopy:
         if len(chunk.channels):
             self._write_chunk(chunk)
 
-    def add_message(self, content: bytes) -> None:
-        """Write a message that stood outside of chunks, given as the content of its record."""
-        self._loose += HEAD.pack(Opcode.MESSAGE, len(content)) + content
+    def add_message(self, record: bytes) -> None:
+        """Write a message that stood outside of chunks, given as its record."""
+        if len(record) >= CHUNK_SIZE:
+            self.flush()
+            self._write_records(record)
+            return
+        self._loose += record
         if len(self._loose) >= CHUNK_SIZE:
             self.flush()
 
@@ -108,8 +113,7 @@ class McapCopy:
         """Write the messages that wait for a chunk to be filled."""
         if self._loose:
             unpacked, self._loose = bytes(self._loose), bytearray()
-            header = ChunkHeader(len(unpacked), zlib.crc32(unpacked), "")
-            self._write_chunk(take_apart(header, unpacked, unpacked))
+            self._write_records(unpacked)
 
     def finish(self) -> None:
         """Write the index and summary of everything."""
@@ -134,6 +138,11 @@ class McapCopy:
 
     # --- Chunks ----------------------------------------------------------------------------------
 
+    def _write_records(self, records: bytes) -> None:
+        """Write a chunk of records, not compressed."""
+        header = ChunkHeader(len(records), zlib.crc32(records), "")
+        self._write_chunk(take_apart(header, records, records))
+
     def _write_chunk(self, chunk: Chunk) -> None:
         first, last, size = chunk.key
         name = chunk.header.compression.encode()
@@ -143,11 +152,13 @@ class McapCopy:
         self._write(HEAD.pack(Opcode.CHUNK, len(fields) + len(chunk.packed)) + fields)
         self._write(chunk.packed)
         length, offsets = self._at - begin, {}
-        for channel_id, rows in message_indexes(chunk).items():
+        for channel_id, count in chunk.counts().items():
             offsets[channel_id] = self._at
-            content = rows.astype("<u8").tobytes()
-            head = channel_id.to_bytes(2, "little") + len(content).to_bytes(4, "little")
-            self._record(Opcode.MESSAGE_INDEX, head + content)
+            content = message_index(chunk, channel_id).data.cast("B")
+            self._write(HEAD.pack(Opcode.MESSAGE_INDEX, INDEX_HEAD_SIZE + len(content)))
+            self._write(channel_id.to_bytes(2, "little") + len(content).to_bytes(4, "little"))
+            self._write(content)
+            self.counts[channel_id] += count
         self._indexes.write(
             _built(
                 mcap_records.ChunkIndex(
@@ -163,7 +174,6 @@ class McapCopy:
                 )
             )
         )
-        self.counts.update(chunk.channels.tolist())
         self._times = [_span([*self._times, (first, last)])]
         self._chunk_count += 1
 
@@ -217,7 +227,7 @@ class McapCopy:
     def _record(self, opcode: int, content: bytes) -> None:
         self._write(HEAD.pack(opcode, len(content)) + content)
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, data: bytes | memoryview) -> None:
         self._stream.write(data)
         self._at += len(data)
         if self._checksum is not None:
@@ -328,7 +338,7 @@ def _with_ids(chunk: Chunk, ids: _Ids) -> Chunk:
         change(begin, ids.schemas if isinstance(each, Schema) else ids.channels)
         if isinstance(each, Channel):
             change(begin + 2, ids.schemas)
-    for offset in chunk.offsets.tolist():
+    for offset in chunk.each_offset():
         change(offset + HEAD.size, ids.channels)
     content = bytes(unpacked)
     return take_apart(ChunkHeader(len(content), zlib.crc32(content), ""), content, content)

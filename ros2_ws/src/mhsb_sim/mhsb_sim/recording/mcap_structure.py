@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from mhsb_sim.recording import mcap_records as records
 from mhsb_sim.recording.data_file import DataFile
@@ -44,11 +44,10 @@ LONGEST_PLACE = 64
 IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """A record whose structure holds.
 
-    content  the first bytes of a chunk; nothing of messages, attachments, indexes of messages and
+    content  the first bytes of a chunk or message; nothing of attachments, indexes of messages and
              records of applications; all of others
     """
 
@@ -167,7 +166,7 @@ class McapStructure:
                 raise StructureError(
                     f"a message or attachment has {length} bytes; at most {MAX_CHUNK_SIZE} are read"
                 )
-            return b""
+            return self._file.read(begin, MESSAGE_HEAD.size) if opcode == Opcode.MESSAGE else b""
         if length > MAX_DEFINITION_SIZE:
             raise StructureError(f"a record has {length} bytes; {MAX_DEFINITION_SIZE} are read")
         content = self._file.read(begin, length)

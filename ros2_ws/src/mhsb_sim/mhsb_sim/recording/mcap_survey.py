@@ -7,7 +7,7 @@ behind damaged chunks. Where neither tells everything, the number is a lower bou
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -105,6 +105,7 @@ class Survey:
     has_contradictions: bool = False
     unlisted: int = 0
     header: Record | None = None
+    _repeated: Counter[int] = field(default_factory=Counter)
     _summaries: list[Summary] = field(default_factory=list)
     _chunks: dict[int, tuple[tuple[int, int, int], int]] = field(default_factory=dict)
     _sound: Definitions = field(default_factory=Definitions)
@@ -166,8 +167,18 @@ class Survey:
         self._choose_summary()
         if self.first_damage is not None:
             self._choose_definitions()
+        self._judge_repeated()
         if self.written not in (None, self.kept):
             self._note(f"its statistics count {self.written} messages, it has {self.kept}")
+
+    def _judge_repeated(self) -> None:
+        """Keep chunks that are there twice if nothing else is wrong and the statistics agree."""
+        repeated = self._repeated.total()
+        if self.first_damage is None and self.written in (None, self.kept + repeated):
+            self.counts.update(self._repeated)
+        elif repeated:
+            self.duplicates = repeated
+            self._note("a part of it is there twice")
 
     def _choose_definitions(self) -> None:
         """Take those of the summary and of sound chunks, and others as far as they are needed.
@@ -238,9 +249,8 @@ class Survey:
             case Damage():
                 self._add_damage(piece, file)
             case Record(opcode=Opcode.MESSAGE):
-                data = file.read(piece.begin, MESSAGE_HEAD.size)
-                channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack(data)
-                self._count({channel_id: 1}, log_ns, log_ns)
+                channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack(piece.content)
+                self._count(((channel_id, 1),), log_ns, log_ns)
             case Record(opcode=Opcode.HEADER) if self.header is None:
                 self.header = piece
 
@@ -250,11 +260,10 @@ class Survey:
             if chunk.header.checksum:
                 self._sound.add(definition)
         if not self.keeps(chunk):
-            self.duplicates += len(chunk.channels)
-            self._note("a part of it is there twice")
+            self._repeated.update(chunk.counts())
         elif len(chunk.channels):
             first, last, _ = chunk.key
-            self._count(Counter(chunk.channels.tolist()), first, last)
+            self._count(chunk.counts().items(), first, last)
 
     def _define(self, definition: Schema | Channel) -> None:
         if not self.definitions.add(definition):
@@ -265,12 +274,16 @@ class Survey:
         """Note that something is wrong with the file though no bytes of it are lost."""
         self.first_damage = self.first_damage or Damage(0, 0, reason, 0)
 
-    def _count(self, counts: dict[int, int], first_ns: int, last_ns: int) -> None:
-        self.start_ns = min(self.start_ns, first_ns) if self.counts else first_ns
-        self.end_ns = max(self.end_ns, last_ns)
-        self.counts.update(counts)
-        if not self.definitions.channels.keys() >= counts.keys():
-            self._note("it has messages of a topic that is not defined before")
+    def _count(self, counts: Iterable[tuple[int, int]], first_ns: int, last_ns: int) -> None:
+        """Count messages of channels, recorded from a first to a last time [ns]."""
+        if not self.counts or first_ns < self.start_ns:
+            self.start_ns = first_ns
+        if last_ns > self.end_ns:
+            self.end_ns = last_ns
+        for channel_id, count in counts:
+            self.counts[channel_id] += count
+            if channel_id not in self.definitions.channels:
+                self._note("it has messages of a topic that is not defined before")
         self.summary = None  # it is the end of what comes before it alone
 
     def _add_damage(self, damage: Damage, file: DataFile) -> None:

@@ -14,11 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mhsb_sim.recording import mcap_records as records
-from mhsb_sim.recording.data_file import DataFile
+from mhsb_sim.recording.data_file import COST_OF_A_MESSAGE, DataFile
 from mhsb_sim.recording.mcap_chunk import (
     Chunk,
     ChunkHeader,
-    message_indexes,
     open_chunk,
     parse_chunk_fields,
 )
@@ -176,7 +175,8 @@ class McapWalk:
             complete = count > 0 and end < self._file.size and self._structure.goes_on(end)
             yield Damage(found.at, end, str(error), count if complete else None, times)
             return end
-        self._channels.update(chunk.channels.tolist())
+        self._file.count_unpacked(COST_OF_A_MESSAGE * len(chunk.channels))
+        self._channels.update(chunk.counts())
         yield chunk
         if not self._indexes_agree(chunk, found.end, end):
             yield Damage(found.end, end, "the index of a chunk is damaged", 0)
@@ -271,19 +271,23 @@ class McapWalk:
         """Return whether the indexes behind a chunk hold its messages; none at all may be there."""
         if at == end:
             return True
-        expected = message_indexes(chunk)
+        missing = chunk.counts()
         while at < end:
             found = self._structure.record_at(at)
             rows, at = self._index_rows(found), found.end
             if len(rows) == 0:
                 continue
             channel_id = int.from_bytes(self._file.read(found.begin, 2), "little")
-            wanted = expected.pop(channel_id, None)
-            if wanted is None or len(rows) != len(wanted):
+            if missing.pop(channel_id, None) != len(rows):
                 return False
-            if not np.array_equal(rows[np.argsort(rows[:, 1], kind="stable")], wanted):
+            if np.any(rows[1:, 1] < rows[:-1, 1]):
+                rows = rows[np.argsort(rows[:, 1], kind="stable")]
+            wanted = chunk.channels == channel_id
+            if not np.array_equal(rows[:, 0], chunk.log_ns[wanted]):
                 return False
-        return not expected
+            if not np.array_equal(rows[:, 1], chunk.offsets[wanted]):
+                return False
+        return not missing
 
     def _lost_indexes(self, found: Record) -> Walking:
         """Yield the damage that indexes are which stand behind no chunk."""
@@ -338,7 +342,7 @@ class McapWalk:
 
     def _is_known(self, found: Record) -> bool:
         """Return whether a message outside of chunks belongs to a channel that is known."""
-        channel_id, *_ = MESSAGE_HEAD.unpack(self._file.read(found.begin, MESSAGE_HEAD.size))
+        channel_id, *_ = MESSAGE_HEAD.unpack(found.content)
         return channel_id in self._channels
 
     def _check_attachment(self, found: Record) -> None:
