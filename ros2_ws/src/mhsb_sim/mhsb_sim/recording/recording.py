@@ -10,7 +10,7 @@ from __future__ import annotations
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -49,6 +49,14 @@ MAX_POINTS_SIZE = 16 * 1024 * 1024
 
 MAX_SENTENCES = 1000
 """Unreadable messages of which a sentence is kept; further ones are only counted."""
+
+MAX_NUMBER = 1e15
+"""Largest number that is taken for a measurement, in SI units; pressures are below 1e9 Pa."""
+
+TIME_RUNS_BACKWARDS = (
+    "time runs backwards in the recording, the simulator was started anew meanwhile; "
+    "record each run on its own"
+)
 
 MAX_JOINTS = 64
 LAST_LOG_NS = 2**62
@@ -128,7 +136,9 @@ class Recording:
     hand_overs         `HandOverReport` of each plan that reached the simulator, with its time
     simulator_reports  `SimulatorReport` of every second, with its time
     estimates          lists of `Estimate`, what the servo has learnt, each with its time
-    unreadable         one sentence for each message that breaks its contract
+    unreadable         one sentence for each message that breaks its contract, at most MAX_SENTENCES
+                       and one more with the number of the others
+    unreadable_count   messages that break their contract
     """
 
     joint_count: int
@@ -146,6 +156,7 @@ class Recording:
     hand_overs: tuple[Timed, ...]
     simulator_reports: tuple[Timed, ...]
     unreadable: tuple[str, ...] = field(default=())
+    unreadable_count: int = 0
     estimates: tuple[Timed, ...] = field(default=())
 
 
@@ -174,10 +185,12 @@ def _first_joint_count(messages: RecordedMessages, what: str, name: str) -> int:
         if message.topic is not topics.JOINT_STATES:
             continue
         try:
-            given = list(_deserialized(message).name)
-            if 0 < len(given) <= MAX_JOINTS and set(given) == set(names.joint_names(len(given))):
-                return len(given)
-            problem = problem or f"{len(given)} joints that are not named joint_1, joint_2 ..."
+            states = _deserialized(message)
+            count = len(states.name)
+            if not 0 < count <= MAX_JOINTS:
+                raise MessageError(f"they are of {count} joints; at most {MAX_JOINTS} are read")
+            _check_numbers(joint_state.decode(states, names.joint_names(count)))
+            return count
         except MessageError as error:
             problem = problem or str(error)
     if problem:
@@ -210,7 +223,8 @@ class _Rows:
         self.time_ns, self.log_ns, self.numbers = array("q"), array("q"), array("d")
 
     def add(self, time_ns: int, log_ns: int, *columns: FloatArray) -> None:
-        """Append a row."""
+        """Append a row; raises MessageError for a number beyond MAX_NUMBER."""
+        _check_numbers(columns)
         self.time_ns.append(time_ns)
         self.log_ns.append(log_ns)
         for column in columns:
@@ -284,6 +298,7 @@ class _Decoder:
             simulator_reports=_of_kind(SimulatorReport, diagnostics),
             estimates=tuple(self._timed(topics.ESTIMATES, clock)),
             unreadable=self._sentences(),
+            unreadable_count=self._unreadable_count,
         )
 
     def _take(self, message: RecordedMessage) -> None:
@@ -304,7 +319,9 @@ class _Decoder:
             self._hydraulics.add(hydraulic.stamp_ns, log_ns, *columns)
         elif topic in self._decoders:
             self._goals_sent += topic is topics.GOAL_POSE
-            self._values[topic].append((log_ns, self._decoders[topic](message)))
+            value = self._decoders[topic](message)
+            _check_numbers(value)
+            self._values[topic].append((log_ns, value))
 
     def _joint_table(self, rows: _Rows, count: int) -> JointTable:
         """Return joint motion of which that many derivatives are known, position included."""
@@ -354,6 +371,27 @@ class _RecordedClock:
             (ros[part] - ros[0]).astype(np.float64),
         )
         return int(ros[0]) + round(float(since))
+
+
+def check_order(recording: Recording) -> None:
+    """Raise BagError if the time of joint states or hydraulic states runs backwards."""
+    for time_ns in (recording.joint_states.time_ns, recording.actuators.time_ns):
+        if np.any(time_ns[1:] < time_ns[:-1]):
+            raise BagError(TIME_RUNS_BACKWARDS)
+
+
+def _check_numbers(value: Any) -> None:
+    """Raise MessageError if a finite number in a decoded value is beyond MAX_NUMBER."""
+    if isinstance(value, list | tuple):
+        for each in value:
+            _check_numbers(each)
+    elif is_dataclass(value):
+        for each in fields(value):
+            _check_numbers(getattr(value, each.name))
+    elif isinstance(value, float | np.ndarray):
+        numbers = np.abs(np.asarray(value, dtype=np.float64))
+        if np.any(np.isfinite(numbers) & (numbers > MAX_NUMBER)):
+            raise MessageError(f"a number is beyond {MAX_NUMBER:g}; no measurement is")
 
 
 def _flat(timed: Sequence[Timed]) -> tuple[Timed, ...]:

@@ -24,6 +24,7 @@ from mhsb_sim.recording.bag_format import BagContents, BagError, BagTopic
 from mhsb_sim.recording.bag_reader import read_recording
 from mhsb_sim.recording.bag_repair import repair
 from mhsb_sim.recording.mcap_records import MAX_CHUNK_SIZE
+from mhsb_sim.recording.recording import check_order
 
 MAGIC = b"\x89MCAP0\r\n"
 START = 1_700_000_000_000_000_000  # ns
@@ -121,6 +122,37 @@ def test_a_recording_of_garbage_alone_is_refused(tmp_path):
     assert "no messages on /joint_states that can be read: 0 bytes" in sentence_of(
         read_recording, tmp_path / "bag"
     )
+
+
+def values(number: float, name: str = "joint_1") -> bytes:
+    """Serialized joint states of one joint."""
+    return serialize_message(JointState(name=[name], position=[number], velocity=[0.0]))
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (values(float("nan")), "position has nan for name 1; give finite numbers"),
+        (values(1e300), "a number is beyond 1e+15; no measurement is"),
+        (values(0.0, "elbow"), "joint states: elbow unknown"),
+        (serialize_message(JointState()), "they are of 0 joints; at most 64 are read"),
+        (serialize_message(JointState(name=["a"] * 65)), "they are of 65 joints"),
+    ],
+)
+def test_joint_states_that_are_no_measurement_are_refused_in_one_sentence(tmp_path, data, words):
+    recording_of(tmp_path / "bag", ("/joint_states", "sensor_msgs/msg/JointState", data))
+    assert words in sentence_of(read_recording, tmp_path / "bag")
+
+
+def test_times_that_run_backwards_are_refused_in_one_sentence(tmp_path):
+    """Also where the recording's own times do not, and far beyond any lifetime."""
+    messages = [JointState(name=["joint_1"], position=[0.0], velocity=[0.0]) for _ in range(3)]
+    for message_, second in zip(messages, (5, 2**31 - 1, -(2**31)), strict=True):
+        message_.header.stamp.sec = second
+    kind = "sensor_msgs/msg/JointState"
+    data = [("/joint_states", kind, serialize_message(each)) for each in messages]
+    recording = read_recording(recording_of(tmp_path / "bag", *data))
+    assert "time runs backwards" in sentence_of(check_order, recording)
 
 
 def test_a_topic_of_another_type_is_told_by_both_names(tmp_path):
