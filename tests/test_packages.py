@@ -28,7 +28,7 @@ KEYS = {
 }
 """rosdep's keys of modules; packages of ROS are their own."""
 
-WITHOUT_KEY = {"distributed", "llvmlite", "mcap", "tyro", "viser"}
+WITHOUT_KEY = {"distributed", "llvmlite", "lz4", "mcap", "tyro", "viser", "zstandard"}
 """Modules that rosdep does not know: the README names them."""
 
 

@@ -7,6 +7,9 @@ from builtin_interfaces.msg import Duration, Time
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_msgs_py.errors import MessageError
 
+MOST_DIGITS = 10
+"""Digits of the seconds of a time as text; a message has 2^31 s at most."""
+
 FIRST_SECOND, LAST_SECOND = -(2**31), 2**31 - 1
 
 
@@ -40,9 +43,11 @@ def to_text(time_ns: int) -> str:
 def from_text(text: str) -> int:
     """The time [ns] that `to_text` wrote."""
     seconds, dot, decimals = text.removeprefix("-").partition(".")
-    if not (dot and seconds.isdecimal() and decimals.isdecimal() and len(decimals) == 9):
+    readable = dot and seconds.isdecimal() and decimals.isdecimal() and len(decimals) == 9
+    if not readable or len(seconds) > MOST_DIGITS:
         raise MessageError(
-            f"the time '{text}' cannot be read; give seconds with nine decimals, as 12.000000005"
+            f"the time '{text[:40]}' cannot be read; give seconds with nine decimals, as "
+            "12.000000005"
         )
     time_ns = int(seconds) * SECOND_NS + int(decimals)
     return -time_ns if text.startswith("-") else time_ns

@@ -50,3 +50,8 @@ def test_a_time_beyond_32_bits_of_seconds_cannot_be_sent():
 def test_nanoseconds_that_make_a_second_are_refused():
     with pytest.raises(MessageError, match="must be below 1000000000"):
         stamps.from_time(Time(sec=1, nanosec=1_000_000_000))
+
+
+def test_a_time_of_thousands_of_digits_is_refused_in_one_sentence():
+    with pytest.raises(MessageError, match="cannot be read; give seconds with nine decimals"):
+        stamps.from_text("9" * 5000 + ".000000000")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mhsb_model.errors import ArgumentError
 from mhsb_model.figure_style import (
     BLACK,
     GREEN,
@@ -36,6 +37,9 @@ SIZE = (8.0, 4.64)  # in
 PER_MPA = 1e-6
 COLORS = 96
 """Of the palette that all frames share."""
+
+MAX_FRAMES = 5000
+"""Pictures of one film, which are in memory together: 6 GB of the usual width."""
 
 SWATCH = 8  # dots
 WHITE = "#ffffff"
@@ -72,9 +76,14 @@ def write_film(
     rate   frames in a second of the film; GIFs count hundredths of a second
     width  of the picture [dots]
     """
-    film = _Film(move, goals, width)
     hundredths = max(2, round(100 / rate))
     count = max(2, 1 + int(move.duration / speed * 100 / hundredths))
+    if count > MAX_FRAMES:
+        raise ArgumentError(
+            f"the animation would have {count} pictures of {move.duration:.0f} s, and at most "
+            f"{MAX_FRAMES} are made; give --begin and --end, a lower --rate or a higher --speed"
+        )
+    film = _Film(move, goals, width)
     times = move.time[0] + np.minimum(np.arange(count) * hundredths / 100 * speed, move.duration)
     frames = list(_with_one_palette([film.frame(time) for time in times]))
     part = file.with_name(f"{file.name}.part")

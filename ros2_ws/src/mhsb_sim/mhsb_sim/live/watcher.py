@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.recording import bag_format
 from mhsb_sim.recording.bag_format import BagTopic
 from mhsb_sim.recording.bag_writer import BagWriter
-from mhsb_sim.recording.recording import Recording, decoded
+from mhsb_sim.recording.recording import RecordedMessage, Recording, decoded
 
 WATCHED = (
     topics.GOAL_POSE,
@@ -43,7 +44,13 @@ class Watcher(GoalSender):
 
     def recording(self, slews: bool = False) -> Recording:
         """All that has been heard, of an arm that slews or not; BagError where no simulator was."""
-        return decoded(lambda topic: self.kept.get(topic, ()), "what was heard", slews=slews)
+        return decoded(self._messages, "what was heard", slews=slews)
+
+    def _messages(self) -> Iterator[RecordedMessage]:
+        """Yield everything that has been heard, topic by topic."""
+        for topic, messages in self.kept.items():
+            for time_ns, data in messages:
+                yield RecordedMessage(topic, topic.type_name, time_ns, data)
 
     def write(self, folder: Path) -> None:
         """All that has been heard, as a recording."""

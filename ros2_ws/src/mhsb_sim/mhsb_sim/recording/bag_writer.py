@@ -116,15 +116,15 @@ class BagWriter:
         if self._file.closed:
             return
         counts = tuple((topic, self._counts[topic.name]) for topic in self._topics)
-        contents = BagContents(self._start_ns or 0, self._end_ns, counts)
+        files = {self.path.name: BagContents(self._start_ns or 0, self._end_ns, counts)}
         try:
             self._writer.add_metadata(
                 "rosbag2",
-                {"serialized_metadata": bag_format.metadata_text(self.path.name, contents)},
+                {"serialized_metadata": bag_format.metadata_text(files)},
             )
             self._writer.finish()
             self._file.close()
-            bag_format.write_metadata(self.folder, contents)
+            bag_format.write_metadata(self.folder, files)
         except OSError as error:
             raise self._cannot_write(error) from error
 

@@ -22,7 +22,7 @@ from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.topics import Topic
 from mhsb_sim.recording import bag_format
 from mhsb_sim.recording.bag_format import BagTopic
-from mhsb_sim.recording.bag_repair import repair
+from mhsb_sim.recording.bag_repair import Repair, repair
 from mhsb_sim.recording.bag_writer import BagWriter
 
 NODE_NAME = "mhsb_recorder"
@@ -105,7 +105,7 @@ class Record:
     duration: Annotated[float | None, tyro.conf.arg(metavar="S"), Within(-1e9, 1e9)] = None
     """stop by itself after this time [s, wall clock]"""
     repair: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """instead of recording, complete a recording that was cut off, up to its tear"""
+    """instead of recording, complete a damaged recording; the damaged files are kept beside"""
 
     json: bool = False
     """print one JSON object at the end instead of text"""
@@ -122,19 +122,36 @@ class Record:
                 "leave it out"
             )
         if self.repair is not None:
-            self._tell("kept", repair(self.repair), self.repair)
+            self._print_repair(repair(self.repair), self.repair)
             return 0
         assert self.output is not None
         with process.orderly(CLOSING), BagWriter(self.output) as bag:
             code = spin_node(lambda: Recorder(bag, self.duration, self.json))
-        self._tell("recorded", bag.message_count, self.output)
+        if self.json:
+            content = {"folder": str(self.output), "messages": bag.message_count}
+            print(json_format.dumps(content))
+        else:
+            print(f"recorded {bag.message_count} messages in {self.output}")
         return code
 
-    def _tell(self, done: str, messages: int, folder: Path) -> None:
-        if self.json:
-            print(json_format.dumps({"folder": str(folder), "messages": messages}))
-        else:
-            print(f"{done} {messages} messages in {folder}")
+    def _print_repair(self, done: Repair, folder: Path) -> None:
+        """Print what a repair has kept and lost."""
+        if not self.json:
+            print(done.sentence(folder))
+            return
+        content = {
+            "folder": str(folder),
+            "messages": done.kept,
+            "complete": done.is_complete,
+            "lost_messages": done.lost,
+            "lost_bytes": done.lost_bytes,
+            "lost_is_exact": done.is_exact,
+            "repeated": done.repeated,
+            "unlisted": done.unlisted,
+            "nameless": done.nameless,
+            "originals": done.originals,
+        }
+        print(json_format.dumps(content))
 
 
 def main() -> int:

@@ -7,9 +7,12 @@ the joint states: each of those has both times.
 
 from __future__ import annotations
 
+from array import array
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, fields, is_dataclass
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.serialization import deserialize_message
@@ -35,10 +38,42 @@ from mhsb_msgs_py import (
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
 from mhsb_msgs_py.topics import Topic
+from mhsb_sim.recording import cdr_structure
 from mhsb_sim.recording.bag_format import BagError
 
-RawMessages = Callable[[Topic], Iterable[tuple[int, bytes]]]
-"""Serialized messages of a topic, in order, each with the system time of its recording [ns]."""
+MAX_MESSAGE_SIZE = 1024 * 1024
+"""Largest message that is decoded [bytes]; the suite's take 2 KB, those with points apart."""
+
+MAX_POINTS_SIZE = 16 * 1024 * 1024
+"""Largest trajectory or mode schedule that is decoded [bytes]; 40,000 points of 8 joints take 9."""
+
+MAX_SENTENCES = 1000
+"""Unreadable messages of which a sentence is kept; further ones are only counted."""
+
+MAX_NUMBER = 1e15
+"""Largest number that is taken for a measurement, in SI units; pressures are below 1e9 Pa."""
+
+TIME_RUNS_BACKWARDS = (
+    "time runs backwards in the recording, the simulator was started anew meanwhile; "
+    "record each run on its own"
+)
+
+MAX_JOINTS = 64
+LAST_LOG_NS = 2**62
+"""Times of recording from here on, after the year 2116, are no times [ns]."""
+
+
+class RecordedMessage(NamedTuple):
+    """A serialized message: its topic, the type it is said to have, when it was recorded [ns]."""
+
+    topic: Topic
+    type_name: str
+    log_ns: int
+    data: bytes
+
+
+RecordedMessages = Callable[[], Iterable[RecordedMessage]]
+"""Function that goes through all messages anew, in any order."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +136,9 @@ class Recording:
     hand_overs         `HandOverReport` of each plan that reached the simulator, with its time
     simulator_reports  `SimulatorReport` of every second, with its time
     estimates          lists of `Estimate`, what the servo has learnt, each with its time
-    unreadable         one sentence for each message that breaks its contract
+    unreadable         one sentence for each message that breaks its contract, at most MAX_SENTENCES
+                       and one more with the number of the others
+    unreadable_count   messages that break their contract
     """
 
     joint_count: int
@@ -119,170 +156,254 @@ class Recording:
     hand_overs: tuple[Timed, ...]
     simulator_reports: tuple[Timed, ...]
     unreadable: tuple[str, ...] = field(default=())
+    unreadable_count: int = 0
     estimates: tuple[Timed, ...] = field(default=())
 
 
 def decoded(
-    raw: RawMessages, what: str, namespace: str = "", slews: bool = False
+    messages: RecordedMessages, what: str, namespace: str = "", slews: bool = False
 ) -> Recording:
-    """The recording that consists of these messages; `what` it is called in errors.
+    """Decode messages into what they say.
 
-    namespace  below which the topics were, such as `/left`
-    slews      whether the arm does, so that goals have a y
+    Args:
+        messages: Goes through them; it is called twice.
+        what: They are called in errors.
+        namespace: Below which the topics were, such as `/left`.
+        slews: Whether the arm does, so that goals have a y.
 
-    Raises BagError where it has no joint states.
+    Raises:
+        BagError: There are no joint states that can be read.
     """
     topic = f"{namespace}/{topics.JOINT_STATES.name}"
-    nothing = f"{what} has no messages on {topic}; was the simulator running?"
-    return _Messages(raw, nothing).recording(slews)
+    return _Decoder(_first_joint_count(messages, what, topic), slews).recording(messages)
 
 
-class _Messages:
-    """The decoded messages of a recording, by topic."""
+def _first_joint_count(messages: RecordedMessages, what: str, name: str) -> int:
+    """Return the number of joints in the first joint states that can be read."""
+    problem = ""
+    for message in messages():
+        if message.topic is not topics.JOINT_STATES:
+            continue
+        try:
+            states = _deserialized(message)
+            count = len(states.name)
+            if not 0 < count <= MAX_JOINTS:
+                raise MessageError(f"they are of {count} joints; at most {MAX_JOINTS} are read")
+            _check_numbers(joint_state.decode(states, names.joint_names(count)))
+            return count
+        except MessageError as error:
+            problem = problem or str(error)
+    if problem:
+        raise BagError(f"{what} has no messages on {name} that can be read: {problem}")
+    raise BagError(f"{what} has no messages on {name}; was the simulator running?")
 
-    def __init__(self, raw: RawMessages, nothing: str) -> None:
-        self._serialized = raw
+
+def _deserialized(message: RecordedMessage) -> Any:
+    """Return the message that bytes are; raises MessageError unless they are one of its topic."""
+    return deserialize_message(_checked(message, MAX_MESSAGE_SIZE), message.topic.message)
+
+
+def _checked(message: RecordedMessage, largest: int) -> bytes:
+    """Return the bytes of a message; raises MessageError unless they are one of its topic."""
+    topic, type_name, log_ns, data = message
+    if type_name != topic.type_name:
+        raise MessageError(f"was recorded as {type_name}; it must be {topic.type_name}")
+    if len(data) > largest:
+        raise MessageError(f"a message has {len(data)} bytes; at most {largest} are read")
+    if log_ns >= LAST_LOG_NS:
+        raise MessageError(f"a message was recorded at {log_ns} ns, which is no time of today")
+    cdr_structure.check_structure(type_name, data)
+    return data
+
+
+class _Rows:
+    """A growing table: times [ns], numbers, and times of recording [ns]."""
+
+    def __init__(self) -> None:
+        self.time_ns, self.log_ns, self.numbers = array("q"), array("q"), array("d")
+
+    def add(self, time_ns: int, log_ns: int, *columns: FloatArray) -> None:
+        """Append a row; raises MessageError for a number beyond MAX_NUMBER."""
+        _check_numbers(columns)
+        self.time_ns.append(time_ns)
+        self.log_ns.append(log_ns)
+        for column in columns:
+            self.numbers.frombytes(column.tobytes())
+
+    def tables(self, count: int, width: int) -> tuple[IntArray, IntArray, list[FloatArray]]:
+        """Return times, times of recording, and that many tables of a width, as recorded."""
+        log_ns = np.array(self.log_ns, dtype=np.int64)
+        order = np.argsort(log_ns, kind="stable")
+        numbers = np.frombuffer(self.numbers).reshape(len(order), count, width)
+        time_ns = np.array(self.time_ns, dtype=np.int64)[order]
+        return time_ns, log_ns[order], [numbers[order, each] for each in range(count)]
+
+
+class _Decoder:
+    """Sorts messages by topic and decodes them; what cannot be read is noted and left out."""
+
+    def __init__(self, joint_count: int, slews: bool) -> None:
+        self._joint_count = joint_count
+        self._joints = names.joint_names(joint_count)
+        self._actuators = names.actuator_names(joint_count)
         self._unreadable: list[str] = []
-        states = self._raw(topics.JOINT_STATES)
-        if not states:
-            raise BagError(nothing)
-        self._joint_count = len(states[0][1].name)
-        self._joints = names.joint_names(self._joint_count)
-        self._actuators = names.actuator_names(self._joint_count)
-        self._log_ns = np.array([log for log, _ in states], dtype=np.int64)
-        self._ros_ns = np.array(
-            [stamps.from_time(message.header.stamp) for _, message in states], dtype=np.int64
-        )
-
-    def recording(self, slews: bool) -> Recording:
-        """Everything, decoded."""
+        self._unreadable_count = 0
+        self._states, self._references, self._hydraulics = _Rows(), _Rows(), _Rows()
+        self._values: dict[Topic, list[tuple[int, Any]]] = defaultdict(list)
+        self._goals_sent = 0
         to_base = _unknown_plane if slews else None
-        modes = self._decoded(
-            topics.MODES, lambda message: modes_in_force.decode(message, self._joint_count)
-        )
-        diagnostics = self._statuses(topics.DIAGNOSTICS, sim_status.decode)
+        self._decoders: dict[Topic, Callable[[RecordedMessage], Any]] = {
+            topics.MODES: lambda each: modes_in_force.decode(_deserialized(each), joint_count),
+            topics.PLAN_IN_FORCE: lambda each: stamps.from_time(_deserialized(each)),
+            topics.JOINT_TRAJECTORY: lambda each: trajectory.decode(
+                _checked(each, MAX_POINTS_SIZE), self._joints
+            ),
+            topics.MODE_COMMANDS: lambda each: mode_schedule.decode(
+                _checked(each, MAX_POINTS_SIZE), self._actuators
+            ),
+            topics.GOAL_POSE: lambda each: goal_pose.decode(_deserialized(each), "", to_base),
+            topics.PLAN_STATUS: lambda each: plan_status.decode(_deserialized(each)),
+            topics.DIAGNOSTICS: lambda each: sim_status.decode(_deserialized(each)),
+            topics.ESTIMATES: lambda each: estimates.decode(_deserialized(each)),
+        }
+
+    def recording(self, messages: RecordedMessages) -> Recording:
+        """Decode everything."""
+        for message in messages():
+            try:
+                self._take(message)
+            except MessageError as error:
+                self._unreadable_count += 1
+                if len(self._unreadable) < MAX_SENTENCES:
+                    self._unreadable.append(f"{message.topic.name}: {error}")
+        clock = _RecordedClock(self._states)
+        modes = self._timed(topics.MODES, clock)
+        diagnostics = _flat(self._timed(topics.DIAGNOSTICS, clock))
         return Recording(
             joint_count=self._joint_count,
-            joint_states=self._joint_states(),
-            references=self._references(),
-            actuators=self._actuator_states(),
+            joint_states=self._joint_table(self._states, 2),
+            references=self._joint_table(self._references, 3),
+            actuators=self._actuator_table(),
             mode_time_ns=np.array([each.time_ns for each in modes], dtype=np.int64),
             modes=np.array([each.value for each in modes], dtype=np.uint8).reshape(
                 len(modes), self._joint_count
             ),
-            plans_in_force=tuple(self._decoded(topics.PLAN_IN_FORCE, stamps.from_time)),
-            trajectories=self._values(
-                topics.JOINT_TRAJECTORY, lambda message: trajectory.decode(message, self._joints)
-            ),
-            schedules=self._values(
-                topics.MODE_COMMANDS,
-                lambda message: mode_schedule.decode(message, self._actuators),
-            ),
-            goals_sent=len(self._raw(topics.GOAL_POSE)),
-            goals=tuple(
-                self._decoded(
-                    topics.GOAL_POSE, lambda message: goal_pose.decode(message, "", to_base)
-                )
-            ),
-            reports=self._statuses(topics.PLAN_STATUS, plan_status.decode),
+            plans_in_force=tuple(self._timed(topics.PLAN_IN_FORCE, clock)),
+            trajectories=self._all(topics.JOINT_TRAJECTORY),
+            schedules=self._all(topics.MODE_COMMANDS),
+            goals_sent=self._goals_sent,
+            goals=tuple(self._timed(topics.GOAL_POSE, clock)),
+            reports=_flat(self._timed(topics.PLAN_STATUS, clock)),
             hand_overs=_of_kind(HandOverReport, diagnostics),
             simulator_reports=_of_kind(SimulatorReport, diagnostics),
-            estimates=tuple(self._decoded(topics.ESTIMATES, estimates.decode)),
-            unreadable=tuple(self._unreadable),
+            estimates=tuple(self._timed(topics.ESTIMATES, clock)),
+            unreadable=self._sentences(),
+            unreadable_count=self._unreadable_count,
         )
 
-    def _joint_states(self) -> JointTable:
-        heard = self._decoded(
-            topics.JOINT_STATES, lambda message: joint_state.decode(message, self._joints)
-        )
-        samples = [each.value for each in heard]
-        velocity = self._table([each.velocity for each in samples])
-        return JointTable(
-            np.array([each.stamp_ns for each in samples], dtype=np.int64),
-            self._table([each.position for each in samples]),
-            velocity,
-            np.full_like(velocity, np.nan),
-            _recorded_ns(heard),
-        )
+    def _take(self, message: RecordedMessage) -> None:
+        """Decode one message; raises MessageError if it cannot be read."""
+        topic, log_ns = message.topic, message.log_ns
+        if topic is topics.JOINT_STATES:
+            sample = joint_state.decode(_deserialized(message), self._joints)
+            self._states.add(sample.stamp_ns, log_ns, sample.position, sample.velocity)
+        elif topic is topics.REFERENCE:
+            followed = reference.decode(_deserialized(message), self._joints)
+            state = followed.state
+            self._references.add(
+                followed.stamp_ns, log_ns, state.position, state.velocity, state.acceleration
+            )
+        elif topic is topics.ACTUATOR_STATES:
+            hydraulic = actuator_states.decode(_deserialized(message), self._actuators)
+            columns = (getattr(hydraulic, each) for each in actuator_states.QUANTITIES)
+            self._hydraulics.add(hydraulic.stamp_ns, log_ns, *columns)
+        elif topic in self._decoders:
+            self._goals_sent += topic is topics.GOAL_POSE
+            value = self._decoders[topic](message)
+            _check_numbers(value)
+            self._values[topic].append((log_ns, value))
 
-    def _references(self) -> JointTable:
-        heard = self._decoded(
-            topics.REFERENCE, lambda message: reference.decode(message, self._joints)
-        )
-        samples = [each.value for each in heard]
-        return JointTable(
-            np.array([each.stamp_ns for each in samples], dtype=np.int64),
-            self._table([each.state.position for each in samples]),
-            self._table([each.state.velocity for each in samples]),
-            self._table([each.state.acceleration for each in samples]),
-            _recorded_ns(heard),
-        )
+    def _joint_table(self, rows: _Rows, count: int) -> JointTable:
+        """Return joint motion of which that many derivatives are known, position included."""
+        time_ns, log_ns, columns = rows.tables(count, self._joint_count)
+        columns += [np.full_like(columns[0], np.nan)] * (3 - count)
+        position, velocity, acceleration = columns
+        return JointTable(time_ns, position, velocity, acceleration, log_ns)
 
-    def _actuator_states(self) -> ActuatorTable:
-        samples = self._values(
-            topics.ACTUATOR_STATES,
-            lambda message: actuator_states.decode(message, self._actuators),
-        )
-        return ActuatorTable(
-            np.array([each.stamp_ns for each in samples], dtype=np.int64),
-            {
-                quantity: self._table([getattr(each, quantity) for each in samples])
-                for quantity in actuator_states.QUANTITIES
-            },
-        )
+    def _actuator_table(self) -> ActuatorTable:
+        quantities = actuator_states.QUANTITIES
+        time_ns, _, columns = self._hydraulics.tables(len(quantities), self._joint_count)
+        return ActuatorTable(time_ns, dict(zip(quantities, columns, strict=True)))
 
-    def _table(self, rows: Sequence[FloatArray]) -> FloatArray:
-        return np.array(rows, dtype=np.float64).reshape(len(rows), self._joint_count)
+    def _all(self, topic: Topic) -> tuple[Any, ...]:
+        """Return what was decoded of a topic, in the order of recording."""
+        return tuple(value for _, value in sorted(self._values[topic], key=itemgetter(0)))
 
-    def _statuses(self, topic: Topic, decode: Callable[[Any], list[Any]]) -> tuple[Timed, ...]:
-        """Every report of messages that hold several."""
-        return tuple(
-            Timed(each.time_ns, report, each.recorded_ns)
-            for each in self._decoded(topic, decode)
-            for report in each.value
-        )
+    def _timed(self, topic: Topic, clock: _RecordedClock) -> list[Timed]:
+        """Return what was decoded of a topic with its times, in the order of recording."""
+        values = sorted(self._values[topic], key=itemgetter(0))
+        return [Timed(clock.ros_time(log_ns), value, log_ns) for log_ns, value in values]
 
-    def _values(self, topic: Topic, decode: Callable[[Any], Any]) -> tuple[Any, ...]:
-        return tuple(each.value for each in self._decoded(topic, decode))
+    def _sentences(self) -> tuple[str, ...]:
+        """Return why messages could not be read, the last ones as their number."""
+        more = self._unreadable_count - len(self._unreadable)
+        return (*self._unreadable, *([f"and {more} more"] if more else []))
 
-    def _decoded(self, topic: Topic, decode: Callable[[Any], Any]) -> list[Timed]:
-        """Messages that keep their contract; the others go to the list of unreadable ones."""
-        decoded = []
-        for log_ns, message in self._raw(topic):
-            try:
-                decoded.append(Timed(self._ros_time(log_ns), decode(message), log_ns))
-            except MessageError as error:
-                self._unreadable.append(f"{topic.name}: {error}")
-        return decoded
 
-    def _ros_time(self, log_ns: int) -> int:
-        """ROS time [ns] at which something was recorded, by the nearest joint states."""
-        if len(self._log_ns) == 1 or log_ns < self._log_ns[0]:
-            return int(log_ns - self._log_ns[0] + self._ros_ns[0])
-        if log_ns > self._log_ns[-1]:
-            return int(log_ns - self._log_ns[-1] + self._ros_ns[-1])
+class _RecordedClock:
+    """Translates times of recording into ROS time, by the nearest joint states."""
+
+    def __init__(self, states: _Rows) -> None:
+        self._ros_ns, self._log_ns, _ = states.tables(1, len(states.numbers) // len(states.log_ns))
+
+    def ros_time(self, log_ns: int) -> int:
+        """Return the ROS time at which something was recorded [ns]."""
+        ros, log = self._ros_ns, self._log_ns
+        if len(log) == 1 or log_ns < log[0]:
+            return int(log_ns) - int(log[0]) + int(ros[0])
+        if log_ns > log[-1]:
+            return int(log_ns) - int(log[-1]) + int(ros[-1])
+        right = min(max(int(np.searchsorted(log, log_ns, side="right")), 1), len(log) - 1)
+        part = slice(right - 1, right + 1)
         since = np.interp(
-            float(log_ns - self._log_ns[0]),
-            (self._log_ns - self._log_ns[0]).astype(np.float64),
-            (self._ros_ns - self._ros_ns[0]).astype(np.float64),
+            float(log_ns - log[0]),
+            (log[part] - log[0]).astype(np.float64),
+            (ros[part] - ros[0]).astype(np.float64),
         )
-        return int(self._ros_ns[0]) + round(float(since))
+        return int(ros[0]) + round(float(since))
 
-    def _raw(self, topic: Topic) -> list[tuple[int, Any]]:
-        """Messages of a topic with their times of recording [ns]."""
-        return [
-            (log_ns, deserialize_message(data, topic.message))
-            for log_ns, data in self._serialized(topic)
-        ]
+
+def check_order(recording: Recording) -> None:
+    """Raise BagError if the time of joint states or hydraulic states runs backwards."""
+    for time_ns in (recording.joint_states.time_ns, recording.actuators.time_ns):
+        if np.any(time_ns[1:] < time_ns[:-1]):
+            raise BagError(TIME_RUNS_BACKWARDS)
+
+
+def _check_numbers(value: Any) -> None:
+    """Raise MessageError if a finite number in a decoded value is beyond MAX_NUMBER."""
+    if isinstance(value, list | tuple):
+        for each in value:
+            _check_numbers(each)
+    elif is_dataclass(value):
+        for each in fields(value):
+            _check_numbers(getattr(value, each.name))
+    elif isinstance(value, float | np.ndarray):
+        numbers = np.abs(np.asarray(value, dtype=np.float64))
+        if np.any(np.isfinite(numbers) & (numbers > MAX_NUMBER)):
+            raise MessageError(f"a number is beyond {MAX_NUMBER:g}; no measurement is")
+
+
+def _flat(timed: Sequence[Timed]) -> tuple[Timed, ...]:
+    """Return every report of messages that hold several."""
+    return tuple(
+        Timed(each.time_ns, report, each.recorded_ns) for each in timed for report in each.value
+    )
 
 
 def _unknown_plane(_: float, height: float) -> Position:
     """Of a goal in `work_plane` of an arm that slews: its verdict tells where that was."""
     return (np.nan, np.nan, height)
-
-
-def _recorded_ns(heard: Sequence[Timed]) -> IntArray:
-    return np.array([each.recorded_ns for each in heard], dtype=np.int64)
 
 
 def _of_kind(kind: type, statuses: Sequence[Timed]) -> tuple[Timed, ...]:

@@ -11,7 +11,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.recording.bag_format import BagError
-from mhsb_sim.recording.recording import Recording
+from mhsb_sim.recording.recording import TIME_RUNS_BACKWARDS, Recording
 
 STANDSTILL = 1e-6
 """References slower than this stand still [rad/s]."""
@@ -66,10 +66,7 @@ def followed_trajectory(recording: Recording) -> Trajectory:
         raise BagError("the recording has no references; was the simulator running?")
     offset_ns = references.time_ns - references.time_ns[0]
     if np.any(np.diff(offset_ns) <= 0):
-        raise BagError(
-            "time runs backwards in the recording, the simulator was started anew meanwhile; "
-            "record each run on its own"
-        )
+        raise BagError(TIME_RUNS_BACKWARDS)
     return Trajectory(
         int(references.time_ns[0]),
         offset_ns,

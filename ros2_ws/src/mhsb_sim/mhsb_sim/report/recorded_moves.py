@@ -20,6 +20,8 @@ REST_NS = SECOND_NS // 2
 def recorded_moves(run: RecordedRun) -> list[Move]:
     """Each from where its plan took over to the next one, or to the rest at its end."""
     goals = [goal for goal in run.goals if goal.taken_over_ns is not None]
+    if not goals:
+        return []
     goals.sort(key=lambda goal: goal.taken_over_ns or 0)
     ends = [*(goal.taken_over_ns or 0 for goal in goals[1:]), run.followed.end_ns]
     moves = []

@@ -8,7 +8,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_sim.recording.bag_format import BagError
-from mhsb_sim.recording.recording import Recording
+from mhsb_sim.recording.recording import Recording, check_order
 from mhsb_sim.report.goal_fates import GoalFate, goal_fates
 from mhsb_sim.report.recorded_energy import EnergyRecord, energy_record
 from mhsb_sim.report.recorded_goals import GoalRecord, goal_records
@@ -41,6 +41,7 @@ def recorded_run(recording: Recording, machine: Machine) -> RecordedRun:
             f"the recording has {recording.joint_count} joints, the machine {machine.name} has "
             f"{machine.joint_count}; give the recording's machine file"
         )
+    check_order(recording)
     followed = followed_trajectory(recording)
     modes = modes_in_force(recording)
     tip = tip_motion(recording, machine, followed)

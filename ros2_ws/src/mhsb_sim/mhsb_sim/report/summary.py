@@ -58,6 +58,12 @@ def summary(run: RecordedRun) -> Summary:
     plan_delay_max_s            most by which plans were followed later than they say
     real_time_factor            simulated over real time, between the simulator's reports
     """
+    content: Summary = _without_infinite(_everything(run))
+    return content
+
+
+def _everything(run: RecordedRun) -> Summary:
+    """Return the summary, in which numbers of messages may be infinite or no numbers."""
     recording = run.recording
     time_ns = recording.joint_states.time_ns
     return {
@@ -84,7 +90,7 @@ def summary(run: RecordedRun) -> Summary:
         "cavitation": _cavitation(run),
         "replan_ms": spread(_replan_times(run.goals)),
         "lead_ms": spread(each.lead_ms for each in run.fates),
-        "unreadable_messages": len(recording.unreadable),
+        "unreadable_messages": recording.unreadable_count,
         "goals": [_goal(goal) for goal in run.goals],
         "lost": [_lost(each) for each in run.fates if each.fate is Fate.LOST],
     }
@@ -240,6 +246,15 @@ def _largest(values: Any) -> float | None:
     array = np.asarray(values, dtype=np.float64).ravel()
     array = array[np.isfinite(array)]
     return float(array.max()) if len(array) else None
+
+
+def _without_infinite(content: Any) -> Any:
+    """Return content in which None stands for every number that JSON does not have."""
+    if isinstance(content, dict):
+        return {key: _without_infinite(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_without_infinite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def _number(value: float | None, factor: float = 1.0) -> float | None:

@@ -15,7 +15,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_msgs_py import names
 from mhsb_planner.ros import views
-from mhsb_sim.recording.recording import Recording, Timed
+from mhsb_sim.recording.recording import Recording, Timed, check_order
 from mhsb_sim.viewer.ability_scene import PolytopeScene
 from mhsb_sim.viewer.arm_scene import ArmScene
 from mhsb_sim.viewer.energy_flow import cumulated, powers
@@ -35,7 +35,11 @@ PLOTTED = 0.1
 
 
 def play(server: ViserServer, machine: Machine, recording: Recording) -> int:
-    """Play a recording until this process is asked to end."""
+    """Play a recording until this process is asked to end.
+
+    Raises BagError where its time runs backwards.
+    """
+    check_order(recording)
     playback = Playback(server, machine, recording)
     before = time.monotonic()
     while not process.signalled():

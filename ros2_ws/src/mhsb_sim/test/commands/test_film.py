@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
+from mhsb_model.errors import ArgumentError
 from mhsb_model.figure_style import MODE_COLOR
 from mhsb_model.modes import Mode
 from mhsb_planner.evaluation.move import Move
@@ -88,3 +89,10 @@ def test_cylinders_lie_within_the_stage_with_all_of_their_width(machine, move, t
         ):
             assert low <= values.min() - half
             assert values.max() + half <= high
+
+
+def test_a_film_of_years_is_refused_before_anything_is_drawn(move, tmp_path):
+    years = replace(move, time=np.linspace(0.0, 2e9, 61))
+    with pytest.raises(ArgumentError, match=r"would have \d+ pictures .* at most 5000 are made"):
+        write_film(years, [], tmp_path / "move.gif")
+    assert list(tmp_path.iterdir()) == []

@@ -170,7 +170,11 @@ def test_a_message_that_breaks_its_contract_is_told_and_left_out(tmp_path):
 
 
 def test_a_folder_that_is_no_recording_is_refused_with_advice(tmp_path):
-    with pytest.raises(BagError, match=r"has no metadata.yaml; .* record --repair"):
+    with pytest.raises(BagError, match=r"holds no file .*_0.mcap; name the folder"):
         read_recording(tmp_path)
+    write(tmp_path / "bag")
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match=r"has no metadata.yaml; complete it by record --repair"):
+        read_recording(tmp_path / "bag")
     with pytest.raises(BagError, match="is not a folder; name the folder of a recording"):
         read_recording(tmp_path / "nowhere")

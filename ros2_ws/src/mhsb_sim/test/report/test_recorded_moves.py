@@ -55,3 +55,7 @@ def test_each_move_gets_its_page(run, tmp_path):
     assert [file.name for file in files] == [f"move_{k + 1}.png" for k in range(len(files))]
     assert all(file.stat().st_size > 10_000 for file in files)
     assert len(files) == len(recorded_moves(run))
+
+
+def test_a_recording_without_goals_has_no_moves(run):
+    assert recorded_moves(replace(run, goals=())) == []

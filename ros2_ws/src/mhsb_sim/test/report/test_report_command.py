@@ -85,7 +85,7 @@ def test_a_torn_recording_is_refused(story, call, tmp_path):
     data = tmp_path / "bag" / "bag_0.mcap"
     data.write_bytes(data.read_bytes()[:100_000])
     sentence = refused(call, tmp_path, tmp_path / "bag", "--output", tmp_path / "report")
-    assert "bag cannot be read" in sentence
+    assert "bag is damaged: in bag_0.mcap" in sentence
 
 
 def test_an_output_that_is_a_file_is_refused(story, call, tmp_path):

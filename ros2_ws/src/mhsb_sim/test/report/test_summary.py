@@ -154,3 +154,10 @@ def test_cavitation_is_told_of_forces_that_pull_moving_pistons(run, numbers):
     assert found["begin_s"] == pytest.approx(1.0)
     assert found["duration_s"] == pytest.approx(0.4)
     assert found["force_n"] == -2000.0
+
+
+def test_numbers_that_json_does_not_have_are_null(run):
+    infinite = np.full_like(run.energy.main_pump, np.inf)
+    content = summary(replace(run, energy=replace(run.energy, main_pump=infinite)))
+    assert json.loads(json.dumps(content, allow_nan=False)) == content
+    assert content["energy_measured_j"]["mp"] is None
