@@ -138,6 +138,7 @@ def values(number: float, name: str = "joint_1") -> bytes:
         (serialize_message(JointState()), "they are of 0 joints; at most 64 are read"),
         (serialize_message(JointState(name=["a"] * 65)), "they are of 65 joints"),
     ],
+    ids=["nan", "beyond_1e15", "unknown_name", "no_joint", "65_joints"],  # padding bytes differ
 )
 def test_joint_states_that_are_no_measurement_are_refused_in_one_sentence(tmp_path, data, words):
     recording_of(tmp_path / "bag", ("/joint_states", "sensor_msgs/msg/JointState", data))
