@@ -6,6 +6,7 @@ nodes that are started by hand, do not hear each other.
 
 from __future__ import annotations
 
+import copy
 import fcntl
 import os
 import random
@@ -19,16 +20,66 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
 
-from mhsb_model.files.config_files import config_file
-from mhsb_model.machine import MACHINE_FILE, Machine
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.hydraulics import needs_boost
+from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode, modules_in_use
 from mhsb_model.schema import MachineConfig
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
+from mhsb_model.types import FloatArray, ModeArray
 
 settings.register_profile("mhsb", deadline=None, derandomize=True)
 settings.load_profile("mhsb")
+
+RERUNS = Path(__file__).parent / "out" / "tests_tried_again.txt"
+"""Names and messages of all tests that were tried again, of every run."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Draw the seed of this run's random inputs unless it is given; worker processes inherit it."""
+    if config.option.hypothesis_seed is None:
+        config.option.hypothesis_seed = random.SystemRandom().getrandbits(32)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Try a test once more if it fails and is marked for that."""
+    for item in items:
+        if item.get_closest_marker("tried_again") is not None:
+            item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Print the seed of random inputs, and name and message of each test that was tried again."""
+    seed = config.option.hypothesis_seed
+    terminalreporter.write_line(f"random inputs: repeat them with --hypothesis-seed={seed}")
+    reruns = [
+        f"tried again: {report.nodeid}: {getattr(report.longrepr, 'reprcrash', report.longrepr)}"
+        for report in terminalreporter.stats.get("rerun", [])
+    ]
+    if reruns and not hasattr(config, "workerinput"):
+        RERUNS.parent.mkdir(exist_ok=True)
+        with RERUNS.open("a", encoding="utf-8") as file:
+            file.writelines(f"{each}\n" for each in reruns)
+        for each in reruns:
+            terminalreporter.write_line(each)
+
+
+@pytest.fixture
+def fresh_seed(request: pytest.FixtureRequest) -> int:
+    """A seed of random inputs, another one in each run and each test; the run's seed decides it."""
+    run = request.config.option.hypothesis_seed
+    return random.Random(f"{run} {request.node.nodeid}").getrandbits(32)
+
+
+GRACE_PERIOD = 3.0
+"""Time for a process to end by itself when its test is over [s]."""
 
 HIGHEST_DOMAIN = 70  # domains up to 101, above which Linux hands out the ports, are left to users
 FIRST_PORT, PORTS_OF_A_DOMAIN = 7400, 250  # by the RTPS specification
@@ -90,7 +141,7 @@ SLIDER_CRANKS = yaml.safe_load("""
 
 def arm_with(joints: list[dict[str, object]], name: str) -> dict[str, Any]:
     """Content of the suite's machine file with other linkages and limits."""
-    content = yaml.safe_load(config_file(MACHINE_FILE).read_text(encoding="utf-8"))
+    content = yaml.safe_load(find_config_file(MACHINE_FILE).read_text(encoding="utf-8"))
     content["name"] = name
     for joint, change in zip(content["joints"], joints, strict=True):
         joint.update(change)
@@ -128,7 +179,9 @@ def ros_domain() -> Iterator[int]:
                 continue
             os.environ["ROS_DOMAIN_ID"] = str(domain)
             os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # up to the profile
-            os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(config_file("fastdds_localhost.xml"))
+            os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(
+                find_config_file("fastdds_localhost.xml")
+            )
             yield domain
             return
     pytest.fail(f"ROS domains 1 to {HIGHEST_DOMAIN} are in use, by nodes or other runs ({folder})")
@@ -206,11 +259,19 @@ class Child:
         self.process.send_signal(signal_number)
         return self.wait(timeout)
 
-    def kill_if_alive(self) -> None:
-        """End what a test has left running."""
+    def end_if_alive(self) -> None:
+        """End what a test has left running, by a signal that lets it leave the ROS graph.
+
+        A middleware whose peers were killed has crashed while it ended itself.
+        """
         if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
+            for signal_number in (signal.SIGCONT, signal.SIGINT):
+                self.process.send_signal(signal_number)
+            try:
+                self.process.wait(GRACE_PERIOD)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
 
 
 @pytest.fixture(scope="session")
@@ -237,7 +298,7 @@ def start_process(child_of: Callable[..., Child]) -> Iterator[Callable[..., Chil
 
     yield start
     for child in children:
-        child.kill_if_alive()
+        child.end_if_alive()
 
 
 @pytest.fixture
@@ -276,3 +337,133 @@ def eventually() -> Callable[..., None]:
             time.sleep(0.02)
 
     return wait
+
+
+POINT_SPACING = 0.02  # s
+SWITCH_MARGIN = 7  # points by which a boost begins early and ends late
+
+Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
+
+
+@pytest.fixture(scope="session")
+def machine() -> Machine:
+    """The suite's own arm."""
+    return load_machine()
+
+
+@pytest.fixture(scope="session")
+def motion(machine: Machine) -> Motion:
+    """Quintic from a state to rest at a posture, as fast as speed and pump allow, with modes."""
+
+    def make(
+        start: MotionState,
+        goal: FloatArray,
+        stamp_ns: int = 0,
+        speed: float = 0.012,
+        of: Machine = machine,
+    ) -> tuple[Trajectory, ModeSchedule]:
+        trajectory = _quintic(of, start, np.asarray(goal, dtype=float), stamp_ns, speed)
+        return trajectory, _schedule(of, trajectory)
+
+    return make
+
+
+def _quintic(
+    machine: Machine, start: MotionState, goal: FloatArray, stamp_ns: int, speed: float
+) -> Trajectory:
+    """The shortest within joint limits, piston speed [m/s] and the main pump's flow."""
+    m, zero = machine.arrays, np.zeros(machine.joint_count)
+    flow = m.main_pump_flow - machine.joint_count * m.leakage_flow
+    for duration in np.geomspace(0.4, 60.0, 100):
+        points = int(np.ceil(duration / POINT_SPACING)) + 1
+        q, qd, qdd = quintic_hermite(
+            np.linspace(0.0, duration, points)[:, None],
+            np.array([[duration]]),
+            (start.position, start.velocity, start.acceleration),
+            (goal, zero, zero),
+        )
+        pistons = np.array([machine.moment_arms(a) * b for a, b in zip(q, qd, strict=True)])
+        inlets = np.where(pistons > 0.0, m.cap_area, m.rod_area)
+        inside = np.all((q >= m.joint_min - 1e-9) & (q <= m.joint_max + 1e-9))
+        drawn = (np.abs(pistons) * inlets).sum(axis=1)
+        if inside and np.abs(pistons).max() <= speed and drawn.max() <= flow:
+            break
+    else:
+        pytest.fail(f"no quintic leads from {start.position} within limits to {goal} rad")
+    qd[-1] = 0.0
+    offsets = np.round(np.linspace(0.0, duration, points) * SECOND_NS).astype(np.int64)
+    return Trajectory(stamp_ns, offsets, q, qd, qdd)
+
+
+def _schedule(machine: Machine, trajectory: Trajectory) -> ModeSchedule:
+    modules = machine.config.hydraulics.modules
+    needed = _needed_modes(machine, trajectory)
+    modes = needed.copy()
+    for k in range(len(needed)):
+        near = needed[max(0, k - SWITCH_MARGIN) : k + SWITCH_MARGIN + 1].max(axis=0)
+        modes[k] = near if modules_in_use(near, modules.per_mode) <= modules.count else needed[k]
+    changes = np.any(np.diff(modes.astype(int), axis=0) != 0, axis=1)
+    rows = np.flatnonzero(np.concatenate([[True], changes[:-1], [True]]))
+    return ModeSchedule(trajectory.stamp_ns, trajectory.offset_ns[rows], modes[rows])
+
+
+def _needed_modes(machine: Machine, trajectory: Trajectory) -> ModeArray:
+    m, n = machine.arrays, machine.joint_count
+    modes = np.zeros(trajectory.position.shape, np.uint8)
+    for k, (q, qd, qdd) in enumerate(
+        zip(trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True)
+    ):
+        torque = machine.inverse_dynamics(q, qd, qdd)
+        arms = machine.moment_arms(q)
+        for j in range(n):
+            speed = arms[j] * qd[j]
+            if abs(speed) < 2e-4 or k == len(modes) - 1:
+                speed = 0.0
+            area = m.cap_area[j] if speed > 0 else m.rod_area[j]
+            if needs_boost(m, j, torque[j] / arms[j], speed):
+                modes[k, j] = Mode.SB if abs(speed) * area > m.servo_pump_flow else Mode.DB
+    return modes
+
+
+@pytest.fixture(scope="session")
+def telescope_machine() -> Machine:
+    """Two booms, of which the second extends."""
+    return load_machine(find_config_file("telescope_arm.yaml"))
+
+
+SLEW = {
+    "kind": "slew",
+    "link": {"length": 0.1, "mass": 20.0, "center_of_mass": -0.05, "inertia": 0.4},
+    "limits": {"lower": -2.0, "upper": 2.0},
+    "linkage": {"kind": "rack_and_pinion", "pitch_radius": 0.05, "bore": 0.025},
+}
+"""Of a turntable on which the suite's own arm stands."""
+
+
+@pytest.fixture
+def slewing_content(content: dict) -> dict:
+    """Content of the suite's machine file, the arm on a turntable, free to be spoiled."""
+    return on_a_turntable(content)
+
+
+@pytest.fixture(scope="session")
+def slewing_machine() -> Machine:
+    """The suite's own arm on a turntable."""
+    content = yaml.safe_load(find_config_file(MACHINE_FILE).read_text(encoding="utf-8"))
+    return Machine.from_config(MachineConfig.model_validate(on_a_turntable(content)))
+
+
+def on_a_turntable(content: dict) -> dict:
+    """A machine file of three joints with a fourth beneath."""
+    for joint in content["joints"]:
+        joint["kind"] = "revolute"
+    content["joints"].insert(0, copy.deepcopy(SLEW))
+    content["schema_version"] = 2
+    content["simulation"]["start_posture"].insert(0, 0.0)
+    return content
+
+
+@pytest.fixture
+def content() -> dict:
+    """Content of the suite's machine file, free to be spoiled."""
+    return yaml.safe_load(find_config_file(MACHINE_FILE).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Record what the suite does, and compare two records: the guard of a refactoring.
+"""Record what the suite does, and compare two records: a test for refactorings.
 
     source scripts/env.sh
     python benchmarks/behaviour.py record out/before.json --moves 20
@@ -6,11 +6,11 @@
     python benchmarks/behaviour.py record out/after.json --moves 20
     python benchmarks/behaviour.py compare out/before.json out/after.json
 
-A record holds plans without a deadline (random moves, every planner, two weights, every machine
-of `config`), simulated motions, reports of scripted online runs in lock-step, and the options and
-JSON keys of every command. Arrays are kept as hashes of their bytes, so equal records mean equal
-bits. `compare` ends with exit code 1 if anything differs. It prints each difference, and for plans
-whose bits differ the change of their cost, which is how a change of numerics is judged.
+A record holds plans without a deadline (random moves, every planner, two weights, every machine of
+`config`), simulated motions, reports of scripted online runs in lock-step, and the options and JSON
+keys of every command. Arrays are kept as hashes of their bytes, so equal records mean equal bits.
+`compare` ends with exit code 1 if anything differs. It prints each difference. For plans whose bits
+differ it prints the change of their cost, by which a change of numerics is judged.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.evaluation.lock_step import World
-from mhsb_planner.evaluation.moves import anywhere
+from mhsb_planner.cases.lock_step import LockStepWorld
+from mhsb_planner.cases.moves import random_position
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import Plan, Planner, PlanOptions, warm_up
-from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_sim.study.headless import HeadlessRun, TimedGoal
+from mhsb_tools.study.headless import HeadlessRun, TimedGoal
 
 MACHINES = ("mhsb_arm3", "mhsb_arm4", "excavator", "forestry_crane", "telescope_arm")
 PLANNERS = ("table", "fixed", "integrated")
@@ -59,9 +59,9 @@ COMMANDS = {
     ),
 }  # fmt: skip
 JSON_RUNS = {
-    "check": ("mhsb_model", "check", "config/mhsb_arm3.yaml", "--json"),
-    "plan": ("mhsb_planner", "plan", "--case", "1-1", "--json"),
-    "simulate": ("mhsb_sim", "simulate", "--goal", "0.55", "0.60", "3", "--json"),
+    "check": ("mhsb_tools", "check", "config/mhsb_arm3.yaml", "--json"),
+    "plan": ("mhsb_tools", "plan", "--case", "1-1", "--json"),
+    "simulate": ("mhsb_tools", "simulate", "--goal", "0.55", "0.60", "3", "--json"),
 }
 """Commands whose JSON output is cheap to make; their keys are recorded."""
 
@@ -72,7 +72,14 @@ Record = dict[str, Any]
 
 
 def digest(*arrays: np.ndarray) -> str:
-    """Return a hash of the bytes, shapes and types of arrays."""
+    """Return a hash of the bytes, shapes and types of arrays.
+
+    Args:
+        *arrays: The arrays; their order matters.
+
+    Returns:
+        The first 24 hexadecimal digits of a SHA-256.
+    """
     hasher = hashlib.sha256()
     for array in arrays:
         hasher.update(f"{array.shape}{array.dtype}".encode())
@@ -81,15 +88,18 @@ def digest(*arrays: np.ndarray) -> str:
 
 
 def draw_moves(planner: Planner, count: int, seed: int) -> Iterator[tuple[Any, tuple[float, ...]]]:
-    """Draw start postures [rad] and goals [m] between nodes of the posture table.
+    """Draw moves between nodes of the posture table.
 
     Whether a planner finds a plan plays no part, so that the moves stay the same when planners
     change.
 
     Args:
-        planner: Its table has the nodes and their postures.
+        planner: The planner; its table has the nodes and their postures.
         count: Number of moves.
-        seed: Of the random numbers.
+        seed: Seed of the random numbers.
+
+    Yields:
+        Start posture [rad or m] and goal in `base_link` [m].
     """
     random, machine = np.random.default_rng(seed), planner.machine
     table, limits = planner.graph.table, machine.arrays
@@ -99,14 +109,24 @@ def draw_moves(planner: Planner, count: int, seed: int) -> Iterator[tuple[Any, t
         goal, start = table.nodes[there] * table.spacing, table.posture[here, 0]
         if machine.slews:
             began, ended = random.uniform(limits.joint_min[0], limits.joint_max[0], 2)
-            goal, start = machine.in_base(goal, ended), np.append(began, start)
+            goal, start = machine.convert_to_base(goal, ended), np.append(began, start)
         yield start, tuple(float(value) for value in goal)
 
 
 def record_plan(
     planner: Planner, goal: tuple[float, ...], start: Any, options: PlanOptions
 ) -> Record:
-    """Return the numbers and hashes of one plan, or the sentence of the error."""
+    """Return the numbers and hashes of one plan, or the sentence of the error.
+
+    Args:
+        planner: The planner.
+        goal: Goal in `base_link` [m].
+        start: Start posture, shape (n,) [rad or m].
+        options: Options of the plan.
+
+    Returns:
+        A dictionary; `refused` and `sentence` alone if there is no plan.
+    """
     try:
         plan: Plan = planner.plan(goal, MotionState.at_rest(start), options=options)
     except MhsbError as error:
@@ -121,16 +141,27 @@ def record_plan(
         "energy_j": plan.energy.paper,
         "energy_series_j": plan.energy.series,
         "duration_s": plan.duration,
-        "switches": schedule.switches,
+        "switches": schedule.switch_count,
         "lower_bound_j": plan.lower_bound,
         "cost": plan.cost(options),
     }
 
 
 def record_plans(name: str, kind: str, weights: str, count: int, seed: int) -> dict[str, Record]:
-    """Return the records of plans of one machine, planner and weights, by their keys."""
-    machine = load_machine(config_file(f"{name}.yaml"))
-    planner = Planner(machine, table_for(machine))
+    """Record plans of one machine, planner and weights; runs in a worker process.
+
+    Args:
+        name: Name of the machine file without its ending.
+        kind: Name of the planner.
+        weights: Key of `WEIGHTS`.
+        count: Number of moves.
+        seed: Seed of the moves.
+
+    Returns:
+        Records by keys such as `mhsb_arm3/table/energy/0`.
+    """
+    machine = load_machine(find_config_file(f"{name}.yaml"))
+    planner = Planner(machine, load_or_build_table(machine))
     options = PlanOptions(planner=kind, weights=Weights(*WEIGHTS[weights]))
     return {
         f"{name}/{kind}/{weights}/{number}": record_plan(planner, goal, start, options)
@@ -144,13 +175,21 @@ def record_plans(name: str, kind: str, weights: str, count: int, seed: int) -> d
 def random_goals(machine: Machine, count: int, seed: int) -> list[tuple[float, ...]]:
     """Draw goals anywhere in the workspace [m]; some of them cannot be reached."""
     random = np.random.default_rng(seed)
-    return [tuple(map(float, anywhere(machine, random))) for _ in range(count)]
+    return [tuple(map(float, random_position(machine, random))) for _ in range(count)]
 
 
 def record_motion(name: str, seed: int) -> dict[str, Record]:
-    """Return what the simulated arm does along two goals, the second one given in motion."""
-    machine = load_machine(config_file(f"{name}.yaml"))
-    table = table_for(machine)
+    """Record a simulated motion along two goals, the second one given in motion.
+
+    Args:
+        name: Name of the machine file without its ending.
+        seed: Seed of goals and sensor noise.
+
+    Returns:
+        One record: hash of all samples, tip error RMS [mm], highest supply pressure [MPa].
+    """
+    machine = load_machine(find_config_file(f"{name}.yaml"))
+    table = load_or_build_table(machine)
     planner, replanner = Planner(machine, table), Replanner(machine, table)
     run = HeadlessRun(Simulator(machine, "coordinated", seed), replanner, PlanOptions())
     goals: list[TimedGoal] = []
@@ -174,13 +213,24 @@ def record_motion(name: str, seed: int) -> dict[str, Record]:
 
 
 def record_online(name: str, seed: int, goals: int) -> dict[str, Record]:
-    """Return all reports of a scripted run in lock-step: random goals, stops, a slow worker."""
-    machine, random = load_machine(config_file(f"{name}.yaml")), np.random.default_rng(seed)
-    replanner = Replanner(machine, table_for(machine))
-    world = World(machine, replanner, Settings(machine, PlanOptions(planner="table")))
+    """Record all reports of a scripted run in lock-step: random goals, stops, a slow worker.
+
+    Times that depend on the computer are removed from the reports.
+
+    Args:
+        name: Name of the machine file without its ending.
+        seed: Seed of goals and times.
+        goals: Number of goals; every seventh is followed by a stop.
+
+    Returns:
+        One record: the reports as text, and the number of commands sent.
+    """
+    machine, random = load_machine(find_config_file(f"{name}.yaml")), np.random.default_rng(seed)
+    replanner = Replanner(machine, load_or_build_table(machine))
+    world = LockStepWorld(machine, replanner, Settings(machine, PlanOptions(planner="table")))
     for number, goal in enumerate(random_goals(machine, goals, seed)):
         world.planning_time = float(random.choice([0.01, 0.03, 0.2]))
-        world.goal(*goal)
+        world.send_goal(*goal)
         world.pass_time(float(random.uniform(0.05, 2.0)))
         if number % 7 == 6:
             world.life.stop(lambda success, sentence: None)
@@ -190,7 +240,11 @@ def record_online(name: str, seed: int, goals: int) -> dict[str, Record]:
 
 
 def record_commands() -> dict[str, Record]:
-    """Return the options of every command, and the JSON keys of those that are quick."""
+    """Record the options of every command, and the JSON keys of those that are quick.
+
+    Returns:
+        A record for each command.
+    """
     records: dict[str, Record] = {}
     for package, names in COMMANDS.items():
         for name in names:
@@ -214,7 +268,15 @@ def run_command(*words: str) -> str:
 
 
 def keys_of(content: Any, prefix: str = "") -> set[str]:
-    """Return the paths of all keys in JSON content; elements of a list share one path."""
+    """Return the paths of all keys in JSON content.
+
+    Args:
+        content: Decoded JSON.
+        prefix: Path of the content itself.
+
+    Returns:
+        Paths such as `.goals[].x`; all elements of a list share one path.
+    """
     if isinstance(content, dict):
         inner = [keys_of(value, f"{prefix}.{key}") for key, value in content.items()]
         return {f"{prefix}.{key}" for key in content}.union(*inner)
@@ -238,13 +300,18 @@ def record(
     Args:
         output: JSON file to write.
         moves: Number of moves for each machine, planner and weights.
-        seed: Of the random moves and goals.
+        seed: Seed of the random moves and goals.
         machines: Names of files in `config`, without their ending.
         jobs: Number of processes; all processors when left out.
+
+    Returns:
+        Exit code 0.
     """
     for name in machines:
-        machine = load_machine(config_file(f"{name}.yaml"))
-        warm_up(Planner(machine, table_for(machine)))  # tables and kernels are made once, here
+        machine = load_machine(find_config_file(f"{name}.yaml"))
+        warm_up(
+            Planner(machine, load_or_build_table(machine))
+        )  # makes tables and kernels for the workers
     results: dict[str, Record] = {}
     with ProcessPoolExecutor(jobs) as pool:
         work = [
@@ -269,11 +336,14 @@ def record(
 def compare(
     before: Annotated[Path, tyro.conf.Positional], after: Annotated[Path, tyro.conf.Positional]
 ) -> int:
-    """Compare two records; the exit code is 1 if anything differs.
+    """Compare two records and print the differences.
 
     Args:
         before: Record of the code before a change.
         after: Record of the code after it.
+
+    Returns:
+        Exit code: 0, or 1 if anything differs.
     """
     old, new = (json.loads(path.read_text()) for path in (before, after))
     missing = sorted(old.keys() ^ new.keys())

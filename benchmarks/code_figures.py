@@ -7,10 +7,10 @@
 Everything is read from the syntax trees of `ros2_ws/src`, tests left out. The figures:
 
 - statements: `ast.stmt` nodes without docstrings
-- complexity: 1 + the branches of a function (McCabe), nested functions counted with it
-- parameters: of all kinds, `self` and `cls` left out
+- complexity: 1 + the branches of a function (McCabe), including nested functions
+- parameters: of all kinds, without `self` and `cls`
 - undocumented: functions of six lines and more without a docstring
-- same names: public classes that are defined in more than one module
+- class names defined twice: public classes that are defined in more than one module
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ import tyro
 
 SOURCES = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
 LONG_BODY = 6
-"""Functions with so many lines or more need a docstring."""
+"""Number of body lines from which on a function needs a docstring."""
 
 MANY_PARAMETERS = 8
+"""Number of parameters from which on a function is counted as having many."""
 BRANCHES = (
     ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.comprehension, ast.match_case,
     ast.Assert,
@@ -41,7 +42,15 @@ FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
 
 @dataclass(frozen=True)
 class FunctionFigures:
-    """Figures of one function; `place` is its file, line and name."""
+    """Figures of one function.
+
+    Attributes:
+        place: File, line and name, such as `mhsb_sim/circuit.py:12 step`.
+        lines: Number of lines, docstring included.
+        complexity: 1 + number of branches.
+        parameters: Number of parameters without `self` and `cls`.
+        undocumented: Whether it has six lines or more and no docstring.
+    """
 
     place: str
     lines: int
@@ -51,7 +60,11 @@ class FunctionFigures:
 
 
 def installed_modules() -> Iterator[Path]:
-    """Yield the Python files of all packages, without tests and set-up files."""
+    """Yield the Python files of all packages, without tests and set-up files.
+
+    Yields:
+        Paths below `SOURCES`, sorted.
+    """
     for file in sorted(SOURCES.rglob("*.py")):
         parts = file.relative_to(SOURCES).parts
         if "test" not in parts and len(parts) > 2:
@@ -59,7 +72,7 @@ def installed_modules() -> Iterator[Path]:
 
 
 def count_statements(tree: ast.AST) -> int:
-    """Count statements; expressions that are docstrings do not count."""
+    """Count statements; docstrings, and other strings that stand alone, do not count."""
     docstrings = sum(
         1
         for node in ast.walk(tree)
@@ -71,7 +84,14 @@ def count_statements(tree: ast.AST) -> int:
 
 
 def complexity_of(function: FunctionNode) -> int:
-    """Return 1 + the number of branches; each operand of `and` and `or` beyond the first counts."""
+    """Return 1 + the number of branches; each operand of `and` and `or` after the first counts.
+
+    Args:
+        function: Syntax tree of the function; nested functions count with it.
+
+    Returns:
+        The complexity, at least 1.
+    """
     branches = sum(isinstance(node, BRANCHES) for node in ast.walk(function))
     operands = sum(
         len(node.values) - 1 for node in ast.walk(function) if isinstance(node, ast.BoolOp)
@@ -80,7 +100,14 @@ def complexity_of(function: FunctionNode) -> int:
 
 
 def parameter_count(function: FunctionNode) -> int:
-    """Count parameters of all kinds without `self` and `cls`."""
+    """Count the parameters of all kinds without `self` and `cls`.
+
+    Args:
+        function: Syntax tree of the function.
+
+    Returns:
+        The number; `*args` and `**kwargs` count as one each.
+    """
     given = function.args
     names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
     extra = sum(each is not None for each in (given.vararg, given.kwarg))
@@ -88,7 +115,15 @@ def parameter_count(function: FunctionNode) -> int:
 
 
 def figures_of(file: Path, tree: ast.AST) -> Iterator[FunctionFigures]:
-    """Yield the figures of each function in a file, nested ones too."""
+    """Yield the figures of each function in a file, including methods and nested functions.
+
+    Args:
+        file: The file, below `SOURCES`.
+        tree: Its syntax tree.
+
+    Yields:
+        Figures of each function, in the order of `ast.walk`.
+    """
     for node in ast.walk(tree):
         if isinstance(node, FunctionNode):
             assert node.end_lineno is not None
@@ -105,7 +140,11 @@ def figures_of(file: Path, tree: ast.AST) -> Iterator[FunctionFigures]:
 
 
 def measure() -> tuple[dict[str, Any], list[FunctionFigures]]:
-    """Return the figures of all packages by name, and those of each function."""
+    """Measure all installed packages.
+
+    Returns:
+        Figures by name, ready for JSON, and the figures of each function.
+    """
     statements: dict[str, int] = defaultdict(int)
     functions: list[FunctionFigures] = []
     classes: dict[str, list[str]] = defaultdict(list)
@@ -141,7 +180,10 @@ def main(json_: Annotated[bool, tyro.conf.arg(name="json")] = False, worst: int 
 
     Args:
         json_: Print one JSON object instead of text.
-        worst: How many functions to list for each figure.
+        worst: Number of functions to list for each figure.
+
+    Returns:
+        Exit code 0.
     """
     figures, functions = measure()
     if json_:

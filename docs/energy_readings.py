@@ -14,10 +14,10 @@ import numpy as np
 
 from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.machine import Machine, load_machine
-from mhsb_model.modes import BOOSTED
-from mhsb_planner.evaluation.reproduction import runs
-from mhsb_planner.evaluation.reproduction.expectations import PUBLISHED_ENERGY
+from mhsb_model.modes import BOOSTED_MODES
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_tools.reproduction import runs
+from mhsb_tools.reproduction.expectations import PUBLISHED_ENERGY
 
 MOVES = 1e-6  # m
 
@@ -32,7 +32,7 @@ def energy(machine: Machine, path: DiscretePath, *, leaks: bool, at_v_max: bool)
         for j, delta in enumerate(stroke):
             cap, rod = m.cap_area[j], m.rod_area[j]
             price = m.supply_pressure
-            if BOOSTED[path.modes[k, j]]:
+            if BOOSTED_MODES[path.modes[k, j]]:
                 held = load_pressure(cap, rod, m.tank_pressure, force[j], delta)
                 price = max(price, held / m.servo_pump_efficiency)
             volume = inlet_area(cap, rod, delta) * abs(delta)
@@ -59,7 +59,7 @@ def main() -> None:
                 energy(run.machine, run.path, leaks=leaks, at_v_max=at_v_max)
                 for leaks, at_v_max in ((False, False), (True, True))
             ]
-            boosted = float(run.path.duration[BOOSTED[run.path.modes].any(axis=1)].sum())
+            boosted = float(run.path.duration[BOOSTED_MODES[run.path.modes].any(axis=1)].sum())
             share = boosted / float(run.path.duration.sum())
             oil = energy(run.machine, run.path, leaks=True, at_v_max=False)
             assert np.isclose(oil, run.path.energy.sum(), rtol=0.02), name

@@ -37,7 +37,7 @@ Side = Literal["left", "right"]
 
 
 def as_linkage(x: FloatArray, side: Side, direction: float) -> FourBar:
-    """The four-bar of seven numbers, in the order of the fields below."""
+    """Make the four-bar of seven numbers, in the order of the fields below."""
     return FourBar(
         kind="four_bar",
         rocker_pivot=Pin(radius=x[0], angle=x[1]),
@@ -63,11 +63,11 @@ def cost(row: FloatArray, grid: FloatArray, wanted: float) -> float:
 
 
 def find_four_bar(lower: float, upper: float, wanted: float, direction: float) -> FourBar:
-    """The four-bar whose arm keeps closest to `wanted` [m] over [lower, upper] rad."""
+    """Find the four-bar whose arm keeps closest to `wanted` [m] over [lower, upper] rad."""
     grid = np.linspace(lower, upper, 45)
 
     def deviation(x: FloatArray, side: Side) -> float:
-        return cost(linkage.linkage_row(as_linkage(x, side, direction)), grid, wanted)
+        return cost(linkage.build_linkage_row(as_linkage(x, side, direction)), grid, wanted)
 
     sides: tuple[Side, Side] = ("left", "right")
     found = []
@@ -85,5 +85,5 @@ if __name__ == "__main__":
     best = find_four_bar(lower, upper, 1e-3 * float(sys.argv[3]), direction)
     for name, value in best.model_dump().items():
         print(f"{name}: {value}")
-    least, largest = linkage.moment_arm_range(linkage.linkage_row(best), lower, upper)
+    least, largest = linkage.moment_arm_range(linkage.build_linkage_row(best), lower, upper)
     print(f"# arm {1e3 * least:.1f} … {1e3 * largest:.1f} mm")

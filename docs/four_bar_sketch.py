@@ -39,10 +39,10 @@ def place(pin: Pin, turned: float = 0.0) -> FloatArray:
 
 
 def draw_geometry(axes: Axes) -> None:
-    """The linkage at one joint angle, with the symbols of the equations."""
+    """Draw the linkage at one joint angle, with the symbols of the equations."""
     pivot, base = place(BARS.rocker_pivot), place(BARS.parent_pin)
     child = place(BARS.child_pin, SHOWN)
-    x, z, *_ = four_bar.motion(linkage.linkage_row(BARS), SHOWN)
+    x, z, *_ = four_bar.evaluate_four_bar(linkage.build_linkage_row(BARS), SHOWN)
     tip, joint = pivot + 1e3 * np.array([x, z]), np.zeros(2)
     along = 160.0 * np.array([math.cos(SHOWN), math.sin(SHOWN)])
     for start, end, colour, width, name in (
@@ -73,7 +73,7 @@ def draw_arms(axes: Axes) -> None:
         (BARS, LOWER, UPPER, ROCKER, "four-bar"),
         (CRANK, CRANK_LOWER, CRANK_UPPER, LINK, "slider-crank"),
     ):
-        row = linkage.linkage_row(bars)
+        row = linkage.build_linkage_row(bars)
         q = np.linspace(lower, upper, 300)
         arm = [1e3 * linkage.moment_arm(row, each) for each in q]
         axes.plot(np.degrees(q), arm, color=colour, label=name)

@@ -5,10 +5,10 @@ from typing import Any
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links out of this folder lead somewhere in the repository alone."""
+    """Replace links out of this folder, which lead somewhere in the repository alone."""
     return re.sub(r"\[([^\]]+)\]\(\.\./[^)]*\)", r"\1", markdown)
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """A bar in code within a table stands behind a backslash on GitHub alone."""
+    """Remove the backslash before a bar in a table's code, which only GitHub needs."""
     return html.replace("\\|", "|")

@@ -7,7 +7,7 @@ bars of the linkages, the joints' limits, flows of valve and main pump, leakage,
 the two initial angles of J3 in Case 4. It keeps the ELITE best; each new one is a change of one of
 them, or between two of them.
 
-The objective is the misfit of `mhsb_planner.evaluation.reproduction` by the exact or the published
+The objective is the misfit of `mhsb_tools.reproduction` by the exact or the published
 search, in which Cases 1 to 3 count twice, and UNREACHED for the share of the grid that the arm does
 not reach; with --targets also how far w3's turn is from the paper's and Case 4 from being boosted,
 and leakage at most LEAKED.
@@ -33,16 +33,16 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.schema import MachineConfig
 from mhsb_model.types import FloatArray
-from mhsb_planner.evaluation.paper_cases import PaperCase, paper_cases
-from mhsb_planner.evaluation.reproduction import measures, runs
-from mhsb_planner.evaluation.reproduction.expectations import (
-    EXPECTATIONS,
+from mhsb_planner.cases.paper_cases import PaperCase, paper_cases
+from mhsb_planner.search.s2_search import SEARCH_METHODS, SearchMethod
+from mhsb_tools.reproduction import measures, runs
+from mhsb_tools.reproduction.expectations import (
     FIRST_SPARING,
-    Record,
-    judged,
+    PAPER_EXPECTATIONS,
+    ExpectationResult,
+    judge_expectation,
     misfit_of,
 )
-from mhsb_planner.search.s2_search import SEARCH_METHODS, SearchMethod
 
 UNREACHED = 3.0
 """Misfit of a machine that reaches no point of the grid, in expectations."""
@@ -76,7 +76,7 @@ JOINTS = (0, 1, 2)
 
 
 def rounded(value: float, digits: int = 4) -> float:
-    """To so many digits, as it would stand in a machine file."""
+    """Round to the digits that a machine file would have."""
     return float(f"{value:.{digits}g}")
 
 
@@ -107,7 +107,7 @@ class OpenNumbers:
         self.count = linkages + len(JOINTS) * 4 + 4 + 2
 
     def content(self, x: FloatArray) -> tuple[dict[str, Any], tuple[float, float]]:
-        """The changed file, and the initial angles of J3 in Cases 4-2 and 4-3 [rad]."""
+        """Return the changed file, and the initial angles of J3 in Cases 4-2 and 4-3 [rad]."""
         content, left = copy.deepcopy(self._base), iter(x.tolist())
         for j in JOINTS:
             self._change_joint(content["joints"][j], left)
@@ -184,7 +184,11 @@ class Objective:
         for stage in (set(cases), pressures, set(asked) - set(cases) - pressures):
             new = runs.evaluate(machine, {name: asked[name] for name in stage}, 1, known=found)
             found = new if found is None else replace(new, runs={**found.runs, **new.runs})
-            records = [judged(e, found) for e in EXPECTATIONS if set(e.runs) <= set(found.runs)]
+            records = [
+                judge_expectation(e, found)
+                for e in PAPER_EXPECTATIONS
+                if set(e.runs) <= set(found.runs)
+            ]
             total = weighted(records) + UNREACHED * (1.0 - float(found.table.feasible.mean()))
             total += off_targets(found) if self._targets else 0.0
             if total >= limit:
@@ -202,7 +206,7 @@ class Objective:
         print(f"{spent:6.0f} s {self.evaluations:5d} machines  misfit {self.best:.3f}", flush=True)
 
 
-def weighted(records: list[Record]) -> float:
+def weighted(records: list[ExpectationResult]) -> float:
     """Misfit with TWICE counted twice."""
     return misfit_of(records) + misfit_of([r for r in records if r.id in TWICE])
 
@@ -242,7 +246,7 @@ def _cases(initial_j3: tuple[float, float]) -> dict[str, PaperCase]:
 
 
 def search(objective: Objective, count: int, rng: np.random.Generator, machines: int) -> None:
-    """The evolution strategy, for `count` numbers and until so many machines were judged."""
+    """Run an evolution strategy over `count` numbers until `machines` files are judged."""
     elite = [(objective(np.zeros(count), math.inf), np.zeros(count))]
     while objective.evaluations < machines:
         x = elite[min(int(rng.exponential(2.0)), len(elite) - 1)][1].copy()
@@ -259,7 +263,7 @@ def search(objective: Objective, count: int, rng: np.random.Generator, machines:
 
 
 def main() -> None:
-    """Judge so many machines."""
+    """Search for the open numbers of a machine file, and write the best file found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("machine", type=Path, help="machine file to begin with")
     parser.add_argument("count", type=int, help="how many machines to judge; some seconds each")

@@ -29,7 +29,7 @@ GENERATED = "<!-- written by docs/reference.py -->\n"
 
 
 def parameters_page() -> str:
-    """What both nodes declare, with defaults and ranges."""
+    """Return the page of all parameters that both nodes declare."""
     return f"""# Parameters of the nodes
 
 {GENERATED}
@@ -52,12 +52,12 @@ def _planner_parameters(node: Node) -> None:
     machine = planner_parameters.declare_machine(node)
     planner_parameters.declare_table_path(node)
     planner_parameters.declare_frame_prefix(node)
-    planner_parameters.declare(node, machine)
+    planner_parameters.declare_changeable(node, machine)
 
 
 def _simulator_parameters(node: Node) -> None:
     machine = sim_parameters.declare_machine(node)
-    sim_parameters.declare(node, sim_parameters.declare_plant(node, machine))
+    sim_parameters.declare_parameters(node, sim_parameters.declare_plant(node, machine))
 
 
 def _table(declare: Callable[[Node], None]) -> str:
@@ -103,7 +103,7 @@ a default may be left out.
 
 
 def _sections(path: str, model: type[schema.Section]) -> Iterator[str]:
-    """A chapter for a section and each of those in it."""
+    """Yield a chapter for a section and for each section in it."""
     rows, below = [], []
     for name, field in model.model_json_schema()["properties"].items():
         inner = _models(model.model_fields[name].annotation)
@@ -141,7 +141,7 @@ def _key_row(name: str, field: dict[str, Any], is_section: bool, place: str) -> 
 
 
 def _values(field: dict[str, Any]) -> str:
-    """What a key takes."""
+    """Return a text of the values that a key takes."""
     options = [option for option in field.get("anyOf", ()) if option.get("type") != "null"]
     if options:
         return _values(options[0])
@@ -177,7 +177,7 @@ def _code(value: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    """A value as YAML has it."""
+    """Format a value as YAML has it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):

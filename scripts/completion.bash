@@ -1,7 +1,7 @@
 # shellcheck shell=bash
 # Completes `ros2 run PACKAGE COMMAND --option value` by TAB, where this repository's `ros2` stands
 # in for the real one. Options and choices are read from the command's own help, once in a shell.
-# Sourced by ros2_run.sh.
+# Sourced by env.sh.
 
 declare -gA _mhsb_help=()
 

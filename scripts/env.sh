@@ -27,6 +27,19 @@ _mhsb_stay_local() {
   fi
 }
 
+# A stand-in for `ros2`, unless a ROS installation has the real one.
+_mhsb_provide_ros2() {
+  PATH=:$PATH:
+  PATH=${PATH//":$1/bin:"/:}  # from an earlier sourcing
+  PATH=${PATH#:} PATH=${PATH%:}
+  if type -P ros2 >/dev/null; then return; fi
+  export PATH=$1/bin:$PATH
+  if [[ $- == *i* ]]; then
+    # shellcheck source=scripts/completion.bash
+    source "$1/completion.bash"
+  fi
+}
+
 _mhsb_enter() {
   local root venv workspace middleware
   root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd) || return 1
@@ -40,16 +53,12 @@ _mhsb_enter() {
   _mhsb_source_workspace "$workspace" || return 1
   _mhsb_stay_local "$root"
 
-  unset -f ros2
-  if ! type -P ros2 >/dev/null; then
-    # shellcheck source=scripts/ros2_run.sh
-    source "$root/scripts/ros2_run.sh"
-  fi
+  _mhsb_provide_ros2 "$root/scripts"
 }
 
 _mhsb_enter
 _mhsb_status=$?
-unset -f _mhsb_enter _mhsb_source_workspace _mhsb_stay_local
+unset -f _mhsb_enter _mhsb_source_workspace _mhsb_stay_local _mhsb_provide_ros2
 case $_mhsb_status in
   0) unset _mhsb_status ;;
   *) unset _mhsb_status; return 1 ;;

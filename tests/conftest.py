@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
@@ -12,7 +14,8 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.node import NodeNameNonExistentError
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -21,10 +24,13 @@ from mhsb_model.machine import load_machine
 from mhsb_model.verdict import ExecutionReport, GoalVerdict
 from mhsb_msgs_py import joint_state, reference, sim_status, stamps, topics
 from mhsb_msgs_py.joint_state import JointSample
-from mhsb_msgs_py.node_process import ros_running, serving, spin_until
+from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
 from mhsb_msgs_py.reference import Reference
 from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
 from mhsb_planner.ros.goal_sender import GoalSender
+
+OF_ROS = {"/parameter_events"}
+"""What rclpy subscribes for itself."""
 
 READY_TIMEOUT = 180.0
 """The first start of a node compiles its kernels [s]."""
@@ -65,7 +71,7 @@ class Observer(GoalSender):
         """Serve for some time [s]."""
         spin_until(self.executor_of_tests, lambda: False, duration)
 
-    def ask(self, *place: float, timeout: float = 15.0) -> GoalVerdict:
+    def request_verdict(self, *place: float, timeout: float = 15.0) -> GoalVerdict:
         """Send a goal and wait for its verdict."""
         stamp_ns = self.send(*place)
         self.until(lambda: stamp_ns in self.verdicts, timeout)
@@ -100,7 +106,7 @@ class Observer(GoalSender):
 
     def call(self, service: str) -> Trigger.Response:
         """Call a Trigger service, such as `mhsb_sim/stop`."""
-        return self._ask_node(Trigger, service)
+        return self.ask_node(Trigger, service)
 
     def set_parameter(
         self, node: str, name: str, value: float | str | tuple[float, ...]
@@ -114,22 +120,49 @@ class Observer(GoalSender):
         else:
             content.type, content.double_value = ParameterType.PARAMETER_DOUBLE, value
         if (node, name) not in self._parameters_before:
-            before = self._ask_node(GetParameters, f"{node}/get_parameters", names=[name])
+            before = self.ask_node(GetParameters, f"{node}/get_parameters", names=[name])
             self._parameters_before[node, name] = before.values[0]
-        return self._set(node, name, content)
+        return self.set_value(node, name, content)
 
     def set_parameters_back(self) -> None:
         """To what they were before this observer set them."""
         for (node, name), value in self._parameters_before.items():
-            taken, reason = self._set(node, name, value)
+            taken, reason = self.set_value(node, name, value)
             assert taken, reason
 
-    def _set(self, node: str, name: str, value: ParameterValue) -> tuple[bool, str]:
+    def set_value(self, node: str, name: str, value: ParameterValue) -> tuple[bool, str]:
+        """Set a parameter to a value of any type; whether it was taken, and the reason if not."""
         parameters = [Parameter(name=name, value=value)]
-        result = self._ask_node(SetParameters, f"{node}/set_parameters", parameters=parameters)
+        result = self.ask_node(SetParameters, f"{node}/set_parameters", parameters=parameters)
         return result.results[0].successful, result.results[0].reason
 
-    def _ask_node(self, kind: Any, service: str, **fields: Any) -> Any:
+    def services_of(self, node: str) -> dict[str, str]:
+        """Types of a running node's services by their absolute names, once the graph shows it."""
+        found: dict[str, str] = {}
+
+        def shown() -> bool:
+            with contextlib.suppress(NodeNameNonExistentError):
+                given = self.get_service_names_and_types_by_node(node, "/")
+                found.update((name, types[0]) for name, types in given)
+            return f"/{node}/stop" in found
+
+        self.until(shown)
+        return found
+
+    def topics_of(self, node: str) -> set[str]:
+        """Absolute names of what a running node subscribes, rclpy's own topics excepted."""
+        self.services_of(node)
+        found = self.get_subscriber_names_and_types_by_node(node, "/")
+        return {name for name, _ in found} - OF_ROS
+
+    def values_of(self, node: str) -> dict[str, ParameterValue]:
+        """Values of all parameters of a node by their names."""
+        names = list(self.ask_node(ListParameters, f"{node}/list_parameters").result.names)
+        answer = self.ask_node(GetParameters, f"{node}/get_parameters", names=names)
+        return dict(zip(names, answer.values, strict=True))
+
+    def ask_node(self, kind: Any, service: str, **fields: Any) -> Any:
+        """Call a service of any type with these fields of its request; the response."""
         client = self.create_client(kind, service)
         self.until(client.service_is_ready)
         future = client.call_async(kind.Request(**fields))
@@ -169,7 +202,7 @@ class Observer(GoalSender):
 @pytest.fixture
 def observer(ros_domain: int) -> Iterator[Observer]:
     """An observer in this run's ROS domain."""
-    with ros_running([]), serving(Observer) as (executor, node):
+    with run_ros([]), serve_node(Observer) as (executor, node):
         node.executor_of_tests = executor
         yield node
 
@@ -220,7 +253,11 @@ class Nodes:
             child.wait_for("ready", READY_TIMEOUT)
         if "mhsb_sim" in going_on:
             assert observer.call("mhsb_sim/reset").success
-            observer.references.clear()  # plans that go by the time before are refused
+            answered_ns = time.time_ns()  # plans that go by the time before are refused
+            observer.until(
+                lambda: observer.references and observer.references[-1].stamp_ns > answered_ns
+            )
+            observer.references.clear()
         observer.until(lambda: len(observer.references) > 2 and observer.in_force_ns == 0)
 
     def end(self, packages: set[str]) -> None:
@@ -234,7 +271,7 @@ class Nodes:
     def kill(self) -> None:
         """Whatever they are at."""
         for child in self.children.values():
-            child.kill_if_alive()
+            child.end_if_alive()
         self.children.clear()
 
 
@@ -273,7 +310,7 @@ def nodes(observer: Observer, node_of: Callable[..., Any]) -> Iterator[Callable[
 def arm(observer: Observer, nodes: Callable[..., Any]) -> Observer:
     """Both nodes running and heard."""
     nodes("mhsb_sim", "mhsb_planner")
-    observer.until(lambda: observer.matched)
+    observer.until(lambda: observer.is_matched)
     return observer
 
 

@@ -10,7 +10,7 @@ from action_msgs.msg import GoalStatus
 
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_msgs_py import goal_pose, mode_schedule, trajectory
+from mhsb_msgs_py import goal_pose, mode_schedule, qos, trajectory
 
 rclpy_action = pytest.importorskip("rclpy.action")
 mhsb_interfaces = pytest.importorskip(
@@ -32,17 +32,28 @@ class Client:
 
     def __init__(self, arm) -> None:
         self.arm = arm
-        self.action = rclpy_action.ActionClient(arm, MoveTip, "mhsb_planner/move_tip")
+        self.action = rclpy_action.ActionClient(
+            arm,
+            MoveTip,
+            "mhsb_planner/move_tip",
+            goal_service_qos_profile=qos.SERVICE,
+            result_service_qos_profile=qos.SERVICE,
+            cancel_service_qos_profile=qos.SERVICE,
+        )
         arm.until(self.action.server_is_ready)
         self.feedback = []
 
-    def send(self, x, z, *options, plan_only=False):
+    def begin_sending(self, x, z, *options, plan_only=False):
+        """Send a goal; a future of its handle."""
         request = MoveTip.Goal(
             pose=goal_pose.encode(Goal(0, x, z)), plan_only=plan_only, options=list(options)
         )
-        sending = self.action.send_goal_async(
+        return self.action.send_goal_async(
             request, feedback_callback=lambda message: self.feedback.append(message.feedback)
         )
+
+    def send(self, x, z, *options, plan_only=False):
+        sending = self.begin_sending(x, z, *options, plan_only=plan_only)
         self.arm.until(sending.done)
         assert sending.result().accepted
         return sending.result()
@@ -76,7 +87,7 @@ def wait_for_motion(arm):
 
 def test_a_goal_is_reached_and_its_progress_told(arm, client):
     status, result = client.ask(*UP)
-    assert status == GoalStatus.STATUS_SUCCEEDED
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.message
     assert (result.verdict, result.outcome) == (Verdict.OK, Outcome.REACHED), result.message
     moving = [each for each in client.feedback if each.state == "moving"]
     shares = [each.progress for each in moving]
@@ -128,7 +139,7 @@ def test_a_newer_goal_preempts_wherever_it_comes_from(arm, client):
     second = client.send(*DOWN)
     status, result = client.end_of(first)
     assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, Outcome.REPLACED)
-    verdict = arm.ask(*OUT)
+    verdict = arm.request_verdict(*OUT)
     status, result = client.end_of(second)
     assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, Outcome.REPLACED)
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
@@ -169,6 +180,33 @@ def test_options_hold_for_one_goal_alone(arm, client):
     assert slow.duration_s > 1.5 * usual.duration_s
 
 
+STRANGE_OPTIONS = {
+    "payload:='": "cannot be read",
+    "payload:={a: 1}": "must be a double",
+    "payload:={a: {b: {c: 1}}}": "nested more than 1 deep",
+    "payload:=2001-13-45": "cannot be read",
+    "payload:=2001-12-24": "must be a double",
+    "payload:=!!python/name:os.system x": "cannot be read",
+    "payload:=0x" + 4000 * "f": "a number has 4002 characters",
+    "payload:=0x" + 20_000 * "f": "at most 4096 characters",
+    "payload:=" + 60 * "9": "must be from 0 to",
+    "payload:=-.inf": "must be from 0 to",
+    "payload:=.nan": "payload is nan",
+    "payload:=true": "must be a double",
+    "payload:=~": "must be a double",
+    "weights:=" + 3000 * "[": "nested more than 1 deep",
+    "weights:=" + 2000 * "- ": "nested more than 1 deep",
+    "weights:=&a [*a]": "must be a double array",
+    "weights:=[[1, 2], 0]": "nested more than 1 deep",
+    "weights:=[1, a, 2]": "must be a double array",
+    "weights:=[]": "must be three finite numbers",
+    "goal_via:=[.nan, 1]": "finite numbers",
+    "planner:=[table]": "must be a string",
+    "planner:=\u2028\x85\ud7ff": "cannot be",
+}
+"""Options that YAML or ROS cannot read, and what is told of them."""
+
+
 @pytest.mark.parametrize(
     ("goal", "options", "code", "told"),
     [
@@ -179,6 +217,7 @@ def test_options_hold_for_one_goal_alone(arm, client):
         (UP, ("planner:=nobody",), Verdict.OPTIONS, "give one of: "),
         (UP, ("weights:=much",), Verdict.OPTIONS, "must be a double array"),
         ((float("nan"), 0.1), (), Verdict.NOT_FINITE, "finite"),
+        (UP, ("planner:=table",) * 101, Verdict.OPTIONS, "must be at most 100"),
     ],
 )
 @pytest.mark.parametrize("plan_only", [False, True])
@@ -188,6 +227,16 @@ def test_a_goal_that_cannot_be_taken_is_aborted_with_its_reason(
     status, result = client.ask(*goal, *options, plan_only=plan_only)
     assert (status, result.verdict) == (GoalStatus.STATUS_ABORTED, code)
     assert told in result.message
+
+
+def test_strange_options_are_refused_with_a_sentence_and_the_next_goal_is_executed(arm, client):
+    for option, told in STRANGE_OPTIONS.items():
+        status, result = client.ask(*UP, option)
+        assert (status, result.verdict) == (GoalStatus.STATUS_ABORTED, Verdict.OPTIONS), option
+        assert told in result.message
+        assert len(result.message) < 500
+    result = client.ask(*UP, "payload:=9.5")[1]
+    assert result.outcome == Outcome.REACHED, result.message
 
 
 def goals_and_cancels(arm, client, count) -> list[int]:
@@ -221,3 +270,54 @@ def test_of_a_hundred_goals_and_cancels_none_is_lost(arm, client):
     assert arm.largest_reference_step() < 1e-3
     assert client.ask(0.6, 0.1)[1].outcome in (Outcome.REACHED, "")
 
+
+def goals_at_once(arm, client, count, cancelled, **options):
+    """Send goals at once, each result asked for when its goal is accepted, and cancel the first of
+    them at once; the results."""
+    heights = np.linspace(-0.4, 0.5, count)
+    sending = [client.begin_sending(0.6, z, **options) for z in heights.tolist()]
+    asking = []
+    for each in sending:  # results are kept for a minute: whoever asks after all goals is late
+        each.add_done_callback(lambda sent: asking.append(sent.result().get_result_async()))
+    arm.until(lambda: len(asking) == count, 60.0)
+    handles = [each.result() for each in sending]
+    assert all(handle.accepted for handle in handles)
+    cancels = [handle.cancel_goal_async() for handle in handles[:cancelled]]
+    arm.until(lambda: all(each.done() for each in cancels), 60.0)
+    arm.until(lambda: all(each.done() for each in asking), 120.0)
+    ended = [each.result() for each in asking]
+    assert {each.status for each in ended} <= ENDED
+    assert all(each.result.verdict and each.result.message for each in ended)
+    return [each.result for each in ended]
+
+
+def test_of_sixty_goals_at_once_and_thirty_cancels_at_once_each_is_answered(arm, client):
+    results = goals_at_once(arm, client, 60, 30)
+    assert results[-1].outcome == Outcome.REACHED, results[-1].message
+    assert client.ask(*OUT)[1].outcome == Outcome.REACHED
+
+
+def test_plans_that_nobody_executes_wait_without_keeping_a_goal_waiting(arm, client):
+    waiting = [client.begin_sending(0.6, 0.3, plan_only=True) for _ in range(60)]
+    arm.until(lambda: all(each.done() for each in waiting))
+    handles = [each.result() for each in waiting]
+    results = [handle.get_result_async() for handle in handles]
+    assert client.ask(*OUT)[1].outcome == Outcome.REACHED
+    cancels = [handle.cancel_goal_async() for handle in handles]
+    arm.until(lambda: all(each.done() for each in (*cancels, *results)))
+    assert {each.result().status for each in results} <= ENDED
+
+
+@pytest.mark.slow
+def test_of_a_thousand_goals_at_once_and_five_hundred_cancels_at_once_each_is_answered(arm, client):
+    results = goals_at_once(arm, client, 1000, 500)
+    assert results[-1].outcome == Outcome.REACHED, results[-1].message
+    assert client.ask(*OUT)[1].outcome == Outcome.REACHED
+
+
+@pytest.mark.slow
+def test_goals_beyond_those_that_may_wait_are_refused_with_a_sentence(arm, client):
+    results = goals_at_once(arm, client, 2500, 2500, plan_only=True)
+    refused = [each for each in results if "the most that are taken" in each.message]
+    assert {each.verdict for each in refused} == {Verdict.DEADLINE}, "some came beyond the bound"
+    assert client.ask(*OUT)[1].outcome == Outcome.REACHED

@@ -86,6 +86,6 @@ def test_a_kernel_that_borrows_neither_makes_nor_returns_arrays(source: Source) 
 
 def test_there_are_kernels_that_borrow_and_kernels_that_must_not() -> None:
     assert len(BORROWING) > 50
-    assert {"MachineArrays", "Chain", "Pumps"} <= ARRAYS
-    assert "Oil" not in ARRAYS
+    assert {"MachineArrays", "Chain", "PumpState"} <= ARRAYS
+    assert "SharedHydraulics" not in ARRAYS
     assert any(each.returns & ARRAYS for named in KERNELS.values() for each in named)

@@ -14,22 +14,22 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 COMMANDS = {
-    ("mhsb_model", "check"): "SI units",
+    ("mhsb_tools", "check"): "SI units",
     ("mhsb_planner", "build_table"): "[m]",
-    ("mhsb_planner", "plan"): "[m]",
+    ("mhsb_tools", "plan"): "[m]",
     ("mhsb_planner", "goal"): "[m]",
-    ("mhsb_planner", "reproduce"): "in J",
+    ("mhsb_tools", "reproduce"): "in J",
     ("mhsb_planner", "planner_node"): "unit",
     ("mhsb_sim", "sim_node"): "unit",
-    ("mhsb_sim", "simulate"): "[m]",
-    ("mhsb_sim", "study"): "mm",
-    ("mhsb_sim", "compare"): "in mm",
-    ("mhsb_sim", "tune"): "[mm]",
-    ("mhsb_sim", "record"): "[s",
-    ("mhsb_sim", "report"): "BAG",
-    ("mhsb_sim", "viewer"): "[MPa]",
-    ("mhsb_sim", "animate"): "[MPa]",
-    ("mhsb_sim", "demo"): "[m]",
+    ("mhsb_tools", "simulate"): "[m]",
+    ("mhsb_tools", "study"): "mm",
+    ("mhsb_tools", "compare"): "in mm",
+    ("mhsb_tools", "tune"): "[mm]",
+    ("mhsb_tools", "record"): "[s",
+    ("mhsb_tools", "report"): "BAG",
+    ("mhsb_tools", "viewer"): "[MPa]",
+    ("mhsb_tools", "animate"): "[MPa]",
+    ("mhsb_tools", "demo"): "[m]",
 }
 
 WITHOUT_RESULT = ("planner_node", "sim_node", "viewer")
@@ -41,34 +41,34 @@ NODES = ("planner_node", "sim_node", "record", "viewer")
 BAD_ARGUMENTS = [
     (("mhsb_planner", "build_table", "--spacing", "-0.05"), "spacing"),
     (("mhsb_planner", "build_table", "--solver", "guess"), "guess"),
-    (("mhsb_planner", "plan", "--start", "0.5"), "--start takes"),
-    (("mhsb_planner", "plan", "--start", "0.5", "0.1"), "--start X Z and --goal X Z"),
-    (("mhsb_planner", "plan", "--start", "1", "0", "0", "--goal", "1", "0"), "give X Z"),
-    (("mhsb_planner", "plan", "--case", "9-9"), "must be one of 1-1"),
-    (("mhsb_planner", "plan", "--case", "1-1", "--search", "guess"), "--search takes one of"),
-    (("mhsb_planner", "plan", "--case", "4-2", "--initial-j3", "9"), "initial J3 must be"),
-    (("mhsb_planner", "plan", "--case", "1-1", "--weights", "-1", "0", "2"), "from 0 to 1e+06"),
-    (("mhsb_planner", "plan", "--case", "1-1", "--payload", "-1"), "--payload must be from 0"),
-    (("mhsb_planner", "plan", "--case", "1-1", "--plot", "page.jpg"), "must end in .png"),
-    (("mhsb_planner", "plan", "--case", "4-1", "--area-weight", "-1"), "--area-weight must be"),
+    (("mhsb_tools", "plan", "--start", "0.5"), "--start takes"),
+    (("mhsb_tools", "plan", "--start", "0.5", "0.1"), "--start X Z and --goal X Z"),
+    (("mhsb_tools", "plan", "--start", "1", "0", "0", "--goal", "1", "0"), "give X Z"),
+    (("mhsb_tools", "plan", "--case", "9-9"), "must be one of 1-1"),
+    (("mhsb_tools", "plan", "--case", "1-1", "--search", "guess"), "--search takes one of"),
+    (("mhsb_tools", "plan", "--case", "4-2", "--initial-j3", "9"), "initial J3 must be"),
+    (("mhsb_tools", "plan", "--case", "1-1", "--weights", "-1", "0", "2"), "from 0 to 1e+06"),
+    (("mhsb_tools", "plan", "--case", "1-1", "--payload", "-1"), "--payload must be from 0"),
+    (("mhsb_tools", "plan", "--case", "1-1", "--plot", "page.jpg"), "must end in .png"),
+    (("mhsb_tools", "plan", "--case", "4-1", "--area-weight", "-1"), "--area-weight must be"),
     (
-        ("mhsb_planner", "plan", "--case", "1-1", "--supply-pressure-range", "9e6", "2e6"),
+        ("mhsb_tools", "plan", "--case", "1-1", "--supply-pressure-range", "9e6", "2e6"),
         "--supply-pressure-range: range must be two finite numbers above 0, the lower one first",
     ),
     (
-        ("mhsb_planner", "plan", "--case=1-1", "--v-max=0.01", "--v-max-range", "0.01", "0.02"),
+        ("mhsb_tools", "plan", "--case=1-1", "--v-max=0.01", "--v-max-range", "0.01", "0.02"),
         "--v-max or --v-max-range, not both",
     ),
-    (("mhsb_planner", "plan", "--case", "1-1", "--zone-box", "-0.5", "0.1"), "takes X1 Z1 X2 Z2"),
-    (("mhsb_planner", "plan", "--case=1-1", "--zone-circle", "0.5", "0", "-1"), "radius: must be"),
-    (("mhsb_planner", "plan", "--case=1-1", "--zone-sphere", "1", "-1", "0", "1"), "does not slew"),
+    (("mhsb_tools", "plan", "--case", "1-1", "--zone-box", "-0.5", "0.1"), "takes X1 Z1 X2 Z2"),
+    (("mhsb_tools", "plan", "--case=1-1", "--zone-circle", "0.5", "0", "-1"), "radius: must be"),
+    (("mhsb_tools", "plan", "--case=1-1", "--zone-sphere", "1", "-1", "0", "1"), "does not slew"),
     (
-        ("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--zone-cylinder", *"12345"),
+        ("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--zone-cylinder", *"12345"),
         "--zone-cylinder 1 2 3 4 5: mhsb_arm3 does not slew; give --zone-box X1 Z1 X2 Z2 or",
     ),
     (
         (
-            *("mhsb_sim", "simulate", "--machine", str(ROOT / "config/excavator.yaml")),
+            *("mhsb_tools", "simulate", "--machine", str(ROOT / "config/excavator.yaml")),
             *("--goal", "2", "0", "0", "1", "--zone-box", "1", "-1", "2", "1"),
         ),
         "--zone-box: excavator slews and takes X1 Y1 Z1 X2 Y2 Z2, not 1 -1 2 1",
@@ -77,13 +77,13 @@ BAD_ARGUMENTS = [
         ("mhsb_planner", "planner_node", "--ros-args", "-p", "zone_spheres:=[0.5, 0.0, 0.8, 0.1]"),
         "zone_spheres must be empty: this arm moves in x and z; give zone_boxes or zone_circles",
     ),
-    (("mhsb_planner", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
+    (("mhsb_tools", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_planner", "build_table", "--scheduler", "x", "--jobs", "2"), "leave it out with"),
-    (("mhsb_sim", "study", "--scheduler", "nonsense"), "not an address like tcp://10.0.0.2:8786"),
-    (("mhsb_sim", "compare", "--scheduler", "nonsense"), "not an address like tcp://"),
-    (("mhsb_sim", "tune", "--scheduler", "nonsense"), "not an address like tcp://"),
-    (("mhsb_sim", "study", "--goals", "2"), "--goals: goes with --draws"),
-    (("mhsb_sim", "study", "--draws", "2", "--goals", "0"), "--goals: 0 is below 1"),
+    (("mhsb_tools", "study", "--scheduler", "nonsense"), "not an address like tcp://10.0.0.2:8786"),
+    (("mhsb_tools", "compare", "--scheduler", "nonsense"), "not an address like tcp://"),
+    (("mhsb_tools", "tune", "--scheduler", "nonsense"), "not an address like tcp://"),
+    (("mhsb_tools", "study", "--goals", "2"), "--goals: goes with --draws"),
+    (("mhsb_tools", "study", "--draws", "2", "--goals", "0"), "--goals: 0 is below 1"),
     (("mhsb_planner", "goal", "0.5", "up"), "takes X [Y] Z"),
     (("mhsb_planner", "goal", "0.5"), "give X Z or X Y Z [m], not 0.5"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "--timeout must be from 0"),
@@ -92,79 +92,85 @@ BAD_ARGUMENTS = [
     (("mhsb_planner", "planner_node", "--fast"), "--fast"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "controller:=magic"), "coordinated"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "real_time_factor:=2.0"), "publish_clock"),
-    (("mhsb_sim", "simulate"), "give --goal X Z T"),
-    (("mhsb_sim", "simulate", "--goal", "0.5", "0.1"), "takes X Z T each, not 0.5 0.1"),
-    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "-3"), "must be within 0.01"),
-    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--seed", "-1"), "--seed must be"),
-    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--controller", "x"), "coordinated"),
-    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--vary", "weight=2"), "no 'weight'"),
-    (("mhsb_sim", "study", "--jobs", "0"), "--jobs"),
-    (("mhsb_sim", "study", "--draws", "0"), "--draws: 0 is below 1"),
-    (("mhsb_sim", "compare", "--moves", "-1"), "--moves must be from 0"),
-    (("mhsb_sim", "compare", "--moves", "3", "--truths", "4"), "4 is above the number of random"),
-    (("mhsb_sim", "compare", "--weights", "0", "0", "0"), "must not all be 0"),
-    (("mhsb_sim", "tune", "--draws", "0", "--variations", "x.yaml"), "nothing is varied"),
+    (("mhsb_tools", "simulate"), "give --goal X Z T"),
+    (("mhsb_tools", "simulate", "--goal", "0.5", "0.1"), "takes X Z T each, not 0.5 0.1"),
+    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "-3"), "must be within 0.01"),
+    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--seed", "-1"), "--seed must be"),
+    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--controller", "x"), "coordinated"),
+    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--vary", "weight=2"), "no 'weight'"),
+    (("mhsb_tools", "study", "--jobs", "0"), "--jobs"),
+    (("mhsb_tools", "study", "--draws", "0"), "--draws: 0 is below 1"),
+    (("mhsb_tools", "compare", "--moves", "-1"), "--moves must be from 0"),
+    (("mhsb_tools", "compare", "--moves", "3", "--truths", "4"), "4 is above the number of random"),
+    (("mhsb_tools", "compare", "--weights", "0", "0", "0"), "must not all be 0"),
+    (("mhsb_tools", "tune", "--draws", "0", "--variations", "x.yaml"), "nothing is varied"),
     (
-        ("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--audit", "--json"),
+        ("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--audit", "--json"),
         "--audit has no effect with --json",
     ),
-    (("mhsb_sim", "animate", "bag", "--planner", "table", "--output", "x.gif"), "been planned alr"),
     (
-        ("mhsb_sim", "animate", "--case=1-1", "--namespace", "/left", "--output", "x.gif"),
+        ("mhsb_tools", "animate", "bag", "--planner", "table", "--output", "x.gif"),
+        "been planned alr",
+    ),
+    (
+        ("mhsb_tools", "animate", "--case=1-1", "--namespace", "/left", "--output", "x.gif"),
         "--namespace /left has no effect: a plan has no topics",
     ),
     (
-        ("mhsb_planner", "plan", "--case", "1-1", "--initial-j3", "0.3"),
+        ("mhsb_tools", "plan", "--case", "1-1", "--initial-j3", "0.3"),
         "--initial-j3 0.3 has no effect: the table planner takes the postures of the posture table",
     ),
     (
-        ("mhsb_planner", "plan", "--case=1-1", "--planner=integrated", "--search", "published"),
+        ("mhsb_tools", "plan", "--case=1-1", "--planner=integrated", "--search", "published"),
         "leave it out, or give --planner table or fixed",
     ),
-    (("mhsb_planner", "plan", "--case", "1-1", "--weights", "0", "0", "0"), "must not all be 0"),
-    (("mhsb_sim", "compare", "--weights", "-1", "0", "2"), "from 0 to 1e+06 (is -1"),
-    (("mhsb_sim", "tune", "--budget", "0"), "--budget"),
-    (("mhsb_sim", "record"), "--output DIR"),
-    (("mhsb_sim", "record", "--repair", "x", "--duration", "1"), "--duration 1 has no effect"),
-    (("mhsb_sim", "record", "--output", "x", "--duration", "-1"), "above 0"),
-    (("mhsb_sim", "viewer", "--port", "99999"), "--port"),
-    (("mhsb_sim", "animate", "--output", "x.mp4"), "must end in .gif"),
-    (("mhsb_sim", "animate", "--output", "x.gif"), "give a recording, or"),
-    (("mhsb_sim", "animate", "bag", "--case", "1-1", "--output", "x.gif"), "give a recording, or"),
-    (("mhsb_sim", "animate", "--case", "1-1", "--output", "x.gif", "--speed", "0"), "above 0"),
-    (("mhsb_sim", "animate", "--case", "1-1", "--output", "x.gif", "--rate", "99"), "at most 50"),
-    (("mhsb_sim", "animate", "--case", "1-1", "--output", "x.gif", "--width", "9"), "200 … 4000"),
-    (("mhsb_sim", "demo"), "--output"),
+    (("mhsb_tools", "plan", "--case", "1-1", "--weights", "0", "0", "0"), "must not all be 0"),
+    (("mhsb_tools", "compare", "--weights", "-1", "0", "2"), "from 0 to 1e+06 (is -1"),
+    (("mhsb_tools", "tune", "--budget", "0"), "--budget"),
+    (("mhsb_tools", "record"), "--output DIR"),
+    (("mhsb_tools", "record", "--repair", "x", "--duration", "1"), "--duration 1 has no effect"),
+    (("mhsb_tools", "record", "--output", "x", "--duration", "-1"), "above 0"),
+    (("mhsb_tools", "viewer", "--port", "99999"), "--port"),
+    (("mhsb_tools", "animate", "--output", "x.mp4"), "must end in .gif"),
+    (("mhsb_tools", "animate", "--output", "x.gif"), "give a recording, or"),
     (
-        ("mhsb_planner", "reproduce", "--machine", str(ROOT / "config/mhsb_arm4.yaml")),
+        ("mhsb_tools", "animate", "bag", "--case", "1-1", "--output", "x.gif"),
+        "give a recording, or",
+    ),
+    (("mhsb_tools", "animate", "--case", "1-1", "--output", "x.gif", "--speed", "0"), "above 0"),
+    (("mhsb_tools", "animate", "--case", "1-1", "--output", "x.gif", "--rate", "99"), "at most 50"),
+    (("mhsb_tools", "animate", "--case", "1-1", "--output", "x.gif", "--width", "9"), "200 … 4000"),
+    (("mhsb_tools", "demo"), "--output"),
+    (
+        ("mhsb_tools", "reproduce", "--machine", str(ROOT / "config/mhsb_arm4.yaml")),
         "the machine must have 3 joints, as the paper's (is mhsb_arm4)",
     ),
 ]
 
 UNUSABLE = [
-    (("mhsb_model", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
-    (("mhsb_planner", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
+    (("mhsb_tools", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
+    (("mhsb_tools", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/nowhere.yaml"), "nowhere"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "table:=/nowhere.npz"), "nowhere"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/etc/passwd"), "not a machine"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "table:=/etc/passwd"), "damaged or not"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "machine:=/dev/zero"), "no regular file"),
-    (("mhsb_sim", "demo", "--output", "x", "--goals", "/etc/passwd"), "not a list of goals"),
-    (("mhsb_sim", "study", "--scenarios", "/etc/passwd"), "/etc/passwd: "),
+    (("mhsb_tools", "demo", "--output", "x", "--goals", "/etc/passwd"), "not a list of goals"),
+    (("mhsb_tools", "study", "--scenarios", "/etc/passwd"), "/etc/passwd: "),
     (
-        ("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--output", "/dev/null"),
+        ("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--output", "/dev/null"),
         "/dev/null is not a folder; name one for the run",
     ),
-    (("mhsb_sim", "study", "--draws", "1", "--output", "/dev/null"), "name one for the study"),
-    (("mhsb_planner", "plan", "--case", "1-1", "--plot", "/dev/null/x.png"), "for the picture"),
-    (("mhsb_sim", "simulate", "--goal", "0.6", "0.1", "1", "--plant", "no.yaml"), "no.yaml"),
-    (("mhsb_sim", "study", "--variations", "nowhere.yaml"), "nowhere.yaml"),
-    (("mhsb_sim", "study", "--scenarios", "nowhere.yaml"), "nowhere.yaml"),
-    (("mhsb_sim", "report", "nowhere", "--output", "x"), "nowhere"),
-    (("mhsb_sim", "viewer", "nowhere", "--port", "0"), "nowhere is not a folder"),
-    (("mhsb_sim", "viewer", "--machine", "nowhere.yaml"), "nowhere.yaml"),
-    (("mhsb_sim", "animate", "nowhere", "--output", "x.gif"), "nowhere is not a folder"),
-    (("mhsb_sim", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_tools", "study", "--draws", "1", "--output", "/dev/null"), "name one for the study"),
+    (("mhsb_tools", "plan", "--case", "1-1", "--plot", "/dev/null/x.png"), "for the picture"),
+    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--plant", "no.yaml"), "no.yaml"),
+    (("mhsb_tools", "study", "--variations", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_tools", "study", "--scenarios", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_tools", "report", "nowhere", "--output", "x"), "nowhere"),
+    (("mhsb_tools", "viewer", "nowhere", "--port", "0"), "nowhere is not a folder"),
+    (("mhsb_tools", "viewer", "--machine", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_tools", "animate", "nowhere", "--output", "x.gif"), "nowhere is not a folder"),
+    (("mhsb_tools", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
 ]
 """Arguments in order, but a file cannot be used, or what is asked for cannot be had."""
 
@@ -220,7 +226,7 @@ def test_what_cannot_be_used_is_one_sentence_and_its_exit_code(
 def test_plan_takes_negative_numbers_and_prints_json_and_a_page(start, tmp_path):
     page = tmp_path / "new" / "page.png"
     child = start(
-        *("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60"),
+        *("mhsb_tools", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60"),
         *("--plot", page, "--json"),
     )
     assert child.wait(180) == 0, child.output
@@ -229,9 +235,7 @@ def test_plan_takes_negative_numbers_and_prints_json_and_a_page(start, tmp_path)
     assert plan["path"][0] == pytest.approx([0.55, -0.05])
     assert plan["path"][-1] == pytest.approx([0.55, -0.60])
     assert len(plan["modes"]) == len(plan["joint_path"]) - 1 == len(plan["path"]) - 1
-    assert all(
-        max(abs(a[0] - b[0]), abs(a[1] - b[1])) < 0.0501 for a, b in pairwise(plan["path"])
-    )
+    assert all(max(abs(a[0] - b[0]), abs(a[1] - b[1])) < 0.0501 for a, b in pairwise(plan["path"]))
     assert plan["energy_discrete_j"] >= plan["lower_bound_j"] > 0
     assert plan["energy_j"] > 0
     assert plan["duration_s"] > 1
@@ -241,7 +245,7 @@ def test_plan_takes_negative_numbers_and_prints_json_and_a_page(start, tmp_path)
 @pytest.mark.slow
 def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
     child = start(
-        *("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.60", "0.10"),
+        *("mhsb_tools", "plan", "--start", "0.55", "-0.05", "--goal", "0.60", "0.10"),
         *("--weights", "0.5", "0", "2", "--area-weight", "100", "--planner", "integrated"),
         *("--supply-pressure-range", "3.5e6", "5e6", "--json"),
     )
@@ -265,7 +269,7 @@ def test_a_goal_that_nobody_hears_is_told_as_json_with_what_to_do(start):
 
 
 def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start):
-    arguments = ("mhsb_planner", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
+    arguments = ("mhsb_tools", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
     zones = ("--zone-box", "0.65", "0.1", "0.9", "0.3", "--zone-circle", "0.2", "-0.6", "0.1")
     around = start(*arguments, *zones, "--json")
     inside = start(*arguments, *zones, "--zone-box", "0.7", "0.8", "0.5", "0.5")
@@ -278,7 +282,7 @@ def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start):
 
 def test_a_case_of_the_paper_brings_its_weights(start):
     hurried, saving = (
-        start("mhsb_planner", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
+        start("mhsb_tools", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
     )
     assert hurried.wait(180) == saving.wait(180) == 0
     hurried, saving = json.loads(hurried.output), json.loads(saving.output)
@@ -288,7 +292,7 @@ def test_a_case_of_the_paper_brings_its_weights(start):
 
 def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
     there, on = ("0.6", "0.1", "2.0"), ("0.55", "-0.3", "3.0")
-    simulate = ("mhsb_sim", "simulate", "--zone-circle", "0.458", "-0.316", "0.01")
+    simulate = ("mhsb_tools", "simulate", "--zone-circle", "0.458", "-0.316", "0.01")
     first = start(*simulate, "--goal", *there, *on, "--output", tmp_path, "--audit")
     second = start(*simulate, "--goal", *there, "--goal", *on, "--json")
     assert first.wait(180) == 0, first.output
@@ -313,7 +317,7 @@ def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
 
 def test_an_arm_that_does_not_get_there_is_told_and_fails(start, tmp_path):
     child = start(
-        *("mhsb_sim", "simulate", "--goal", "0.55", "0.6", "8", "--vary", "payload=5"),
+        *("mhsb_tools", "simulate", "--goal", "0.55", "0.6", "8", "--vary", "payload=5"),
         *("--output", tmp_path, "--json"),
     )
     assert child.wait(180) == 1, child.output
@@ -323,7 +327,7 @@ def test_an_arm_that_does_not_get_there_is_told_and_fails(start, tmp_path):
 
 
 def test_an_interrupt_while_a_goal_is_on_its_way_tells_that_it_stays(start, arm):
-    arm.until(lambda: arm.matched)
+    arm.until(lambda: arm.is_matched)
     child = start("mhsb_planner", "goal", "0.55", "0.60", "--wait", "--timeout", "30")
     child.wait_for("OK: the tip goes to", 30)
     assert child.stop(signal.SIGINT) == 130
@@ -346,10 +350,10 @@ def test_an_interrupt_of_a_long_command_is_told_in_one_sentence(start, tmp_path)
 
 
 def test_a_command_that_is_not_there_is_answered_with_those_that_are():
-    script = "source scripts/ros2_run.sh; ros2 run mhsb_planner plam; ros2 run mhsb_plan goal"
+    script = "scripts/bin/ros2 run mhsb_planner plam; scripts/bin/ros2 run mhsb_plan goal"
     run = subprocess.run(["bash", "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 1
     first, second = run.stderr.splitlines()
     assert "'plam'" in first
     assert {"plan", "goal", "build_table"} <= set(first.rstrip(".").split())
-    assert "packages are mhsb_model, mhsb_planner and mhsb_sim" in second
+    assert "packages are mhsb_planner, mhsb_sim and mhsb_tools" in second

@@ -9,7 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from mhsb_model.machine import load_machine
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.planners.registry import REGISTERED_PLANNERS
+from mhsb_planner.posture.s1_global_search import build_posture_table
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -80,11 +87,39 @@ def test_a_page_that_follows_from_the_code_is_what_the_code_says(page, ros_domai
     assert (DOCS / page).read_text() == written, told
 
 
+def test_the_planner_that_a_page_shows_in_full_plans(monkeypatch):
+    page = (DOCS / "planners.md").read_text().partition("## A planner in full")[2]
+    shown: dict = {}
+    exec("\n".join(re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)), shown)
+    own = shown["StraightPlanner"]()
+    monkeypatch.setitem(REGISTERED_PLANNERS, own.name, own)
+    machine = load_machine()
+    planner = Planner(machine, build_posture_table(machine, 4 * machine.spacing))
+    start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
+    plan = planner.plan((0.55, 0.3), start, options=PlanOptions(planner=own.name))
+    end = machine.tip_position(plan.motion.trajectory.position[-1])
+    np.testing.assert_allclose(end, (0.55, 0.3), atol=1e-6)
+    assert plan.lower_bound <= plan.energy.paper
+
+
+def test_the_lines_of_the_readme_plan_when_they_are_pasted():
+    [lines] = re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL
+    )
+    pasted: dict = {}
+    exec(lines, pasted)
+    end = pasted["machine"].tip_position(pasted["plan"].motion.trajectory.position[-1])
+    np.testing.assert_allclose(end, (0.55, 0.60), atol=1e-6)
+
+
 def test_every_command_has_its_line():
     page = (DOCS / "commands.md").read_text()
     for setup in ROOT.glob("ros2_ws/src/*/setup.py"):
+        package = setup.parent.name
         for name in re.findall(r'"(\w+) = ', setup.read_text()):
-            assert f"`{setup.parent.name} {name}" in page
+            executables = (setup.parent / package / "executables.py").read_text()
+            if f"{name} = forward_to_tools" not in executables:
+                assert f"`{package} {name}" in page
 
 
 def test_the_tutorial_runs_its_own_commands_in_order(tmp_path, capfd):
@@ -113,3 +148,17 @@ def test_the_tutorials_commands_are_there():
         assert (ROOT / path).exists() or (ROOT / f"{path}.sh").exists()
     logged = re.findall(r"^\| `(.+?)`", (DOCS / "tutorial_log.md").read_text(), re.MULTILINE)
     assert {each.replace("\\|", "|") for each in logged} == {c.splitlines()[0] for c in wanted}
+
+
+UNITS = {"": 1, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
+BOUND = re.compile(r"^\|[^|]+\| ([\d,.]+) ?(\w*) \| `([\w.]+):(\w+)` \|$", re.MULTILINE)
+
+
+def test_bounds_in_the_page_on_security_are_those_of_the_code():
+    page = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+    bounds = BOUND.findall(page)
+    rows = page.partition("| bound | value | constant |")[2].partition("\n\n")[0].splitlines()[2:]
+    assert len(bounds) == len(rows) > 10
+    for value, unit, module, name in bounds:
+        stated = float(value.replace(",", "")) * UNITS[unit]
+        assert stated == getattr(importlib.import_module(module), name), (module, name)

@@ -47,7 +47,7 @@ def test_what_the_arm_has_learnt_is_told_and_planned_with_once_it_is_known_well(
     assert payloads[-1] == arm.machine.arrays.payload
     learn(deviation=0.2)
     arm.until(lambda: payloads[-1] == 8.0)
-    verdict = arm.ask(*UP)
+    verdict = arm.request_verdict(*UP)
     assert verdict.code is Verdict.OK, verdict.sentence
 
     # The parameter's own again.

@@ -136,7 +136,7 @@ class PaperArm:
 def paper_arm(observer, start_planner):
     arm = PaperArm(observer)
     planner = start_planner("--ros-args", "-p", "use_sim_time:=true")
-    observer.until(lambda: observer.matched)
+    observer.until(lambda: observer.is_matched)
     observer.until(lambda: observer.references)
     yield arm
     assert planner.stop() == 0, planner.output
@@ -144,7 +144,7 @@ def paper_arm(observer, start_planner):
 
 
 def accepted(observer, goal):
-    verdict = observer.ask(*goal)
+    verdict = observer.request_verdict(*goal)
     assert verdict.code is Verdict.OK, verdict.sentence
     return verdict
 
@@ -214,9 +214,7 @@ def test_a_clock_that_goes_back_ends_what_was_executed_and_the_next_goal_is_plan
     assert np.hypot(*(tip(paper_arm) - DOWN)) < 1e-4
 
 
-def test_a_goal_that_is_being_planned_when_the_clock_goes_back_is_planned_anew(
-    observer, paper_arm
-):
+def test_a_goal_that_is_being_planned_when_the_clock_goes_back_is_planned_anew(observer, paper_arm):
     accepted(observer, UP)
     until_moving(observer, paper_arm)
     stamp_ns = observer.send(*DOWN)
@@ -243,7 +241,7 @@ def test_a_clock_that_jumps_ahead_ends_the_motion_and_the_next_goal_goes_on_from
 
 def test_without_any_clock_goals_are_answered_all_the_same(observer, start_planner):
     planner = start_planner("--ros-args", "-p", "use_sim_time:=true")
-    observer.until(lambda: observer.matched)
-    verdict = observer.ask(*UP)
+    observer.until(lambda: observer.is_matched)
+    verdict = observer.request_verdict(*UP)
     assert verdict.code is Verdict.NO_STATE
     assert planner.stop() == 0

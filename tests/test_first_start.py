@@ -21,28 +21,28 @@ def test_both_nodes_tell_how_compiling_goes_and_compile_nothing_once_they_are_re
         told = [line for line in child.output.splitlines() if TOLD in line]
         assert len(told) >= 2
         assert told[0].split(TOLD)[1].startswith(": 0 of ")
-    observer.until(lambda: observer.matched and len(observer.references) > 0)
+    observer.until(lambda: observer.is_matched and len(observer.references) > 0)
     compiled = set(kernels.rglob("*.nbc"))
     assert compiled
 
     for planner in ("integrated", "table", "fixed"):
         assert observer.set_parameter("mhsb_planner", "planner", planner)[0]
         for x, z in GOALS:  # at rest, then in motion
-            verdict = observer.ask(x, z)
+            verdict = observer.request_verdict(x, z)
             assert verdict.code is Verdict.OK, verdict.sentence
             observer.serve(1.0)
     assert observer.set_parameter("mhsb_planner", "payload", 6.0)[0]
     assert observer.set_parameter("mhsb_planner", "zone_boxes", (0.65, 0.1, 0.95, 0.3))[0]
-    observer.ask(*GOALS[0])  # the arm may be in the zone by now: whatever comes of it
+    observer.request_verdict(*GOALS[0])  # the arm may be in the zone by now: whatever comes of it
     assert observer.call("mhsb_planner/stop").success
     assert observer.set_parameter("mhsb_planner", "zone_boxes", ())[0]
     assert observer.set_parameter("mhsb_planner", "planner", "integrated")[0]
-    verdict = observer.ask(*GOALS[1])
+    verdict = observer.request_verdict(*GOALS[1])
     assert verdict.code is Verdict.OK, verdict.sentence
     assert observer.call("mhsb_sim/stop").success
     observer.ending_of(verdict)
     assert observer.call("mhsb_sim/reset").success
-    verdict = observer.ask(*GOALS[0])
+    verdict = observer.request_verdict(*GOALS[0])
     assert observer.ending_of(verdict).outcome is Outcome.REACHED
 
     assert [file.name for file in kernels.rglob("*.nbc") if file not in compiled] == []

@@ -52,7 +52,7 @@ def test_in_a_flood_the_newest_goal_is_executed_and_memory_stays(
 ):
     start_simulator()
     planner = start_planner("--ros-args")  # with default settings
-    observer.until(lambda: observer.matched and len(observer.references) > 0)
+    observer.until(lambda: observer.is_matched and len(observer.references) > 0)
     sizes = []
     for z in (0.2, -0.1, 0.1):
         sent = flood(observer, z)

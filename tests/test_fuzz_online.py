@@ -27,13 +27,12 @@ GOALS, PLANS, BYTES, PARAMETERS = 4000, 3000, 3000, 600
 AT_ONCE = 8
 """Messages without a look whether they were taken; more than ten would be dropped on the way."""
 
-SEED = 10
 PACE = 0.004  # s
 
 
 @pytest.fixture
-def source():
-    return random.Random(SEED)
+def source(fresh_seed):
+    return random.Random(fresh_seed)
 
 
 @pytest.fixture
@@ -58,7 +57,7 @@ def still_well(arm):
     """The arm can still be sent somewhere, without a jump on the way."""
     arm.references.clear()
     for goal in ((0.6, 0.1), (0.55, 0.2)):
-        verdict = arm.ask(*goal)
+        verdict = arm.request_verdict(*goal)
         assert verdict.code is Verdict.OK, verdict.sentence
         ending = arm.ending_of(verdict)
         assert ending.outcome is Outcome.REACHED, ending.sentence
@@ -71,7 +70,7 @@ def test_each_of_many_strange_goals_gets_exactly_one_verdict(arm, verdicts, sour
     def send_some():
         for _ in range(AT_ONCE):
             good = Goal(time.time_ns(), source.uniform(0.2, 0.9), source.uniform(-0.7, 0.7))
-            message = spoiling.spoilt(goal_pose.encode(good), source, source.randint(1, 3))
+            message = spoiling.damage_message(goal_pose.encode(good), source, source.randint(1, 3))
             arm.goal_publisher.publish(message)
         return AT_ONCE
 
@@ -104,7 +103,7 @@ def test_strange_plans_neither_move_the_arm_out_of_its_limits_nor_end_the_simula
             topics.MODE_COMMANDS: mode_schedule.encode(schedule, actuators),
         }
         victim = source.choice(list(messages))
-        messages[victim] = spoiling.spoilt(messages[victim], source, source.randint(1, 3))
+        messages[victim] = spoiling.damage_message(messages[victim], source, source.randint(1, 3))
         for topic in source.sample(list(messages), source.choice((1, 2, 2, 2))):
             halves[topic].publish(messages[topic])
         arm.serve(PACE)
@@ -143,7 +142,7 @@ def test_torn_bytes_on_every_topic_leave_both_nodes_alive(arm, verdicts, source)
     whole = {topic: serialize_message(message) for topic, message in messages.items()}
     for _ in range(BYTES):
         topic = source.choice(list(whole))
-        publishers[topic].publish(spoiling.torn(whole[topic], source))
+        publishers[topic].publish(spoiling.damage_bytes(whole[topic], source))
         arm.serve(PACE)
     arm.serve(1.0)
     assert arm.call("mhsb_sim/reset").success
@@ -157,7 +156,7 @@ def test_strange_parameters_are_taken_or_refused_with_a_reason(arm, source, node
     names = PARAMETER_NAMES[node]
     answers = []
     for _ in range(PARAMETERS):
-        name = source.choice([*names, source.choice(spoiling.TEXTS)])
+        name = source.choice([*names, source.choice(spoiling.SPOILED_TEXTS)])
         request = SetParameters.Request(parameters=[Parameter(name=name, value=strange(source))])
         future = client.call_async(request)
         arm.until(future.done, 30.0)
@@ -183,8 +182,8 @@ PARAMETER_NAMES = {
 
 def strange(source):
     """A parameter's value of any type."""
-    number = source.choice(spoiling.FLOATS)
-    choices = (*spoiling.FLOATS, source.uniform(-1.0, 1.0))
+    number = source.choice(spoiling.SPOILED_FLOATS)
+    choices = (*spoiling.SPOILED_FLOATS, source.uniform(-1.0, 1.0))
     numbers = source.choices(choices, k=source.randrange(9))
     kind = source.randrange(10)
     return ParameterValue(
@@ -192,9 +191,9 @@ def strange(source):
         bool_value=bool(source.randrange(2)),
         integer_value=source.choice((0, 1, -1, 2**31, -(2**63), 2**63 - 1)),
         double_value=number,
-        string_value=source.choice(spoiling.TEXTS),
+        string_value=source.choice(spoiling.SPOILED_TEXTS),
         double_array_value=numbers,
         integer_array_value=[source.randrange(-5, 5) for _ in numbers],
-        string_array_value=[source.choice(spoiling.TEXTS) for _ in numbers],
+        string_array_value=[source.choice(spoiling.SPOILED_TEXTS) for _ in numbers],
         bool_array_value=[True] * len(numbers),
     )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.motion.passing import first_missed
+from mhsb_planner.motion.via_check import describe_first_missed
 
 NEAR, OUTSIDE, BACK = (0.55, 0.20), (1.05, 0.10), (0.50, -0.05)
 VIA = (0.62, 0.05, 0.55, -0.02)
@@ -22,9 +22,9 @@ def until_at_rest(arm):
 
 def test_a_region_is_reached_and_points_on_the_way_are_passed(arm):
     # A goal out of reach is answered by its region, and reached where the tip is in it.
-    assert arm.ask(*OUTSIDE).code is Verdict.OUT_OF_WORKSPACE
+    assert arm.request_verdict(*OUTSIDE).code is Verdict.OUT_OF_WORKSPACE
     set_at_planner(arm, goal_tolerance=0.03)
-    verdict = arm.ask(*NEAR)
+    verdict = arm.request_verdict(*NEAR)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert (verdict.goal_x, verdict.goal_z) == NEAR
     ending = arm.ending_of(verdict)
@@ -35,7 +35,7 @@ def test_a_region_is_reached_and_points_on_the_way_are_passed(arm):
     assert 1e-3 < np.hypot(*(tip - NEAR)) <= 0.03 + 1e-6
 
     # Inside it there is nothing to do.
-    assert arm.ask(*NEAR).code is Verdict.AT_GOAL
+    assert arm.request_verdict(*NEAR).code is Verdict.AT_GOAL
     set_at_planner(arm, goal_tolerance=0.0)
 
     # What can never be passed is not taken.
@@ -46,12 +46,12 @@ def test_a_region_is_reached_and_points_on_the_way_are_passed(arm):
     # Points are passed one after the other, without a stop.
     set_at_planner(arm, goal_via=VIA, goal_via_tolerance=0.012)
     arm.references.clear()
-    verdict = arm.ask(*BACK)
+    verdict = arm.request_verdict(*BACK)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
     until_at_rest(arm)
     tips = np.array([arm.machine.tip_position(each.state.position) for each in arm.references])
     passing = tuple((x, z, 0.0125) for x, z in np.reshape(VIA, (2, 2)).tolist())
-    assert first_missed(tips, passing) == ""
+    assert describe_first_missed(tips, passing) == ""
     assert np.hypot(*(tips[-1] - BACK)) < 1e-4
     assert arm.largest_reference_step() < 1e-3

@@ -11,31 +11,31 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.soak import goal_promises, motion_promises
+from tests.soak.events import PLANNER, SIM, ActionKind, ActionRecord, Events, ProcessLife
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import ExecutionReport, Outcome
-from mhsb_msgs_py.node_process import ros_running, serving, spin_until
+from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
 from mhsb_planner.motion.s3_trajectory import FitRules
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions, warm_up
-from mhsb_planner.posture.posture_table_cache import table_for
-from mhsb_sim.live.nodes import both_nodes, shake_hands
-from mhsb_sim.live.seeded_goals import seeded_goals
-from mhsb_sim.live.soak import goal_promises, motion_promises
-from mhsb_sim.live.soak.events import PLANNER, SIM, Deed, DeedKind, Events, Life
-from mhsb_sim.live.watcher import Watcher
-from mhsb_sim.report.goal_fates import Fate, goal_fates
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_sim.study.headless import HeadlessRun, TimedGoal
+from mhsb_tools.live.nodes import run_both_nodes, wait_for_planner_answer
+from mhsb_tools.live.seeded_goals import draw_reachable_goals
+from mhsb_tools.live.watcher import MessageWatcher
+from mhsb_tools.report.goal_fates import GoalResult, judge_recorded_goals
+from mhsb_tools.study.headless import HeadlessRun, TimedGoal
 
 RUNS, REPLANS_OF_A_RUN, ONLINE = 20, 500, 500
 LOOK_NS = SECOND_NS // 2000
 BUDGET = 0.04  # s, for each plan in lock-step
 JUMP = 1e-6  # rad, rad/s
-TOLERANCE = {"joint": 1e-6, "v_max": FitRules.following().max_excess + 1e-6, "modules": 0.0}
+TOLERANCE = {"joint": 1e-6, "v_max": FitRules.create_following().max_excess + 1e-6, "modules": 0.0}
 """Excess that is rounding; 1e-6 for what is not named."""
 
 
@@ -88,9 +88,9 @@ def machine():
 
 @pytest.fixture(scope="module")
 def goals(machine):
-    planner = Planner(machine, table_for(machine))
+    planner = Planner(machine, load_or_build_table(machine))
     warm_up(planner)
-    return seeded_goals(planner, 300, seed=10)
+    return draw_reachable_goals(planner, 300, seed=10)
 
 
 @pytest.mark.slow
@@ -98,7 +98,7 @@ def goals(machine):
 @pytest.mark.parametrize("seed", range(RUNS))
 def test_replans_in_motion_in_lock_step_neither_jump_nor_break_a_limit(machine, goals, seed):
     source, limits = random.Random(seed), Limits(machine)
-    replanner = Replanner(machine, table_for(machine))
+    replanner = Replanner(machine, load_or_build_table(machine))
     replanner.warm_up()
     options = PlanOptions(planner="integrated")
     run = HeadlessRun(Simulator(machine), replanner, options, BUDGET)
@@ -129,40 +129,40 @@ def test_replans_in_motion_in_lock_step_neither_jump_nor_break_a_limit(machine, 
 @pytest.mark.timeout(1200)
 def test_replans_in_motion_over_dds_neither_jump_nor_break_a_limit(machine, goals, ros_domain):
     source, deeds = random.Random(0), []
-    with ros_running([]), serving(Watcher) as (executor, watcher), both_nodes():
-        shake_hands(watcher, executor)
+    with run_ros([]), serve_node(MessageWatcher) as (executor, watcher), run_both_nodes():
+        wait_for_planner_answer(watcher, executor)
         watcher.forget()
         begin_ns = time.time_ns()
         for _ in range(ONLINE):
             goal, sent_ns = source.choice(goals), time.time_ns()
             stamp_ns = watcher.send(*goal.position)
-            deeds.append(Deed(DeedKind.GOAL, PLANNER, sent_ns, sent_ns, stamp_ns))
+            deeds.append(ActionRecord(ActionKind.GOAL, PLANNER, sent_ns, sent_ns, stamp_ns))
             spin_until(executor, lambda: False, source.uniform(0.3, 1.2))
         spin_until(executor, lambda: stamp_ns in watcher.executions, 60.0)
         spin_until(executor, lambda: False, 6.0)
-        recording, end_ns = watcher.recording(), time.time_ns()
+        recording, end_ns = watcher.decode_messages(), time.time_ns()
     lives = tuple(
-        Life(node, 1, begin_ns, end_ns, None, None, 0.0, None, ()) for node in (SIM, PLANNER)
+        ProcessLife(node, 1, begin_ns, end_ns, None, None, 0.0, None, ()) for node in (SIM, PLANNER)
     )
     events = Events(machine, recording, tuple(deeds), lives, begin_ns, end_ns)
     for promise in (
-        goal_promises.one_verdict,
-        goal_promises.one_ending,
-        goal_promises.told_once,
-        goal_promises.stamps_increase,
-        motion_promises.small_jumps,
-        motion_promises.continuous_reference,
-        motion_promises.follows_the_plan,
-        motion_promises.within_joint_limits,
-        motion_promises.within_speed_limits,
+        goal_promises.check_one_verdict,
+        goal_promises.check_one_execution_report,
+        goal_promises.check_one_hand_over_report,
+        goal_promises.check_stamps_increase,
+        motion_promises.check_hand_over_jumps,
+        motion_promises.check_continuous_reference,
+        motion_promises.check_reference_is_plan,
+        motion_promises.check_joint_limits,
+        motion_promises.check_speed_limits,
     ):
         kept = promise(events)
         assert kept.tested > 0, promise
-        assert kept.held, kept.broken
+        assert kept.is_kept, kept.violations
     assert_executed_within_limits(machine, recording)
-    fates = goal_fates(recording, all_feasible=True)
-    assert [each.reason for each in fates if each.fate is Fate.LOST] == []
-    assert sum(each.fate is Fate.APPLIED for each in fates) > ONLINE / 2
+    fates = judge_recorded_goals(recording, all_feasible=True)
+    assert [each.reason for each in fates if each.result is GoalResult.LOST] == []
+    assert sum(each.result is GoalResult.APPLIED for each in fates) > ONLINE / 2
     endings = [e.value for e in recording.reports if isinstance(e.value, ExecutionReport)]
     assert endings[-1].outcome is Outcome.REACHED
 

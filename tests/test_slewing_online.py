@@ -9,13 +9,13 @@ from nav_msgs.msg import Path
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import stamps, topics
 
-FILE = config_file("excavator.yaml")
+FILE = find_config_file("excavator.yaml")
 AHEAD, ASIDE = (2.2, 0.3, 0.2), (1.9, 0.9, -0.4)
 
 
@@ -25,7 +25,7 @@ def excavator(observer, start_simulator, start_planner):
     observer.machine = load_machine(FILE)
     for start in (start_simulator, start_planner):
         start("--ros-args", "-p", f"machine:={FILE}")
-    observer.until(lambda: observer.matched and len(observer.references) > 2)
+    observer.until(lambda: observer.is_matched and len(observer.references) > 2)
     return observer
 
 
@@ -38,7 +38,7 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
     arm, paths = excavator, []
     flat = topics.PLANNED_PATH
     arm.create_subscription(Path, flat.name, paths.append, flat.qos)
-    verdict = arm.ask(*AHEAD)
+    verdict = arm.request_verdict(*AHEAD)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert verdict.goal.position == AHEAD
     arm.until_in_force(verdict)
@@ -47,7 +47,7 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
     assert (end.x, end.y, end.z) == pytest.approx(AHEAD, abs=1e-4)
 
     # While it moves, to the side: the new plan goes on from the old one.
-    verdict = arm.ask(*ASIDE)
+    verdict = arm.request_verdict(*ASIDE)
     assert verdict.code is Verdict.OK, verdict.sentence
     arm.until(lambda: verdict.goal_stamp_ns in arm.executions, 30.0)
     assert arm.executions[verdict.goal_stamp_ns].outcome is Outcome.REACHED
@@ -60,12 +60,12 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
     slew = math.atan2(ASIDE[1], ASIDE[0])
     verdict = arm.ask_message(in_work_plane(7, 1.8, -0.2))
     assert verdict.code is Verdict.OK, verdict.sentence
-    expected = arm.machine.in_base(np.array([1.8, -0.2]), slew)
+    expected = arm.machine.convert_to_base(np.array([1.8, -0.2]), slew)
     assert verdict.goal.position == pytest.approx(expected.tolist(), abs=1e-3)
 
     # What such an arm does not take is refused with its reason.
-    assert arm.ask(0.5, 0.1, 0.0).code is Verdict.OUT_OF_WORKSPACE
-    behind = arm.ask(-2.0, 0.01, 0.0)
+    assert arm.request_verdict(0.5, 0.1, 0.0).code is Verdict.OUT_OF_WORKSPACE
+    behind = arm.request_verdict(-2.0, 0.01, 0.0)
     assert behind.code is Verdict.OUT_OF_WORKSPACE
     assert "joint 1 would have to slew to 3.137 rad" in behind.sentence
     taken, reason = arm.set_parameter("mhsb_planner", "goal_via", (1.5, 0.1))
@@ -101,22 +101,22 @@ def test_an_excavator_goes_to_goals_in_space_and_in_the_plane_in_which_it_is(exc
 
 def test_an_excavator_replans_past_a_post_that_is_set_up_while_it_runs(excavator):
     arm, right, left = excavator, (2.4, -1.2, -0.4), (2.2, 1.4, -0.4)
-    assert arm.ask(*right).code is Verdict.OK
+    assert arm.request_verdict(*right).code is Verdict.OK
     arm.until(lambda: len(arm.executions) == 1, 30.0)
     post = Zones(cylinders=((2.4, 0.2, -2.0, 3.0, 0.15),))
     taken, reason = arm.set_parameter("mhsb_planner", "zone_cylinders", post.cylinders[0])
     assert taken, reason
 
     # What lies in the post is refused by its name.
-    verdict = arm.ask(2.3, 0.2, 0.0)
+    verdict = arm.request_verdict(2.3, 0.2, 0.0)
     assert verdict.code is Verdict.ZONE
     assert "deep in the keep-out cylinder of 0.15 m around (2.4, 0.2) m" in verdict.sentence
 
     # Past it to the left; on the way, to another place behind it.
     arm.references.clear()
-    assert arm.ask(*left).code is Verdict.OK
+    assert arm.request_verdict(*left).code is Verdict.OK
     arm.until(lambda: arm.references[-1].state.velocity.any())
-    verdict = arm.ask(1.9, 1.6, 0.3)
+    verdict = arm.request_verdict(1.9, 1.6, 0.3)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
     machine = arm.machine.changed(zones=post)
@@ -129,7 +129,7 @@ def test_an_excavator_replans_past_a_post_that_is_set_up_while_it_runs(excavator
         taken, reason = arm.set_parameter("mhsb_planner", name, value)
         assert taken, reason
     arm.references.clear()
-    verdict = arm.ask(*right)
+    verdict = arm.request_verdict(*right)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
     postures = [each.state.position for each in arm.references]

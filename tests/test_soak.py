@@ -5,8 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-
-from mhsb_sim.live.soak.promises import PROMISES
+from tests.soak.promises import PROMISES
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -12,13 +12,16 @@ from geometry_msgs.msg import Point, Pose, PoseStamped
 from rclpy.qos import DurabilityPolicy
 from std_msgs.msg import Header
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_msgs_py import actuator_states, goal_pose, names, sim_status, topics
 from mhsb_planner.ros.planner_diagnostics import PLANNER_STATUS
 
 ROOT = Path(__file__).resolve().parents[1]
-LAUNCH_FILES = sorted(ROOT.glob("ros2_ws/src/mhsb_sim/launch/*.launch.py"))
+LAUNCH_FILES = [
+    ROOT / "ros2_ws/src/mhsb_sim/launch/mhsb.launch.py",
+    ROOT / "ros2_ws/src/mhsb_tools/launch/demo.launch.py",
+]
 TOPICS = {topic.name: topic for topic in topics.SUITE_TOPICS}
 MACHINE = load_machine()
 ENTRIES = actuator_states.entry_names(MACHINE.actuator_names)
@@ -26,12 +29,12 @@ ENTRIES = actuator_states.entry_names(MACHINE.actuator_names)
 
 @pytest.fixture(scope="module")
 def rviz():
-    return yaml.safe_load(config_file("views/mhsb.rviz").read_text())["Visualization Manager"]
+    return yaml.safe_load(find_config_file("views/mhsb.rviz").read_text())["Visualization Manager"]
 
 
 @pytest.fixture(scope="module")
 def foxglove():
-    return json.loads(config_file("views/foxglove.json").read_text())
+    return json.loads(find_config_file("views/foxglove.json").read_text())
 
 
 def absolute(text) -> str:
@@ -106,7 +109,7 @@ def test_foxglove_hears_and_sends_what_there_is(foxglove):
 
 
 def test_plotjuggler_draws_series_that_a_recording_has():
-    root = ElementTree.parse(config_file("views/plotjuggler.xml")).getroot()
+    root = ElementTree.parse(find_config_file("views/plotjuggler.xml")).getroot()
     told = sim_status.SimulatorReport("running", False, 0, 1.0, 0.0, 0.0)
     report = sim_status.encode(told, 0)
     series = {f"/joint_states/{joint}/{what}" for joint in MACHINE.joint_names
@@ -128,7 +131,7 @@ def test_plotjuggler_draws_series_that_a_recording_has():
 
 
 def test_every_status_of_the_nodes_has_one_group():
-    file = config_file("views/diagnostic_aggregator.yaml")
+    file = find_config_file("views/diagnostic_aggregator.yaml")
     groups = yaml.safe_load(file.read_text())["/**"]["ros__parameters"]
     prefixes = [
         prefix
@@ -168,8 +171,7 @@ def test_launch_files_start_executables_that_are_there(file):
 
 
 def test_launch_arguments_are_parameters_of_the_nodes():
-    both, demo = (literals(ROOT / f"ros2_ws/src/mhsb_sim/launch/{name}.launch.py")
-                  for name in ("mhsb", "demo"))  # fmt: skip
+    both, demo = map(literals, LAUNCH_FILES)
     sources = "".join(
         (ROOT / f"ros2_ws/src/{file}").read_text()
         for file in (

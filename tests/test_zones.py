@@ -10,7 +10,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from visualization_msgs.msg import Marker
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import MACHINE_FILE, Machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.schema import MachineConfig
@@ -96,7 +96,7 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     arm.until(lambda: setter.markers and setter.shown() == [Marker.CUBE, Marker.CYLINDER])
 
     # A goal inside is refused, and the arm stays where it is.
-    refused = arm.ask(0.80, 0.20)
+    refused = arm.request_verdict(0.80, 0.20)
     assert refused.code is Verdict.ZONE
     assert "deep in the keep-out box (0.65, 0.1)" in refused.sentence
     assert arm.in_force_ns == 0
@@ -104,13 +104,13 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     # Beyond it, the motion goes around.
     crowded = arm.machine.changed(zones=Zones(boxes=(BOX,)))
     arm.references.clear()
-    verdict = arm.ask(*UP)
+    verdict = arm.request_verdict(*UP)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
     assert clearance_of(crowded, [each.state.position for each in arm.references]) > 0.0
 
     # A zone set across the way stops the arm before it.
-    verdict = arm.ask(*AWAY)
+    verdict = arm.request_verdict(*AWAY)
     assert verdict.code is Verdict.OK, verdict.sentence
     arm.until_in_force(verdict)
     plan = setter.plan_of(verdict)
@@ -131,7 +131,7 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     # Without zones the goal is reached after all.
     assert setter.set(tip_zone_circles=())[0]
     arm.until(lambda: setter.shown() == [])
-    verdict = arm.ask(*AWAY)
+    verdict = arm.request_verdict(*AWAY)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
     arm.until(lambda: not arm.references[-1].state.velocity.any())
@@ -142,7 +142,7 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
     x, z = tip
     taken, reason = setter.set(tip_zone_boxes=(x - 0.05, z - 0.05, x + 0.05, z + 0.05))
     assert taken, reason
-    verdict = arm.ask(*UP)
+    verdict = arm.request_verdict(*UP)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert re.search(r"the arm starts 0\.0[45]\d* m deep in the keep-out box", verdict.sentence)
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
@@ -156,6 +156,6 @@ def test_examples_of_the_documentation_are_sections_that_machine_files_may_have(
 ):
     text = (Path(__file__).parents[1] / "docs" / "zones.md").read_text(encoding="utf-8")
     section = yaml.safe_load(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[example])
-    content = yaml.safe_load(config_file(file).read_text(encoding="utf-8")) | section
+    content = yaml.safe_load(find_config_file(file).read_text(encoding="utf-8")) | section
     machine = Machine.from_config(MachineConfig.model_validate(content))
     assert len(machine.obstacles.names) == obstacles

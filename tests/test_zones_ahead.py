@@ -6,13 +6,13 @@ import re
 import numpy as np
 import pytest
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import topics, trajectory
-from mhsb_planner.evaluation.moves import anywhere
-from mhsb_planner.evaluation.zones_ahead import random_zone
+from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.zones_ahead import random_zone
 
 FILES = ("mhsb_arm3", "mhsb_arm4", "telescope_arm", "excavator", "forestry_crane")
 ZONES = int(os.environ.get("MHSB_ZONES_AHEAD", "8"))
@@ -41,7 +41,7 @@ class ZoneTrials:
     def run(self):
         """One trial: what was said, the least clearance, that at rest; None without a contact."""
         arm, random = self.arm, self.random
-        verdict = arm.ask(*anywhere(arm.machine, random))
+        verdict = arm.request_verdict(*random_position(arm.machine, random))
         if verdict.code is not Verdict.OK or verdict.plan.continued:
             return None
         arm.until_in_force(verdict)
@@ -82,21 +82,19 @@ def is_true(sentence, deepest, rest, near):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_of_zones_ahead_nothing_is_said_that_the_measured_arm_does_not_do(
-    observer, start_simulator, start_planner, name
+    observer, start_simulator, start_planner, fresh_seed, name
 ):
-    file = config_file(f"{name}.yaml")
+    file = find_config_file(f"{name}.yaml")
     observer.machine = load_machine(file)
     for start in (start_simulator, start_planner):
         start("--ros-args", "-p", f"machine:={file}")
-    observer.until(lambda: observer.matched and len(observer.references) > 2)
-    seed = int.from_bytes(os.urandom(4))
-    print(f"seed {seed}")  # pytest shows it where a trial fails
-    trials, found = ZoneTrials(observer, np.random.default_rng(seed)), []
+    observer.until(lambda: observer.is_matched and len(observer.references) > 2)
+    trials, found = ZoneTrials(observer, np.random.default_rng(fresh_seed)), []
     for _ in range(4 * ZONES):
         trial = trials.run()
         if trial is not None:
             found.append(trial)
-            assert is_true(*trial, FOLLOWS.get(name, NEAR)), (seed, len(found), trial)
+            assert is_true(*trial, FOLLOWS.get(name, NEAR)), (fresh_seed, len(found), trial)
         if len(found) == ZONES:
             break
     before = sum("stops before it" in sentence for sentence, _, _ in found)

@@ -100,8 +100,9 @@ def test_halves_lost_doubled_and_reordered(observer, commander):
     commander.schedules.publish(older[1])
     commander.trajectories.publish(newer[0])
     told_once(observer, commander, stamps.from_time(newer[0].header.stamp), "applied", "")
-    assert [report.reason for report in commander.reports(
-        stamps.from_time(older[0].header.stamp))] in (["stamp"], ["newer"])
+    assert [
+        report.reason for report in commander.reports(stamps.from_time(older[0].header.stamp))
+    ] in (["stamp"], ["newer"])
     commander.trajectories.publish(older[0])
 
     first, second = commander.plan(), commander.plan()

@@ -105,4 +105,3 @@ def test_somebody_else_on_its_topics_is_noticed_while_he_is_there(observer, simu
     assert latest(observer).warning
     observer.destroy_publisher(publisher)
     until_no_warning(observer, "one is allowed")
-

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 
 PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")
 
 
 @pytest.mark.parametrize("name", ["mhsb_arm4", "telescope_arm"])
 def test_the_view_shows_the_arm_and_where_it_needs_boost(start, opened, name):
-    machine = config_file(f"{name}.yaml")
+    machine = find_config_file(f"{name}.yaml")
     simulator = start("mhsb_sim", "sim_node", "--ros-args", "-p", f"machine:={machine}")
     simulator.wait_for("ready", timeout=60.0)
     viewer, page = opened("--machine", machine)

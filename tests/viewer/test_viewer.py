@@ -13,9 +13,9 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from mhsb_msgs_py.node_process import serving
-from mhsb_sim.live.watcher import Watcher
-from mhsb_sim.viewer.server import CAMERA, FIELD_OF_VIEW, LOOK_AT
+from mhsb_msgs_py.node_process import serve_node
+from mhsb_tools.live.watcher import MessageWatcher
+from mhsb_tools.viewer.server import CAMERA_POSITION, FIELD_OF_VIEW, LOOK_AT
 
 PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")
 """Folder for screenshots, where somebody wants to look at them."""
@@ -40,10 +40,10 @@ def until_tip_left(page, place, distance=0.005, timeout=20.0):
 def place_of(page, x, z):
     """Where a point of the arm's plane is in the page, by the camera that the view begins with."""
     width, height = page.evaluate("innerWidth"), page.evaluate("innerHeight")
-    away = [there - here for here, there in zip(CAMERA, LOOK_AT, strict=True)]
+    away = [there - here for here, there in zip(CAMERA_POSITION, LOOK_AT, strict=True)]
     distance = math.hypot(*away)
     y_ahead, z_ahead = away[1] / distance, away[2] / distance
-    y, right, up = -CAMERA[1], x - CAMERA[0], z - CAMERA[2]
+    y, right, up = -CAMERA_POSITION[1], x - CAMERA_POSITION[0], z - CAMERA_POSITION[2]
     depth, high = y * y_ahead + up * z_ahead, up * y_ahead - y * z_ahead
     focal = height / 2 / math.tan(FIELD_OF_VIEW / 2)
     return width / 2 + focal * right / depth, height / 2 - focal * high / depth
@@ -63,7 +63,7 @@ def drag(page, start, end, steps=4):
 @pytest.fixture
 def watcher(arm):
     """Keeps what is heard, while the test does something else."""
-    with serving(Watcher) as (executor, node):
+    with serve_node(MessageWatcher) as (executor, node):
         thread = threading.Thread(target=executor.spin, daemon=True)
         thread.start()
         yield node
@@ -112,11 +112,11 @@ def test_goals_are_typed_and_dragged_and_what_was_seen_is_played_back(
 
 
 def test_pages_of_elsewhere_and_a_taken_port_are_refused(start):
-    first = start("mhsb_sim", "viewer", "--port", "0")
+    first = start("mhsb_tools", "viewer", "--port", "0")
     port = first.wait_for(r"ready: \S+:(\d+)").group(1)
     with pytest.raises(InvalidStatus, match="403"):
         connect(f"ws://127.0.0.1:{port}", origin="https://example.org")
-    second = start("mhsb_sim", "viewer", "--port", port)
+    second = start("mhsb_tools", "viewer", "--port", port)
     assert second.wait() == 1
     assert f"port {port} is in use" in second.output
     assert first.stop() == 0

@@ -1,4 +1,4 @@
-"""What an arm, or its simulator, reports: what became of plans, and how it is itself."""
+"""Reports of an arm, or of its simulator: the fate of plans, and the arm's own state."""
 
 from __future__ import annotations
 
@@ -7,37 +7,53 @@ from enum import StrEnum
 
 
 class HandOverOutcome(StrEnum):
-    """What became of a plan."""
+    """Result of a plan that was sent to the arm."""
 
     APPLIED = "applied"
+    """The arm follows the plan."""
     REFUSED = "refused"
-    DROPPED = "dropped"  # before it came to a hand-over
+    """The arm rejected the plan at its hand-over."""
+    DROPPED = "dropped"
+    """The plan was discarded before its hand-over."""
 
 
 class HandOverReason(StrEnum):
-    """Why a plan was not applied; planners go by it."""
+    """Reason for which a plan was not applied; planners act on it."""
 
-    NONE = ""  # it was applied
-    LATE = "late"  # the reference had left the curve that both share
-    JUMP = "jump"  # it never was on the reference
-    STAMP = "stamp"  # not newer than the plan before, or far ahead of the arm's time
-    INVALID = "invalid"  # it cannot be read or followed
-    INCOMPLETE = "incomplete"  # its other half did not come
-    NEWER = "newer"  # a newer plan came before it could be applied
-    STOPPED = "stopped"  # the arm was stopped after it had been made
-    RESET = "reset"  # the arm was started anew, or healed, after it had been made
-    FAULT = "fault"  # the arm takes no plans
+    NONE = ""
+    """The plan was applied."""
+    LATE = "late"
+    """The reference had already left the part of the curve that both plans share."""
+    JUMP = "jump"
+    """The plan was never on the reference."""
+    STAMP = "stamp"
+    """The stamp is not newer than that of the plan before, or far ahead of the arm's time."""
+    INVALID = "invalid"
+    """The plan cannot be read or followed."""
+    INCOMPLETE = "incomplete"
+    """The other half, trajectory or modes, did not arrive."""
+    NEWER = "newer"
+    """A newer plan came before this one could be applied."""
+    STOPPED = "stopped"
+    """The arm was stopped after the plan had been made."""
+    RESET = "reset"
+    """The arm was restarted, or a fault cleared, after the plan had been made."""
+    FAULT = "fault"
+    """The arm has a fault and accepts no plans."""
 
 
 @dataclass(frozen=True)
 class HandOverReport:
-    """What became of a plan; there is one report for each stamp.
+    """Result of one plan; there is exactly one report for each stamp.
 
-    sentence       the same for a person
-    plan_stamp_ns  ns
-    position_jump  of the reference at the instant of the swap, new minus old, rad; NaN if unknown
-    velocity_jump  likewise, rad/s
-    reason         why it was not applied
+    Attributes:
+        outcome: Result of the plan.
+        sentence: Explanation for a person.
+        plan_stamp_ns: Stamp of the plan [ns].
+        position_jump: New minus old reference position at the instant of the hand-over [rad]; NaN
+            if unknown.
+        velocity_jump: New minus old reference velocity at that instant [rad/s]; NaN if unknown.
+        reason: Reason for which the plan was not applied.
     """
 
     outcome: HandOverOutcome
@@ -50,19 +66,27 @@ class HandOverReport:
 
 @dataclass(frozen=True)
 class SimulatorReport:
-    """Where the simulator stands.
+    """Status of the simulator.
 
-    sentence          one sentence, the fault or what it warns of, if there is any
-    faulty            whether the arm has been stopped because of a fault and takes no plans
-    sim_time_ns       simulated time, ns
-    real_time_factor  simulated over real time since the report before
-    main_pump_j       energy delivered by the main pump since the start, J
-    servo_pumps_j     likewise by the servo pumps, J
-    warning           whether the sentence warns of something that has stopped nothing yet
-    last_stop_ns      simulated time at which ~/stop was last called since the start, ns; 0 never
-    plan_delay        by which plans are followed later than they say, because they were slowed, s
-    interventions     times that the arm's guard has boosted or slowed beyond the plan
-    lost_servo_pumps  numbers of those that the arm does without since they fail, the first being 1
+    Attributes:
+        sentence: Sentence for a person; it names the fault or the warning if there is one.
+        faulty: Whether a fault has stopped the arm, so that it accepts no plans.
+        sim_time_ns: Simulated time [ns].
+        real_time_factor: Simulated time over real time since the last report [-].
+        main_pump_j: Energy that the main pump has delivered since the start [J].
+        servo_pumps_j: Energy that all servo pumps have delivered since the start [J].
+        warning: Whether the sentence warns of something that has not stopped the arm.
+        last_stop_ns: Simulated time of the last call of ~/stop since the start [ns]; 0 if there was
+            none.
+        plan_delay: Time by which the reference lags behind the plan, because the plan was slowed
+            [s].
+        interventions: Number of times that the reference governor has boosted or slowed beyond the
+            plan.
+        lost_servo_pumps: Numbers, from 1, of servo pumps that have failed and are not used.
+        machine: Name of the arm's machine file; empty if it is not reported.
+        machine_hash: `Machine.planning_hash` of that file; empty if it is not reported.
+        faults: Number of callbacks of the node that have failed since the start.
+        last_fault: Sentence of the last of these failures; empty if there was none.
     """
 
     sentence: str
@@ -76,17 +100,23 @@ class SimulatorReport:
     plan_delay: float = 0.0
     interventions: int = 0
     lost_servo_pumps: tuple[int, ...] = ()
+    machine: str = ""
+    machine_hash: str = ""
+    faults: int = 0
+    last_fault: str = ""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One value that an arm has learnt of itself.
+    """A quantity that an arm has estimated of itself.
 
-    quantity   payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine file's];
-               overlap [share of the stroke]; pump_lag, delay [s]
-    actuator   whose it is, empty for what is the whole arm's
-    deviation  standard deviation
-    known      False: not to be told from the motion so far
+    Attributes:
+        quantity: payload [kg]; friction, leakage, valve_gain, bulk_modulus [times the machine
+            file's value]; overlap [share of the stroke]; pump_lag, delay [s].
+        actuator: Name of the actuator; empty if the quantity concerns the whole arm.
+        value: Estimated value, in the unit given above.
+        deviation: Standard deviation of the value.
+        known: Whether the motion so far was enough to estimate it.
     """
 
     quantity: str

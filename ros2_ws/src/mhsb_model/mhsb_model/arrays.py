@@ -1,4 +1,4 @@
-"""The machine's numbers as flat arrays, the form in which numba kernels take them."""
+"""The machine's numbers as flat arrays, the form that numba kernels take."""
 
 from __future__ import annotations
 
@@ -8,44 +8,80 @@ from mhsb_model.types import BoolArray, FloatArray, IntArray
 
 
 class MachineArrays(NamedTuple):
-    """Numbers of a machine with n joints; SI units.
+    """Numbers of a machine with n joints, in SI units.
 
-    Where a joint slides, its q is in m, and its torque a force. Where joint 1 slews, all others
-    move in a plane that turns with it: positions in that plane are seen from joint 2, and link 1,
-    the platform, has neither length nor mass in it.
+    For a sliding joint, q is in [m] and the torque is a force [N]. If joint 1 slews, all other
+    joints move in a plane that turns with it. Positions in that plane have their origin at joint 2.
+    Link 1, the platform, has neither length nor mass in the plane.
     """
 
-    turns: BoolArray  # [n] whether a joint turns its link in the plane
-    slides: BoolArray  # [n] whether it is prismatic
-    slews: bool  # whether joint 1 turns the plane about the vertical
-    slew_offset: float  # m, of joint 2 ahead of the slew's axis
-    slew_inertia: float  # kg m², of the platform about that axis
-    link_length: FloatArray  # [n] m, retracted
-    link_mass: FloatArray  # [n] kg
-    link_center: FloatArray  # [n] m, centre of mass from the link's joint, retracted
-    link_inertia: FloatArray  # [n] kg m², about the centre of mass
-    joint_min: FloatArray  # [n] rad or m
-    joint_max: FloatArray  # [n] rad or m
-    linkage: FloatArray  # [n, LINKAGE_WIDTH]
-    cap_area: FloatArray  # [n] m²
-    rod_area: FloatArray  # [n] m², annulus on the rod side
-    modules_per_mode: IntArray  # [modes], 0 where not boosted
+    turns: BoolArray
+    """Whether each joint turns its link in the plane, shape (n,)."""
+    slides: BoolArray
+    """Whether each joint is prismatic, shape (n,)."""
+    slews: bool
+    """Whether joint 1 turns the plane about the vertical."""
+    slew_offset: float
+    """Distance of joint 2 ahead of the slew's axis [m]; 0 if the arm does not slew."""
+    slew_inertia: float
+    """Moment of inertia of the platform about the slew's axis [kg m²]; 0 if the arm does not
+    slew."""
+    link_length: FloatArray
+    """Length of each link with its joint at q = 0, shape (n,) [m]."""
+    link_mass: FloatArray
+    """Mass of each link, shape (n,) [kg]."""
+    link_center: FloatArray
+    """Distance of each link's centre of mass from its joint at q = 0, shape (n,) [m]."""
+    link_inertia: FloatArray
+    """Moment of inertia of each link about its centre of mass, shape (n,) [kg m²]."""
+    joint_min: FloatArray
+    """Lower limit of each joint, shape (n,) [rad or m]."""
+    joint_max: FloatArray
+    """Upper limit of each joint, shape (n,) [rad or m]."""
+    linkage: FloatArray
+    """Row of each joint's linkage, shape (n, LINKAGE_WIDTH); see `linkages.linkage`."""
+    cap_area: FloatArray
+    """Cap-side area A of each cylinder, shape (n,) [m²]."""
+    rod_area: FloatArray
+    """Rod-side (annulus) area a of each cylinder, shape (n,) [m²]."""
+    modules_per_mode: IntArray
+    """Booster modules that each mode occupies, shape (modes,); 0 if the mode is not boosted."""
     module_count: int
-    payload: float  # kg
-    gravity: float  # m/s²
-    min_x: float  # m
-    min_radius: float  # m
-    max_radius: float  # m
-    supply_pressure: float  # Pa
-    tank_pressure: float  # Pa
-    max_boost_pressure: float  # Pa
-    boost_margin: float  # Pa
-    main_pump_flow: float  # m³/s
-    servo_pump_flow: float  # m³/s
+    """Number of booster modules fitted."""
+    payload: float
+    """Mass at the tip [kg]."""
+    gravity: float
+    """Gravitational acceleration [m/s²]."""
+    min_x: float
+    """Smallest x of the workspace in the arm's plane [m]."""
+    min_radius: float
+    """Smallest distance of the workspace from the plane's origin [m]."""
+    max_radius: float
+    """Largest distance of the workspace from the plane's origin [m]."""
+    supply_pressure: float
+    """Main pump's pressure P_S [Pa]."""
+    tank_pressure: float
+    """Tank pressure p_T [Pa]."""
+    max_boost_pressure: float
+    """Highest boosted supply pressure [Pa]."""
+    boost_margin: float
+    """Pressure kept in reserve beyond load pressure and valve drop [Pa]."""
+    main_pump_flow: float
+    """Largest flow of the main pump Q_MP [m³/s]."""
+    servo_pump_flow: float
+    """Largest flow of one servo pump Q_SP [m³/s]."""
     servo_pump_efficiency: float
-    valve_coefficient: FloatArray  # [n] m³/(s √Pa), one edge of each actuator's valve
-    leakage_flow: float  # m³/s, one valve at the supply pressure
-    idle_leakage: float  # m³/s, likewise, of valves whose actuators are not among the n
-    max_piston_speed: FloatArray  # [n] m/s
-    max_piston_acceleration: float  # m/s²
-    max_piston_jerk: float  # m/s³
+    """Hydraulic power out of a servo pump over power into it [-]."""
+    valve_coefficient: FloatArray
+    """Flow coefficient K of one metering edge of each valve, Q = K √Δp, shape (n,) [m³/(s √Pa)]."""
+    leakage_flow: float
+    """Leakage of one valve at the main pump's pressure q_leak [m³/s]."""
+    external_leakage: float
+    """Total leakage, at the main pump's pressure, of valves that do not belong to the n joints
+    [m³/s]."""
+    max_piston_speed: FloatArray
+    """V_max of each actuator, shape (n,) [m/s]."""
+    max_piston_acceleration: float
+    """Largest planned piston acceleration [m/s²]."""
+    max_piston_jerk: float
+    """Largest planned piston jerk [m/s³]."""

@@ -1,7 +1,7 @@
-"""Braking: how a motion comes to rest, smoothly and without leaving its way.
+"""Braking: motions that come to rest smoothly.
 
-Both ways of braking are continuous up to the acceleration. For a planned stop and for a new plan
-whose start has to reverse.
+There are two methods, along a known path and from a state alone. Both are continuous up to the
+acceleration. They are used for a planned stop and for a new plan whose start must reverse.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import (
-    POINT_SPACING_NS,
+    MAX_POINT_SPACING_NS,
     SECOND_NS,
     MotionState,
     Trajectory,
@@ -18,34 +18,50 @@ from mhsb_model.trajectory import (
 )
 from mhsb_model.types import FloatArray, IntArray
 
-DECELERATION = 0.05
+PEAK_DECELERATION = 0.05
 """Peak deceleration of the pistons [m/s²]; from 12 mm/s the arm then stops within 0.36 s."""
 
-SHORTEST_BRAKING_NS = 60_000_000
-"""Shortest duration of a braking motion."""
+MIN_BRAKING_NS = 60_000_000
+"""Shortest duration of a braking motion [ns]."""
 
-CLOSEST_POINTS_NS = 1_000_000
-"""Points closer than this make the quintic between them numerically useless."""
+MIN_POINT_SPACING_NS = 1_000_000
+"""Shortest time between two points [ns]. For less, the quintic between them is numerically
+useless."""
 
 
 def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Trajectory:
-    """Come to rest on the way of a trajectory, from its state at the absolute time `at_ns`.
+    """Compute a motion that comes to rest on the path of a trajectory.
 
-    q(t) = Q(σ(t)) with the trajectory Q and σ̇ falling from 1 to 0 as 1 − 3u² + 2u³, u = t/T, so
-    that σ(T) = T/2: every posture is one of the trajectory, passed no faster than there, and the
-    acceleration Q″σ̇² + Q′σ̈ is continuous. Where the trajectory itself rests sooner, it is kept.
-    The result's stamp is `at_ns`. Source: path-velocity decomposition, Siciliano et al.,
-    Robotics, Section 4.3.
+        q(t) = Q(σ(t)),  σ̇ = 1 − 3u² + 2u³,  u = t/T
+
+    Q is the trajectory, and t the time since `at_ns`. Every posture is one of the trajectory,
+    passed no faster than there. The acceleration Q″σ̇² + Q′σ̈ is continuous, and σ(T) = T/2. T is
+    chosen so that the fastest piston decelerates by at most about `PEAK_DECELERATION`.
+
+    There are three special cases. If the arm stands still at `at_ns`, the result stands still. If
+    the trajectory ends within T after `at_ns`, its remaining part is returned without braking. If
+    less than `MIN_POINT_SPACING_NS` is left of it, each joint brakes on its own (`brake_from`).
+
+    Args:
+        machine: The machine.
+        trajectory: The motion Q to brake on.
+        at_ns: Absolute time at which braking begins [ns].
+
+    Returns:
+        The braking motion, with the stamp `at_ns`.
+
+    Source:
+        Path-velocity decomposition, Siciliano et al., Robotics, section 4.3.
     """
     start = trajectory.sample(at_ns)
     if not (start.velocity.any() or start.acceleration.any()):
         return standstill(start.position, at_ns)
     duration_ns = _braking_ns(machine, start)
     left_ns = trajectory.end_ns - at_ns
-    if left_ns < CLOSEST_POINTS_NS:
+    if left_ns < MIN_POINT_SPACING_NS:
         return brake_from(machine, start, at_ns)
     if left_ns <= duration_ns:
-        offset = _offsets_left(trajectory, at_ns)
+        offset = _find_remaining_point_times(trajectory, at_ns)
         q, qd, qdd = trajectory.sample_many(at_ns + offset)
         qd[-1] = 0.0
         return Trajectory(at_ns, offset, q, qd, qdd)
@@ -54,76 +70,106 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
     u = offset / duration_ns
     passed = duration * (u - u**3 + 0.5 * u**4)
     rate, slope = 1 - 3 * u**2 + 2 * u**3, 6 * (u**2 - u) / duration
-    return slowed_along(trajectory, at_ns, offset, passed, rate, slope)
+    return retime_along(trajectory, at_ns, offset, passed, rate, slope)
 
 
-def slowed_along(
+def retime_along(
     trajectory: Trajectory,
     at_ns: int,
     offset_ns: IntArray,
-    passed: FloatArray,
-    rate: FloatArray,
-    slope: FloatArray,
+    path_time: FloatArray,
+    path_rate: FloatArray,
+    path_rate_slope: FloatArray,
 ) -> Trajectory:
-    """Follow the path of a trajectory at another pace and come to rest on it.
+    """Compute a motion that passes the path of a trajectory with another timing and ends at rest.
 
-    With the trajectory Q(σ), q = Q(σ), q̇ = Q′σ̇ and q̈ = Q″σ̇² + Q′σ̈. Source: path-velocity
-    decomposition, Siciliano et al., Robotics, Section 4.3.
+        q(t) = Q(σ(t)),  q̇ = Q′ σ̇,  q̈ = Q″ σ̇² + Q′ σ̈
 
     Args:
-        trajectory: The motion Q whose path is followed.
+        trajectory: The motion Q(σ) whose path is followed.
         at_ns: Absolute time at which the trajectory is left; σ is 0 there [ns].
-        offset_ns: Times of the result's points after `at_ns`, the first is 0, int64[k] [ns].
-        passed: σ at these times, float64[k] [s].
-        rate: σ̇ at these times, float64[k]; the result rests at the last one.
-        slope: σ̈ at these times, float64[k] [1/s].
+        offset_ns: Times of the result's points after `at_ns`, the first is 0, shape (k,) [ns].
+        path_time: σ at these times, the time passed on the trajectory, shape (k,) [s].
+        path_rate: σ̇ at these times, shape (k,) [-].
+        path_rate_slope: σ̈ at these times, shape (k,) [1/s].
 
     Returns:
-        The slowed motion, with the stamp `at_ns`.
+        The slowed motion, with the stamp `at_ns`. Velocity and acceleration of its last point are
+        set to 0.
+
+    Source:
+        Path-velocity decomposition, Siciliano et al., Robotics, section 4.3.
     """
-    passed_ns = np.rint(passed * SECOND_NS).astype(np.int64)
+    passed_ns = np.rint(path_time * SECOND_NS).astype(np.int64)
     q, qd, qdd = trajectory.sample_many(at_ns + passed_ns)
-    qd, qdd = qd * rate[:, None], qdd * rate[:, None] ** 2 + qd * slope[:, None]
+    qd, qdd = qd * path_rate[:, None], qdd * path_rate[:, None] ** 2 + qd * path_rate_slope[:, None]
     qd[-1] = qdd[-1] = 0.0
     return Trajectory(at_ns, offset_ns, q, qd, qdd)
 
 
-def rest_of(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
-    """What is left of a trajectory from the absolute time `at_ns` on, with stamp 0; the same curve.
+def cut_before(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
+    """Cut off the part of a trajectory that lies before an absolute time.
 
-    None where hardly anything is left.
+    Args:
+        trajectory: The motion.
+        at_ns: Absolute time [ns].
+
+    Returns:
+        The remaining motion, whose times count from `at_ns`; its `stamp_ns` is 0. None if less than
+        `MIN_POINT_SPACING_NS` is left.
     """
-    if trajectory.end_ns - at_ns < CLOSEST_POINTS_NS:
+    if trajectory.end_ns - at_ns < MIN_POINT_SPACING_NS:
         return None
-    offset = _offsets_left(trajectory, at_ns)
+    offset = _find_remaining_point_times(trajectory, at_ns)
     return Trajectory(0, offset, *trajectory.sample_many(at_ns + offset))
 
 
 def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
-    """Come to rest from a state whose way is not known, each joint on its own.
+    """Compute a motion that comes to rest from a state whose path is unknown.
 
-    q̇ = q̇₀ (1 − 3u² + 2u³) + q̈₀ T (u − 2u² + u³), u = t/T: velocity and acceleration start from
-    the state and end at zero, after q̇₀ T/2 + q̈₀ T²/12. T is halved, down to
-    `SHORTEST_BRAKING_NS`, until joint limits and workspace hold. The result's stamp is `at_ns`.
+    Each joint brakes on its own, all in the same time T:
+
+        q̇ = q̇₀ (1 − 3u² + 2u³) + q̈₀ T (u − 2u² + u³),  u = t/T
+
+    Velocity and acceleration start from the state and end at 0, after a displacement of q̇₀ T/2 +
+    q̈₀ T²/12. T is first that of `_braking_ns`. It is halved until all points keep the joint limits
+    and the workspace, but not below `MIN_BRAKING_NS`. The motion with the last T is returned
+    even if it violates them.
+
+    Args:
+        machine: The machine.
+        state: Position, velocity and acceleration at the beginning.
+        at_ns: Absolute time at which braking begins [ns].
+
+    Returns:
+        The braking motion, with the stamp `at_ns`.
     """
     if not (state.velocity.any() or state.acceleration.any()):
         return standstill(state.position, at_ns)
     duration_ns = _braking_ns(machine, state)
     braking = _joint_braking(state, at_ns, duration_ns)
-    while duration_ns > SHORTEST_BRAKING_NS and not _within(machine, braking.position):
-        duration_ns = max(SHORTEST_BRAKING_NS, duration_ns // 2)
+    while duration_ns > MIN_BRAKING_NS and not _is_within_limits(machine, braking.position):
+        duration_ns = max(MIN_BRAKING_NS, duration_ns // 2)
         braking = _joint_braking(state, at_ns, duration_ns)
     return braking
 
 
 def _joint_braking(state: MotionState, at_ns: int, duration_ns: int) -> Trajectory:
+    """Compute the braking motion of `brake_from` for a given duration.
+
+    Args:
+        state: Position, velocity and acceleration at the beginning.
+        at_ns: Absolute time at which braking begins [ns].
+        duration_ns: Duration T of the motion [ns].
+
+    Returns:
+        The braking motion, with the stamp `at_ns`.
+    """
     offset = _offsets(duration_ns)
     duration = duration_ns / SECOND_NS
     u = (offset / duration_ns)[:, None]
     q0, v0, a0 = state.position, state.velocity, state.acceleration * duration
-    q = q0 + duration * (
-        v0 * (u - u**3 + 0.5 * u**4) + a0 * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4)
-    )
+    q = q0 + duration * (v0 * (u - u**3 + 0.5 * u**4) + a0 * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4))
     qd = v0 * (1 - 3 * u**2 + 2 * u**3) + a0 * (u - 2 * u**2 + u**3)
     qdd = (v0 * (6 * u**2 - 6 * u) + a0 * (1 - 4 * u + 3 * u**2)) / duration
     qd[-1] = qdd[-1] = 0.0
@@ -131,13 +177,34 @@ def _joint_braking(state: MotionState, at_ns: int, duration_ns: int) -> Trajecto
 
 
 def _braking_ns(machine: Machine, state: MotionState) -> int:
-    """Duration at which the fastest piston brakes with DECELERATION: 1.5 |v| at the middle."""
+    """Choose the duration of a braking motion from the speed of the fastest piston.
+
+        T = 1.5 max |r q̇| / PEAK_DECELERATION
+
+    The profile 1 − 3u² + 2u³ has its peak slope 1.5/T at the middle.
+
+    Args:
+        machine: The machine.
+        state: State at the beginning.
+
+    Returns:
+        Duration, at least `MIN_BRAKING_NS` [ns].
+    """
     arms = machine.moment_arms(state.position)
     fastest = float(np.max(np.abs(arms * state.velocity)))
-    return max(SHORTEST_BRAKING_NS, round(1.5 * fastest / DECELERATION * SECOND_NS))
+    return max(MIN_BRAKING_NS, round(1.5 * fastest / PEAK_DECELERATION * SECOND_NS))
 
 
-def _within(machine: Machine, position: FloatArray) -> bool:
+def _is_within_limits(machine: Machine, position: FloatArray) -> bool:
+    """Return whether all postures are within the joint limits, with their tips in the workspace.
+
+    Args:
+        machine: The machine.
+        position: Joint positions, shape (k, n) [rad or m].
+
+    Returns:
+        True if no limit is exceeded.
+    """
     limits, area = machine.arrays, machine.config.workspace
     if np.any(position < limits.joint_min) or np.any(position > limits.joint_max):
         return False
@@ -151,15 +218,28 @@ def _within(machine: Machine, position: FloatArray) -> bool:
 
 
 def _offsets(duration_ns: int) -> IntArray:
-    """Evenly spaced times from 0 to the duration, at most POINT_SPACING_NS apart."""
-    count = max(1, -(-duration_ns // POINT_SPACING_NS))
+    """Return even times from 0 to a duration, at most `MAX_POINT_SPACING_NS` apart [ns]."""
+    count = max(1, -(-duration_ns // MAX_POINT_SPACING_NS))
     return np.rint(np.linspace(0.0, duration_ns, count + 1)).astype(np.int64)
 
 
-def _offsets_left(trajectory: Trajectory, at_ns: int) -> IntArray:
-    """Times after `at_ns` of the points that are left, so that the curve remains the very same."""
+def _find_remaining_point_times(trajectory: Trajectory, at_ns: int) -> IntArray:
+    """Return point times for the part of a trajectory after an absolute time.
+
+    They are 0 and the times of the trajectory's own later points, so that the same quintics join
+    them. Points less than `MIN_POINT_SPACING_NS` after `at_ns` are dropped, which changes the first
+    interval slightly. If the first point that is kept is later than `MAX_POINT_SPACING_NS`, another
+    point is inserted half-way to it.
+
+    Args:
+        trajectory: The motion; it must end at least `MIN_POINT_SPACING_NS` after `at_ns`.
+        at_ns: Absolute time [ns].
+
+    Returns:
+        Times after `at_ns`, increasing, the first is 0 [ns].
+    """
     left = trajectory.stamp_ns + trajectory.offset_ns - at_ns
-    left = left[left >= CLOSEST_POINTS_NS]
-    if left[0] > POINT_SPACING_NS:
+    left = left[left >= MIN_POINT_SPACING_NS]
+    if left[0] > MAX_POINT_SPACING_NS:
         left = np.concatenate([[left[0] // 2], left])
     return np.concatenate([[0], left])

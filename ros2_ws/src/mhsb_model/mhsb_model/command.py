@@ -1,4 +1,4 @@
-"""What an arm is told to do."""
+"""The command that an arm executes: a trajectory and its mode schedule."""
 
 from __future__ import annotations
 
@@ -13,18 +13,26 @@ from mhsb_model.types import FloatArray, ModeArray
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What an arm has been told to do: a trajectory and the modes that go with it."""
+    """A trajectory and the mode schedule that belongs to it, with one stamp."""
 
     trajectory: Trajectory
+    """Motion of the joints."""
     schedule: ModeSchedule
+    """Modes of the actuators over time."""
 
     @classmethod
     def hold(cls, stamp_ns: int, position: FloatArray, modes: ModeArray) -> Command:
-        """Stand still at `position` [rad] in `modes`, from `stamp_ns` on."""
+        """Return a command to stand still.
+
+        Args:
+            stamp_ns: Absolute time of the command [ns].
+            position: Joint positions to hold, shape (n,) [rad or m].
+            modes: Modes in which to hold, shape (n,).
+        """
         schedule = ModeSchedule(stamp_ns, np.array([0]), modes[None, :])
         return cls(standstill(position, stamp_ns), schedule)
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp that both halves share."""
+        """Absolute time at which both trajectory and mode schedule begin [ns]."""
         return self.trajectory.stamp_ns

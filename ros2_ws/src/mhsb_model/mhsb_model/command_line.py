@@ -1,14 +1,14 @@
-"""The frame in which every command of the suite runs: arguments, errors, exit codes.
+"""Frame in which every command of the suite runs: arguments, errors and exit codes.
 
-A command is a function, or a dataclass with a method `run`; its parameters, their types and
-their documentation are the command line. Whatever goes wrong by the user's doing is told in one
-sentence on standard error:
+A command is a function, or a dataclass with a method `run`. Its parameters, their types and their
+documentation define the command line. Errors that the user can cause are printed as one sentence on
+standard error:
 
-    exit code  0    done (or what the command itself returns)
-               1    the command failed, or a file that it was given cannot be used
+    exit code  0    success (or the code that the command returns)
+               1    the command failed, or a given file cannot be used
                2    the arguments cannot be used
-               130  interrupted, with a sentence that tells what was kept, and where
-               141  the reader of the output went away: silent
+               130  interrupted; the sentence says which results were kept, and where
+               141  the reader of the output went away; nothing is printed
 """
 
 from __future__ import annotations
@@ -30,33 +30,40 @@ from typing import Annotated, Any, Protocol, cast, get_type_hints
 
 import tyro
 
-# The events of a failed parse are not yet public in tyro; its version is pinned for that reason.
+# Events of a failed parse are not public in tyro, so its version is pinned.
 from tyro import _errors as parse_errors
 
 from mhsb_model.errors import ArgumentError, MhsbError
 from mhsb_model.types import Position
 
-FAILED = 1
-USAGE = 2
-INTERRUPTED = 130
-READER_GONE = 141
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_INTERRUPTED = 130
+EXIT_READER_GONE = 141
 
-NOTHING_KEPT = "no result was kept"
+DEFAULT_INTERRUPT_NOTE = "no result was kept"
+"""Words of an interrupted command that has not called `set_interrupt_note`."""
 
-LONGEST_WORD = 120
-"""Characters of a word of the command line that a message repeats; paths are long."""
+SECTION_HEADING = re.compile(r"\n(?:Args|Attributes|Returns|Raises|Yields|Examples?|Source):\n")
+"""Heading of a section of a docstring, which `--help` does not show."""
+MAX_QUOTED_WORD = 120
+"""Largest number of characters of a word that a message repeats; paths are long."""
 
-LONGEST_NUMBER = 30
-"""Characters of a number that a message repeats."""
-
-
-_kept: list[str] = []
-"""What an interrupt of the running command leaves, in words; the last one holds."""
+MAX_QUOTED_NUMBER = 30
+"""Largest number of characters of a number that a message repeats."""
 
 
-def keep(words: str) -> None:
-    """From now on an interrupt of this command tells these words: what is kept then, and where."""
-    _kept[:] = [words]
+_interrupt_note: list[str] = []
+"""Words of the last call of `set_interrupt_note` in the running command; at most one element."""
+
+
+def set_interrupt_note(words: str) -> None:
+    """Set the words that an interrupt of the running command prints from this point on.
+
+    Args:
+        words: Which results are kept, and where, for instance "out/summary.json has 3 of 10 draws".
+    """
+    _interrupt_note[:] = [words]
 
 
 class UsageError(ArgumentError):
@@ -64,14 +71,14 @@ class UsageError(ArgumentError):
 
 
 @dataclass(frozen=True)
-class Within:
-    """The range of an argument's numbers, as metadata: `Annotated[float, Within(0.0, 5.0)]`.
+class NumberRange:
+    """Range of an argument's numbers, as metadata: `Annotated[float, NumberRange(0.0, 5.0)]`.
 
-    Help shows it, and a number outside of it is refused before the command begins.
+    The help shows it. A number outside of it is refused before the command begins.
 
     Attributes:
-        least: The smallest number that is taken.
-        greatest: The greatest one.
+        least: Smallest allowed number.
+        greatest: Largest allowed number.
     """
 
     least: float
@@ -82,74 +89,101 @@ class Within:
         return f"from {self.least:g} to {self.greatest:g}"
 
 
-Seed = Annotated[int, Within(0, 2**63 - 1)]
-"""Of random numbers."""
+Seed = Annotated[int, NumberRange(0, 2**63 - 1)]
+"""Seed of random numbers."""
 
-Count = Annotated[int, Within(0, 1_000_000)]
-"""How many of something."""
+Count = Annotated[int, NumberRange(0, 1_000_000)]
+"""Number of things."""
 
-JobCount = Annotated[int | None, Within(0, 4096)]
-"""Processes that work; None takes one for each processor."""
+JobCount = Annotated[int | None, NumberRange(0, 4096)]
+"""Number of worker processes; None means one for each processor."""
 
-Coordinates = Annotated[Position, Within(-1e4, 1e4)]
-"""A position [m]."""
+Coordinates = Annotated[Position, NumberRange(-1e4, 1e4)]
+"""Position [m]."""
 
 
-class Command(Protocol):
+class CommandArguments(Protocol):
     """A dataclass whose fields are the arguments of a command."""
 
     def run(self) -> int | None:
-        """Do it; the exit code, or None for 0."""
+        """Run the command.
+
+        Returns:
+            The exit code; None means 0.
+        """
 
 
 def run(
-    command: Callable[..., int | None] | type[Command],
+    command: Callable[..., int | None] | type[CommandArguments],
     arguments: Sequence[str] | None = None,
     *,
     name: str | None = None,
     node: bool = False,
 ) -> int:
-    """Run a command on its arguments (default: the process's own) and return its exit code.
+    """Parse a command's arguments, run it and turn errors into sentences and exit codes.
 
-    `name` is what usage and errors call it (default: how it was started). With `node`,
-    `--ros-args ...` are left to rclpy, which reads them from the process's arguments.
-    `--help` prints the help and ends the process with code 0.
+    `--help` prints the help and ends the process with code 0. An ArgumentError gives code 2,
+    another MhsbError code 1, an interrupt code 130, and a closed output code 141. An OSError gives
+    code 1 if it names a file or the disk is full. Other exceptions are bugs and are not caught.
+    Each of these errors, except a closed output, prints one sentence on standard error.
+
+    Args:
+        command: A function, or a dataclass with a method `run`.
+        arguments: Words of the command line; None takes the process's own.
+        name: Name of the command in usage and error messages; None takes the name of the started
+            file.
+        node: Whether to leave `--ros-args …` to rclpy, which reads them from the process's
+            arguments.
+
+    Returns:
+        The exit code.
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     name = name or Path(sys.argv[0]).stem
-    _kept.clear()
+    _interrupt_note.clear()
     try:
         if node:
             arguments = without_ros_arguments(arguments)
         code = _parse(command, arguments, name)() or 0
-        sys.stdout.flush()  # so that a reader who went away is noticed here
+        sys.stdout.flush()  # raises BrokenPipeError here if the reader went away
         return code
     except ArgumentError as error:
-        return _fail(name, error, USAGE)
+        return _print_failure(name, error, EXIT_USAGE)
     except MhsbError as error:
-        return _fail(name, error, FAILED)
+        return _print_failure(name, error, EXIT_FAILED)
     except KeyboardInterrupt:
-        return _fail(name, f"interrupted; {_kept[0] if _kept else NOTHING_KEPT}", INTERRUPTED)
+        return _print_failure(
+            name,
+            f"interrupted; {_interrupt_note[0] if _interrupt_note else DEFAULT_INTERRUPT_NOTE}",
+            EXIT_INTERRUPTED,
+        )
     except BrokenPipeError:
         _drop_output()
-        return READER_GONE
+        return EXIT_READER_GONE
     except OSError as error:
-        if error.errno == errno.ENOSPC:  # of standard output, or of a file, which it may not name
+        if error.errno == errno.ENOSPC:  # a full disk; the error need not name a file
             _drop_output()
             place = error.filename or "the output"
-            return _fail(name, f"{place} cannot be written: {error.strerror}", FAILED)
-        if error.filename is None:  # not about a file that somebody named
+            return _print_failure(name, f"{place} cannot be written: {error.strerror}", EXIT_FAILED)
+        if error.filename is None:  # a bug: errors of files that users give have names
             raise
-        return _fail(name, f"{error.filename}: {error.strerror}", FAILED)
+        return _print_failure(name, f"{error.filename}: {error.strerror}", EXIT_FAILED)
 
 
 def _drop_output() -> None:
-    """Nothing is left to flush when the process ends."""
+    """Redirect standard output to the null device, so that flushing at exit cannot fail."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
-    """The arguments less what stands between `--ros-args` and `--` (or the end)."""
+    """Remove the words from `--ros-args` to the next `--`, which is removed too, or to the end.
+
+    Args:
+        arguments: Words of the command line.
+
+    Returns:
+        The remaining words, in their order. If there are several such parts, all are removed.
+    """
     own = []
     inside = False
     for argument in arguments:
@@ -162,7 +196,7 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
     return own
 
 
-def _fail(name: str, error: MhsbError | str, code: int) -> int:
+def _print_failure(name: str, error: MhsbError | str, code: int) -> int:
     print(f"{name}: {_one_line(str(error))}", file=sys.stderr)
     return code
 
@@ -172,40 +206,72 @@ def _one_line(text: str) -> str:
 
 
 def _parse(
-    command: Callable[..., int | None] | type[Command], arguments: list[str], name: str
+    command: Callable[..., int | None] | type[CommandArguments], arguments: list[str], name: str
 ) -> Callable[[], int | None]:
-    """The command with its arguments filled in, ready to be called."""
+    """Parse a command's arguments and bind them to the command.
 
-    def refuse(event: parse_errors.ParseErrorEvent) -> None:
-        sentence = _sentence(event, arguments).rstrip(".")
+    Numbers are checked against the `NumberRange` of their argument. The help shows these ranges if
+    the command is a function.
+
+    Args:
+        command: A function, or a dataclass with a method `run`.
+        arguments: Words of the command line.
+        name: Name of the command in usage and error messages.
+
+    Returns:
+        A function without arguments that runs the command and returns its exit code, or None for 0.
+
+    Raises:
+        UsageError: The arguments cannot be parsed or a number is outside its range.
+    """
+
+    def raise_usage_error(event: parse_errors.ParseErrorEvent) -> None:
+        """Raise UsageError with one sentence for an error event of tyro's parser."""
+        sentence = _describe_parse_error(event, arguments).rstrip(".")
         raise UsageError(f"{sentence}; see {name} --help")
 
     plain = get_type_hints(command, include_extras=True)
     if isinstance(command, type):
-        target: Callable[..., Any] = command
+        bind_arguments: Callable[..., Any] = command
     else:
-        # Parsing calls its target; binding keeps errors of the command apart from those of parsing.
-        def target(*values: Any, **named: Any) -> Callable[[], int | None]:
+        # tyro calls its target, so the command is only bound: its own errors must not occur here.
+        def bind_arguments(*values: Any, **named: Any) -> Callable[[], int | None]:
+            """Check the ranges of parsed arguments and bind them to the command.
+
+            The command is not called: errors that it raises must not look like parsing errors.
+
+            Args:
+                values: Positional arguments of the command.
+                named: Keyword arguments of the command.
+
+            Returns:
+                A function without arguments that runs the command.
+            """
             _check_ranges(plain, signature.bind(*values, **named).arguments)
             return functools.partial(command, *values, **named)
 
         hints = {
-            name: Annotated[kind, tyro.conf.arg(help_behavior_hint=partial(_hint, _range(kind)))]
+            name: Annotated[
+                kind,
+                tyro.conf.arg(
+                    help_behavior_hint=partial(_describe_range_and_default, _get_range(kind))
+                ),
+            ]
             for name, kind in plain.items()
         }
         signature = inspect.signature(command)
-        # inspect, and tyro by it, looks for this name; mypy's functions do not have it.
-        target.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        # tyro reads this attribute through inspect.signature; mypy does not know it.
+        bind_arguments.__signature__ = signature.replace(  # type: ignore[attr-defined]
             parameters=[
                 each.replace(annotation=hints[name]) for name, each in signature.parameters.items()
             ]
         )
-        target.__annotations__ = hints
-        target.__doc__ = re.sub(r"\n {5,}", " ", inspect.cleandoc(command.__doc__ or ""))
+        bind_arguments.__annotations__ = hints
+        bind_arguments.__doc__ = re.sub(r"\n {5,}", " ", inspect.cleandoc(command.__doc__ or ""))
 
-    with parse_errors.on_parse_error(refuse):
+    with parse_errors.on_parse_error(raise_usage_error):
         parsed: Any = tyro.cli(
-            target,
+            bind_arguments,
             prog=name,
             description=_description(command),
             args=arguments,
@@ -219,11 +285,18 @@ def _parse(
 
 
 def _description(command: Callable[..., Any]) -> str:
-    """What its docstring says of a command, paragraphs wrapped to the terminal's width.
+    """Return the description of a command from its docstring, wrapped to the terminal's width.
 
-    Indented by one column, by which tyro knows that lines are not to be joined again.
+    The text ends before the first section, such as `Args:`. Lines are indented by one column,
+    which prevents tyro from joining them again.
+
+    Args:
+        command: A function or dataclass.
+
+    Returns:
+        The wrapped paragraphs, with one line break between them.
     """
-    text, *_ = inspect.cleandoc(command.__doc__ or "").partition("\nArgs:\n")
+    text = SECTION_HEADING.split(inspect.cleandoc(command.__doc__ or ""), maxsplit=1)[0]
     wrap = textwrap.TextWrapper(
         shutil.get_terminal_size().columns,
         initial_indent=" ",
@@ -234,46 +307,63 @@ def _description(command: Callable[..., Any]) -> str:
     return "\n".join(wrap.fill(_one_line(part)) for part in text.strip().split("\n\n"))
 
 
-def _hint(limits: Within | None, value: str) -> str:
-    """Return what help says behind the meaning of an argument: its range and default value.
+def _describe_range_and_default(limits: NumberRange | None, value: str) -> str:
+    """Return the text that the help adds to an argument: its range and default value.
 
     Args:
-        limits: The range of its numbers, None if it has none.
-        value: The default value; "None" is left out, since the meaning says what happens then.
+        limits: Range of the argument's numbers; None if it has none.
+        value: The default value as text. "None" is left out, since the argument's description says
+            what happens then. An empty text means a repeatable argument.
+
+    Returns:
+        Text in parentheses; empty if there is nothing to add.
     """
     default = {"None": "", "": "repeatable"}.get(value, f"default: {value}")
     words = "; ".join(filter(None, (str(limits or ""), default)))
     return f"({words})" if words else ""
 
 
-def _range(kind: Any) -> Within | None:
-    """Return the range in an argument's type, or None."""
-    found = (each for each in getattr(kind, "__metadata__", ()) if isinstance(each, Within))
+def _get_range(kind: Any) -> NumberRange | None:
+    """Return the range in the metadata of an argument's type, or None."""
+    found = (each for each in getattr(kind, "__metadata__", ()) if isinstance(each, NumberRange))
     return next(found, None)
 
 
 def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
-    """Raise UsageError for the first argument with a number outside its range.
+    """Check that all numbers of all arguments are within their ranges.
 
     Args:
         kinds: Type of each argument by its name.
-        values: What the arguments are.
+        values: Value of each argument by its name.
+
+    Raises:
+        UsageError: A number is outside its range. The sentence names the first such argument, its
+            range and the number.
     """
     for name, value in values.items():
-        limits = _range(kinds.get(name))
+        limits = _get_range(kinds.get(name))
         if limits is None:
             continue
-        for number in _numbers(value):
+        for number in _iterate_numbers(value):
             if not limits.least <= number <= limits.greatest:
                 flag = f"--{name.strip('_').replace('_', '-')}"
-                raise UsageError(f"{flag} must be {limits} (is {str(number)[:LONGEST_NUMBER]})")
+                raise UsageError(f"{flag} must be {limits} (is {str(number)[:MAX_QUOTED_NUMBER]})")
 
 
-def _numbers(value: Any) -> Iterator[float]:
-    """Yield all numbers in a value, in tuples and lists as well."""
+def _iterate_numbers(value: Any) -> Iterator[float]:
+    """Yield all numbers in a value, also from nested tuples and lists.
+
+    Booleans and other values are skipped.
+
+    Args:
+        value: Value of an argument.
+
+    Yields:
+        Numbers in their order.
+    """
     if isinstance(value, list | tuple):
         for each in value:
-            yield from _numbers(each)
+            yield from _iterate_numbers(each)
     elif isinstance(value, int | float) and not isinstance(value, bool):
         yield value
 
@@ -281,7 +371,16 @@ def _numbers(value: Any) -> Iterator[float]:
 # --- Sentences about arguments -------------------------------------------------------------------
 
 
-def _sentence(event: parse_errors.ParseErrorEvent, arguments: list[str]) -> str:
+def _describe_parse_error(event: parse_errors.ParseErrorEvent, arguments: list[str]) -> str:
+    """Return a sentence that says what is wrong with the arguments.
+
+    Args:
+        event: Error event of tyro's parser.
+        arguments: Words of the command line.
+
+    Returns:
+        The sentence, without the name of the command.
+    """
     match event:
         case parse_errors.MissingArgs():
             missing = ", ".join(_label(each.arg) for each in event.missing_arguments)
@@ -292,32 +391,60 @@ def _sentence(event: parse_errors.ParseErrorEvent, arguments: list[str]) -> str:
             choices = ", ".join(choice for choice in event.choices if choice != "None")
             return f"{_label(event.argument)} takes one of {choices}, not '{event.value}'"
         case parse_errors.BadValue():
-            return _bad_value(event.argument, "", arguments)
+            return _describe_bad_value(event.argument, "", arguments)
         case parse_errors.InstantiationFailure() if event.argument is not None:
-            return _bad_value(event.argument, event.message, arguments)
+            return _describe_bad_value(event.argument, event.message, arguments)
         case parse_errors.InstantiationFailure():
             return event.message
     return "these arguments do not go together"
 
 
-def _bad_value(argument: Any, message: str, arguments: list[str]) -> str:
-    """What an argument takes, and what it was given."""
+def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> str:
+    """Return a sentence that says which values an argument takes and what was given.
+
+    The words after the argument's flag count as what was given. If the flag is not on the command
+    line, the last quoted word of tyro's message counts.
+
+    Args:
+        argument: The argument, as tyro describes it.
+        message: tyro's message, which may quote the value.
+        arguments: Words of the command line.
+
+    Returns:
+        The sentence. Words are cut after MAX_QUOTED_WORD characters.
+    """
     quoted = re.findall(r"'([^']*)'", message)
     given = _tokens_after(argument.lowered.name_or_flags, arguments) or quoted[-1:]
-    shown = " ".join(f"{word[:LONGEST_WORD]}…" if word[LONGEST_WORD:] else word for word in given)
+    shown = " ".join(
+        f"{word[:MAX_QUOTED_WORD]}…" if word[MAX_QUOTED_WORD:] else word for word in given
+    )
     found = f"not '{shown}'" if given else "but nothing was given"
-    return f"{_label(argument)} takes {_values(argument)}, {found}"
+    return f"{_label(argument)} takes {_describe_values(argument)}, {found}"
 
 
 def _label(argument: Any) -> str:
-    """How an argument is called on the command line."""
+    """Return the name of an argument on the command line.
+
+    Args:
+        argument: The argument, as tyro describes it.
+
+    Returns:
+        The first spelling of its flag, or its name in capitals if it is positional.
+    """
     if argument.is_positional():
         return str(argument.field.extern_name).upper()
     return str(argument.lowered.name_or_flags[0])
 
 
-def _values(argument: Any) -> str:
-    """What values an argument takes, with the words of its help."""
+def _describe_values(argument: Any) -> str:
+    """Return which values an argument takes, followed by its description in parentheses.
+
+    Args:
+        argument: The argument, as tyro describes it.
+
+    Returns:
+        For instance "NUMBER (duration [s])".
+    """
     metavar = str(argument.lowered.metavar).strip("{}")
     text = argument.field.helptext
     meaning = _one_line((text() if callable(text) else text) or "").rstrip(".")
@@ -325,7 +452,15 @@ def _values(argument: Any) -> str:
 
 
 def _tokens_after(flags: Sequence[str], arguments: list[str]) -> list[str]:
-    """The words that follow the last use of a flag, up to the next flag."""
+    """Return the words after the last use of a flag, up to the next flag.
+
+    Args:
+        flags: All spellings of the flag.
+        arguments: Words of the command line.
+
+    Returns:
+        The words; empty if the flag was not used or nothing follows.
+    """
     places = [index for index, word in enumerate(arguments) if word in flags]
     if not places:
         return []
@@ -339,7 +474,18 @@ def _tokens_after(flags: Sequence[str], arguments: list[str]) -> list[str]:
 _REGISTRY = tyro.constructors.ConstructorRegistry()
 
 
-def _finite(words: list[str]) -> float:
+def _parse_finite(words: list[str]) -> float:
+    """Convert the first of several words to a finite number.
+
+    Args:
+        words: Words of the command line; tyro passes one.
+
+    Returns:
+        The number.
+
+    Raises:
+        ValueError: It is not a number, or not finite.
+    """
     number = float(words[0])
     if not math.isfinite(number):
         raise ValueError(f"'{words[0]}' is not a finite number")
@@ -347,16 +493,23 @@ def _finite(words: list[str]) -> float:
 
 
 @_REGISTRY.primitive_rule
-def _finite_numbers(
+def _make_float_rule(
     kind: tyro.constructors.PrimitiveTypeInfo,
 ) -> tyro.constructors.PrimitiveConstructorSpec[float] | None:
-    """Every float on a command line is a finite number."""
+    """Make tyro accept only finite numbers for arguments of type float.
+
+    Args:
+        kind: Type of an argument.
+
+    Returns:
+        Rule for conversion from and to text; None if the type is not float.
+    """
     if kind.type is not float:
         return None
     return tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
         metavar="NUMBER",
-        instance_from_str=_finite,
+        instance_from_str=_parse_finite,
         is_instance=lambda value: isinstance(value, (int, float)),
         str_from_instance=lambda value: [str(value)],
     )

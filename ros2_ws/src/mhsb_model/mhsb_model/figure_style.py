@@ -1,7 +1,7 @@
-"""What all figures have in common: size, colours, thinning, and how they are written.
+"""Style of all figures: size, colours, thinning of lines, and writing to files.
 
-matplotlib is imported when a figure is made, so that nothing else has to wait for it. Figures
-are made without pyplot: there is no screen and no state.
+matplotlib is imported only when a figure is made, since the import takes time. Figures are made
+without pyplot, since there is neither a screen nor global state.
 """
 
 from __future__ import annotations
@@ -22,12 +22,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH = 10.0  # in
-RESOLUTION = 120  # dots/in
-MOST_POINTS = 4000
-"""Points of a line beyond which it is thinned; more than the picture has columns."""
+FIGURE_WIDTH = 10.0
+"""Default width of a figure [in]."""
+DOTS_PER_INCH = 120
+"""Resolution of a figure [dots/in]."""
+MAX_LINE_POINTS = 4000
+"""Largest number of points of a line that is drawn without thinning; more than the picture has
+columns."""
 
 LEGEND_COLUMNS = 4
+"""Largest number of columns of a legend."""
 
 # The colours of Okabe and Ito, which colour-blind people can tell apart.
 BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"
@@ -35,10 +39,11 @@ YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, PALE = "#7f7f7f", "#d9d9d9"
 
 MODE_COLOR = {Mode.N: PALE, Mode.DB: SKY, Mode.SB: ORANGE}
+"""Colour of bands and bars for each mode."""
 PATH_COLOR = {Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}
-"""Of bands and bars, and of lines and dots."""
+"""Colour of lines and dots for each mode."""
 
-STYLE: dict[Any, Any] = {
+RC_PARAMETERS: dict[Any, Any] = {
     "font.size": 9.5,
     "axes.grid": True,
     "axes.spines.top": False,
@@ -50,23 +55,36 @@ STYLE: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
     "lines.linewidth": 1.2,
-    "savefig.dpi": RESOLUTION,
+    "savefig.dpi": DOTS_PER_INCH,
 }
+"""matplotlib settings that are in force while a figure is made."""
 
 
 def rgb(text: str) -> tuple[float, float, float]:
-    """Red, green, blue of `#rrggbb`, as shares of 1."""
+    """Convert a colour `#rrggbb` to red, green and blue from 0 to 1."""
     red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return (red, green, blue)
 
 
 @contextmanager
-def written_figure(path: Path, height: float, width: float = WIDTH) -> Iterator[Figure]:
-    """A figure to draw on, written as PNG at the end, whole or not at all; sizes in inches."""
+def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Iterator[Figure]:
+    """Open a figure to draw on, as a context manager, and write it as PNG when the block ends.
+
+    The file is written under a temporary name and renamed, so it is complete or not changed at all.
+    If the block raises, nothing is written.
+
+    Args:
+        path: File to write.
+        height: Height of the figure [in].
+        width: Width of the figure [in].
+
+    Yields:
+        The empty figure, with `RC_PARAMETERS` in force.
+    """
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(RC_PARAMETERS):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         figure.align_ylabels()
@@ -79,16 +97,34 @@ def written_figure(path: Path, height: float, width: float = WIDTH) -> Iterator[
 
 
 def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:
-    """A line through many points, thinned so that its peaks stay."""
-    rows = telling_rows(y)
+    """Draw a line, thinned so that its peaks stay if it has many points.
+
+    Args:
+        axes: Axes to draw on.
+        x: Abscissae, shape (k,).
+        y: Ordinates, shape (k,).
+        style: Further arguments of `Axes.plot`.
+    """
+    rows = choose_extreme_points(y)
     axes.plot(x[rows], y[rows], **style)
 
 
-def telling_rows(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
-    """Rows of float64[k] to draw: all, or the smallest and the largest of each of most/2 parts."""
-    if len(values) <= most:
+def choose_extreme_points(values: FloatArray, max_points: int = MAX_LINE_POINTS) -> IntArray:
+    """Choose the points of a line to draw so that its peaks stay.
+
+    The line is divided into `max_points`/2 parts with equal numbers of points. The points with the
+    smallest and the largest value of each part are kept.
+
+    Args:
+        values: Ordinates of the line, shape (k,).
+        max_points: Largest number of points; a line with no more is kept whole.
+
+    Returns:
+        Indices of the points, increasing.
+    """
+    if len(values) <= max_points:
         return np.arange(len(values))
-    edges = np.linspace(0, len(values), most // 2 + 1).astype(np.int64)
+    edges = np.linspace(0, len(values), max_points // 2 + 1).astype(np.int64)
     parts = [
         begin + np.array([np.argmin(values[begin:end]), np.argmax(values[begin:end])])
         for begin, end in pairwise(edges)
@@ -97,7 +133,15 @@ def telling_rows(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
 
 
 def legend_above(figure: Figure, *all_axes: Axes) -> None:
-    """One legend above all axes, where it hides nothing; each label once."""
+    """Draw one common legend for several axes above them, outside the plots, with each label once.
+
+    If several lines or bars have the same label, the first one is shown. The legend has at most
+    LEGEND_COLUMNS columns.
+
+    Args:
+        figure: Figure of the axes.
+        all_axes: Axes whose labelled lines and bars are listed.
+    """
     entries: dict[str, Any] = {}
     for axes in all_axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -1,4 +1,4 @@
-"""What is asked of a planner: where the tip shall go."""
+"""The goal of a motion: the position to which the tip shall go."""
 
 from __future__ import annotations
 
@@ -7,14 +7,19 @@ from dataclasses import dataclass
 
 from mhsb_model.types import Position
 
-SAME_PLACE = 1e-4  # m
+GOAL_POSITION_TOLERANCE = 1e-4
+"""Largest distance along each axis between goals that count as the same [m]."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """Where the tip shall go in `base_link`: x forward, z up [m]; `stamp_ns` is the goal's id.
+    """A position in `base_link` to which the tip shall go.
 
-    y, to the left [m], is for arms that slew, and None for others.
+    Attributes:
+        stamp_ns: Stamp of the goal, which identifies it [ns].
+        x: Forward coordinate [m].
+        z: Upward coordinate [m].
+        y: Coordinate to the left, for arms that slew [m]; None for others.
     """
 
     stamp_ns: int
@@ -24,30 +29,46 @@ class Goal:
 
     @property
     def position(self) -> Position:
-        """(x, z), or (x, y, z)."""
+        """Position (x, z), or (x, y, z) if the goal has a y [m]."""
         return (self.x, self.z) if self.y is None else (self.x, self.y, self.z)
 
     @classmethod
     def at(cls, stamp_ns: int, position: Position) -> Goal:
-        """The goal at (x, z), or (x, y, z)."""
+        """Make a goal from a position.
+
+        Args:
+            stamp_ns: Stamp of the goal [ns].
+            position: (x, z), or (x, y, z) for an arm that slews [m].
+
+        Returns:
+            The goal; its y is None for a position of two coordinates.
+        """
         x, *y, z = position
         return cls(stamp_ns, x, z, *y)
 
     def moved_to(self, position: Position) -> Goal:
-        """The same goal somewhere else."""
+        """Return a goal with the same stamp at another position."""
         return Goal.at(self.stamp_ns, position)
 
     @property
-    def place(self) -> str:
-        """In words."""
-        return place(self.position)
+    def position_text(self) -> str:
+        """Text of the position, for instance "(0.55, 0.6) m"."""
+        return format_position(self.position)
 
-    def same_place(self, other: Goal) -> bool:
-        """Whether both lie within 0.1 mm along each axis: a plan to one leads to the other, too."""
+    def is_at_same_position(self, other: Goal) -> bool:
+        """Return whether two goals are within 0.1 mm of each other along each axis.
+
+        A plan to one of them then leads to the other, too.
+        """
         pairs = zip(self.position, other.position, strict=True)
-        return max(abs(one - another) for one, another in pairs) <= SAME_PLACE
+        return max(abs(one - another) for one, another in pairs) <= GOAL_POSITION_TOLERANCE
 
 
-def place(position: Iterable[float], form: str = ".4g") -> str:
-    """A position in words: "(0.55, 0.6) m"; each number in this form, without rounding errors."""
-    return f"({', '.join(format(round(value, 9) + 0.0, form) for value in position)}) m"
+def format_position(position: Iterable[float], number_format: str = ".4g") -> str:
+    """Format a position for messages, for instance "(0.55, 0.6) m".
+
+    Args:
+        position: Coordinates [m]; they are rounded to 1 nm, and −0 becomes 0.
+        number_format: Format specification of each coordinate.
+    """
+    return f"({', '.join(format(round(value, 9) + 0.0, number_format) for value in position)}) m"

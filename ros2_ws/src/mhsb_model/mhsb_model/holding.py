@@ -1,7 +1,7 @@
-"""Holding modes: in which an arm stays at rest.
+"""Holding modes: the modes in which an arm stays at rest.
 
-N where P_S carries an actuator's load, DB elsewhere, so that the servo can make up for what leaks
-and no load sags.
+An actuator holds in mode N if P_S carries its load, otherwise in DB. The servo can then compensate
+leakage, and no load sags.
 """
 
 from __future__ import annotations
@@ -18,9 +18,22 @@ from mhsb_model.types import FloatArray, ModeArray
 
 
 class HoldingError(MhsbError):
-    """Too few booster modules are fitted to hold a posture; `modes` are those that it takes."""
+    """The arm has too few booster modules to hold a posture.
+
+    Attributes:
+        modes: Modes that the posture needs, shape (n,).
+        needed: Number of booster modules that these modes occupy.
+        fitted: Number of booster modules of the machine.
+    """
 
     def __init__(self, modes: ModeArray, needed: int, fitted: int) -> None:
+        """Make the message from the modes and the numbers of modules.
+
+        Args:
+            modes: Modes that the posture needs, shape (n,).
+            needed: Number of booster modules that these modes occupy.
+            fitted: Number of booster modules of the machine.
+        """
         self.modes = modes
         self.needed = needed
         self.fitted = fitted
@@ -31,9 +44,17 @@ class HoldingError(MhsbError):
 
 
 def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
-    """Modes that hold the cylinders' loads `force` float64[n] N at rest, uint8[n].
+    """Choose the modes in which the cylinders hold their loads at rest.
 
-    Raises HoldingError where that takes more modules than there are.
+    Args:
+        machine: The machine.
+        force: Piston forces, positive if they resist extension, shape (n,) [N].
+
+    Returns:
+        Modes, uint8 of shape (n,): DB if the actuator needs boost to hold, otherwise N.
+
+    Raises:
+        HoldingError: These modes need more booster modules than the machine has.
     """
     m = machine.arrays
     modes = _holding_modes(m, np.asarray(force, dtype=np.float64))
@@ -43,10 +64,19 @@ def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
     return modes
 
 
-def modes_to_stop(machine: Machine, force: FloatArray, in_force: ModeArray) -> ModeArray:
-    """`holding_modes` where an arm must come to rest, whatever its modules can hold there.
+def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) -> ModeArray:
+    """Choose the modes in which an arm holds after a stop, which is never refused.
 
-    Where they are too few, the modes in force stay: a stop is not refused.
+    They are the result of `holding_modes` if the booster modules are enough. Otherwise the arm
+    keeps its present modes.
+
+    Args:
+        machine: The machine.
+        force: Piston forces at the stop, positive if they resist extension, shape (n,) [N].
+        in_force: Present modes, shape (n,).
+
+    Returns:
+        Modes, uint8 of shape (n,).
     """
     try:
         return holding_modes(machine, force)
@@ -56,6 +86,15 @@ def modes_to_stop(machine: Machine, force: FloatArray, in_force: ModeArray) -> M
 
 @kernel
 def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
+    """Choose DB for each actuator that needs boost to hold its load, otherwise N.
+
+    Args:
+        m: Arrays of the machine.
+        force: Piston forces, positive if they resist extension, shape (n,) [N].
+
+    Returns:
+        Modes, uint8 of shape (n,); the module budget is not checked.
+    """
     modes = np.empty(len(force), dtype=np.uint8)
     for j in range(len(force)):
         modes[j] = Mode.DB if needs_boost(m, j, force[j], 0.0) else Mode.N

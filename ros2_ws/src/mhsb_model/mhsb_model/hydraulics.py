@@ -1,8 +1,11 @@
 """Quasi-static limits of a valve-controlled single-rod cylinder.
 
-F > 0 resists extension: F = p_A A − p_B a, with the cap-side area A and the rod-side area a.
-K is the flow coefficient of one metering edge, Q = K √Δp. Speeds are of the piston, positive in
-extension. Source: paper, Section 2.1, with the asymmetric cylinder worked out.
+Symbols: cap-side area A and rod-side area a [m²], supply pressure p_S and tank pressure p_T [Pa].
+The piston force F = p_A A − p_B a [N] is positive if the load resists extension. Piston speeds v
+[m/s] are positive in extension. K [m³/(s √Pa)] is the flow coefficient of one metering edge of the
+valve, Q = K √Δp.
+
+Source: paper, Section 2.1, with the asymmetric cylinder worked out.
 """
 
 from __future__ import annotations
@@ -14,18 +17,33 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.modes import BOOSTED, ON_RAIL
+from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.types import FloatArray, ModeArray
 
-LEFT_BY_INERTIA = 0.5
-"""Share of the boost margin that inertia leaves to friction and servo."""
+MARGIN_SHARE_WITHOUT_INERTIA = 0.5
+"""Share of the boost margin that is reserved for friction and control [-]; inertia may use the
+rest."""
 
 
 @kernel
 def extension_speed(
     k: float, cap: float, rod: float, supply: float, tank: float, force: float
 ) -> float:
-    """v = K √((A p_S − a p_T − F)/(A³ + a³)) [m/s]; 0 where the supply cannot extend."""
+    """Compute the speed at which a fully open valve extends the piston.
+
+        v = K √((A p_S − a p_T − F) / (A³ + a³))
+
+    Args:
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        supply: Supply pressure p_S [Pa].
+        tank: Tank pressure p_T [Pa].
+        force: Piston force F, positive if it resists extension [N].
+
+    Returns:
+        Speed [m/s]; 0 if the supply pressure cannot extend the piston.
+    """
     drive = cap * supply - rod * tank - force
     if drive <= 0.0:
         return 0.0
@@ -36,7 +54,22 @@ def extension_speed(
 def retraction_speed(
     k: float, cap: float, rod: float, supply: float, tank: float, force: float
 ) -> float:
-    """v = K √((a p_S − A p_T + F)/(A³ + a³)) [m/s], as a magnitude; 0 where it cannot retract."""
+    """Compute the speed at which a fully open valve retracts the piston.
+
+        v = K √((a p_S − A p_T + F) / (A³ + a³))
+
+    Args:
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        supply: Supply pressure p_S [Pa].
+        tank: Tank pressure p_T [Pa].
+        force: Piston force F, positive if it resists extension [N].
+
+    Returns:
+        Magnitude of the speed, not negative [m/s]; 0 if the supply pressure cannot retract the
+        piston.
+    """
     drive = rod * supply - cap * tank + force
     if drive <= 0.0:
         return 0.0
@@ -45,7 +78,21 @@ def retraction_speed(
 
 @kernel
 def load_pressure(cap: float, rod: float, tank: float, force: float, direction: float) -> float:
-    """p_L = (F + a p_T)/A extending (direction > 0), (−F + A p_T)/a retracting [Pa]."""
+    """Compute the supply pressure that balances the load, without a drop over the valve.
+
+        p_L = (F + a p_T) / A     extending
+        p_L = (−F + A p_T) / a    retracting
+
+    Args:
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        tank: Tank pressure p_T [Pa].
+        force: Piston force F, positive if it resists extension [N].
+        direction: Extending if > 0, otherwise retracting.
+
+    Returns:
+        Load pressure p_L [Pa]; negative if the load drives the motion strongly enough.
+    """
     if direction > 0.0:
         return (force + rod * tank) / cap
     return (-force + cap * tank) / rod
@@ -53,28 +100,67 @@ def load_pressure(cap: float, rod: float, tank: float, force: float, direction: 
 
 @kernel
 def valve_margin(k: float, cap: float, rod: float, speed: float) -> float:
-    """m(v) = v² (A³ + a³)/(K² A) extending (v > 0), over K² a retracting [Pa].
+    """Compute the pressure that the fully open valve needs beyond the load pressure.
 
-    The supply pressure beyond p_L that the fully open valve needs to reach the speed v [m/s].
+        m(v) = v² (A³ + a³) / (K² A)    extending (v > 0)
+        m(v) = v² (A³ + a³) / (K² a)    retracting
+
+    Args:
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        speed: Piston speed v, positive in extension [m/s].
+
+    Returns:
+        Pressure m(v) by which the supply must exceed the load pressure [Pa].
     """
     inlet = cap if speed > 0.0 else rod
     return speed * speed * (cap**3 + rod**3) / (k * k * inlet)
 
 
 @kernel
-def speed_of_drop(k: float, cap: float, rod: float, drop: float, direction: float) -> float:
-    """v = K √(Δp A_dir/(A³ + a³)) [m/s], the inverse of `valve_margin`; 0 where Δp ≤ 0 [Pa]."""
+def compute_speed_from_drop(
+    k: float, cap: float, rod: float, drop: float, direction: float
+) -> float:
+    """Compute the piston speed that a pressure beyond the load pressure allows.
+
+        v = K √(Δp A_dir / (A³ + a³))
+
+    This is the inverse of `valve_margin`.
+
+    Args:
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        drop: Supply pressure minus load pressure, Δp [Pa].
+        direction: Extending (A_dir = A) if > 0, otherwise retracting (A_dir = a).
+
+    Returns:
+        Magnitude of the speed [m/s]; 0 if Δp ≤ 0.
+    """
     inlet = inlet_area(cap, rod, direction)
     return k * math.sqrt(max(0.0, drop) * inlet / (cap**3 + rod**3))
 
 
 @kernel
-def pressure_against(
+def compute_pressure_without_margin(
     k: float, cap: float, rod: float, tank: float, force: float, speed: float
 ) -> float:
-    """p_L + m(v) [Pa]: load pressure, and the drop over the open valve at the speed v [m/s].
+    """Compute the supply pressure that a cylinder needs at a speed, p_L + m(v).
 
-    Speed 0 is judged as a hold against the load: extension where force > 0, retraction otherwise.
+    It is the load pressure plus the drop over the fully open valve. At speed 0 the cylinder holds:
+    the direction is then extension if force > 0, otherwise retraction.
+
+    Args:
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        tank: Tank pressure p_T [Pa].
+        force: Piston force F, positive if it resists extension [N].
+        speed: Piston speed v, positive in extension [m/s].
+
+    Returns:
+        Required supply pressure, without boost margin [Pa].
     """
     direction = speed if speed != 0.0 else force
     return load_pressure(cap, rod, tank, force, direction) + valve_margin(k, cap, rod, speed)
@@ -82,7 +168,12 @@ def pressure_against(
 
 @kernel
 def opposes_motion(force: float, direction: float) -> bool:
-    """Whether the load acts against a motion in `direction` (> 0 extension)."""
+    """Return whether the load acts against the motion; always False for zero force or direction.
+
+    Args:
+        force: Piston force, positive if it resists extension [N].
+        direction: Sign of the piston speed: > 0 extending, < 0 retracting.
+    """
     return force * direction > 0.0
 
 
@@ -94,10 +185,25 @@ def cavitates(
     force: FloatArray,
     direction: FloatArray,
 ) -> np.ndarray:
-    """Whether an overrunning load empties the inlet chamber through a matched valve.
+    """Return whether an overrunning load empties the inlet chamber of a cylinder.
 
-    F < −a³ p_S/A² − a p_T extending, F > A³ p_S/a² + A p_T retracting, at any speed. Arrays
-    broadcast.
+    For a matched valve, whose two metering edges have the same K, this happens at any speed if
+
+        F < −a³ p_S / A² − a p_T     extending
+        F > A³ p_S / a² + A p_T      retracting
+
+    All arrays broadcast against each other.
+
+    Args:
+        cap: Cap-side areas A [m²].
+        rod: Rod-side areas a [m²].
+        supply: Supply pressure p_S [Pa].
+        tank: Tank pressure p_T [Pa].
+        force: Piston forces F, positive if they resist extension [N].
+        direction: Extending where > 0, otherwise retracting.
+
+    Returns:
+        True if the inlet chamber empties; boolean array of the broadcast shape.
     """
     pulled = force < -(rod**3) * supply / cap**2 - rod * tank
     pushed = force > cap**3 * supply / rod**2 + cap * tank
@@ -106,26 +212,36 @@ def cavitates(
 
 @kernel
 def inlet_area(cap: float, rod: float, direction: float) -> float:
-    """A_dir: the area that the supply fills, A extending, a retracting [m²]."""
+    """Return A_dir, the area that the supply fills: A if direction > 0, otherwise a [m²]."""
     return cap if direction > 0.0 else rod
 
 
-class Oil(NamedTuple):
-    """What all actuators share; numbers alone, which kernels hand on at no cost, unlike arrays."""
+class SharedHydraulics(NamedTuple):
+    """Pressures and flows that all actuators of a machine share.
 
-    supply_pressure: float  # Pa
-    tank_pressure: float  # Pa
-    max_boost_pressure: float  # Pa
-    boost_margin: float  # Pa
-    main_pump_flow: float  # m³/s
-    servo_pump_flow: float  # m³/s
-    leakage_flow: float  # m³/s, one valve at the supply pressure
+    It has only scalars. Kernels pass them on at no cost, in contrast to arrays.
+    """
+
+    supply_pressure: float
+    """Main pump's pressure P_S [Pa]."""
+    tank_pressure: float
+    """Tank pressure p_T [Pa]."""
+    max_boost_pressure: float
+    """Highest boosted supply pressure [Pa]."""
+    boost_margin: float
+    """Pressure kept in reserve beyond load pressure and valve drop [Pa]."""
+    main_pump_flow: float
+    """Largest flow of the main pump Q_MP [m³/s]."""
+    servo_pump_flow: float
+    """Largest flow of one servo pump Q_SP [m³/s]."""
+    leakage_flow: float
+    """Leakage of one valve at the main pump's pressure q_leak [m³/s]."""
 
 
 @kernel(borrows=True)
-def oil_of(m: MachineArrays) -> Oil:
-    """These numbers of a machine."""
-    return Oil(
+def get_shared_hydraulics(m: MachineArrays) -> SharedHydraulics:
+    """Return the pressures and flows that all actuators of a machine share."""
+    return SharedHydraulics(
         m.supply_pressure,
         m.tank_pressure,
         m.max_boost_pressure,
@@ -137,103 +253,207 @@ def oil_of(m: MachineArrays) -> Oil:
 
 
 @kernel
-def spared_margin(oil: Oil) -> float:
-    """Part of the boost margin that the forces of inertia may use up [Pa]."""
-    return (1.0 - LEFT_BY_INERTIA) * oil.boost_margin
+def compute_inertia_margin(oil: SharedHydraulics) -> float:
+    """Return the part of the boost margin that inertia forces may use up [Pa]."""
+    return (1.0 - MARGIN_SHARE_WITHOUT_INERTIA) * oil.boost_margin
 
 
 @kernel
-def highest_supply(oil: Oil, modules: int) -> float:
-    """Highest supply pressure of an actuator with so many booster modules; P_S with none [Pa]."""
+def get_max_supply_pressure(oil: SharedHydraulics, modules: int) -> float:
+    """Return the highest supply pressure of an actuator with this number of booster modules.
+
+    Returns:
+        The maximum boost pressure [Pa]; the main pump's pressure P_S if there are no modules.
+    """
     return oil.max_boost_pressure if modules > 0 else oil.supply_pressure
 
 
 @kernel
-def highest_flow(oil: Oil, modules: int) -> float:
-    """n Q_SP, what so many booster modules give an actuator; with none they set no limit [m³/s]."""
+def get_max_servo_pump_flow(oil: SharedHydraulics, modules: int) -> float:
+    """Return the flow that this number of booster modules gives one actuator.
+
+    Returns:
+        Number of modules times Q_SP [m³/s]; inf for no modules, since the servo pumps then set no
+        limit.
+    """
     return modules * oil.servo_pump_flow if modules > 0 else math.inf
 
 
 @kernel
-def pressure_to_move(
-    oil: Oil, k: float, cap: float, rod: float, force: float, speed: float
+def compute_pressure_with_margin(
+    oil: SharedHydraulics, k: float, cap: float, rod: float, force: float, speed: float
 ) -> float:
-    """p_L + m(v) + margin [Pa]: supply pressure at which a cylinder moves, or holds, its load.
+    """Compute the supply pressure at which a cylinder moves or holds its load.
 
-    k [m³/(s √Pa)], cap, rod [m²], force [N], speed [m/s] of its piston, as in `pressure_against`.
+        p = p_L + m(v) + boost margin
+
+    At speed 0 the cylinder holds; see `compute_pressure_without_margin`.
+
+    Args:
+        oil: Tank pressure and boost margin.
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        force: Piston force, positive if it resists extension [N].
+        speed: Piston speed, positive in extension [m/s].
+
+    Returns:
+        Required supply pressure, boost margin included [Pa].
     """
-    return pressure_against(k, cap, rod, oil.tank_pressure, force, speed) + oil.boost_margin
+    return (
+        compute_pressure_without_margin(k, cap, rod, oil.tank_pressure, force, speed)
+        + oil.boost_margin
+    )
 
 
 @kernel
-def lacks_pressure(
-    oil: Oil, k: float, cap: float, rod: float, force: float, speed: float
+def cylinder_needs_boost(
+    oil: SharedHydraulics, k: float, cap: float, rod: float, force: float, speed: float
 ) -> bool:
-    """Whether a cylinder moves (or holds) against its load and P_S is not enough for it."""
+    """Return whether a cylinder needs boost to move or hold its load.
+
+    It needs boost if it holds (speed 0) or moves against its load, and the main pump's pressure is
+    below the result of `compute_pressure_with_margin`. Motion that the load helps, or that has no
+    load, never needs boost.
+
+    Args:
+        oil: Pressures of the supply and the tank, and boost margin.
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        force: Piston force, positive if it resists extension [N].
+        speed: Piston speed, positive in extension [m/s].
+
+    Returns:
+        True if the main pump's pressure is not enough.
+    """
     if speed != 0.0 and not opposes_motion(force, speed):
         return False
-    return pressure_to_move(oil, k, cap, rod, force, speed) > oil.supply_pressure
+    return compute_pressure_with_margin(oil, k, cap, rod, force, speed) > oil.supply_pressure
 
 
 @kernel
 def boosted_supply(
-    oil: Oil, k: float, cap: float, rod: float, force: float, speed: float
+    oil: SharedHydraulics, k: float, cap: float, rod: float, force: float, speed: float
 ) -> float:
-    """Pressure [Pa] to which a servo pump charges the line of a boosted cylinder.
+    """Compute the pressure to which servo pumps charge the line of a boosted cylinder.
 
-    max(P_S, p_L(0), p_L(v) + m(v)) + margin, at most the highest boost pressure: it carries the
-    load whichever way the cylinder moves, since it has to be carried at every reversal.
+        p = max(P_S, min(p_max, max(p_L(0), p_L(v) + m(v)) + margin))
+
+    p_L(v) is the load pressure in the direction of v, m(v) the drop over the fully open valve, and
+    p_max the maximum boost pressure. p_L(0) is the pressure that holds the load at rest. It is
+    included for both directions of motion, since the load must be carried at every reversal.
+
+    Args:
+        oil: Pressures of supply and tank, boost margin and maximum boost pressure.
+        k: Valve coefficient K [m³/(s √Pa)].
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        force: Piston force, positive if it resists extension [N].
+        speed: Piston speed v, positive in extension [m/s].
+
+    Returns:
+        Line pressure, at least P_S [Pa].
     """
-    need = pressure_to_move(oil, k, cap, rod, force, 0.0)
+    need = compute_pressure_with_margin(oil, k, cap, rod, force, 0.0)
     if speed != 0.0:
-        need = max(need, pressure_to_move(oil, k, cap, rod, force, speed))
+        need = max(need, compute_pressure_with_margin(oil, k, cap, rod, force, speed))
     return max(oil.supply_pressure, min(need, oil.max_boost_pressure))
 
 
 @kernel
-def rail_pressure(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
-    """Pressure [Pa] of the shared rail: the highest of those that draw on it, at least P_S.
+def rail_pressure(oil: SharedHydraulics, line_pressure: FloatArray, modes: ModeArray) -> float:
+    """Return the pressure of the rail, the line that actuators in shared boost (SB) use.
 
-    own  float64[n] Pa, `boosted_supply` of each actuator; what is not boosted is not looked at
+    It is the highest pressure that any actuator in SB needs.
+
+    Args:
+        oil: The main pump's pressure P_S.
+        line_pressure: Boosted line pressure of each actuator, from `boosted_supply`, shape (n,)
+            [Pa]. Values of actuators that are not on the rail are ignored.
+        modes: Mode of each actuator, shape (n,).
+
+    Returns:
+        Rail pressure, at least P_S [Pa].
     """
     highest = oil.supply_pressure
     for j in range(len(modes)):
-        if ON_RAIL[modes[j]]:
-            highest = max(highest, own[j])
+        if RAIL_MODES[modes[j]]:
+            highest = max(highest, line_pressure[j])
     return highest
 
 
 @kernel
-def supply_in(oil: Oil, mode: int, own: float, rail: float) -> float:
-    """Supply pressure [Pa] of an actuator in its mode: P_S, its own boosted one, or the rail's."""
-    if ON_RAIL[mode]:
-        return rail
-    return own if BOOSTED[mode] else oil.supply_pressure
+def select_supply_pressure(
+    oil: SharedHydraulics, mode: int, line_pressure: float, rail: float
+) -> float:
+    """Return the supply pressure that an actuator has in its mode.
 
+    Args:
+        oil: The main pump's pressure P_S.
+        mode: Mode of the actuator: N, DB or SB.
+        line_pressure: Boosted pressure of the actuator's own line, used in DB [Pa].
+        rail: Pressure of the shared rail, used in SB [Pa].
 
-@kernel
-def leakage_at(rated_flow: float, rated: float, tank: float, supply: float) -> float:
-    """q_leak √((p − p_T)/(P_S − p_T)) [m³/s] of a valve at the supply pressure p: an orifice.
-
-    It leaks rated_flow [m³/s] at the rated supply pressure P_S; pressures in Pa.
+    Returns:
+        P_S in mode N, `line_pressure` in DB, `rail` in SB [Pa].
     """
-    return rated_flow * math.sqrt(max(0.0, supply - tank) / (rated - tank))
+    if RAIL_MODES[mode]:
+        return rail
+    return line_pressure if BOOSTED_MODES[mode] else oil.supply_pressure
 
 
 @kernel
-def leakage(oil: Oil, supply: float) -> float:
-    """`leakage_at` of each valve [m³/s] at a supply pressure [Pa]."""
-    return leakage_at(oil.leakage_flow, oil.supply_pressure, oil.tank_pressure, supply)
+def compute_orifice_leakage(
+    rated_flow: float, rated_pressure: float, tank: float, supply: float
+) -> float:
+    """Compute the leakage of a valve at a supply pressure, as that of an orifice.
+
+        q = q_leak √((p − p_T) / (P_S − p_T))
+
+    Args:
+        rated_flow: Leakage q_leak at the rated supply pressure [m³/s].
+        rated_pressure: Rated supply pressure P_S [Pa].
+        tank: Tank pressure p_T [Pa].
+        supply: Present supply pressure p of the valve [Pa].
+
+    Returns:
+        Leakage [m³/s]; 0 below the tank pressure.
+    """
+    return rated_flow * math.sqrt(max(0.0, supply - tank) / (rated_pressure - tank))
 
 
 @kernel
-def flow_for_pistons(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
-    """Q_MP less what all valves leak in these modes [m³/s]; `own` as in `rail_pressure`."""
-    rail = rail_pressure(oil, own, modes)
+def compute_valve_leakage(oil: SharedHydraulics, supply: float) -> float:
+    """Compute the leakage [m³/s] of one valve at a supply pressure [Pa]."""
+    return compute_orifice_leakage(oil.leakage_flow, oil.supply_pressure, oil.tank_pressure, supply)
+
+
+@kernel
+def compute_piston_flow_budget(
+    oil: SharedHydraulics, line_pressure: FloatArray, modes: ModeArray
+) -> float:
+    """Compute the main pump's flow that is left for the pistons after all leakage.
+
+    The leakage of a boosted actuator's valve is taken at its boosted supply pressure, all others at
+    P_S.
+
+    Args:
+        oil: Pressures, main pump flow and leakage.
+        line_pressure: Boosted line pressure of each actuator, from `boosted_supply`, shape (n,)
+            [Pa]; ignored for actuators in mode N.
+        modes: Mode of each actuator, shape (n,).
+
+    Returns:
+        Remaining flow [m³/s]; negative if the valves leak more than the main pump gives.
+    """
+    rail = rail_pressure(oil, line_pressure, modes)
     flow = oil.main_pump_flow
     for j in range(len(modes)):
-        if BOOSTED[modes[j]]:
-            flow -= leakage(oil, supply_in(oil, modes[j], own[j], rail))
+        if BOOSTED_MODES[modes[j]]:
+            flow -= compute_valve_leakage(
+                oil, select_supply_pressure(oil, modes[j], line_pressure[j], rail)
+            )
         else:
             flow -= oil.leakage_flow
     return flow
@@ -241,21 +461,55 @@ def flow_for_pistons(oil: Oil, own: FloatArray, modes: ModeArray) -> float:
 
 @kernel(borrows=True)
 def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
-    """`pressure_to_move` of actuator j [Pa]."""
+    """Compute the supply pressure at which actuator j moves or holds its load.
+
+    It is load pressure, valve drop and boost margin; see `compute_pressure_with_margin`.
+
+    Args:
+        m: Arrays of the machine.
+        j: Index of the actuator.
+        force: Piston force, positive if it resists extension [N].
+        speed: Piston speed, positive in extension; 0 for holding [m/s].
+
+    Returns:
+        Required supply pressure [Pa].
+    """
     k, cap, rod = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
-    return pressure_to_move(oil_of(m), k, cap, rod, force, speed)
+    return compute_pressure_with_margin(get_shared_hydraulics(m), k, cap, rod, force, speed)
 
 
 @kernel(borrows=True)
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
-    """`lacks_pressure` of actuator j."""
+    """Return whether actuator j needs boost to move or hold its load.
+
+    See `cylinder_needs_boost` for the rule.
+
+    Args:
+        m: Arrays of the machine.
+        j: Index of the actuator.
+        force: Piston force, positive if it resists extension [N].
+        speed: Piston speed, positive in extension; 0 for holding [m/s].
+
+    Returns:
+        True if the main pump's pressure is not enough.
+    """
     k, cap, rod = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
-    return lacks_pressure(oil_of(m), k, cap, rod, force, speed)
+    return cylinder_needs_boost(get_shared_hydraulics(m), k, cap, rod, force, speed)
 
 
 @kernel
 def required_pressures(m: MachineArrays, force: FloatArray, speed: FloatArray) -> FloatArray:
-    """`required_pressure` of all actuators, float64[k, n] Pa, for force and speed of that shape."""
+    """Compute the supply pressures at which all actuators move or hold their loads.
+
+    Args:
+        m: Arrays of the machine.
+        force: Piston forces of n actuators at k instants, positive if they resist extension, shape
+            (k, n) [N].
+        speed: Piston speeds, positive in extension, shape (k, n) [m/s].
+
+    Returns:
+        Required supply pressures, boost margin included, shape (k, n) [Pa].
+    """
     pressure = np.empty(force.shape)
     for i in range(force.shape[0]):
         for j in range(force.shape[1]):

@@ -1,10 +1,11 @@
 """Forward kinematics of a planar chain whose joints turn or slide.
 
-Where joint 1 slews, the plane is what it turns, and the chain begins at joint 2 (`slewing`).
+Coordinates are x (forward) and z (up) in the arm's plane. The origin is joint 1, or joint 2 if
+joint 1 slews: a slew turns the whole plane about the vertical (`slewing`).
 
-Plane x (forward), z (up); joint angles are counter-clockwise, each relative to the link before. A
-joint that slides turns nothing: it puts the tip of its link qⱼ farther along the direction of the
-link before, which is its own.
+Joint angles are counter-clockwise, each relative to the link before. A sliding (prismatic) joint
+turns nothing. It extends its link by qⱼ, so the tip of the link moves along the direction of the
+link before.
 """
 
 from __future__ import annotations
@@ -19,22 +20,50 @@ from mhsb_model.types import BoolArray, FloatArray
 
 
 @kernel(inline="always")
-def turned(turns: BoolArray, q: FloatArray, j: int) -> float:
-    """By how much link j is turned in the plane from the link before [rad]: qⱼ, or 0."""
+def get_turn_angle(turns: BoolArray, q: FloatArray, j: int) -> float:
+    """Return the angle by which joint j turns its link in the plane.
+
+    Args:
+        turns: Whether each joint is revolute, shape (n,).
+        q: Joint angles [rad], or extensions [m] of sliding joints, shape (n,). Velocities or
+            accelerations work as well.
+        j: Index of the joint.
+
+    Returns:
+        qⱼ [rad] for a revolute joint; 0 for a sliding or slewing joint.
+    """
     return q[j] if turns[j] else 0.0
 
 
 @kernel(inline="always")
-def extended(slides: BoolArray, rest: FloatArray, q: FloatArray, j: int) -> float:
-    """restⱼ, a length or a centre at qⱼ = 0, with the extension qⱼ of a joint that slides [m]."""
-    return rest[j] + q[j] if slides[j] else rest[j]
+def add_extension(slides: BoolArray, retracted_length: FloatArray, q: FloatArray, j: int) -> float:
+    """Return a length along link j that includes the extension of its joint.
+
+    Args:
+        slides: Whether each joint is prismatic, shape (n,).
+        retracted_length: The length of each link with its joint at q = 0, shape (n,) [m]: link
+            lengths, or distances of the centres of mass from the joints.
+        q: Joint angles [rad], or extensions [m] of sliding joints, shape (n,).
+        j: Index of the link.
+
+    Returns:
+        Element j of `retracted_length`, plus qⱼ if joint j slides [m].
+    """
+    return retracted_length[j] + q[j] if slides[j] else retracted_length[j]
 
 
 @kernel
-def radians(m: MachineArrays) -> FloatArray:
-    """What counts as much of each joint as a radian, float64[n]: 1 rad of one that turns or slews.
+def compute_radian_equivalents(m: MachineArrays) -> FloatArray:
+    """Return the motion of each joint that counts as 1 rad when joints are compared.
 
-    Of one that slides its whole range counts as half a turn [m].
+    It is 1 rad for a joint that turns or slews. The whole range of a sliding joint counts as π rad,
+    that is half a turn.
+
+    Args:
+        m: Arrays of the machine.
+
+    Returns:
+        Shape (n,): 1 [rad], or range / π [m] for a sliding joint.
     """
     radian = np.ones(len(m.slides))
     for j in range(len(radian)):
@@ -44,15 +73,31 @@ def radians(m: MachineArrays) -> FloatArray:
 
 
 @kernel(borrows=True)
-def farthest_move(
+def bound_displacement(
     m: MachineArrays, start: FloatArray, end: FloatArray, turn: float, j: int
 ) -> float:
-    """Farther than this no point of link j moves against the link before, from start[n] to end[n]
-    [m].
+    """Return an upper bound on the displacement of the points of link j.
 
-    turn  of link j and all before it [rad], by which its points are turned
+    The arm moves from `start` to `end`. The displacement is relative to the joint at the beginning
+    of link j, in axes that do not turn. The bound is
+
+        L |turn|                            for a joint that turns or slews
+        (L + max(0, Δqⱼ)) |turn| + |Δqⱼ|    for a joint that slides by Δqⱼ
+
+    L is the length of link j at the start.
+
+    Args:
+        m: Arrays of the machine.
+        start: Joint positions at the start, shape (n,) [rad or m].
+        end: Joint positions at the end, shape (n,) [rad or m].
+        turn: Angle by which link j turns in the plane [rad]: the sum of the turns of joints 0 to j,
+            or the sum of their magnitudes if the joints do not move in proportion.
+        j: Index of the link.
+
+    Returns:
+        Upper bound of the displacement [m].
     """
-    length = extended(m.slides, m.link_length, start, j)
+    length = add_extension(m.slides, m.link_length, start, j)
     if not m.slides[j]:
         return length * abs(turn)
     slid = end[j] - start[j]
@@ -61,13 +106,26 @@ def farthest_move(
 
 @kernel(borrows=True)
 def tip_position(m: MachineArrays, q: FloatArray) -> tuple[float, float]:
-    """x = Σ Lᵢ cos θᵢ, z = Σ Lᵢ sin θᵢ, θᵢ the sum of the turns up to link i [m]."""
+    """Compute the position of the tip in the arm's plane.
+
+        x = Σ Lᵢ cos θᵢ,  z = Σ Lᵢ sin θᵢ
+
+    with the length Lᵢ of link i, extension included, and its angle θᵢ, the sum of the joint angles
+    up to i.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint angles [rad], or extensions [m] of sliding joints, shape (n,).
+
+    Returns:
+        x and z [m].
+    """
     angle = 0.0
     x = 0.0
     z = 0.0
     for i in range(len(q)):
-        angle += turned(m.turns, q, i)
-        length = extended(m.slides, m.link_length, q, i)
+        angle += get_turn_angle(m.turns, q, i)
+        length = add_extension(m.slides, m.link_length, q, i)
         x += length * math.cos(angle)
         z += length * math.sin(angle)
     return x, z
@@ -75,7 +133,15 @@ def tip_position(m: MachineArrays, q: FloatArray) -> tuple[float, float]:
 
 @kernel
 def tip_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """Tip (x, z) [m] in each of the postures q[k, n], float64[k, 2]."""
+    """Compute the position of the tip in each of several postures.
+
+    Args:
+        m: Arrays of the machine.
+        q: Postures, shape (k, n) [rad or m].
+
+    Returns:
+        Tip (x, z) in the arm's plane for each posture, shape (k, 2) [m].
+    """
     tip = np.empty((len(q), 2))
     for k in range(len(q)):
         tip[k, 0], tip[k, 1] = tip_position(m, q[k])
@@ -84,24 +150,40 @@ def tip_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel(borrows=True)
 def end_link_angle(m: MachineArrays, q: FloatArray) -> float:
-    """ψ, the angle of the last link: the sum of all turns [rad]."""
+    """Compute the end-link angle ψ, the sum of the angles of all revolute joints.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        Angle of the last link from the x axis, not wrapped [rad].
+    """
     angle = 0.0
     for i in range(len(q)):
-        angle += turned(m.turns, q, i)
+        angle += get_turn_angle(m.turns, q, i)
     return angle
 
 
 @kernel
 def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """Positions of all joints and of the tip, float64[n + 1, 2] (x, z) [m].
+    """Compute the positions of all joints and of the tip.
 
-    That of a joint that slides is the tip of the link before.
+    A sliding joint is placed at the tip of the link before.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        (x, z) in the arm's plane, shape (n + 1, 2) [m]. Row j is joint j; the first is the origin,
+        the last is the tip.
     """
     points = np.zeros((len(q) + 1, 2))
     angle = 0.0
     for i in range(len(q)):
-        angle += turned(m.turns, q, i)
-        length = extended(m.slides, m.link_length, q, i)
+        angle += get_turn_angle(m.turns, q, i)
+        length = add_extension(m.slides, m.link_length, q, i)
         points[i + 1, 0] = points[i, 0] + length * math.cos(angle)
         points[i + 1, 1] = points[i, 1] + length * math.sin(angle)
     return points
@@ -109,17 +191,24 @@ def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel
 def tip_jacobian(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """J = ∂(x, z)/∂q, float64[2, n].
+    """Compute the Jacobian of the tip position, J = ∂(x, z)/∂q.
 
-    Column j is the tip's offset from joint j, turned 90° [m], or, of a joint that slides, the
-    direction in which it does; 0 of one that slews.
+    Column j is the tip's offset from joint j, turned by 90° [m/rad]. For a sliding joint it is the
+    unit vector along the link [-], for a slewing joint it is 0.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        Jacobian, shape (2, n).
     """
     n = len(q)
     points = joint_positions(m, q)
     jacobian = np.empty((2, n))
     angle = 0.0
     for j in range(n):
-        angle += turned(m.turns, q, j)
+        angle += get_turn_angle(m.turns, q, j)
         if m.slides[j]:
             jacobian[0, j], jacobian[1, j] = math.cos(angle), math.sin(angle)
         elif not m.turns[j]:

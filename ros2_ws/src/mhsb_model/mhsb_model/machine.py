@@ -10,45 +10,61 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
 from mhsb_model import kinematics, slewing, statics
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.curve_limits import CurveLimits, derive_curve_limits
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
-from mhsb_model.files.config_files import config_file
-from mhsb_model.files.machine_rules import own_speed_problems, problems_across
-from mhsb_model.files.schema_problems import problems_of
-from mhsb_model.files.value_paths import set_value, value_at
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.files.machine_rules import check_actuator_speed_limits, check_machine_rules
+from mhsb_model.files.schema_problems import describe_validation_errors
+from mhsb_model.files.value_paths import get_value, set_value
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.inverse_kinematics import tip_postures
-from mhsb_model.inverse_kinematics.telescope_postures import telescope_postures
+from mhsb_model.inverse_kinematics.telescope_postures import find_telescope_postures
 from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
 from mhsb_model.modes import mode_patterns
 from mhsb_model.obstacles import clearance
-from mhsb_model.obstacles.shadows import shadows_between
+from mhsb_model.obstacles.shadows import compute_shadows
 from mhsb_model.obstacles.zones import (
-    KIND,
-    LINK,
+    KIND_COLUMN,
+    LINK_COLUMN,
+    LINK_KIND,
     NO_OBSTACLES,
-    PART,
-    RADIUS,
+    RADIUS_COLUMN,
     Obstacles,
     Zones,
-    obstacles_of,
+    build_obstacles,
 )
-from mhsb_model.schema import COMMON, MachineConfig
+from mhsb_model.schema import COMMON_PATHS, MachineConfig
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
-PAPER_SPACING = 0.05  # m
-SECTIONS = tuple(name for name, part in MachineConfig.model_fields.items() if part.is_required())
+"""Name of the machine file of the suite's own arm, in the folder config."""
+PAPER_NODE_SPACING = 0.05
+"""Spacing of the workspace nodes of the paper's arm [m]."""
+FILE_SECTIONS = tuple(
+    name for name, part in MachineConfig.model_fields.items() if part.is_required()
+)
+"""Names of the sections that every machine file must have."""
 
-WITHOUT_TABLE: dict[str, Any] = {
+PLANNING_HASH_FIELDS: dict[str, Any] = {
+    "joints": True,
+    "workspace": {"min_x", "min_radius", "max_radius"},
+    "hydraulics": True,
+    "motion": True,
+}
+"""Parts of the machine file that a plan depends on and that planner and arm must have in common.
+
+The format is that of `include` in pydantic's `model_dump`."""
+
+FIELDS_OUTSIDE_TABLE_HASH: dict[str, Any] = {
     "joints": {"__all__": {"kind": True, "actuator": {"friction", "relief_pressure"}}},
     "circuit": True,
     "servo": True,
@@ -58,40 +74,78 @@ WITHOUT_TABLE: dict[str, Any] = {
     "motion": {"max_piston_acceleration", "max_piston_jerk", "kept_joints"},
     "workspace": {"spacing"},
 }
-"""What does not concern a posture table and so leaves it valid."""
+"""Parts of the machine file that a posture table does not depend on: they leave it valid if
+changed.
+
+The format is that of `exclude` in pydantic's `model_dump`."""
+
+
+class FileRating(NamedTuple):
+    """Values of a machine file that may be replaced for planning."""
+
+    payload: float
+    """Mass at the tip [kg]."""
+    supply_pressure: float
+    """Main pump's pressure P_S [Pa]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Machine:
     """A manipulator with n joints, each driven by one actuator.
 
-    Vectors over joints are float64[n]: angles in rad, torques in N m, forces in N, lengths in m.
-    Where a joint slides, its q is in m and its torque a force in N. Where joint 1 slews, (x, z) are
-    positions in the plane that it turns, seen from joint 2 (`slewing`).
+    Vectors over joints are float64 of shape (n,): angles [rad], torques [N m], forces [N],
+    lengths [m]. For a sliding joint, q is in [m] and the torque is a force [N]. If joint 1 slews,
+    (x, z) are positions in the plane that it turns, with the origin at joint 2 (`slewing`).
     """
 
     config: MachineConfig
+    """Content of the machine file, validated."""
     arrays: MachineArrays = field(repr=False)
+    """Numbers of the configuration as flat arrays for kernels."""
     shadows: Obstacles = field(repr=False, default=NO_OBSTACLES)
-    """Of zones in space, in the arm's plane; they stand beside the file's obstacles."""
+    """Obstacles in the arm's plane that stand for zones in space, in addition to the file's
+    obstacles."""
+    file_rating: FileRating | None = field(repr=False, default=None)
+    """Payload and supply pressure of the original machine file if `changed` made this machine, else
+    None."""
 
     @classmethod
     def from_config(cls, config: MachineConfig, source: str = "(in memory)") -> Machine:
-        """Machine of a configuration; raises MachineFileError with every broken rule."""
-        problems = problems_across(config)
+        """Make a machine from a configuration and check all rules across its values.
+
+        Args:
+            config: Validated content of a machine file.
+            source: Name of the file, for error messages.
+
+        Returns:
+            The machine, exactly as configured.
+
+        Raises:
+            MachineFileError: Rules are broken. The error lists all that the first failing stage
+                finds: rules across fields, then linkages, then obstacles at joint 1.
+        """
+        problems = check_machine_rules(config)
         if not problems:
             problems = linkage_problems(config)
         if problems:
             raise MachineFileError(source, problems)
-        machine = cls(config, _arrays(config))
+        machine = cls(config, _make_arrays(config))
         if in_the_way := machine._obstacles_at_joint_1():
             raise MachineFileError(source, in_the_way)
         return machine
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Another process makes it of its configuration: pickled arrays could be written to there,
-        which kernels are not compiled for."""
-        return _restored, (self.config, self.arrays.idle_leakage, self.shadows)
+        """Pickle the configuration instead of the arrays.
+
+        Another process makes the machine again from it. Unpickled arrays would be writable, and
+        kernels are compiled for read-only arrays.
+        """
+        return _restored, (
+            self.config,
+            self.arrays.external_leakage,
+            self.shadows,
+            self.file_rating,
+        )
 
     @property
     def name(self) -> str:
@@ -100,38 +154,46 @@ class Machine:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n, and of actuators."""
+        """Number of joints n, which is also the number of actuators."""
         return len(self.config.joints)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """`joint_1` … in the order of the machine file."""
+        """Names `joint_1`, `joint_2`, … in the order of the machine file."""
         return tuple(f"joint_{i + 1}" for i in range(self.joint_count))
 
     @property
     def actuator_names(self) -> tuple[str, ...]:
-        """`actuator_1` … in the order of the machine file."""
+        """Names `actuator_1`, `actuator_2`, … in the order of the machine file."""
         return tuple(f"actuator_{i + 1}" for i in range(self.joint_count))
 
     @property
     def joint_units(self) -> tuple[str, ...]:
-        """Unit of each joint's q: rad, or m where it slides."""
+        """Unit of each joint's q: "rad", or "m" for a sliding joint."""
         return tuple("m" if slides else "rad" for slides in self.arrays.slides)
 
     @cached_property
-    def radians(self) -> FloatArray:
-        """What counts as a radian of each joint, float64[n] rad or m: `kinematics.radians`."""
-        return frozen(kinematics.radians(self.arrays))
+    def radian_equivalents(self) -> FloatArray:
+        """Motion of each joint that counts as 1 rad when joints are compared, shape (n,).
+
+        It is 1 rad, or for a sliding joint its range divided by π [m]; see
+        `kinematics.compute_radian_equivalents`.
+        """
+        return frozen(kinematics.compute_radian_equivalents(self.arrays))
 
     @property
     def slews(self) -> bool:
-        """Whether joint 1 turns the plane of all others about the vertical."""
+        """Return whether joint 1 turns the plane of all others about the vertical."""
         return self.arrays.slews
 
     @cached_property
-    def plane(self) -> Machine:
-        """The arm in its plane, for which postures are chosen; the machine itself, if it does not
-        slew. The slew's valve leaks its part of the main pump's flow.
+    def planar_arm(self) -> Machine:
+        """Planar part of a slewing arm, without joint 1; the machine itself if it does not slew.
+
+        Postures are chosen for this machine. Joint j of the planar arm is joint j + 1 of this
+        machine. The main pump's largest flow is smaller by the leakage of the slew's valve. That
+        leakage is stored in `arrays.external_leakage` [m³/s], because it still costs energy.
+        Keep-out zones are left out; ground, base and self-collision stay.
         """
         if not self.slews:
             return self
@@ -142,71 +204,124 @@ class Machine:
         content["motion"]["kept_joints"] = [joint - 1 for joint in kept]
         content["simulation"]["start_posture"] = content["simulation"]["start_posture"][1:]
         content["keep_out"] |= Zones().content()
-        plane = _validated(content, f"{self.name} in its plane")
-        return replace(plane, arrays=plane.arrays._replace(idle_leakage=leakage))
+        plane = _make_validated_machine(content, f"{self.name} in its plane")
+        return replace(plane, arrays=plane.arrays._replace(external_leakage=leakage))
 
-    def plane_among(self, began: float, ended: float) -> Machine:
-        """The arm in its plane, clear of what stands in space where this plane gets to, between
-        two angles of the slew [rad]: what keeps clear of these shadows there is clear of zones."""
-        shadows = shadows_between(self.obstacles, self.arrays.slew_offset, began, ended)
-        return replace(self.plane, shadows=shadows)
+    def make_planar_arm_with_shadows(self, first_slew: float, last_slew: float) -> Machine:
+        """Return the arm's planar part with the zones that the plane meets while it slews.
+
+        Each zone in space becomes an obstacle in the plane. This shadow contains all points of the
+        plane that are in the zone at any angle between the first and the last one. A posture that
+        keeps clear of the shadows keeps clear of the zones at each of these angles.
+
+        Args:
+            first_slew: First angle of the slew [rad].
+            last_slew: Last angle of the slew [rad]; may be less than the first.
+
+        Returns:
+            `planar_arm` with these shadows as obstacles.
+        """
+        shadows = compute_shadows(self.obstacles, self.arrays.slew_offset, first_slew, last_slew)
+        return replace(self.planar_arm, shadows=shadows)
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of a position's numbers in `base_link`."""
+        """Names of the coordinates of a position in `base_link`.
+
+        They are x, y, z if joint 1 slews, otherwise x, z.
+        """
         return ("x", "y", "z") if self.slews else ("x", "z")
 
     @property
     def chamber_reliefs(self) -> FloatArray:
-        """Settings of the relief valves of each actuator's chambers, float64[n] Pa."""
-        return _of_actuators(self.config, "relief_pressure")
+        """Opening pressure of the relief valves of each actuator's chambers, shape (n,) [Pa]."""
+        return _collect_actuator_values(self.config, "relief_pressure")
 
     @property
-    def frictions(self) -> FloatArray:
-        """Friction of each actuator over what `circuit` says, float64[n]."""
+    def friction_factors(self) -> FloatArray:
+        """Factor of each actuator on the friction in section `circuit`, shape (n,) [-]."""
         return np.array([joint.actuator.friction for joint in self.config.joints])
 
     @property
     def has_telescope(self) -> bool:
-        """Whether a joint is prismatic."""
+        """Return whether any joint is prismatic."""
         return bool(self.arrays.slides.any())
 
     @property
     def is_3r(self) -> bool:
-        """Whether three joints turn in the plane, and nothing else moves."""
+        """Return whether the arm has exactly three joints and all of them turn in the plane."""
         return self.joint_count == LEAST_JOINTS and bool(self.arrays.turns.all())
 
     @property
     def spacing(self) -> float:
-        """Of the tip positions for which postures are chosen beforehand [m]."""
+        """Spacing of the workspace nodes of the posture table [m]."""
         return self.config.workspace.spacing
 
     @property
-    def scale(self) -> float:
-        """Its size over that of the paper's arm, by these spacings: what searches' strides go
-        by."""
-        return self.spacing / PAPER_SPACING
+    def relative_size(self) -> float:
+        """Size of the arm relative to the paper's, as the ratio of their node spacings [-].
+
+        Step sizes of searches and drawings are scaled by it.
+        """
+        return self.spacing / PAPER_NODE_SPACING
 
     @cached_property
     def kept_joints(self) -> tuple[int, ...]:
-        """Joints that the conventional method keeps, counted from 0: all but two."""
+        """Indices, from 0, of the joints that the planner `fixed` keeps still: all but two.
+
+        If the machine file names none, they are all joints from the third on.
+        """
         named = self.config.motion.kept_joints or range(3, self.joint_count + 1)
         return tuple(sorted(joint - 1 for joint in named))
 
     @cached_property
     def patterns(self) -> ModeArray:
-        """All mode patterns within the module budget, uint8[patterns, n]."""
+        """All mode combinations within the module budget, uint8 of shape (combinations, n)."""
         modules = self.config.hydraulics.modules
         return mode_patterns(self.joint_count, modules.count, modules.per_mode)
 
     @cached_property
-    def hash(self) -> str:
-        """SHA-256 over everything that a posture table depends on."""
-        content = self.config.model_dump(mode="json", exclude=WITHOUT_TABLE)
-        for joint in content["joints"]:  # what is left out leaves no trace
+    def table_hash(self) -> str:
+        """SHA-256, in hexadecimal, of the machine file's parts that a posture table depends on.
+
+        `FIELDS_OUTSIDE_TABLE_HASH` lists the parts that are left out.
+        """
+        content = self.config.model_dump(mode="json", exclude=FIELDS_OUTSIDE_TABLE_HASH)
+        for joint in content["joints"]:  # values left out do not change the hash
             own = joint.pop("actuator")
             joint |= {name: value for name, value in own.items() if value is not None}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @cached_property
+    def planning_hash(self) -> str:
+        """SHA-256 of everything that planner and arm must have in common, in hexadecimal.
+
+        It covers kinematics, linkages, joint limits, cylinders, hydraulics and motion limits of the
+        file. It does not depend on name, payload, gains, noise, comments or the order of keys.
+        """
+        content = self.config.model_dump(mode="json", include=PLANNING_HASH_FIELDS)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def describe_difference(self, name: str, planning_hash: str) -> str:
+        """Return a sentence if plans for this machine do not fit the arm's machine.
+
+        Only the hashes are compared. So the sentence names both machines and the groups of values
+        that may differ, but no single value.
+
+        Args:
+            name: Name of the arm's machine; the sentence repeats at most 64 characters.
+            planning_hash: `planning_hash` of the arm's machine.
+
+        Returns:
+            The sentence; empty if the hashes are equal.
+        """
+        if planning_hash == self.planning_hash:
+            return ""
+        return (
+            f"the arm has the machine file {name[:64]} ({planning_hash[:8]}), here it is "
+            f"{self.name} ({self.planning_hash[:8]}): kinematics, limits, hydraulics or motion "
+            "limits differ; use the same file for both"
+        )
 
     def changed(
         self,
@@ -217,11 +332,22 @@ class Machine:
         zones: Zones | None = None,
         module_count: int | None = None,
     ) -> Machine:
-        """The same machine with another payload [kg], supply pressure [Pa], V_max [m/s], zones or
-        number of booster modules.
+        """Return a copy of the machine with some values replaced; None keeps a value.
 
-        V_max is of all actuators but those whose own is lower. Raises MachineFileError where a
-        value is out of its range.
+        Args:
+            payload: Mass at the tip [kg].
+            supply_pressure: Main pump's pressure P_S [Pa].
+            max_piston_speed: V_max of all actuators; an actuator with a lower one of its own keeps
+                it [m/s].
+            zones: Keep-out zones that replace the file's.
+            module_count: Number of booster modules fitted.
+
+        Returns:
+            The copy. It remembers payload and supply pressure of the original file in
+            `file_rating`.
+
+        Raises:
+            MachineFileError: A value is out of its range.
         """
         content = self.config.model_dump()
         if payload is not None:
@@ -234,169 +360,348 @@ class Machine:
             content["keep_out"] |= zones.content()
         if module_count is not None:
             content["hydraulics"]["modules"]["count"] = module_count
-        return _validated(content, f"{self.name} with changes")
+        return replace(
+            _make_validated_machine(content, f"{self.name} with changes"),
+            file_rating=self._own_file_rating,
+        )
 
     def with_values(self, values: Mapping[str, Any]) -> Machine:
-        """The same machine with other values, by their paths in the machine file.
+        """Return a copy of the machine with other values in its machine file.
 
-        Raises ValuePathError and MachineFileError.
+        Args:
+            values: New values by their paths, for instance `{"joints.0.link.mass": 5.0}`.
+
+        Returns:
+            The copy. It counts as a machine of its own file: its `file_rating` is None.
+
+        Raises:
+            ValuePathError: A path does not exist.
+            MachineFileError: The changed file breaks a rule.
         """
         content = self.config.model_dump(mode="json")
         for path, value in values.items():
             set_value(content, path, value)
-        return _validated(content, f"{self.name} with changes")
+        return _make_validated_machine(content, f"{self.name} with changes")
 
     def value(self, path: str) -> Any:
-        """The value of a path in the machine file; raises ValuePathError."""
-        return value_at(self.config.model_dump(mode="json"), path)
+        """Return the value at a path in the machine file, for instance `circuit.bulk_modulus`.
 
-    def paths_with_own(self, path: str) -> list[str]:
-        """A path in the machine file, and those of what actuators have of their own instead."""
+        Raises:
+            ValuePathError: The path does not exist.
+        """
+        return get_value(self.config.model_dump(mode="json"), path)
+
+    def list_overriding_paths(self, path: str) -> list[str]:
+        """Return a path of the machine file and the paths of all values that override it.
+
+        Single actuators may override some values that are common to all, such as
+        `motion.max_piston_speed`.
+
+        Args:
+            path: Path of the common value.
+
+        Returns:
+            The path itself first, then `joints.J.actuator.NAME` of each actuator that has its own
+            value.
+        """
         return [path, *(
             f"joints.{j}.actuator.{own}"
-            for own, common in COMMON.items()
+            for own, common in COMMON_PATHS.items()
             for j, joint in enumerate(self.config.joints)
             if common == path and getattr(joint.actuator, own) is not None
         )]  # fmt: skip
 
     def without_obstacles(self) -> Machine:
-        """The same machine with nothing to keep clear of."""
-        return _validated(self.config.model_dump(exclude={"keep_out"}), self.name)
+        """Return a copy of the machine without any obstacles.
+
+        Keep-out zones, ground, base, self-collision and shadows are dropped. `file_rating` is kept.
+        """
+        bare = _make_validated_machine(self.config.model_dump(exclude={"keep_out"}), self.name)
+        return replace(bare, file_rating=self.file_rating)
 
     def tip_position(self, q: FloatArray) -> FloatArray:
-        """Tip (x, z) at the joint angles q, float64[2]."""
+        """Return the tip (x, z) in the arm's plane at the joint positions q, shape (2,) [m]."""
         return np.array(kinematics.tip_position(self.arrays, q))
 
     def tip_in_base(self, q: FloatArray) -> FloatArray:
-        """Tip in `base_link` at q, float64[2] (x, z), or float64[3] (x, y, z) where joint 1 slews;
-        of postures float64[k, n] in each of them."""
+        """Return the tip position in `base_link`.
+
+        Args:
+            q: One posture of shape (n,), or k postures of shape (k, n) [rad or m].
+
+        Returns:
+            (x, z), or (x, y, z) if joint 1 slews; shape (2 or 3,), or (k, 2 or 3) for k postures
+            [m].
+        """
         tips = self.tip_positions(np.atleast_2d(q)).reshape(*np.shape(q)[:-1], 2)
-        return slewing.in_base(self.arrays, tips, np.asarray(q)[..., 0])
+        return slewing.convert_to_base(self.arrays, tips, np.asarray(q)[..., 0])
 
-    def in_plane(self, position: Position, near: float) -> slewing.InPlane:
-        """`slewing.in_plane` of a position in `base_link`; raises OutOfWorkspaceError."""
-        return slewing.in_plane(self.arrays, position, near)
+    def convert_to_plane(self, position: Position, preferred_slew: float) -> slewing.PlanarTarget:
+        """Convert a position in `base_link` into the arm's plane.
 
-    def in_base(self, tip: FloatArray, slew: FloatArray | float) -> FloatArray:
-        """`slewing.in_base` of positions in the plane."""
-        return slewing.in_base(self.arrays, tip, np.asarray(slew))
+        Args:
+            position: (x, z), or (x, y, z) if joint 1 slews [m].
+            preferred_slew: Preferred angle of the slew [rad]. If several angles point to the
+                position, the nearest to it is taken.
 
-    def from_the_side(self, place: Position | FloatArray) -> FloatArray:
-        """`slewing.from_the_side` of positions in `base_link`."""
-        return slewing.from_the_side(self.arrays, np.asarray(place))
+        Returns:
+            Position in the plane, and the slew's angle (None if the arm does not slew).
+
+        Raises:
+            OutOfWorkspaceError: The slew cannot turn to the position within its limits.
+        """
+        return slewing.convert_to_plane(self.arrays, position, preferred_slew)
+
+    def convert_to_base(self, tip: FloatArray, slew: FloatArray | float) -> FloatArray:
+        """Convert positions in the arm's plane into `base_link`.
+
+        Args:
+            tip: Positions (x, z) in the plane, shape (…, 2) [m].
+            slew: Angle of the slew for each position, shape (…) [rad]; ignored if the arm does not
+                slew.
+
+        Returns:
+            (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].
+        """
+        return slewing.convert_to_base(self.arrays, tip, np.asarray(slew))
+
+    def project_to_plane(self, position: Position | FloatArray) -> FloatArray:
+        """Project positions in `base_link` onto the arm's plane, turned to each of them.
+
+        Args:
+            position: (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].
+
+        Returns:
+            (x, z) in the plane, shape (…, 2) [m].
+        """
+        return slewing.project_to_plane(self.arrays, np.asarray(position))
 
     def tip_positions(self, postures: FloatArray) -> FloatArray:
-        """Tips (x, z) in the postures float64[k, n], float64[k, 2]."""
+        """Return the tip (x, z) in the arm's plane for each of several postures.
+
+        Args:
+            postures: Joint positions, shape (k, n) [rad or m].
+
+        Returns:
+            Tip positions, shape (k, 2) [m].
+        """
         return np.asarray(kinematics.tip_positions(self.arrays, as_frozen(postures)))
 
     def joint_positions(self, q: FloatArray) -> FloatArray:
-        """(x, z) of all joints and of the tip, float64[n + 1, 2]."""
+        """Return the positions of all joints and of the tip in the arm's plane.
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+
+        Returns:
+            (x, z), shape (n + 1, 2) [m]. The first row is the origin, the last is the tip.
+        """
         return np.asarray(kinematics.joint_positions(self.arrays, as_frozen(np.asarray(q))))
 
     def link_angles(self, q: FloatArray) -> FloatArray:
-        """Angle of each link [rad], float64[n], or of postures float64[k, n] in each of them."""
+        """Return the angle of each link from the x axis in the plane [rad].
+
+        Args:
+            q: One posture of shape (n,), or k postures of shape (k, n) [rad or m].
+
+        Returns:
+            Angles of the shape of `q`, not wrapped.
+        """
         return np.cumsum(np.where(self.arrays.turns, q, 0.0), axis=-1)
 
     def end_link_angle(self, q: FloatArray) -> float:
-        """ψ, the angle of the last link in the plane [rad]: the sum of all that turns in it."""
+        """Return the end-link angle ψ in the plane, the sum of all revolute joint angles [rad]."""
         return float(kinematics.end_link_angle(self.arrays, q))
 
     def jacobian(self, q: FloatArray) -> FloatArray:
-        """∂(x, z)/∂q, float64[2, n]."""
+        """Return the Jacobian ∂(x, z)/∂q of the tip in the arm's plane, shape (2, n)."""
         return kinematics.tip_jacobian(self.arrays, q)
 
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
-        """Postures within limits at (x, z) for the end-link angles psi, float64[found, n].
+        """Compute postures within the joint limits whose tip is at (x, z).
 
-        All with three joints, of more those of `tip_postures.postures` and `telescope_postures`.
+        For three revolute joints these are all postures with the given end-link angles. For longer
+        chains and telescopes they are a sample: the additional joints take evenly spaced positions.
+
+        Args:
+            x: Tip position in the arm's plane [m].
+            z: Tip position in the arm's plane [m].
+            psi: End-link angles to try, shape (k,) [rad].
+
+        Returns:
+            Joint positions, shape (found, n) [rad or m]; no rows if there is no posture.
         """
         if self.has_telescope:
             angles = np.asarray(psi, dtype=float)
-            return telescope_postures(self.arrays, x, z, angles)
-        return tip_postures.postures(self.arrays, x, z, np.asarray(psi, dtype=float))
+            return find_telescope_postures(self.arrays, x, z, angles)
+        return tip_postures.find_postures(self.arrays, x, z, np.asarray(psi, dtype=float))
 
     def gravity_torque(self, q: FloatArray) -> FloatArray:
-        """Torques that hold the arm and its payload."""
+        """Return the joint torques that hold the arm and its payload against gravity.
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+
+        Returns:
+            Torques, positive if the joint must lift, shape (n,) [N m], or [N] for a sliding joint.
+        """
         torque = np.empty(self.joint_count)
         statics.gravity_torque(self.arrays, q, torque)
         return torque
 
     def inverse_dynamics(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Torques that move the arm and its payload, gravity included; q̇ [rad/s], q̈ [rad/s²]."""
+        """Compute the joint torques of a motion, gravity included.
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+            qd: Joint velocities, shape (n,) [rad/s or m/s].
+            qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
+
+        Returns:
+            Torques τ = M q̈ + C q̇ + g, shape (n,) [N m], or [N] for a sliding joint.
+        """
         weight, torque = np.empty(self.joint_count), np.empty(self.joint_count)
         work = np.empty((statics.MOTION_WORK, self.joint_count))
         state = (np.array(values, dtype=np.float64) for values in (q, qd, qdd))
-        statics.moving_torques(statics.chain_of(self.arrays), *state, work, weight, torque)
+        statics.compute_motion_torques(statics.chain_of(self.arrays), *state, work, weight, torque)
         return torque
 
     def piston_forces(self, q: FloatArray) -> FloatArray:
-        """Cylinder forces that hold the arm and its payload, positive resists extension."""
+        """Return the piston forces that hold the arm and its payload against gravity.
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+
+        Returns:
+            Forces, shape (n,) [N]; positive if they resist extension.
+        """
         force = np.empty(self.joint_count)
-        statics.piston_forces(self.arrays, np.array(q), force)  # a copy: one type for the kernel
+        statics.piston_forces(self.arrays, np.array(q), force)  # writable copy: one kernel type
         return force
 
     def piston_forces_in(self, postures: FloatArray) -> FloatArray:
-        """The same in each of the postures float64[k, n], float64[k, n]."""
+        """Return the piston forces that hold the arm and its payload in several postures.
+
+        Args:
+            postures: Joint positions, shape (k, n) [rad or m].
+
+        Returns:
+            Forces, shape (k, n) [N]; positive if they resist extension.
+        """
         force = np.empty(postures.shape)
         statics.piston_forces_in(self.arrays, postures, force)
         return force
 
     def mass_matrix(self, q: FloatArray) -> FloatArray:
-        """Mass matrix of links and payload, float64[n, n] kg m²."""
+        """Return the joint-space mass matrix of links and payload, shape (n, n) [kg m²].
+
+        An element is in [kg m] if one of its two joints slides, in [kg] if both do.
+        """
         return statics.mass_matrix(self.arrays, q)
 
     def moment_arms(self, q: FloatArray) -> FloatArray:
-        """Signed moment arms r = dL/dq; 1 where a joint slides."""
+        """Return the signed moment arms r = dL/dq of all actuators, shape (n,) [m].
+
+        Extension turns a joint positively if its r is positive. It is 1 for a sliding joint.
+        """
         rows = self.arrays.linkage
         return np.array([linkage.moment_arm(rows[j], q[j]) for j in range(self.joint_count)])
 
     @property
-    def fastest_joints(self) -> FloatArray:
-        """Joint speeds that the main pump's whole flow can never exceed: Q / (min A · min |r|)."""
+    def max_joint_speeds(self) -> FloatArray:
+        """Upper bound on joint speeds that the main pump's flow allows, shape (n,) [rad/s or m/s].
+
+            q̇_max = Q_MP / (min(A, a) · min |r|)
+
+        with the smallest moment arm within the joint's limits.
+        """
         a = self.arrays
         return a.main_pump_flow / (np.minimum(a.cap_area, a.rod_area) * self._moment_arm_ends[0])
 
     @property
+    def _own_file_rating(self) -> FileRating:
+        """Payload and supply pressure of the machine file, even if this machine was changed."""
+        own = FileRating(self.arrays.payload, self.arrays.supply_pressure)
+        return own if self.file_rating is None else self.file_rating
+
+    @cached_property
+    def curve_limits(self) -> CurveLimits:
+        """Position, speed, acceleration and jerk limits of a received trajectory.
+
+        An arm knows its machine file alone. So the limits are derived from payload, supply pressure
+        and joint ranges of the file, even if this machine was `changed`. The equations are in the
+        module `curve_limits`.
+        """
+        rated = Machine(
+            self.config, _make_arrays(self.config)._replace(**self._own_file_rating._asdict())
+        )
+        return derive_curve_limits(
+            rated.arrays, self.config.circuit, rated.longest_moment_arms, rated.max_joint_speeds
+        )
+
+    @property
     def longest_moment_arms(self) -> FloatArray:
-        """Largest |r| of each joint within its limits."""
+        """Largest |r| of each joint within its limits, shape (n,) [m]."""
         return self._moment_arm_ends[1]
 
     @cached_property
     def _moment_arm_ends(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest |r| of each joint within its limits, each of shape (n,) [m].
+
+        r = dL/dq is the moment arm; a sliding joint has r = 1 [-].
+        """
         a = self.arrays
         ranges = map(linkage.moment_arm_range, a.linkage, a.joint_min, a.joint_max)
         ends = np.abs(np.array(list(ranges)))
         return ends.min(axis=1), ends.max(axis=1)
 
     def cylinder_lengths(self, q: FloatArray) -> FloatArray:
-        """Distances between each cylinder's pins."""
+        """Return the distance between the pins of each cylinder, shape (n,) [m]."""
         rows = self.arrays.linkage
         return np.array([linkage.cylinder_length(rows[j], q[j]) for j in range(self.joint_count)])
 
     @property
     def zones(self) -> Zones:
-        """The keep-out zones."""
-        return Zones.of(self.config.keep_out)
+        """Keep-out zones of the machine file."""
+        return Zones.from_keep_out(self.config.keep_out)
 
     @cached_property
     def obstacles(self) -> Obstacles:
-        """Everything that the arm keeps clear of."""
-        own = obstacles_of(self.config.keep_out, self.joint_count, int(self.slews))
-        return own.and_also(self.shadows) if self.shadows.names else own
+        """Everything that the arm keeps clear of: the file's obstacles, then the shadows."""
+        own = build_obstacles(self.config.keep_out, self.joint_count, int(self.slews))
+        return own.combined_with(self.shadows) if self.shadows.names else own
 
     def clearance(self, q: FloatArray) -> tuple[float, str]:
-        """Distance [m] to the nearest obstacle, negative inside, and its name; inf, "" without."""
+        """Compute the distance between the arm and the nearest obstacle in a posture.
+
+        The thickness of the links counts.
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+
+        Returns:
+            Distance [m], negative if the arm is inside the obstacle, and the obstacle's name; inf
+            and "" if there are no obstacles.
+        """
         posture = np.asarray(q, dtype=np.float64)[None, :]
         distance, row = clearance.clearances(self.arrays, self.obstacles.rows, frozen(posture))
         return float(distance[0]), self.obstacles.name(row[0])
 
     def _obstacles_at_joint_1(self) -> list[str]:
-        """The arm cannot keep clear of what is where its first link begins."""
+        """Return a sentence for each obstacle that is too close to the beginning of the first link.
+
+        The first link begins there in every posture, so the arm could never keep clear. An obstacle
+        is too close if its distance is below the link's radius plus the margin of discrete paths
+        (`Obstacles.path_rows`). Obstacles that concern other links or the tip only are skipped.
+
+        Returns:
+            Sentences for error messages; empty if there is no such obstacle.
+        """
         rows, problems = self.obstacles.path_rows, []
         for k in range(len(rows)):
-            if rows[k, KIND] == LINK or rows[k, PART] != 0:
+            if rows[k, KIND_COLUMN] == LINK_KIND or rows[k, LINK_COLUMN] != 0:
                 continue
-            beyond, needed = clearance.point_clearance(rows, k, 0.0, 0.0), rows[k, RADIUS]
+            beyond, needed = clearance.point_clearance(rows, k, 0.0, 0.0), rows[k, RADIUS_COLUMN]
             if beyond < 0.0:
                 problems.append(
                     f"keep_out: {self.obstacles.name(k)} is {beyond + needed:.4g} m from joint 1, "
@@ -406,10 +711,17 @@ class Machine:
         return problems
 
     def check_in_workspace(self, position: Position) -> None:
-        """Raise OutOfWorkspaceError where the tip may not be asked to go to a position in
-        `base_link`."""
+        """Check that the tip may be asked to go to a position.
+
+        Args:
+            position: (x, z), or (x, y, z) if joint 1 slews, in `base_link` [m].
+
+        Raises:
+            OutOfWorkspaceError: x, the distance from the origin (joint 1, or 2 of a slewing arm) or
+                the slew's angle is outside its limits.
+        """
         area, rounding = self.config.workspace, 1e-9
-        x, z = self.in_plane(position, 0.0).tip
+        x, z = self.convert_to_plane(position, 0.0).tip
         radius, least = math.hypot(x, z), area.min_x + self.arrays.slew_offset
         if x < area.min_x - rounding:
             what = "its distance from the slew's axis" if self.slews else "x"
@@ -423,17 +735,31 @@ class Machine:
 
 
 def load_machine(path: str | Path | None = None) -> Machine:
-    """Machine of a YAML file, or the suite's own; raises MachineFileError with all problems."""
-    file = Path(path) if path else config_file(MACHINE_FILE)
+    """Load a machine from a YAML file and check that plans can be made for it.
+
+    Args:
+        path: The machine file; None or an empty text loads the suite's own arm.
+
+    Returns:
+        The machine, exactly as in the file.
+
+    Raises:
+        MachineFileError: The file cannot be read, breaks rules, has too few joints, or gives an
+            actuator a speed above the common V_max. It lists all problems of the first check that
+            fails.
+    """
+    file = Path(path) if path else find_config_file(MACHINE_FILE)
     try:
         content = read_yaml(file)
     except YamlFileError as error:
         raise MachineFileError(str(file), [error.reason]) from None
-    missing = [name for name in SECTIONS if not (isinstance(content, dict) and name in content)]
-    if len(missing) > len(SECTIONS) / 2:  # nothing of another file's content is repeated
+    missing = [
+        name for name in FILE_SECTIONS if not (isinstance(content, dict) and name in content)
+    ]
+    if len(missing) > len(FILE_SECTIONS) / 2:  # another kind of file: do not quote it
         reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
         raise MachineFileError(str(file), [reason])
-    machine = _validated(content, str(file))
+    machine = _make_validated_machine(content, str(file))
     least, tip = (LEAST_JOINTS + 1, "three") if machine.slews else (LEAST_JOINTS, "two")
     if machine.joint_count < least:
         problem = (
@@ -441,46 +767,89 @@ def load_machine(path: str | Path | None = None) -> Machine:
             f"more: the tip takes {tip}, what is chosen is the rest"
         )
         raise MachineFileError(str(file), [problem])
-    if too_fast := own_speed_problems(machine.config):
+    if too_fast := check_actuator_speed_limits(machine.config):
         raise MachineFileError(str(file), too_fast)
     return machine
 
 
-def _restored(config: MachineConfig, idle_leakage: float, shadows: Obstacles) -> Machine:
+def _restored(
+    config: MachineConfig, idle_leakage: float, shadows: Obstacles, rating: FileRating | None
+) -> Machine:
+    """Make a machine again from the values that `Machine.__reduce__` pickles.
+
+    Args:
+        config: Content of the machine file.
+        idle_leakage: Leakage of valves that do not belong to the n joints [m³/s].
+        shadows: `Machine.shadows`.
+        rating: `Machine.file_rating`.
+
+    Returns:
+        A machine equal to the pickled one.
+    """
     machine = Machine.from_config(config)
-    if idle_leakage == 0.0 and not shadows.names:
-        return machine
-    arrays = machine.arrays._replace(idle_leakage=idle_leakage)
-    return replace(machine, arrays=arrays, shadows=shadows)
+    arrays = machine.arrays._replace(external_leakage=idle_leakage)
+    return replace(machine, arrays=arrays, shadows=shadows, file_rating=rating)
 
 
-def _validated(content: Any, source: str) -> Machine:
+def _make_validated_machine(content: Any, source: str) -> Machine:
+    """Make a machine from nested content of a machine file.
+
+    Args:
+        content: Sections and values as read from YAML or dumped from a configuration.
+        source: Name of the file, for error messages.
+
+    Returns:
+        The machine, without shadows and rating.
+
+    Raises:
+        MachineFileError: The content breaks the schema or a rule across values.
+    """
     try:
         config = MachineConfig.model_validate(content)
     except ValidationError as error:
-        raise MachineFileError(source, problems_of(error, MachineConfig)) from error
+        raise MachineFileError(source, describe_validation_errors(error, MachineConfig)) from error
     return Machine.from_config(config, source)
 
 
-def _of_actuators(config: MachineConfig, name: str) -> FloatArray:
-    """Of each actuator its own value, or the one that is common to all, float64[n]."""
+def _collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
+    """Return a value of each actuator: its own, or the common one if it has none.
+
+    Args:
+        config: Content of the machine file.
+        name: Name of a value in section `actuator` that `COMMON_PATHS` has.
+
+    Returns:
+        Values in SI units, shape (n,).
+    """
     own = [getattr(joint.actuator, name) for joint in config.joints]
-    usual = attrgetter(COMMON[name])(config)
+    usual = attrgetter(COMMON_PATHS[name])(config)
     return np.array([usual if each is None else each for each in own])
 
 
-def _arrays(config: MachineConfig) -> MachineArrays:
+def _make_arrays(config: MachineConfig) -> MachineArrays:
+    """Convert a configuration into the flat arrays that kernels take.
+
+    A slewing platform (joint 1) gets a link without length, mass and inertia in the plane. Each
+    actuator's V_max is the smaller of its own and the common one.
+
+    Args:
+        config: Content of the machine file.
+
+    Returns:
+        Read-only arrays. `external_leakage` is 0.
+    """
     joints, first = config.joints, config.joints[0]
     oil = config.hydraulics
     area = np.array([joint.areas for joint in joints])
     slews = first.kind == "slew"
     rated_flow, drop = (
-        _of_actuators(config, name) for name in ("rated_flow", "rated_pressure_drop_per_land")
+        _collect_actuator_values(config, name)
+        for name in ("rated_flow", "rated_pressure_drop_per_land")
     )
-    fastest = _of_actuators(config, "max_piston_speed")
+    fastest = _collect_actuator_values(config, "max_piston_speed")
 
-    def of_links(name: str) -> FloatArray:
-        """Of each link in the plane; the platform is none."""
+    def collect_link_values(name: str) -> FloatArray:
+        """Return one property of every link; 0 for a slewing platform."""
         values = [getattr(joint.link, name) for joint in joints]
         return frozen(np.array([0.0, *values[1:]] if slews else values))
 
@@ -490,14 +859,16 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         slews=slews,
         slew_offset=first.link.length if first.kind == "slew" else 0.0,
         slew_inertia=first.link.slew_inertia if first.kind == "slew" else 0.0,
-        link_length=of_links("length"),
-        link_mass=of_links("mass"),
-        link_center=of_links("center_of_mass"),
-        link_inertia=of_links("inertia"),
+        link_length=collect_link_values("length"),
+        link_mass=collect_link_values("mass"),
+        link_center=collect_link_values("center_of_mass"),
+        link_inertia=collect_link_values("inertia"),
         joint_min=frozen(np.array([joint.limits.lower for joint in joints])),
         joint_max=frozen(np.array([joint.limits.upper for joint in joints])),
         linkage=frozen(
-            np.array([linkage.linkage_row(joint.linkage, joint.limits.lower) for joint in joints])
+            np.array(
+                [linkage.build_linkage_row(joint.linkage, joint.limits.lower) for joint in joints]
+            )
         ),
         cap_area=frozen(area[:, 0]),
         rod_area=frozen(area[:, 1]),
@@ -517,7 +888,7 @@ def _arrays(config: MachineConfig) -> MachineArrays:
         servo_pump_efficiency=oil.servo_pump.efficiency,
         valve_coefficient=frozen(rated_flow / np.sqrt(drop)),
         leakage_flow=oil.valve.leakage_flow,
-        idle_leakage=0.0,
+        external_leakage=0.0,
         max_piston_speed=frozen(np.minimum(fastest, config.motion.max_piston_speed)),
         max_piston_acceleration=config.motion.max_piston_acceleration,
         max_piston_jerk=config.motion.max_piston_jerk,

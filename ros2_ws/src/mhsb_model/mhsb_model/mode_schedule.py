@@ -1,4 +1,4 @@
-"""Mode schedules: which mode each actuator is in, over time (zero-order hold)."""
+"""Mode schedules: the mode of each actuator over time (zero-order hold)."""
 
 from __future__ import annotations
 
@@ -10,28 +10,38 @@ from mhsb_model.modes import Mode
 from mhsb_model.types import IntArray, ModeArray, as_frozen, frozen
 
 LONG_AGO_NS = -(2**62)
-"""When modes were switched of which nothing is known: as good as never."""
+"""Absolute time of a mode switch of which nothing is known [ns]; far enough in the past to be
+ignored."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModeSchedule:
-    """Modes of all actuators, each row in force until the next one; the last stays in force.
+    """Modes of all actuators over time; each row is in force until the next, the last one for good.
 
-    stamp_ns   absolute time of the first row, integer ns
-    offset_ns  int64[rows], times after the stamp, first 0, strictly increasing
-    modes      uint8[rows, actuators], 0/1/2 = N/DB/SB
-    before_ns  int64[actuators], absolute times of the last switches up to the first row; long ago
-               where nothing is known of them, as where a schedule comes from a message
+    Creating one raises ValueError if shapes disagree, times do not increase or a mode code does not
+    exist. All arrays are read-only.
 
-    Raises ValueError where shapes, order or codes fail.
+    Attributes:
+        stamp_ns: Absolute time of the first row [ns].
+        offset_ns: Times of the rows after the stamp, the first is 0, strictly increasing, int64 of
+            shape (rows,) [ns].
+        modes: Mode codes, uint8 of shape (rows, actuators): 0 N, 1 DB, 2 SB.
+        last_switch_ns: Absolute time of each actuator's last switch up to the first row, shape
+            (actuators,) [ns]. None if it is unknown, as in a schedule from a message.
     """
 
     stamp_ns: int
     offset_ns: IntArray
     modes: ModeArray
-    before_ns: IntArray | None = None
+    last_switch_ns: IntArray | None = None
 
     def __post_init__(self) -> None:
+        """Check shapes, times and mode codes, and make the arrays read-only.
+
+        Raises:
+            ValueError: A shape is wrong, times do not start at 0 or do not increase, or a code is
+                no mode.
+        """
         offset = np.asarray(self.offset_ns, dtype=np.int64)
         modes = np.asarray(self.modes)
         if offset.ndim != 1 or len(offset) == 0:
@@ -46,42 +56,66 @@ class ModeSchedule:
         object.__setattr__(self, "stamp_ns", int(self.stamp_ns))
         object.__setattr__(self, "offset_ns", frozen(offset))
         object.__setattr__(self, "modes", as_frozen(codes))
-        if self.before_ns is not None:
-            before = np.asarray(self.before_ns, dtype=np.int64)
+        if self.last_switch_ns is not None:
+            before = np.asarray(self.last_switch_ns, dtype=np.int64)
             if before.shape != modes.shape[1:]:
                 raise ValueError("the last switches before must be one time for each actuator")
-            object.__setattr__(self, "before_ns", frozen(before))
+            object.__setattr__(self, "last_switch_ns", frozen(before))
 
     @property
     def end_ns(self) -> int:
-        """Absolute time of the last row, from which the holding modes are in force, ns."""
+        """Absolute time of the last row, from which the holding modes are in force [ns]."""
         return self.stamp_ns + int(self.offset_ns[-1])
 
     @property
-    def switches(self) -> int:
-        """Number of actuator mode changes between the rows."""
+    def switch_count(self) -> int:
+        """Number of mode changes between the rows, summed over the actuators."""
         return int(np.count_nonzero(np.diff(self.modes.astype(np.int64), axis=0)))
 
     def shifted(self, delta_ns: int) -> ModeSchedule:
-        """The same schedule, `delta_ns` later."""
-        return ModeSchedule(self.stamp_ns + delta_ns, self.offset_ns, self.modes, self.before_ns)
+        """Return this schedule with a stamp that is `delta_ns` later [ns].
+
+        `last_switch_ns` stays as it is.
+        """
+        return ModeSchedule(
+            self.stamp_ns + delta_ns, self.offset_ns, self.modes, self.last_switch_ns
+        )
 
     def modes_at(self, time_ns: int) -> ModeArray:
-        """Modes in force at the absolute time `time_ns`, uint8[actuators]."""
+        """Return the modes in force at an absolute time [ns], shape (actuators,).
+
+        Before the stamp they are the modes of the first row.
+        """
         row = int(np.searchsorted(self.offset_ns, time_ns - self.stamp_ns, "right")) - 1
         return self.modes[max(row, 0)]
 
     def modes_at_many(self, time_ns: IntArray) -> ModeArray:
-        """Modes in force at absolute times, uint8[times, actuators]."""
+        """Return the modes in force at several absolute times.
+
+        Args:
+            time_ns: Absolute times in any order, shape (times,) [ns].
+
+        Returns:
+            Mode codes, uint8 of shape (times, actuators). Before the stamp they are the modes of
+            the first row, after the last row its modes.
+        """
         since = np.asarray(time_ns, dtype=np.int64) - self.stamp_ns
         rows = np.searchsorted(self.offset_ns, since, "right") - 1
         return self.modes[np.maximum(rows, 0)]
 
-    def switched_ns(self, time_ns: int) -> IntArray:
-        """Absolute times of the actuators' last switches up to `time_ns`, int64[actuators]."""
+    def find_last_switches(self, time_ns: int) -> IntArray:
+        """Return the time of each actuator's last mode switch up to an absolute time.
+
+        Args:
+            time_ns: Absolute time [ns].
+
+        Returns:
+            Absolute times, shape (actuators,) [ns]. Without a switch in this schedule they are
+            `last_switch_ns`, or `LONG_AGO_NS` if that is None.
+        """
         at_ns = self.stamp_ns + self.offset_ns[1:]
         before = np.full(self.modes.shape[1], LONG_AGO_NS)
-        last = before if self.before_ns is None else self.before_ns
+        last = before if self.last_switch_ns is None else self.last_switch_ns
         for at, old, new in zip(at_ns, self.modes[:-1], self.modes[1:], strict=True):
             if at <= time_ns:
                 last = np.where(old != new, at, last)

@@ -1,11 +1,11 @@
-"""Hydraulic operating modes, mode patterns and the budget of booster modules.
+"""Hydraulic operating modes, mode combinations and the budget of booster modules.
 
-What a mode means is told by its row in `PROPERTIES`, and by how many booster modules the machine
-gives it; codes are names, their order says nothing.
+A mode is defined by its row in `MODE_PROPERTIES` and by the number of booster modules that the
+machine gives it. Mode codes are names; their order has no meaning.
 
-A mode pattern names one mode per actuator. Modules in use by a pattern:
-sum over actuators of `modules_per_mode[mode]`, at most the number of modules fitted
-(paper, Section 3: four modules give 23 patterns of three joints).
+A mode combination (pattern) has one mode for each actuator. It occupies the sum of
+`modules_per_mode[mode]` over the actuators, at most the number of modules fitted. For example, four
+modules allow 23 combinations of three joints (paper, Section 3).
 """
 
 from __future__ import annotations
@@ -23,17 +23,22 @@ from mhsb_model.types import IntArray, ModeArray, frozen
 class Mode(IntEnum):
     """Operating mode of one actuator."""
 
-    N = 0  # normal: the main pump feeds through the check valve
-    DB = 1  # decoupled boost: the actuator's own servo pump raises its supply pressure
-    SB = 2  # shared boost: the flows of several servo pumps are summed
+    N = 0
+    """Normal: the main pump feeds the actuator through the check valve."""
+    DB = 1
+    """Decoupled boost: the actuator's own servo pump raises its supply pressure."""
+    SB = 2
+    """Shared boost: the flows of several servo pumps are summed on the rail."""
 
 
 class ModeProperties(NamedTuple):
-    """What a mode means for an actuator that is in it.
+    """Properties that a mode gives to an actuator.
 
-    boosted  servo pumps raise its supply pressure, so that it takes booster modules
-    on_rail  its line is joined to the rail, at one pressure with all others there
-    rank     a mode can do all that modes of lower rank can
+    Attributes:
+        boosted: Whether servo pumps raise the supply pressure, so that booster modules are needed.
+        on_rail: Whether the actuator's line is connected to the rail, at one pressure with all
+            others there.
+        rank: Strength; a mode can do everything that modes of lower rank can.
     """
 
     boosted: bool
@@ -41,49 +46,89 @@ class ModeProperties(NamedTuple):
     rank: int
 
 
-PROPERTIES = {
+MODE_PROPERTIES = {
     Mode.N: ModeProperties(boosted=False, on_rail=False, rank=0),
     Mode.DB: ModeProperties(boosted=True, on_rail=False, rank=1),
     Mode.SB: ModeProperties(boosted=True, on_rail=True, rank=2),
 }
+"""Properties of each mode."""
 
-MODE_COUNT = len(PROPERTIES)
+MODE_COUNT = len(MODE_PROPERTIES)
 
-# The columns of the table by mode code, as kernels take them.
-BOOSTED = frozen(np.array([PROPERTIES[mode].boosted for mode in Mode]))
-ON_RAIL = frozen(np.array([PROPERTIES[mode].on_rail for mode in Mode]))
-RANK = frozen(np.array([PROPERTIES[mode].rank for mode in Mode]))
+# Columns of the table, indexed by mode code, as arrays for kernels.
+BOOSTED_MODES = frozen(np.array([MODE_PROPERTIES[mode].boosted for mode in Mode]))
+"""Whether each mode is boosted, indexed by its code."""
+RAIL_MODES = frozen(np.array([MODE_PROPERTIES[mode].on_rail for mode in Mode]))
+"""Whether each mode is on the rail, indexed by its code."""
+MODE_RANKS = frozen(np.array([MODE_PROPERTIES[mode].rank for mode in Mode]))
+"""Rank of each mode, indexed by its code."""
 
-BY_RANK = sorted(Mode, key=lambda mode: PROPERTIES[mode].rank)
-"""The modes from the weakest to the strongest."""
+MODES_BY_RANK = sorted(Mode, key=lambda mode: MODE_PROPERTIES[mode].rank)
+"""Modes from the weakest to the strongest."""
 
 
 def stronger(one: ModeArray, other: ModeArray) -> ModeArray:
-    """Actuator by actuator the mode of higher rank of two patterns, uint8[n]."""
-    return np.where(RANK[other] > RANK[one], other, one)
+    """Return, for each actuator, the mode of higher rank of two mode combinations.
+
+    The order from the weakest to the strongest is N, DB, SB.
+
+    Args:
+        one: Mode codes, shape (n,) or broadcastable.
+        other: Mode codes to compare with, shape (n,) or broadcastable.
+
+    Returns:
+        Modes in a new array, uint8 of the broadcast shape.
+    """
+    return np.where(MODE_RANKS[other] > MODE_RANKS[one], other, one)
 
 
 def strongest(modes: ModeArray) -> ModeArray:
-    """The mode of highest rank in each of the patterns uint8[…, n], uint8[…]."""
-    return np.array(BY_RANK, dtype=np.uint8)[RANK[modes].max(axis=-1)]
+    """Return the mode of highest rank in each mode combination.
+
+    Args:
+        modes: Mode combinations, uint8 of shape (…, n).
+
+    Returns:
+        Modes, uint8 of shape (…).
+    """
+    return np.array(MODES_BY_RANK, dtype=np.uint8)[MODE_RANKS[modes].max(axis=-1)]
 
 
 def any_boosted(modes: ModeArray) -> np.ndarray:
-    """Whether any actuator is boosted in each of the patterns uint8[…, n], bool[…]."""
-    return np.any(BOOSTED[modes], axis=-1)
+    """Return whether any actuator is boosted in each mode combination.
+
+    Args:
+        modes: Mode combinations, uint8 of shape (…, n).
+
+    Returns:
+        Boolean array of shape (…).
+    """
+    return np.any(BOOSTED_MODES[modes], axis=-1)
 
 
 def modules_in_use(pattern: Sequence[int] | ModeArray, modules_per_mode: Sequence[int]) -> int:
-    """Number of booster modules that a mode pattern occupies."""
+    """Return the number of booster modules that a mode combination occupies.
+
+    Args:
+        pattern: Mode of each actuator.
+        modules_per_mode: Modules that one actuator in mode N, DB or SB occupies.
+    """
     return sum(modules_per_mode[mode] for mode in pattern)
 
 
 def mode_patterns(
     actuator_count: int, module_count: int, modules_per_mode: Sequence[int]
 ) -> ModeArray:
-    """All patterns within the module budget, uint8[patterns, actuators], all-N first.
+    """List all mode combinations within the module budget.
 
-    The order is lexicographic in the mode codes, so an index is stable for a given budget.
+    Args:
+        actuator_count: Number of actuators n.
+        module_count: Number of booster modules fitted.
+        modules_per_mode: Modules that one actuator in mode N, DB or SB occupies.
+
+    Returns:
+        Mode combinations, uint8 of shape (combinations, n), read-only. They are in lexicographic
+        order of the mode codes, all-N first, so an index is stable for a given budget.
     """
     allowed = [
         pattern
@@ -101,12 +146,25 @@ def assign_modules(
     modules_per_mode: Sequence[int],
     lost: Collection[int] = (),
 ) -> IntArray:
-    """Which actuator each module serves, int64[module_count], -1 where the module is idle.
+    """Assign booster modules to the actuators of a mode combination.
 
-    Module j belongs to actuator j, those beyond the actuators are spare. A boosted actuator
-    takes its own module, then the spares, then the modules of actuators that leave theirs
-    idle, in order; none that is lost. Raises ValueError where the pattern needs more modules than
-    there are.
+    Module j belongs to actuator j; modules beyond the actuators are spare. Each boosted actuator
+    first gets its own module. Actuator 1, then actuator 2 and so on, then gets as many further
+    modules as it needs. They are taken from the spare ones first, then from idle modules that
+    belong to other actuators, always in the order of their indices. Lost modules are never used.
+
+    Args:
+        pattern: Mode of each actuator.
+        module_count: Number of booster modules fitted.
+        modules_per_mode: Modules that one actuator in mode N, DB or SB needs.
+        lost: Indices, from 0, of modules that have failed.
+
+    Returns:
+        Index of the actuator that each module serves, shape (module_count,); −1 if the module is
+        idle.
+
+    Raises:
+        ValueError: The mode combination needs more modules than are left.
     """
     actuator_count = len(pattern)
     needed = [modules_per_mode[mode] for mode in pattern]
@@ -129,5 +187,5 @@ def assign_modules(
 
 
 def pattern_name(pattern: Sequence[int] | ModeArray) -> str:
-    """Short name of a pattern, for instance `SB-DB-N`."""
+    """Return the short name of a mode combination, for instance `SB-DB-N`."""
     return "-".join(Mode(int(mode)).name for mode in pattern)

@@ -1,11 +1,15 @@
-"""What SIGINT and SIGTERM do, from a process's first instruction to its last.
+"""Handling of SIGINT, SIGTERM and SIGHUP, from a process's first instruction to its last.
 
-A console script calls an entry point that is made by `command` or `node`: it takes care of signals
-and only then imports the module that does the work, since most of a start goes into imports.
+A console script calls an entry point that is made by `make_command_entry` or `make_node_entry`. The
+entry point first sets up signals and then imports the module that does the work, since most of the
+start-up time is spent on imports.
 
-A signal ends a node with code 0. While it starts there is nothing to save, and it ends at once,
-from a thread of its own: the main one may be compiling for seconds. Inside `orderly`, whoever
-serves is given time to end by himself.
+A signal ends a node with code 0. During start-up there is nothing to save, so the process ends at
+once. A separate thread does that, since the main thread may be compiling for seconds. Inside a
+`grace_period` block, the node is given time to end by itself.
+
+Closing a terminal sends SIGHUP. It has the same effect as SIGTERM, unless it was ignored when the
+process began, as under `nohup`.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from __future__ import annotations
 import ctypes
 import importlib
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -21,80 +26,129 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 """Exit code of a command that was interrupted."""
 
-ORDERLY_END = 1.5
+DEFAULT_GRACE_PERIOD = 1.5
 """Time that a process is given to end by itself after a signal [s]."""
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a process."""
 
-MALLOC = ((-3, 2**18), (-1, 2**18), (-8, 2))
-"""glibc's M_MMAP_THRESHOLD, M_TRIM_THRESHOLD [bytes] and M_ARENA_MAX: see `give_back_memory`."""
+MALLOC_OPTIONS = ((-3, 2**18), (-1, 2**18), (-8, 2))
+"""Numbers and values of glibc's M_MMAP_THRESHOLD [bytes], M_TRIM_THRESHOLD [bytes] and
+M_ARENA_MAX."""
 
 _signalled = threading.Event()
-_times_to_end: list[float] = []
-"""Of the `orderly` blocks that are being executed [s]."""
+"""Set once a signal has asked this node to end."""
+_grace_periods: list[float] = []
+"""Times of the `grace_period` blocks that are being executed [s]."""
 
-_last_deeds: list[Callable[[], None]] = []
-"""What is done before a node is ended from outside of its main thread."""
+_final_actions: list[Callable[[], None]] = []
+"""Functions to call before the watching thread ends a node."""
 
 
-def give_back_memory() -> None:
-    """Let what large arrays took go back to the system as soon as they are free.
+def configure_memory_release() -> None:
+    """Configure glibc to return the memory of large arrays to the system once they are freed.
 
-    Otherwise glibc takes ever larger ones from its heaps, one for each thread, and a long search
-    leaves holes there. Where the C library is another one nothing happens.
+    By default glibc takes ever larger arrays from its heaps, one heap for each thread. A long
+    search then leaves holes in these heaps. With `MALLOC_OPTIONS`, large arrays have memory of
+    their own, and there are at most two heaps. Nothing happens with another C library.
     """
     library = ctypes.CDLL(None)
     if hasattr(library, "mallopt"):
-        for option, value in MALLOC:
+        for option, value in MALLOC_OPTIONS:
             library.mallopt(option, value)
 
 
-def command(module: str) -> Callable[[], int]:
-    """Entry point of the command `module.main`; an interrupt ends it silently with code 130."""
+def make_command_entry(module: str) -> Callable[[], int]:
+    """Make the entry point of a command; SIGINT ends it silently with code 130.
+
+    The entry point sets up signals, imports the module and calls its `main`. During the import
+    SIGINT ends the process at once. In `main` it raises KeyboardInterrupt. SIGHUP is turned into
+    SIGTERM, unless it was ignored before.
+
+    Args:
+        module: Name of a module with a function `main` that returns the exit code.
+
+    Returns:
+        The entry point, which returns the exit code.
+    """
 
     def enter() -> int:
+        """Set up signals, then import the module and run its `main`.
+
+        Returns:
+            The exit code of `main`, or 130 if it was interrupted.
+        """
         signal.signal(signal.SIGINT, _exit_interrupted)
-        _let_signals_in()
+        if not _hang_up_is_ignored():
+            signal.signal(signal.SIGHUP, lambda number, frame: _terminate())
+        _unblock_signals()
         main: Callable[[], int] = importlib.import_module(module).main
         signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             return main()
         except KeyboardInterrupt:
-            return INTERRUPTED
+            return EXIT_INTERRUPTED
         finally:
             signal.signal(signal.SIGINT, _exit_interrupted)
 
     return enter
 
 
-def node(module: str) -> Callable[[], NoReturn]:
-    """Entry point of the node `module.main`, which SIGINT and SIGTERM end with code 0."""
+def make_node_entry(module: str) -> Callable[[], NoReturn]:
+    """Make the entry point of a node, which each of `END_SIGNALS` ends with code 0.
+
+    The entry point starts the thread that watches for signals and then calls
+    `configure_memory_release`. It imports the module, calls its `main` and ends the process with
+    that exit code, without cleaning up the interpreter.
+
+    Args:
+        module: Name of a module with a function `main` that returns the exit code.
+
+    Returns:
+        The entry point, which does not return.
+    """
 
     def enter() -> NoReturn:
-        _watch_signals()
-        give_back_memory()
-        _leave(importlib.import_module(module).main())
+        """Set up signals, then run the module's `main` and end the process with its exit code.
+
+        `configure_memory_release` is called before the module is imported. The process ends without
+        the interpreter's clean-up.
+        """
+        _start_signal_thread()
+        configure_memory_release()
+        _exit_without_cleanup(importlib.import_module(module).main())
 
     return enter
 
 
 @contextmanager
-def orderly(seconds: float = ORDERLY_END) -> Iterator[None]:
-    """A block in which a signal does not end a node at once: it has `seconds` to do so itself."""
-    _times_to_end.append(seconds)
+def grace_period(seconds: float = DEFAULT_GRACE_PERIOD) -> Iterator[None]:
+    """Give the node some time to end by itself if a signal arrives in the block.
+
+    Outside of such a block, the signal ends the process at once. Blocks may be nested; the longest
+    time counts.
+
+    Args:
+        seconds: Time from the signal to the forced end [s].
+    """
+    _grace_periods.append(seconds)
     try:
         yield
     finally:
-        _times_to_end.remove(seconds)
+        _grace_periods.remove(seconds)
 
 
 @contextmanager
-def signals_kept() -> Iterator[None]:
-    """For starting a child: signals that reach it early wait until its entry point is there."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+def signals_blocked() -> Iterator[None]:
+    """Block `END_SIGNALS` while a child process is started.
+
+    The child inherits the block. Signals that reach it early wait until its entry point unblocks
+    them.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
     try:
         yield
     finally:
@@ -102,58 +156,141 @@ def signals_kept() -> Iterator[None]:
 
 
 def signalled() -> bool:
-    """Whether a signal has asked this node to end."""
+    """Return whether a signal has asked this node to end."""
     return _signalled.is_set()
 
 
-def before_an_end_at_once(deed: Callable[[], None]) -> None:
-    """Have something put away, quickly, where a signal ends a node that cannot do it itself."""
-    _last_deeds.append(deed)
+def register_final_action(action: Callable[[], None]) -> None:
+    """Register a function that is called before a signal forcibly ends the node.
+
+    It runs in the thread that watches for signals, if the main thread has not ended the process
+    within the `grace_period`. It must be fast; exceptions are ignored.
+
+    Args:
+        action: Function without arguments, for instance one that removes shared memory.
+    """
+    _final_actions.append(action)
+
+
+def forward_to_tools(name: str) -> Callable[[], NoReturn]:
+    """Make an entry point that replaces its process by a command of mhsb_tools.
+
+    The command is searched for in `lib/mhsb_tools` under the prefixes of AMENT_PREFIX_PATH, in
+    their order. mhsb_tools is not imported, so that lower packages need not depend on it. The
+    process's own arguments are passed on.
+
+    Args:
+        name: Name of the executable.
+
+    Returns:
+        The entry point. If the command is not installed, it ends with a sentence and exit code 1.
+    """
+
+    def enter() -> NoReturn:
+        """Find the executable and replace this process by it."""
+        prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        folders = [os.path.join(prefix, "lib", "mhsb_tools") for prefix in prefixes if prefix]
+        found = shutil.which(name, path=os.pathsep.join(folders)) if folders else None
+        if found is None:
+            sys.exit(
+                f"{name}: this command is part of the package mhsb_tools, which is not installed "
+                "here; build it and source its workspace (source scripts/env.sh)"
+            )
+        os.execv(found, [found, *sys.argv[1:]])
+
+    return enter
 
 
 def run_named(entries: Mapping[str, Any]) -> NoReturn:
-    """For `python -m PACKAGE.executables NAME ARGUMENTS`, as `ros2 run PACKAGE NAME ARGUMENTS`."""
+    """Run one of a package's executables, named by the first argument, and exit with its code.
+
+    This serves `python -m PACKAGE.executables NAME ARGUMENTS`, which acts like `ros2 run PACKAGE
+    NAME ARGUMENTS`. NAME is moved to `sys.argv[0]`.
+
+    Args:
+        entries: Entry points by name, usually the `globals()` of the calling module.
+    """
     sys.argv[0] = sys.argv.pop(1)
     sys.exit(entries[sys.argv[0]]())
 
 
 def _exit_interrupted(number: int, frame: object) -> NoReturn:
-    """In place of KeyboardInterrupt, which an import turns into errors of its own."""
-    os._exit(INTERRUPTED)
+    """End the process at once with code 130, as a handler of SIGINT.
+
+    It replaces KeyboardInterrupt, which an import may turn into other errors.
+
+    Args:
+        number: Number of the signal, not used.
+        frame: Interrupted stack frame, not used.
+    """
+    os._exit(EXIT_INTERRUPTED)
 
 
-def _let_signals_in() -> None:
-    """Whoever started this process may have blocked them until somebody is there to hear them."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+def _unblock_signals() -> None:
+    """Unblock `END_SIGNALS`, which the parent process may have blocked in `signals_blocked`."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, END_SIGNALS)
 
 
-def _watch_signals() -> None:
+def _start_signal_thread() -> None:
+    """Start the thread that ends this node after a signal, and unblock `END_SIGNALS`.
+
+    Python's signal handlers do nothing. Instead, Python writes each signal's number into a pipe
+    that the thread reads, so the main thread may be busy. SIGHUP keeps being ignored if it was
+    before.
+    """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    for number in SIGNALS:
-        signal.signal(number, _leave_it_to_the_watch)
+    for number in END_SIGNALS:
+        if number != signal.SIGHUP or not _hang_up_is_ignored():
+            signal.signal(number, _ignore_signal)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    threading.Thread(target=_watch, args=(reader,), name="signals", daemon=True).start()
-    _let_signals_in()
+    threading.Thread(target=_wait_for_signal, args=(reader,), name="signals", daemon=True).start()
+    _unblock_signals()
 
 
-def _leave_it_to_the_watch(number: int, frame: object) -> None:
-    """What Python calls for a signal, between two instructions of the main thread."""
+def _ignore_signal(number: int, frame: object) -> None:
+    """Do nothing, as a signal handler; the thread of `_wait_for_signal` reacts to the signal."""
 
 
-def _watch(reader: int) -> None:
-    """Wait for a signal, then see to it that this process ends."""
-    os.read(reader, 1)
+def _wait_for_signal(reader: int) -> None:
+    """Wait for the first signal, then end this process.
+
+    It waits for the longest time of all `grace_period` blocks under way, so that the node can end
+    by itself. SIGHUP is sent on as SIGTERM, since ROS reacts to that only. After the wait it calls
+    the registered functions and exits with code 0.
+
+    Args:
+        reader: File descriptor of the pipe into which Python writes signal numbers.
+    """
+    number = os.read(reader, 1)[0]
     _signalled.set()
-    time.sleep(max(_times_to_end, default=0.0))
-    for deed in _last_deeds:
+    if number == signal.SIGHUP:
+        _terminate()  # ROS reacts to SIGTERM, not to SIGHUP
+    time.sleep(max(_grace_periods, default=0.0))
+    for action in _final_actions:
         with suppress(Exception):
-            deed()
-    _leave(0)
+            action()
+    _exit_without_cleanup(0)
 
 
-def _leave(code: int) -> NoReturn:
-    """End without the interpreter's cleaning up, which a signal or a library's thread can spoil."""
+def _hang_up_is_ignored() -> bool:
+    """Return whether SIGHUP is ignored, so that the process survives a closed terminal."""
+    return signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+
+
+def _terminate() -> None:
+    """Send SIGTERM to this process."""
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _exit_without_cleanup(code: int) -> NoReturn:
+    """Flush the standard streams and exit without cleaning up the interpreter.
+
+    A signal or a library's thread could spoil the clean-up.
+
+    Args:
+        code: Exit code.
+    """
     for stream in (sys.stdout, sys.stderr):
         with suppress(Exception):
             stream.flush()

@@ -11,33 +11,32 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
-FARTHEST, HEAVIEST, FASTEST_FLOW, HIGHEST_PRESSURE = 1e4, 1e6, 1.0, 1e9
-"""Largest coordinates of zones [m], masses [kg], flows [m³/s] and pressures [Pa].
+MAX_COORDINATE, MAX_MASS, MAX_FLOW, MAX_PRESSURE = 1e4, 1e6, 1.0, 1e9
+"""Largest coordinate of a zone [m], mass [kg], flow [m³/s] and pressure [Pa].
 
-Ranges leave two orders of magnitude around what machines of 0.1 kg to 1000 t have. A number that
-was mistyped is noticed, and computing with all others neither overflows nor divides by 0.
-"""
+The ranges leave two orders of magnitude around the values of machines from 0.1 kg to 1000 t. So a
+mistyped number is noticed. With all others, computations neither overflow nor divide by 0."""
 
 NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
-Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 Length = Annotated[float, Field(ge=1e-4, le=20)]
-Mass = Annotated[float, Field(ge=0, le=HEAVIEST)]
+Mass = Annotated[float, Field(ge=0, le=MAX_MASS)]
 Inertia = Annotated[float, Field(ge=0, le=1e9)]
 Volume = Annotated[float, Field(ge=1e-10, le=1)]
-Flow = Annotated[float, Field(ge=1e-10, le=FASTEST_FLOW)]
-Pressure = Annotated[float, Field(ge=1, le=HIGHEST_PRESSURE)]
+Flow = Annotated[float, Field(ge=1e-10, le=MAX_FLOW)]
+Pressure = Annotated[float, Field(ge=1, le=MAX_PRESSURE)]
 Duration = Annotated[float, Field(ge=1e-5, le=1e4)]
 Gain = Annotated[float, Field(ge=1e-4, le=1e4)]
 ValveFlow = Annotated[float, Field(ge=1e-10, le=0.1)]
 ValveDrop = Annotated[float, Field(ge=1, le=5e7)]
 PistonSpeed = Annotated[float, Field(ge=1e-4, le=1)]
 Weight = Annotated[float, Field(ge=0, le=1e6)]
-"""Of energy [1/J], time [1/s] or mode switches [-] in the cost of a plan."""
+"""Weight of energy [1/J], time [1/s] or mode switches [-] in the cost of a plan."""
 
 
 class Section(BaseModel):
-    """Base of all sections: frozen, nothing unknown, nothing infinite."""
+    """Base of all sections: frozen, without unknown keys and without NaN or infinite numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -52,7 +51,7 @@ class Link(Section):
 
 
 class Extension(Section):
-    """The sliding part of a telescope; retracted, its tip lies `length` beyond the link before."""
+    """Sliding part of a telescope; retracted, its tip lies `length` beyond the link before."""
 
     length: NonNegative = Field(
         le=20, description="tip of the link before to the own tip at q = 0 [m]"
@@ -67,7 +66,7 @@ class Extension(Section):
 
 
 class Platform(Section):
-    """What turns about the vertical and carries the arm; its inertia alone counts."""
+    """Platform that turns about the vertical and carries the arm; only its inertia matters."""
 
     length: NonNegative = Field(le=20, description="slew's axis to joint 2, forwards [m]")
     mass: Mass = Field(ge=1e-6, description="[kg]")
@@ -80,7 +79,7 @@ class Platform(Section):
 
     @property
     def slew_inertia(self) -> float:
-        """I₀ = I + m x² about the slew's axis [kg m²]; Steiner."""
+        """Moment of inertia about the slew's axis, I₀ = I + m x² (parallel axes) [kg m²]."""
         return self.inertia + self.mass * self.center_of_mass**2
 
 
@@ -92,11 +91,13 @@ class Pin(Section):
 
 
 class SliderCrank(Section):
-    """Cylinder between two pins: L² = u² + v² − 2 u v cos θ, r = dL/dq = ±u v sin θ / L.
+    """A cylinder between a pin on the parent link and a pin on the joint's own link.
 
-    θ is the angle between the pins as seen from the joint's axis. The parent pin's frame is the
-    parent link's (x along it; the world's for joint 1), the child pin's is the joint's own link.
-    The child pin ahead of the parent pin makes extension turn the joint positively.
+    Its length L follows from L² = u² + v² − 2 u v cos θ. Its moment arm is r = dL/dq = ±u v sin θ /
+    L. u and v are the distances of the pins from the joint's axis, and θ is the angle between them.
+    The parent pin is fixed in the frame of the parent link (x along it; the world's for joint 1).
+    The child pin is fixed in the frame of the joint's own link. Extension turns the joint
+    positively if the child pin is ahead of the parent pin.
     """
 
     kind: Literal["slider_crank"]
@@ -105,12 +106,12 @@ class SliderCrank(Section):
 
 
 class FourBar(Section):
-    """The cylinder turns a rocker on the parent link, a coupler from its tip turns the child link.
+    """A cylinder turns a rocker on the parent link; a coupler from its tip turns the child link.
 
-    The rod is pinned to the rocker's tip, together with the coupler. Rocker pivot and parent pin
-    are fixed in the parent link's frame, the child pin in the joint's own link (as for the
-    slider-crank). Of the two ways to assemble it, `rocker_side` tells which: the rocker's tip is
-    to the left or to the right when looking from the rocker's pivot to the child pin.
+    Rod and coupler are both pinned to the rocker's tip. Rocker pivot and parent pin are fixed in
+    the parent link's frame, the child pin in the frame of the joint's own link. `rocker_side`
+    chooses between the two ways to assemble the linkage. Seen from the rocker's pivot towards the
+    child pin, it is the side on which the rocker's tip lies.
     """
 
     kind: Literal["four_bar"]
@@ -130,9 +131,9 @@ class Direct(Section):
 
 
 class RackAndPinion(Section):
-    """Pistons on toothed racks turn a pinion: L = R q, r = R, with equal areas both ways.
+    """Pistons on toothed racks turn a pinion: L = R q, r = R, with equal areas in both directions.
 
-    Each rack has a piston at either end, of which one pushes.
+    Each rack has a piston at either end, one of which pushes.
     """
 
     kind: Literal["rack_and_pinion"]
@@ -142,16 +143,16 @@ class RackAndPinion(Section):
 
     @property
     def area(self) -> float:
-        """Of the pistons that push [m²]."""
+        """Total area of the pistons that push [m²]."""
         return self.racks * math.pi / 4 * self.bore**2
 
 
 class Motor(Section):
     """A hydraulic motor turns a ring gear through a gearbox.
 
-    It counts as a piston that the ring gear's pitch circle carries along: with the displacement D
-    and the ratio i, L = R q, r = R, and the area A = D i / R, so that p A is the force at the teeth
-    and A L̇ = D i q̇ the flow.
+    It is treated as a piston that moves along the ring gear's pitch circle: L = R q, r = R. The
+    area is A = D i / R, with the displacement D and the gear ratio i. Then p A is the force at the
+    teeth and A L̇ = D i q̇ is the flow.
     """
 
     kind: Literal["motor"]
@@ -163,12 +164,12 @@ class Motor(Section):
 
     @property
     def area(self) -> float:
-        """D i / R [m²]."""
+        """Equivalent piston area D i / R [m²]."""
         return self.displacement * self.gear_ratio / self.pitch_radius
 
     @property
     def volume(self) -> float:
-        """Oil on one side of the motor, half of what a turn of its shaft displaces [m³]."""
+        """Oil on one side of the motor: half of the displacement per turn of its shaft [m³]."""
         return math.pi * self.displacement
 
 
@@ -176,22 +177,23 @@ TurningLinkage = Annotated[SliderCrank | FourBar, Field(discriminator="kind")]
 SlewDrive = Annotated[RackAndPinion | Motor, Field(discriminator="kind")]
 Linkage = SliderCrank | FourBar | Direct | RackAndPinion | Motor
 JOINT_KINDS = ("revolute", "prismatic", "slew")
+"""Kinds of joints that a machine file may name."""
 
 
 class Cylinder(Section):
-    """Single-rod cylinder."""
+    """A single-rod cylinder."""
 
     bore: Length = Field(le=1, description="piston diameter [m]")
     rod: Length = Field(le=1, description="rod diameter [m]")
 
     @property
     def areas(self) -> tuple[float, float]:
-        """Cap side and rod side, A and a [m²]."""
+        """Cap-side and rod-side area, A and a [m²]."""
         return math.pi / 4 * self.bore**2, math.pi / 4 * (self.bore**2 - self.rod**2)
 
 
 class Actuator(Section):
-    """What one actuator has of its own, where it is not as the file says of all."""
+    """Values of one actuator that differ from the common values of the file."""
 
     rated_flow: ValveFlow | None = Field(
         default=None,
@@ -224,14 +226,24 @@ class Limits(Section):
 
 
 class Stroke(Section):
-    """Range of a prismatic joint, from where it is retracted."""
+    """Range of a prismatic joint, measured from the retracted position."""
 
     lower: NonNegative = Field(le=20, description="[m]")
     upper: Length = Field(description="[m]")
 
 
-def _known_kind(kind: Any) -> Any:
-    """Whatever is no kind at all is refused with those that there are."""
+def _check_joint_kind(kind: Any) -> Any:
+    """Refuse a joint kind that does not exist, with a message that lists the valid ones.
+
+    Args:
+        kind: Value of the key `kind` of a joint that `_joint_tag` takes as revolute.
+
+    Returns:
+        "revolute".
+
+    Raises:
+        ValueError: The kind is anything else.
+    """
     if kind != "revolute":
         raise ValueError(f"{kind!r} is not one of {', '.join(JOINT_KINDS)}")
     return kind
@@ -240,7 +252,7 @@ def _known_kind(kind: Any) -> Any:
 class RevoluteJoint(Section):
     """A joint in the plane, its link, its linkage and the cylinder that drives it."""
 
-    kind: Annotated[Literal["revolute"], BeforeValidator(_known_kind)] = Field(
+    kind: Annotated[Literal["revolute"], BeforeValidator(_check_joint_kind)] = Field(
         default="revolute", description="of the joint; schema version 2 needs it"
     )
     link: Link
@@ -251,14 +263,14 @@ class RevoluteJoint(Section):
 
     @property
     def areas(self) -> tuple[float, float]:
-        """Of the piston, extending and retracting [m²]."""
+        """Piston areas for extension and retraction [m²]."""
         return self.cylinder.areas
 
 
 class PrismaticJoint(Section):
     """A telescope along the link before, and the cylinder that drives it directly.
 
-    q [m] is how far it is extended; a force [N] stands where other joints have a torque.
+    Its q is the extension [m]. It has a force [N] where other joints have a torque.
     """
 
     kind: Literal["prismatic"]
@@ -270,12 +282,12 @@ class PrismaticJoint(Section):
 
     @property
     def areas(self) -> tuple[float, float]:
-        """Of the piston, extending and retracting [m²]."""
+        """Piston areas for extension and retraction [m²]."""
         return self.cylinder.areas
 
 
 class SlewJoint(Section):
-    """Turns the plane of all other joints about the vertical; positive to the left."""
+    """A joint that turns the plane of all others about the vertical, positive to the left."""
 
     kind: Literal["slew"]
     link: Platform
@@ -285,12 +297,21 @@ class SlewJoint(Section):
 
     @property
     def areas(self) -> tuple[float, float]:
-        """Of what drives it, to the left and to the right [m²]."""
+        """Equivalent piston areas of the drive for turning left and right, which are equal [m²]."""
         return self.linkage.area, self.linkage.area
 
 
 def _joint_tag(content: Any) -> str:
-    """Whatever says nothing else is held to be revolute, and told what is wrong with it."""
+    """Return the kind of joint with which pydantic shall validate the content.
+
+    Anything other than "prismatic" or "slew" is validated as revolute, which reports a wrong kind.
+
+    Args:
+        content: A joint as read from the file, or a joint object.
+
+    Returns:
+        "revolute", "prismatic" or "slew".
+    """
     kind = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
     return kind if kind in ("prismatic", "slew") else "revolute"
 
@@ -305,7 +326,7 @@ Joint = Annotated[
 
 
 def unit_of(joint: AnyJoint) -> str:
-    """Of q: rad, or m where the joint slides."""
+    """Return the unit of the joint's position q: "m" if it is prismatic, otherwise "rad"."""
     return "m" if isinstance(joint, PrismaticJoint) else "rad"
 
 
@@ -316,7 +337,7 @@ class Payload(Section):
 
 
 class Workspace(Section):
-    """Where the tip may be asked to go; distances are from joint 1, or 2 where joint 1 slews."""
+    """Region of allowed tip positions, with distances from joint 1, or joint 2 if joint 1 slews."""
 
     min_x: Coordinate = Field(description="least horizontal coordinate, in the arm's plane [m]")
     min_radius: NonNegative = Field(le=1000, description="[m]")
@@ -327,14 +348,14 @@ class Workspace(Section):
 
 
 class MainPump(Section):
-    """Pump at constant pressure that feeds all actuators (MP)."""
+    """Main pump (MP) at constant pressure that feeds all actuators."""
 
     pressure: float = Field(ge=1e5, le=5e7, description="supply pressure P_S [Pa]")
     max_flow: Flow = Field(le=0.1, description="[m³/s]")
 
 
 class ServoPump(Section):
-    """Pump of one booster module (SP)."""
+    """Servo pump (SP) of one booster module."""
 
     max_flow: Flow = Field(le=0.01, description="[m³/s]")
     efficiency: float = Field(ge=0.01, le=1, description="hydraulic power out over power in [-]")
@@ -345,7 +366,7 @@ ModulesUsed = Annotated[int, Field(ge=0, le=64)]
 
 
 class Modules(Section):
-    """Booster modules and how many of them each mode occupies."""
+    """Number of booster modules, and how many of them each mode occupies."""
 
     count: int = Field(ge=0, le=64, description="modules fitted [-]")
     per_mode: tuple[ModulesUsed, ModulesUsed, ModulesUsed] = Field(
@@ -354,7 +375,7 @@ class Modules(Section):
 
 
 class Valve(Section):
-    """Servo valve with one metering edge per land; each edge's drop gives its flow."""
+    """Servo valve with one metering edge per land; the drop over an edge determines its flow."""
 
     rated_flow: ValveFlow = Field(description="through one edge at the rated drop [m³/s]")
     rated_pressure_drop_per_land: ValveDrop = Field(description="over one edge [Pa]")
@@ -362,7 +383,7 @@ class Valve(Section):
 
 
 class Hydraulics(Section):
-    """Everything between the tank and the cylinders that the planner needs to know."""
+    """Hydraulics between the tank and the cylinders, as far as the planner needs it."""
 
     tank_pressure: NonNegative = Field(le=1e6, description="[Pa]")
     boost_margin: NonNegative = Field(
@@ -390,7 +411,7 @@ class Motion(Section):
 
 
 class CircuitDynamics(Section):
-    """What the simulated circuit needs beyond the planner's view."""
+    """Dynamics of the hydraulic circuit: oil, volumes, valves, pumps, relief and friction."""
 
     bulk_modulus: float = Field(ge=1e5, le=1e12, description="effective, oil and hoses [Pa]")
     chamber_dead_volume: Volume = Field(description="each side of a cylinder, at its end [m³]")
@@ -457,7 +478,7 @@ class CircuitDynamics(Section):
 
 
 class CascadeGains(Section):
-    """Gains that every controller has of its own, relative to what the machine can do."""
+    """Gains that every controller has, relative to the machine's own frequencies."""
 
     position_gain: Gain = Field(
         description="piston speed per position error, in the joint's natural frequencies [-]"
@@ -510,7 +531,7 @@ class IndependentServo(CascadeGains):
 
 
 class Servo(Section):
-    """The servo's gains and the noise of its sensors."""
+    """Gains of the controllers and noise of the sensors."""
 
     force_bias_time: Duration = Field(
         description="time in which unknown forces are taken over into the force reference [s]"
@@ -522,7 +543,7 @@ class Servo(Section):
 
 
 class Simulation(Section):
-    """How the simulator runs."""
+    """Time steps of the simulation and its initial posture."""
 
     step: Annotated[float, Field(ge=1e-5, le=5e-3)] = Field(description="of the control [s]")
     mechanics_substeps: int = Field(
@@ -537,7 +558,7 @@ class Simulation(Section):
 
 
 class Stiction(Section):
-    """Friction with memory (LuGre): bristles that bend, stick and slip."""
+    """Friction with memory (LuGre model): bristles that bend, stick and slip."""
 
     breakaway: float = Field(ge=1, le=10, description="static over Coulomb friction [-]")
     speed: float = Field(
@@ -556,7 +577,7 @@ class Accumulator(Section):
 
 
 class SupplySag(Section):
-    """The main pump's pressure falls for a while, and comes back."""
+    """Temporary fall of the main pump's pressure."""
 
     start: NonNegative = Field(le=1e6, description="after the start of the simulation [s]")
     fall: Duration = Field(default=0.05, description="time in which it falls, and rises [s]")
@@ -565,7 +586,7 @@ class SupplySag(Section):
 
 
 class Sensors(Section):
-    """Classes of the sensors fitted; `file` has the noise of `servo` and nothing else."""
+    """Classes of the sensors fitted; `file` has the noise given in `servo` and no other error."""
 
     length: Literal["file", "encoder_16_bit", "encoder_13_bit"] = "file"
     pressure: Literal["file", "laboratory", "industrial"] = "file"
@@ -573,7 +594,7 @@ class Sensors(Section):
 
 
 class Imperfections(Section):
-    """What real machines have beside; all of it is off where it is left out."""
+    """Imperfections of real machines. Each one is off if it is left out."""
 
     valve_overlap: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, share of its stroke [-]"
@@ -612,8 +633,7 @@ class Box(Section):
 
 
 class BoxZone(Box):
-    """A box that the whole arm keeps out of, or its tip alone; upright in space, with y, where
-    joint 1 slews."""
+    """A box that the whole arm, or only its tip, keeps out of; with y if joint 1 slews."""
 
     y_min: Coordinate | None = Field(default=None, description="of arms that slew [m]")
     y_max: Coordinate | None = Field(default=None, description="of arms that slew [m]")
@@ -621,7 +641,7 @@ class BoxZone(Box):
 
 
 class CircleZone(Section):
-    """A circle that the whole arm keeps out of, or its tip alone."""
+    """A circle that the whole arm, or only its tip, keeps out of."""
 
     x: Coordinate = Field(description="of the centre [m]")
     z: Coordinate = Field(description="of the centre [m]")
@@ -630,7 +650,7 @@ class CircleZone(Section):
 
 
 class CylinderZone(Section):
-    """An upright cylinder that an arm that slews keeps out of, or its tip alone."""
+    """An upright cylinder that a slewing arm, or only its tip, keeps out of."""
 
     x: Coordinate = Field(description="of the axis [m]")
     y: Coordinate = Field(description="of the axis [m]")
@@ -641,7 +661,7 @@ class CylinderZone(Section):
 
 
 class SphereZone(Section):
-    """A sphere that an arm that slews keeps out of, or its tip alone."""
+    """A sphere that a slewing arm, or only its tip, keeps out of."""
 
     x: Coordinate = Field(description="of the centre [m]")
     y: Coordinate = Field(description="of the centre [m]")
@@ -651,7 +671,7 @@ class SphereZone(Section):
 
 
 class KeepOut(Section):
-    """What the arm keeps clear of; all of it may be left out."""
+    """Obstacles that the arm keeps clear of. Each one may be left out."""
 
     margin: NonNegative = Field(
         default=0.005,
@@ -676,7 +696,7 @@ class KeepOut(Section):
 
 
 class MachineConfig(Section):
-    """A whole machine file."""
+    """Content of a whole machine file."""
 
     schema_version: Literal[1, 2] = Field(description="2 names the kind of each joint")
     name: str = Field(
@@ -697,10 +717,11 @@ class MachineConfig(Section):
     imperfections: Imperfections = Imperfections()
 
 
-COMMON = {
+COMMON_PATHS = {
     "rated_flow": "hydraulics.valve.rated_flow",
     "rated_pressure_drop_per_land": "hydraulics.valve.rated_pressure_drop_per_land",
     "max_piston_speed": "motion.max_piston_speed",
     "relief_pressure": "circuit.chamber_relief_pressure",
 }
-"""What an actuator may have of its own, and the path of the value that holds otherwise."""
+"""Values that an actuator may have of its own, and the path of the common value that holds
+otherwise."""

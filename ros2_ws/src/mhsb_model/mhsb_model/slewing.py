@@ -1,13 +1,12 @@
-"""Arms that slew: between positions in `base_link` and in the plane that joint 1 turns.
+"""Conversion between positions in `base_link` and in the plane that joint 1 of a slewing arm turns.
 
-`base_link` has its origin on the slew's axis at the height of joint 2, x forward, y to the left and
-z up. With the slew's angle θ and joint 2 at the distance a ahead of the axis, the plane's position
-(x', z') is that of
+`base_link` has its origin on the slew's axis at the height of joint 2, with x forward, y to the
+left and z up. With the slew's angle θ and the distance a of joint 2 ahead of the axis, the plane's
+position (x', z') is
 
     x = (a + x') cos θ,  y = (a + x') sin θ,  z = z'
 
-Arms that do not slew have but their plane: their positions in it and in `base_link` are the same
-(x, z).
+For an arm that does not slew, positions in the plane and in `base_link` are the same (x, z).
 """
 
 from __future__ import annotations
@@ -22,57 +21,84 @@ from mhsb_model.errors import OutOfWorkspaceError
 from mhsb_model.types import FloatArray, Position
 
 WHOLE_TURN = 2.0 * math.pi
-ROUNDING = 1e-9  # rad
+"""One turn [rad]."""
+ANGLE_TOLERANCE = 1e-9
+"""Tolerance of angles [rad], and of the distance [m] at which a position lies on the slew's
+axis."""
 
 
-class InPlane(NamedTuple):
-    """A position (x', z') [m] in the arm's plane, and the angle [rad] of the slew that turns it
-    there; None where the arm does not slew."""
+class PlanarTarget(NamedTuple):
+    """A position in the arm's plane, and the slew's angle that turns the plane there."""
 
     tip: tuple[float, float]
+    """Position (x', z') in the plane [m]."""
     slew: float | None
+    """Angle of the slew [rad]; None if the arm does not slew."""
 
 
-def in_plane(m: MachineArrays, position: Position, near: float) -> InPlane:
-    """Where a position in `base_link` lies in the arm's plane.
+def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float) -> PlanarTarget:
+    """Convert a position in `base_link` into the arm's plane.
 
-    Of the slew's angles within its limits the nearest to `near` [rad]; on the axis that itself.
-    Raises OutOfWorkspaceError where there is none.
+    Args:
+        m: Arrays of the machine.
+        position: (x, z), or (x, y, z) if joint 1 slews [m].
+        preferred_slew: Preferred angle of the slew [rad]. Of the angles within limits that point to
+            the position, the nearest to it is taken. On the slew's axis it is returned itself.
+
+    Returns:
+        Position in the plane, and the slew's angle (None if the arm does not slew).
+
+    Raises:
+        OutOfWorkspaceError: No angle within the slew's limits points to the position.
     """
     if not m.slews:
         x, z = position
-        return InPlane((x, z), None)
+        return PlanarTarget((x, z), None)
     x, y, z = position
     distance = math.hypot(x, y)
     tip = (distance - m.slew_offset, z)
-    if distance < ROUNDING:
-        return InPlane(tip, near)
+    if distance < ANGLE_TOLERANCE:
+        return PlanarTarget(tip, preferred_slew)
     low, high, angle = float(m.joint_min[0]), float(m.joint_max[0]), math.atan2(y, x)
-    turns = math.ceil((low - ROUNDING - angle) / WHOLE_TURN)
-    angles = np.arange(angle + turns * WHOLE_TURN, high + ROUNDING, WHOLE_TURN)
+    turns = math.ceil((low - ANGLE_TOLERANCE - angle) / WHOLE_TURN)
+    angles = np.arange(angle + turns * WHOLE_TURN, high + ANGLE_TOLERANCE, WHOLE_TURN)
     if len(angles) == 0:
         raise OutOfWorkspaceError(
             position,
             f"joint 1 would have to slew to {angle:.4g} rad, within {low:.4g} … {high:.4g} rad it "
             "can",
         )
-    nearest = float(angles[np.argmin(np.abs(angles - near))])
-    return InPlane(tip, min(high, max(low, nearest)))
+    nearest = float(angles[np.argmin(np.abs(angles - preferred_slew))])
+    return PlanarTarget(tip, min(high, max(low, nearest)))
 
 
-def from_the_side(m: MachineArrays, place: FloatArray) -> FloatArray:
-    """Positions in the plane, float64[…, 2], that those in `base_link` have when it is there,
-    float64[…, 2 or 3] m."""
+def project_to_plane(m: MachineArrays, position: FloatArray) -> FloatArray:
+    """Project positions in `base_link` onto the arm's plane, turned to each of them.
+
+    Args:
+        m: Arrays of the machine.
+        position: (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].
+
+    Returns:
+        (x', z') in the plane, shape (…, 2) [m]; the input itself if the arm does not slew.
+    """
     if not m.slews:
-        return place
-    distance = np.hypot(place[..., 0], place[..., 1])
-    return np.stack([distance - m.slew_offset, place[..., 2]], axis=-1)
+        return position
+    distance = np.hypot(position[..., 0], position[..., 1])
+    return np.stack([distance - m.slew_offset, position[..., 2]], axis=-1)
 
 
-def in_base(m: MachineArrays, tip: FloatArray, slew: FloatArray) -> FloatArray:
-    """Positions in `base_link`, float64[…, 2 or 3], of those in the plane, float64[…, 2] m.
+def convert_to_base(m: MachineArrays, tip: FloatArray, slew: FloatArray) -> FloatArray:
+    """Convert positions in the arm's plane into `base_link`.
 
-    slew  float64[…] rad
+    Args:
+        m: Arrays of the machine.
+        tip: Positions (x', z') in the plane, shape (…, 2) [m].
+        slew: Angle of the slew for each position, shape (…) [rad]; ignored if the arm does not
+            slew.
+
+    Returns:
+        (x, y, z), shape (…, 3) [m]; the input itself if the arm does not slew.
     """
     if not m.slews:
         return tip

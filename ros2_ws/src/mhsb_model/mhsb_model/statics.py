@@ -1,4 +1,7 @@
-"""Statics and dynamics of the planar chain: what gravity asks of the joints, and what inertia."""
+"""Statics and dynamics of the planar chain: joint torques for gravity and for inertia.
+
+Where a joint slides, its "torque" is the force along the link [N].
+"""
 
 from __future__ import annotations
 
@@ -9,30 +12,41 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import extended, joint_positions, turned
+from mhsb_model.kinematics import add_extension, get_turn_angle, joint_positions
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.types import BoolArray, FloatArray
 
 
 class Chain(NamedTuple):
-    """What is moved: n links and a payload, a point mass at the tip."""
+    """Masses and geometry of n links and a payload, which is a point mass at the tip."""
 
-    turns: BoolArray  # [n] whether its joint turns it in the plane
-    slides: BoolArray  # [n] whether that is prismatic
-    length: FloatArray  # [n] m, retracted, likewise the centre
-    mass: FloatArray  # [n] kg
-    center: FloatArray  # [n] m, centre of mass from the link's joint
-    inertia: FloatArray  # [n] kg m², about the centre of mass
-    payload: float  # kg
-    gravity: float  # m/s²
-    slews: bool  # whether joint 1 turns the plane about the vertical
-    slew_offset: float  # m, of joint 2 ahead of the slew's axis
-    slew_inertia: float  # kg m², of the platform about that axis
+    turns: BoolArray
+    """Whether each joint turns its link in the plane, shape (n,)."""
+    slides: BoolArray
+    """Whether each joint is prismatic, shape (n,)."""
+    length: FloatArray
+    """Length of each link with its joint at q = 0, shape (n,) [m]."""
+    mass: FloatArray
+    """Mass of each link, shape (n,) [kg]."""
+    center: FloatArray
+    """Distance of each link's centre of mass from its joint at q = 0, shape (n,) [m]."""
+    inertia: FloatArray
+    """Moment of inertia of each link about its centre of mass, shape (n,) [kg m²]."""
+    payload: float
+    """Mass at the tip [kg]."""
+    gravity: float
+    """Gravitational acceleration [m/s²]."""
+    slews: bool
+    """Whether joint 1 turns the plane of all others about the vertical."""
+    slew_offset: float
+    """Distance of joint 2 ahead of the slew's axis [m]."""
+    slew_inertia: float
+    """Moment of inertia of the slewing platform about the slew's axis [kg m²]."""
 
 
 @kernel(inline="always")
 def chain_of(m: MachineArrays) -> Chain:
-    """The links and the payload of a machine."""
+    """Return the links and the payload of a machine."""
     return Chain(
         m.turns,
         m.slides,
@@ -49,8 +63,8 @@ def chain_of(m: MachineArrays) -> Chain:
 
 
 @kernel(inline="always")
-def with_payload(c: Chain, payload: float) -> Chain:
-    """The same links with another payload [kg]."""
+def replace_payload(c: Chain, payload: float) -> Chain:
+    """Return a chain with the given mass [kg] at its tip and the links of another chain."""
     return Chain(
         c.turns,
         c.slides,
@@ -68,47 +82,79 @@ def with_payload(c: Chain, payload: float) -> Chain:
 
 @kernel
 def link_directions(turns: BoolArray, q: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
-    """Cosine and sine of each link's angle in the plane, written to cosine[n] and sine[n]."""
+    """Compute the cosine and the sine of each link's angle in the plane.
+
+    Args:
+        turns: Whether each joint is revolute, shape (n,).
+        q: Joint positions, shape (n,) [rad or m].
+        cosine: Output, written in place, shape (n,): cos θⱼ of link j.
+        sine: Output, written in place, shape (n,): sin θⱼ of link j.
+    """
     angle = 0.0
     for j in range(len(q)):
-        angle += turned(turns, q, j)
+        angle += get_turn_angle(turns, q, j)
         cosine[j], sine[j] = math.cos(angle), math.sin(angle)
 
 
 @kernel(inline="always")
-def gravity_torques(
+def chain_gravity_torques(
     c: Chain, q: FloatArray, cosine: FloatArray, sine: FloatArray, torque: FloatArray
 ) -> None:
-    """τⱼ = g Σ mᵢ (xᵢ − xⱼ) over all masses beyond joint j, written to torque[n] [N m].
+    """Compute the joint torques that hold a chain against gravity.
 
-    Of a joint that slides g sin θⱼ Σ mᵢ [N], of one that slews 0. Positive where the joint must
-    lift; ∂U/∂q of the potential energy U. cosine[n], sine[n] are those of `link_directions`.
-    Oracles: U of point masses, MuJoCo.
+        τⱼ = g Σ mᵢ (xᵢ − xⱼ)    joint that turns [N m]
+        τⱼ = g sin θⱼ Σ mᵢ       joint that slides [N]
+        τⱼ = 0                   joint that slews
+
+    mᵢ and xᵢ are mass and x coordinate of each link's centre of mass and of the payload. xⱼ is the
+    x of joint j, and θⱼ the angle of link j. The sums run over all masses beyond joint j. A torque
+    is positive if the joint must lift. τ is the gradient ∂U/∂q of the potential energy U.
+
+    Test oracles: U of point masses, and MuJoCo.
+
+    Args:
+        c: Links and payload.
+        q: Joint positions, shape (n,) [rad or m].
+        cosine: Cosine of each link's angle, from `link_directions`, shape (n,).
+        sine: Sine of each link's angle, from `link_directions`, shape (n,).
+        torque: Output, written in place, shape (n,) [N m or N].
     """
     moment = 0.0
     mass = c.payload
     for j in range(len(torque) - 1, -1, -1):
-        moment, mass = _with_link(c, q, j, cosine[j], moment, mass)
+        moment, mass = _add_link_moment(c, q, j, cosine[j], moment, mass)
         torque[j] = c.gravity * (mass * sine[j] if c.slides[j] else moment)
     if c.slews:
         torque[0] = 0.0
 
 
 @kernel(inline="always")
-def _with_link(
+def _add_link_moment(
     c: Chain, q: FloatArray, j: int, cosine: float, moment: float, mass: float
 ) -> tuple[float, float]:
-    """Moment [kg m] about joint j and mass [kg] of link j and all beyond, from what is beyond."""
-    center = extended(c.slides, c.center, q, j)
-    length = extended(c.slides, c.length, q, j)
+    """Add link j to the mass, and its first moment, of everything beyond the link.
+
+    Args:
+        c: Links and payload.
+        q: Joint positions, shape (n,) [rad or m].
+        j: Index of the link.
+        cosine: Cosine of the link's angle in the plane.
+        moment: First moment Σ m (x − x at the link's tip) of the masses beyond link j [kg m].
+        mass: Mass of everything beyond link j, the payload included [kg].
+
+    Returns:
+        First moment about joint j [kg m] and mass [kg], both with link j.
+    """
+    center = add_extension(c.slides, c.center, q, j)
+    length = add_extension(c.slides, c.length, q, j)
     return moment + cosine * (c.mass[j] * center + mass * length), mass + c.mass[j]
 
 
 INERTIA_WORK = 3
-"""Rows of working memory that `inertia_torques` needs."""
+"""Number of rows of the scratch array `work` that `inertia_torques` needs."""
 
 MOTION_WORK = INERTIA_WORK + 2
-"""Likewise `moving_torques`."""
+"""Number of rows of the scratch array `work` that `compute_motion_torques` needs."""
 
 
 @kernel(inline="always")
@@ -122,23 +168,40 @@ def inertia_torques(
     work: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """τ = M(q) q̈ + C(q, q̇) q̇, written to torque[n] [N m], of a joint that slides [N].
+    """Compute the joint torques of inertia, τ = M(q) q̈ + C(q, q̇) q̇.
 
-    cosine, sine as `link_directions` has them; q̇, q̈ float64[n]; work float64[INERTIA_WORK, n].
-    Outwards, each link's accelerations and the force and moment that they take; inwards, what it
-    passes on. With ω, ω̇ of the link and e along, n across it, the point of it at d beyond the link
-    before, whose tip has the acceleration p̈, has
+    The method is recursive Newton-Euler. An outward pass computes each link's acceleration and the
+    force and moment that it takes. An inward pass adds up what each link passes on to the link
+    before. With unit vectors e along the link and n across it, the point at distance d along the
+    link has the acceleration a
 
-        p̈ + d (ω̇ n − ω² e), and where the link slides 2 ω q̇ n + q̈ e besides (Coriolis).
+        a = p̈ + d (ω̇ n − ω² e)                      joint that turns
+        a = p̈ + d (ω̇ n − ω² e) + 2 ω q̇ n + q̈ e     joint that slides (Coriolis)
 
-    Source: recursive Newton–Euler, R. Featherstone, Rigid Body Dynamics Algorithms, 5.3.
-    Oracles: the mass matrix and its slopes, MuJoCo's qfrc_inverse.
+    Here p̈ is the acceleration of the tip of the link before; ω and ω̇ are the link's angular
+    velocity and acceleration. If joint 1 slews, its torque and its centrifugal effect on all others
+    are included. Tests compare the result with the mass matrix and its derivatives, and with
+    MuJoCo's qfrc_inverse.
+
+    Args:
+        c: Links and payload.
+        q: Joint positions, shape (n,) [rad or m].
+        cosine: Cosine of each link's angle, from `link_directions`, shape (n,).
+        sine: Sine of each link's angle, from `link_directions`, shape (n,).
+        qd: Joint velocities, shape (n,) [rad/s or m/s].
+        qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
+        work: Scratch, shape (INERTIA_WORK, n) or more rows; INERTIA_WORK rows are overwritten.
+        torque: Output, written in place, without gravity, shape (n,) [N m], or [N] for a sliding
+            joint.
+
+    Source:
+        R. Featherstone, Rigid Body Dynamics Algorithms, section 5.3.
     """
     n = len(torque)
     omega = alpha = ax = az = 0.0
     for j in range(n):
-        omega += turned(c.turns, qd, j)
-        alpha += turned(c.turns, qdd, j)
+        omega += get_turn_angle(c.turns, qd, j)
+        alpha += get_turn_angle(c.turns, qdd, j)
         inwards = omega * omega
         gx = -inwards * cosine[j] - alpha * sine[j]
         gz = -inwards * sine[j] + alpha * cosine[j]
@@ -146,8 +209,8 @@ def inertia_torques(
             across = 2.0 * omega * qd[j]
             ax += qdd[j] * cosine[j] - across * sine[j]
             az += qdd[j] * sine[j] + across * cosine[j]
-        center = extended(c.slides, c.center, q, j)
-        length = extended(c.slides, c.length, q, j)
+        center = add_extension(c.slides, c.center, q, j)
+        length = add_extension(c.slides, c.length, q, j)
         work[0, j] = c.inertia[j] * alpha
         work[1, j] = c.mass[j] * (ax + gx * center)
         work[2, j] = c.mass[j] * (az + gz * center)
@@ -155,19 +218,19 @@ def inertia_torques(
         az += gz * length
     moment, fx, fz = 0.0, c.payload * ax, c.payload * az
     for j in range(n - 1, -1, -1):
-        center = extended(c.slides, c.center, q, j)
-        length = extended(c.slides, c.length, q, j)
+        center = add_extension(c.slides, c.center, q, j)
+        length = add_extension(c.slides, c.length, q, j)
         moment += work[0, j] + length * (cosine[j] * fz - sine[j] * fx)
         moment += center * (cosine[j] * work[2, j] - sine[j] * work[1, j])
         fx += work[1, j]
         fz += work[2, j]
         torque[j] = cosine[j] * fx + sine[j] * fz if c.slides[j] else moment
     if c.slews:
-        _add_slewing(c, q, cosine, sine, qd, qdd, work, torque)
+        _add_slew_torques(c, q, cosine, sine, qd, qdd, work, torque)
 
 
 @kernel
-def _add_slewing(
+def _add_slew_torques(
     c: Chain,
     q: FloatArray,
     cosine: FloatArray,
@@ -177,28 +240,42 @@ def _add_slewing(
     work: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """What slewing takes of joint 1, written to torque[0], and of all others, added to theirs.
+    """Compute the slew's inertia torque and add the slew's effect to the other joints.
 
-    With ρ the distances of masses from the slew's axis, φ the links' angles and J their inertias,
-    for links that are slender:
+    Lagrange's equations for slender links give
 
-        I = I₀ + Σ m ρ² + Σ J cos²φ,  τ₁ = I q̈₁ + İ q̇₁,  τⱼ = … − ½ ∂I/∂qⱼ q̇₁²
+        I = I₀ + Σ m ρ² + Σ J cos²φ
+        τ₁ = I q̈₁ + İ q̇₁
+        τⱼ = … − ½ ∂I/∂qⱼ q̇₁²
 
-    Arguments as in `inertia_torques`. Source: Lagrange's equations.
+    I₀ is the platform's inertia, and ρ the distance of each mass m from the slew's axis. φ is the
+    angle of each link from the horizontal, and J its inertia. "…" is what `torque` contains before
+    the call.
+
+    Args:
+        c: Links and payload.
+        q: Joint positions, shape (n,) [rad or m].
+        cosine: Cosine of each link's angle, shape (n,).
+        sine: Sine of each link's angle, shape (n,).
+        qd: Joint velocities, shape (n,) [rad/s or m/s].
+        qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
+        work: Scratch, first row overwritten, shape (INERTIA_WORK, n) or more rows.
+        torque: Torques of `inertia_torques`, changed in place, shape (n,) [N m or N]. Element 0 is
+            replaced by τ₁; the centrifugal term is added to all others.
     """
     n, square = len(torque), qd[0] * qd[0]
     inertia, rate, omega = c.slew_inertia, 0.0, 0.0
-    distance, moving = c.slew_offset, 0.0  # of the tip of the link before, and its rate
+    distance, moving = c.slew_offset, 0.0  # ρ of the last link's tip, and dρ/dt
     for j in range(1, n):
-        omega += turned(c.turns, qd, j)
+        omega += get_turn_angle(c.turns, qd, j)
         if c.slides[j]:
             moving += qd[j] * cosine[j]
-        center, closing = extended(c.slides, c.center, q, j), -omega * sine[j]
+        center, closing = add_extension(c.slides, c.center, q, j), -omega * sine[j]
         at, its_rate = distance + center * cosine[j], moving + center * closing
         inertia += c.mass[j] * at * at + c.inertia[j] * cosine[j] * cosine[j]
         rate += 2.0 * (c.mass[j] * at * its_rate + c.inertia[j] * cosine[j] * closing)
         work[0, j] = -c.mass[j] * at * square
-        length = extended(c.slides, c.length, q, j)
+        length = add_extension(c.slides, c.length, q, j)
         distance += length * cosine[j]
         moving += length * closing
     inertia += c.payload * distance * distance
@@ -206,8 +283,8 @@ def _add_slewing(
     torque[0] = inertia * qdd[0] + rate * qd[0]
     moment, inwards = 0.0, -c.payload * distance * square
     for j in range(n - 1, 0, -1):
-        center = extended(c.slides, c.center, q, j)
-        length = extended(c.slides, c.length, q, j)
+        center = add_extension(c.slides, c.center, q, j)
+        length = add_extension(c.slides, c.length, q, j)
         moment -= sine[j] * (length * inwards + center * work[0, j])
         moment += c.inertia[j] * cosine[j] * sine[j] * square
         inwards += work[0, j]
@@ -215,38 +292,55 @@ def _add_slewing(
 
 
 @kernel(inline="always")
-def moving_torques(
+def compute_motion_torques(
     c: Chain,
     q: FloatArray,
     qd: FloatArray,
     qdd: FloatArray,
     work: FloatArray,
-    weight: FloatArray,
+    static_torque: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """What gravity asks in the posture q, to weight[n], and in all τ = M q̈ + C q̇ + g, to torque[n].
+    """Compute the torques for gravity alone and for the whole motion, τ = M q̈ + C q̇ + g.
 
-    [N m]; q̇, q̈ float64[n]; work float64[MOTION_WORK, n].
+    Args:
+        c: Links and payload.
+        q: Joint positions, shape (n,) [rad or m].
+        qd: Joint velocities, shape (n,) [rad/s or m/s].
+        qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
+        work: Scratch, overwritten, shape (MOTION_WORK, n) or more rows.
+        static_torque: Output, written in place: gravity torques g, shape (n,) [N m], or [N] for a
+            sliding joint.
+        torque: Output, written in place: total torques τ, gravity included, shape (n,) [N m or N].
     """
     cosine, sine = work[INERTIA_WORK], work[INERTIA_WORK + 1]
     link_directions(c.turns, q, cosine, sine)
-    gravity_torques(c, q, cosine, sine, weight)
+    chain_gravity_torques(c, q, cosine, sine, static_torque)
     inertia_torques(c, q, cosine, sine, qd, qdd, work, torque)
     for j in range(len(torque)):
-        torque[j] += weight[j]
+        torque[j] += static_torque[j]
 
 
 @kernel(borrows=True)
 def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
-    """`gravity_torques` of a machine in the posture q[n], written to torque[n] [N m]."""
+    """Compute the joint torques that hold a machine against gravity.
+
+    `chain_gravity_torques` has the equations. The links' directions are computed here.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (n,) [rad or m].
+        torque: Output, written in place, positive if the joint must lift, shape (n,) [N m], or [N]
+            for a sliding joint.
+    """
     chain, angle = chain_of(m), 0.0
     for j in range(len(q)):
-        angle += turned(m.turns, q, j)
+        angle += get_turn_angle(m.turns, q, j)
         torque[j] = angle
     moment, mass = 0.0, m.payload
     for j in range(len(q) - 1, -1, -1):
         angle = torque[j]
-        moment, mass = _with_link(chain, q, j, math.cos(angle), moment, mass)
+        moment, mass = _add_link_moment(chain, q, j, math.cos(angle), moment, mass)
         torque[j] = m.gravity * (mass * math.sin(angle) if m.slides[j] else moment)
     if m.slews:
         torque[0] = 0.0
@@ -254,7 +348,13 @@ def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
 
 @kernel(borrows=True)
 def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
-    """F = τ / r under gravity, written to force[n] [N]; F > 0 resists extension."""
+    """Compute the piston forces that hold a machine against gravity, F = τ / r.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (n,) [rad or m].
+        force: Output, written in place, shape (n,) [N]. F > 0 resists extension.
+    """
     gravity_torque(m, q, force)
     for j in range(len(q)):
         force[j] /= moment_arm(m.linkage[j], q[j])
@@ -262,17 +362,34 @@ def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
 
 @kernel(borrows=True)
 def piston_forces_in(m: MachineArrays, posture: FloatArray, force: FloatArray) -> None:
-    """The same in each of the postures[k, n] [rad], written to force[k, n] [N]."""
+    """Compute the piston forces that hold a machine in each of several postures.
+
+    Args:
+        m: Arrays of the machine.
+        posture: Postures, shape (k, n) [rad or m].
+        force: Output, written in place, shape (k, n) [N]. F > 0 resists extension.
+    """
     for k in range(len(posture)):
         piston_forces(m, posture[k], force[k])
 
 
 @kernel
 def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ over links and payload, float64[n, n] [kg m²].
+    """Compute the joint-space mass matrix of links and payload.
 
-    Jᵢ moves the centre of link i, eᵢ turns it. Where one joint of two slides [kg m], where both do
-    [kg]. Slewing moves all across the plane, and has I of `_add_slewing` alone.
+        M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ
+
+    Jᵢ is the Jacobian of the centre of mass of link i; eᵢ has 1 for each joint that turns link i in
+    the plane. A slew moves all masses perpendicular to the plane. So its row and column are 0
+    except for the diagonal element, the inertia I in `_add_slew_torques`.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        M, shape (n, n) [kg m²]. An element is in [kg m] if one of its two joints slides, in [kg] if
+        both do.
     """
     n = len(q)
     points = joint_positions(m, q)
@@ -281,7 +398,7 @@ def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
     link_directions(m.turns, q, cosine, sine)
     for i in range(n + 1):
         if i < n:
-            center = extended(m.slides, m.link_center, q, i)
+            center = add_extension(m.slides, m.link_center, q, i)
             px, pz = points[i, 0] + center * cosine[i], points[i, 1] + center * sine[i]
             mass, inertia, moved = m.link_mass[i], m.link_inertia[i], i + 1
         else:

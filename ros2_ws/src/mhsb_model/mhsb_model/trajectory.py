@@ -1,7 +1,7 @@
 """Joint trajectories: points in time, joined by quintic Hermite interpolation.
 
-Times are integer nanoseconds, as on the wire, so that the sender and the receiver of a
-trajectory evaluate the very same curve.
+Times are integer nanoseconds, as in messages. So the sender and the receiver of a trajectory
+evaluate exactly the same curve.
 """
 
 from __future__ import annotations
@@ -16,16 +16,23 @@ from mhsb_model.types import FloatArray, IntArray, frozen
 
 SECOND_NS = 1_000_000_000
 
-POINT_SPACING_NS = 20_000_000
-"""Largest distance of neighbouring points that planner, braking and wire agree on."""
+MAX_POINT_SPACING_NS = 20_000_000
+"""Largest allowed time between neighbouring points [ns]; planner, braking and messages keep to
+it."""
 
-LONGEST_NS = 600 * SECOND_NS
-"""Longest duration that an arm takes."""
+MAX_DURATION_NS = 600 * SECOND_NS
+"""Longest duration of a trajectory that an arm accepts [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionState:
-    """Position [rad], velocity [rad/s] and acceleration [rad/s²] of all joints, float64[n]."""
+    """Position, velocity and acceleration of all joints at one instant.
+
+    Attributes:
+        position: Joint positions, shape (n,) [rad], or [m] if a joint slides.
+        velocity: Joint velocities, shape (n,) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (n,) [rad/s² or m/s²].
+    """
 
     position: FloatArray
     velocity: FloatArray
@@ -33,23 +40,26 @@ class MotionState:
 
     @classmethod
     def at_rest(cls, position: FloatArray) -> MotionState:
-        """The state that stands still at `position` [rad]."""
+        """Return the state at a position [rad or m] with zero velocity and acceleration."""
         position = np.asarray(position, dtype=np.float64)
         return cls(position, np.zeros_like(position), np.zeros_like(position))
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A joint trajectory over n joints.
+    """A joint trajectory over n joints, frozen and with read-only arrays.
 
-    stamp_ns      absolute time of the first point, integer ns
-    offset_ns     int64[points], times after the stamp, first 0, strictly increasing
-    position      float64[points, n], rad
-    velocity      float64[points, n], rad/s
-    acceleration  float64[points, n], rad/s²
+    Between two points the curve is the quintic polynomial that takes on both points' position,
+    velocity and acceleration. Creating one raises ValueError if shapes disagree, times do not
+    increase or a number is not finite.
 
-    Between two points the curve is the quintic that takes on both points' position,
-    velocity and acceleration. Raises ValueError where shapes, order or finiteness fail.
+    Attributes:
+        stamp_ns: Absolute time of the first point [ns].
+        offset_ns: Times of the points after the stamp, the first is 0, strictly increasing, int64
+            of shape (points,) [ns].
+        position: Joint positions, shape (points, n) [rad], or [m] if a joint slides.
+        velocity: Joint velocities, shape (points, n) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (points, n) [rad/s² or m/s²].
     """
 
     stamp_ns: int
@@ -59,6 +69,12 @@ class Trajectory:
     acceleration: FloatArray
 
     def __post_init__(self) -> None:
+        """Check shapes, times and values, and make the arrays read-only copies.
+
+        Raises:
+            ValueError: A shape is wrong, times do not start at 0 or do not increase, or a number is
+                not finite.
+        """
         offset = np.asarray(self.offset_ns, dtype=np.int64)
         if offset.ndim != 1 or len(offset) == 0:
             raise ValueError("a trajectory needs at least one point")
@@ -83,16 +99,16 @@ class Trajectory:
 
     @property
     def duration_ns(self) -> int:
-        """Time from the first to the last point, ns."""
+        """Time from the first to the last point [ns]."""
         return int(self.offset_ns[-1])
 
     @property
     def end_ns(self) -> int:
-        """Absolute time of the last point, ns."""
+        """Absolute time of the last point [ns]."""
         return self.stamp_ns + self.duration_ns
 
     def shifted(self, delta_ns: int) -> Trajectory:
-        """The same motion, `delta_ns` later."""
+        """Return this motion with a stamp that is `delta_ns` later [ns]."""
         return Trajectory(
             self.stamp_ns + delta_ns,
             self.offset_ns,
@@ -101,9 +117,19 @@ class Trajectory:
             self.acceleration,
         )
 
-    def rested(self, rest_ns: int) -> Trajectory:
-        """The same motion, and then a rest at its end for `rest_ns`."""
-        points = -(-rest_ns // POINT_SPACING_NS)
+    def with_rest(self, rest_ns: int) -> Trajectory:
+        """Return this motion followed by a rest at its last position.
+
+        The rest has points with zero velocity and acceleration, at most `MAX_POINT_SPACING_NS`
+        apart.
+
+        Args:
+            rest_ns: Duration of the rest [ns].
+
+        Returns:
+            A longer trajectory with the same stamp.
+        """
+        points = -(-rest_ns // MAX_POINT_SPACING_NS)
         rest = self.duration_ns + rest_ns * np.arange(1, points + 1) // points
         still = np.zeros((points, self.joint_count))
         return Trajectory(
@@ -115,14 +141,28 @@ class Trajectory:
         )
 
     def sample(self, time_ns: int) -> MotionState:
-        """State at the absolute time `time_ns`; held at rest after the end."""
+        """Return the state at an absolute time.
+
+        Before the first point it is the first point's state. After the end it is the last position
+        at rest.
+
+        Args:
+            time_ns: Absolute time [ns].
+        """
         q, qd, qdd = self.sample_many(np.array([time_ns], dtype=np.int64))
         return MotionState(q[0], qd[0], qdd[0])
 
     def sample_many(self, time_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, velocities, accelerations, float64[times, n] each, at absolute times.
+        """Evaluate the curve at several absolute times.
 
-        Before the first point its state is returned; after the end the last position, at rest.
+        Before the first point the first point's state is returned. After the end it is the last
+        position with zero velocity and acceleration.
+
+        Args:
+            time_ns: Absolute times in any order, shape (times,) [ns].
+
+        Returns:
+            Positions [rad or m], velocities and accelerations, each of shape (times, n).
         """
         since = np.asarray(time_ns, dtype=np.int64) - self.stamp_ns
         ended = since > self.duration_ns
@@ -145,37 +185,69 @@ class Trajectory:
         qdd = np.where(ended[:, None], 0.0, qdd)
         return q, qd, qdd
 
-    def inside(
+    def sample_intervals(
         self, rows: IntArray, shares: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, velocities, accelerations within intervals, float64[rows · shares, n] each.
+        """Evaluate the curve at the same shares of several intervals.
 
-        rows    int64[rows], intervals: the first lasts from point 0 to point 1
-        shares  float64[shares], 0 … 1, of an interval's duration; for each row all of them
+        Args:
+            rows: Indices of the intervals, shape (rows,). Interval i lasts from point i to point i
+                + 1.
+            shares: Instants within each interval as shares of its duration, 0 … 1, shape (shares,).
+
+        Returns:
+            Positions, velocities and accelerations, each of shape (rows · shares, n). All shares of
+            the first interval come first, then all of the second, and so on.
         """
-        return self._within(np.repeat(rows, len(shares)), np.tile(shares, len(rows)))
+        return self._sample_shares(np.repeat(rows, len(shares)), np.tile(shares, len(rows)))
 
-    def middles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, velocities, accelerations half-way between points, float64[k − 1, n] each."""
+    def sample_midpoints(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Evaluate the curve half-way in time between neighbouring points.
+
+        Returns:
+            Positions, velocities and accelerations, each of shape (points − 1, n).
+        """
         time = self.offset_ns / SECOND_NS
-        return _middles(time, self.position, self.velocity, self.acceleration)
+        return _sample_midpoint_states(time, self.position, self.velocity, self.acceleration)
 
-    def at_offsets(self, offset_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The same at times after the stamp that lie between the first and the last point."""
+    def sample_offsets(self, offset_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Evaluate the curve at times after the stamp.
+
+        Args:
+            offset_ns: Times after the stamp, between the first and the last point, shape (times,)
+                [ns]. The trajectory needs at least two points.
+
+        Returns:
+            Positions, velocities and accelerations, each of shape (times, n).
+        """
         rows = np.searchsorted(self.offset_ns[1:-1], offset_ns, "right")
         begin = self.offset_ns[rows]
-        return self._within(rows, (offset_ns - begin) / (self.offset_ns[rows + 1] - begin))
+        return self._sample_shares(rows, (offset_ns - begin) / (self.offset_ns[rows + 1] - begin))
 
-    def _within(
+    def _sample_shares(
         self, rows: IntArray, shares: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Evaluate the curve once for each pair of an interval and a share of its duration.
+
+        Args:
+            rows: Index of the interval for each instant, shape (k,).
+            shares: Share of that interval's duration, 0 … 1, shape (k,).
+
+        Returns:
+            Positions, velocities and accelerations, each of shape (k, n).
+        """
         time = self.offset_ns / SECOND_NS
         motion = self.position, self.velocity, self.acceleration
-        return states_within(time, *motion, rows, shares)
+        return sample_states_at_shares(time, *motion, rows, shares)
 
 
 def standstill(position: FloatArray, time_ns: int = 0) -> Trajectory:
-    """The trajectory of one point that stays at `position` float64[n] rad from `time_ns` on."""
+    """Return a trajectory of one point that stays at a position.
+
+    Args:
+        position: Joint positions, shape (n,) [rad or m].
+        time_ns: Absolute time of the point [ns].
+    """
     still = np.zeros((1, len(position)))
     return Trajectory(time_ns, np.array([0]), np.asarray(position)[None, :], still, still)
 
@@ -190,11 +262,21 @@ def quintic_hermite(
     start: tuple[Number, Number, Number],
     end: tuple[Number, Number, Number],
 ) -> tuple[Number, Number, Number]:
-    """Quintic through both ends' position, velocity and acceleration, at time s of h [s].
+    """Evaluate the quintic polynomial that joins two states.
 
-    q(s) = q0 + v0 s + a0 s²/2 + c3 s³ + c4 s⁴ + c5 s⁵, the last three from the end
-    conditions. For arrays, which broadcast, and for single numbers in kernels; returns q, dq/ds,
-    d²q/ds².
+        q(s) = q₀ + v₀ s + ½ a₀ s² + c₃ s³ + c₄ s⁴ + c₅ s⁵
+
+    The coefficients c₃, c₄, c₅ follow from the state at s = h. Python callers may pass arrays,
+    which broadcast; kernels pass single numbers.
+
+    Args:
+        s: Time since the start of the interval [s].
+        h: Duration of the interval [s].
+        start: Position, velocity and acceleration at s = 0.
+        end: Position, velocity and acceleration at s = h.
+
+    Returns:
+        q, dq/ds and d²q/ds² at s.
     """
     q0, v0, a0 = start
     q1, v1, a1 = end
@@ -211,7 +293,7 @@ def quintic_hermite(
 
 
 @kernel
-def states_within(
+def sample_states_at_shares(
     time: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
@@ -219,10 +301,21 @@ def states_within(
     rows: IntArray,
     shares: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """States in intervals, after shares of each one's duration, float64[rows, n] each.
+    """Evaluate a trajectory once for each pair of an interval and a share of its duration.
 
-    time float64[points] s, the trajectory's arrays, rows int64[rows] of its intervals, and
-    shares float64[rows]. Oracle: `Trajectory.sample_many`.
+    Tests compare it with `Trajectory.sample_many`.
+
+    Args:
+        time: Times of the points, shape (points,) [s].
+        position: Joint positions at the points, shape (points, n).
+        velocity: Joint velocities at the points, shape (points, n).
+        acceleration: Joint accelerations at the points, shape (points, n).
+        rows: Index of the interval for each instant, shape (k,). Interval i lasts from point i to
+            point i + 1.
+        shares: Share of that interval's duration, 0 … 1, shape (k,).
+
+    Returns:
+        Positions, velocities and accelerations, each of shape (k, n).
     """
     n = position.shape[1]
     q, qd, qdd = np.empty((len(rows), n)), np.empty((len(rows), n)), np.empty((len(rows), n))
@@ -237,10 +330,23 @@ def states_within(
 
 
 @kernel
-def _middles(
+def _sample_midpoint_states(
     time: FloatArray, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Kernel of `Trajectory.middles`: `quintic_hermite` at h/2; its oracle is `inside`."""
+    """Evaluate a trajectory half-way in time between neighbouring points.
+
+    It is `quintic_hermite` at s = h/2, simplified. Tests compare it with
+    `Trajectory.sample_intervals`.
+
+    Args:
+        time: Times of the points, shape (points,) [s].
+        position: Joint positions at the points, shape (points, n).
+        velocity: Joint velocities at the points, shape (points, n).
+        acceleration: Joint accelerations at the points, shape (points, n).
+
+    Returns:
+        Positions, velocities and accelerations, each of shape (points − 1, n).
+    """
     rows, n = len(time) - 1, position.shape[1]
     q, qd, qdd = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
     for k in range(rows):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Position = tuple[float, ...]
-"""Of the tip in `base_link` [m]: (x, z), of arms that slew (x, y, z)."""
+"""Tip position in `base_link` [m]: (x, z), or (x, y, z) for an arm that slews."""
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
@@ -19,13 +19,20 @@ Records = NDArray[Any]
 
 
 def frozen(array: NDArray) -> NDArray:
-    """The same data as a read-only, contiguous array of its own."""
+    """Copy an array into a read-only, C-contiguous one.
+
+    Args:
+        array: Any array; it is not changed.
+
+    Returns:
+        A copy with its own memory that cannot be written to.
+    """
     copy = np.array(array, order="C")
     copy.setflags(write=False)
     return copy
 
 
 def as_frozen(array: NDArray) -> NDArray:
-    """The array itself where it is read-only and contiguous, else `frozen`."""
+    """Return the array itself if it is read-only and C-contiguous, otherwise a frozen copy."""
     flags = array.flags
     return array if flags.c_contiguous and not flags.writeable else frozen(array)

@@ -1,4 +1,4 @@
-"""Verdicts on goals, how their executions end, and how serious each of it is."""
+"""Verdicts on goals, outcomes of their executions, and the severity of both."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mhsb_model.goal import Goal
 
 
 class Level(IntEnum):
-    """Levels of diagnostic_msgs/DiagnosticStatus."""
+    """Severity levels of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -17,50 +17,73 @@ class Level(IntEnum):
 
 
 class Verdict(StrEnum):
-    """What became of a goal; each goal that is received gets exactly one."""
+    """Result of a goal request; each goal received gets exactly one."""
 
-    OK = "OK"  # planned and published
-    AT_GOAL = "AT_GOAL"  # accepted, and there already: nothing to do
-    SUPERSEDED = "SUPERSEDED"  # a newer goal came before the plan
-    NO_STATE = "NO_STATE"  # nobody says where the arm is
-    MOVING = "MOVING"  # a first plan needs an arm at rest
-    NOT_FINITE = "NOT_FINITE"  # NaN or infinite numbers
-    FRAME = "FRAME"  # a frame that goals cannot be given in
+    OK = "OK"
+    """The goal was planned and the plan published."""
+    AT_GOAL = "AT_GOAL"
+    """The goal was accepted, and the tip is already there: there is nothing to do."""
+    SUPERSEDED = "SUPERSEDED"
+    """A newer goal came before the plan."""
+    NO_STATE = "NO_STATE"
+    """No message says where the arm is."""
+    MOVING = "MOVING"
+    """A first plan needs an arm at rest."""
+    NOT_FINITE = "NOT_FINITE"
+    """The goal has NaN or infinite numbers."""
+    FRAME = "FRAME"
+    """The goal is in a frame in which goals cannot be given."""
     OUT_OF_WORKSPACE = "OUT_OF_WORKSPACE"
-    INFEASIBLE = "INFEASIBLE"  # no path within the machine's limits
-    OPTIONS = "OPTIONS"  # options of the goal's own that the planner does not take
-    ZONE = "ZONE"  # in a keep-out zone
-    NOT_FOUND = "NOT_FOUND"  # no motion was found within the longest lead
-    DEADLINE = "DEADLINE"  # motions were found, but none in time to be sent
-    STOPPED = "STOPPED"  # a stop came before a plan was sent
-    FAULT = "FAULT"  # the arm reports a fault
-    TABLE = "TABLE"  # the posture table cannot be used
-    INTERNAL = "INTERNAL"  # a fault of the planner
+    """The goal lies outside the workspace."""
+    INFEASIBLE = "INFEASIBLE"
+    """No path within the machine's limits leads to the goal."""
+    OPTIONS = "OPTIONS"
+    """The goal has options that the planner does not accept."""
+    ZONE = "ZONE"
+    """The goal is in a keep-out zone."""
+    NOT_FOUND = "NOT_FOUND"
+    """No motion was found within the longest commit horizon."""
+    DEADLINE = "DEADLINE"
+    """Motions were found, but none in time to be sent."""
+    STOPPED = "STOPPED"
+    """A stop came before a plan was sent."""
+    MACHINE = "MACHINE"
+    """The arm was started with another machine file."""
+    FAULT = "FAULT"
+    """The arm reports a fault."""
+    TABLE = "TABLE"
+    """The posture table cannot be used."""
+    INTERNAL = "INTERNAL"
+    """The planner itself failed."""
 
     @property
     def accepted(self) -> bool:
-        """Whether the goal was accepted."""
+        """Return whether the goal was accepted, that is OK or AT_GOAL."""
         return self in (Verdict.OK, Verdict.AT_GOAL)
 
     @property
     def level(self) -> Level:
-        """OK where accepted, WARN where superseded, ERROR where refused."""
+        """Severity: OK if accepted, WARN if superseded, otherwise ERROR."""
         if self.accepted:
             return Level.OK
         return Level.WARN if self is Verdict.SUPERSEDED else Level.ERROR
 
 
 class Outcome(StrEnum):
-    """How the execution of an accepted goal ended."""
+    """Way in which the execution of an accepted goal ended."""
 
     REACHED = "reached"
-    REPLACED = "replaced"  # by the plan of a later goal
-    STOPPED = "stopped"  # on request
-    ABORTED = "aborted"  # the plan was not executed to its end
+    """The plan was executed to its end."""
+    REPLACED = "replaced"
+    """The plan of a later goal took over."""
+    STOPPED = "stopped"
+    """The arm was stopped on request."""
+    ABORTED = "aborted"
+    """The plan was not executed to its end."""
 
     @property
     def level(self) -> Level:
-        """OK where the goal was reached, ERROR where the plan was aborted, else WARN."""
+        """Severity: OK if the goal was reached, ERROR if the plan was aborted, otherwise WARN."""
         if self is Outcome.REACHED:
             return Level.OK
         return Level.ERROR if self is Outcome.ABORTED else Level.WARN
@@ -68,19 +91,22 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class PlanSummary:
-    """What an accepted goal will cost.
+    """Expected energy, time and other numbers of the plan for an accepted goal.
 
-    plan_stamp_ns    stamp of the plan's messages, ns; 0 where nothing had to be published
-    energy_j         in the planner's energy reading, J
-    energy_series_j  in the series reading, J
-    duration_s       s
-    switches         mode changes
-    plan_ms          from goal received to plan published, ms
-    lower_bound_j    no plan to this goal needs less, J
-    lead_ms          from goal received to where the new curve leaves the old one, ms
-    continued        whether the plan in force leads there already and nothing was published
-    speed_excess     greatest |v|/V_max − 1 of a piston; negative where V_max is kept
-    cavitation_s     for which loads empty the inlet chambers of actuators, summed over these, s
+    Attributes:
+        plan_stamp_ns: Stamp of the plan's messages [ns]; 0 if nothing had to be published.
+        energy_j: Energy in the paper's reading [J].
+        energy_series_j: Energy in the series reading [J].
+        duration_s: Duration of the motion [s].
+        switches: Number of mode changes, summed over the actuators.
+        plan_ms: Time from receiving the goal to publishing the plan [ms].
+        lower_bound_j: Lower bound on the energy of every plan to this goal [J].
+        lead_ms: Time from receiving the goal to the instant at which the new curve leaves the old
+            [ms].
+        continued: Whether the plan in force already leads to the goal, so that nothing was
+            published.
+        speed_excess: Largest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
+        cavitation_s: Time for which loads empty inlet chambers, summed over the actuators [s].
     """
 
     plan_stamp_ns: int
@@ -98,11 +124,19 @@ class PlanSummary:
 
 @dataclass(frozen=True)
 class GoalVerdict:
-    """What became of a goal, which is named by its stamp [ns] and was at x, z [m]; y of arms that
-    slew.
+    """A verdict on one goal, with a sentence for people.
 
-    `sentence` tells a person. Accepted goals have a plan, others None; anything else is a
+    A verdict that accepts its goal has a plan, any other has none; otherwise creating it raises
     ValueError.
+
+    Attributes:
+        code: The verdict.
+        sentence: Explanation for a person.
+        goal_stamp_ns: Stamp of the goal, which identifies it [ns].
+        goal_x: Forward coordinate of the goal in `base_link` [m].
+        goal_z: Upward coordinate of the goal [m].
+        plan: Numbers of the plan; None if the goal was not accepted.
+        goal_y: Coordinate to the left, for arms that slew [m]; None for others.
     """
 
     code: Verdict
@@ -117,27 +151,43 @@ class GoalVerdict:
     def of(
         cls, goal: Goal, code: Verdict, sentence: str, plan: PlanSummary | None = None
     ) -> GoalVerdict:
-        """The verdict on a goal."""
+        """Make the verdict on a goal.
+
+        Args:
+            goal: The goal; its stamp and position are copied.
+            code: The verdict.
+            sentence: Explanation for a person.
+            plan: Numbers of the plan; None if the goal is not accepted.
+
+        Returns:
+            The verdict.
+        """
         return cls(code, sentence, goal.stamp_ns, goal.x, goal.z, plan, goal.y)
 
     @property
     def goal(self) -> Goal:
-        """The goal that it is on."""
+        """Goal on which the verdict is."""
         return Goal(self.goal_stamp_ns, self.goal_x, self.goal_z, self.goal_y)
 
     def __post_init__(self) -> None:
+        """Raise ValueError unless exactly the verdicts that accept a goal have a plan."""
         if self.code.accepted != (self.plan is not None):
             raise ValueError(f"a verdict {self.code} and a plan {self.plan} do not go together")
 
 
 @dataclass(frozen=True)
 class ExecutionReport:
-    """How the execution of an accepted goal ended.
+    """Report on how the execution of one accepted goal ended.
 
-    goal_stamp_ns, plan_stamp_ns  of the goal, and of the last plan that was sent for it [ns]
-    attempts  how many plans were sent for it
-    lead_ms   from goal received to where the curve of that last plan leaves the old one, ms
-    reason    code of a verdict, where that is why it was aborted: `DEADLINE`, `FAULT`, …
+    Attributes:
+        outcome: Way in which it ended.
+        sentence: Explanation for a person.
+        goal_stamp_ns: Stamp of the goal [ns].
+        plan_stamp_ns: Stamp of the last plan that was sent for it [ns].
+        attempts: Number of plans that were sent for it.
+        lead_ms: Time from receiving the goal to the instant at which the last plan's curve leaves
+            the old one [ms].
+        reason: Verdict code that explains an abort, for instance DEADLINE or FAULT; else None.
     """
 
     outcome: Outcome
@@ -150,4 +200,4 @@ class ExecutionReport:
 
 
 Report = GoalVerdict | ExecutionReport
-"""What is told of goals."""
+"""Either report about a goal."""

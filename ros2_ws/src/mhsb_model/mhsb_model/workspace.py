@@ -1,4 +1,7 @@
-"""The region in which the tip may be asked to work: x ≥ x_min, r_min ≤ √(x² + z²) ≤ r_max."""
+"""The region in which the tip may be asked to work: x ≥ x_min, r_min ≤ √(x² + z²) ≤ r_max.
+
+Coordinates are in the arm's plane; the origin is joint 1, or joint 2 if joint 1 slews.
+"""
 
 from __future__ import annotations
 
@@ -8,52 +11,87 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import farthest_move, tip_position, turned
+from mhsb_model.kinematics import bound_displacement, get_turn_angle, tip_position
 from mhsb_model.types import FloatArray
 
-INSIDE_TOLERANCE = 1e-5
-"""By how much the tip may leave the region on a straight joint move [m]; rounding."""
+WORKSPACE_TOLERANCE = 1e-5
+"""Distance by which the tip may leave the region on a straight joint move [m]; it covers
+rounding."""
 
-LOOKS = 8
-"""Instants at which a straight joint move is looked at, between its ends."""
+MOVE_SAMPLES = 8
+"""Number of instants between the ends at which a straight joint move is checked."""
 
 
 @kernel(borrows=True)
-def node_set_excess(m: MachineArrays, x: float, z: float) -> float:
-    """How far the tip at (x, z) m lies outside the region [m]; negative within it."""
-    return excess_of(m.min_x, m.min_radius, m.max_radius, x, z)
+def compute_workspace_excess(m: MachineArrays, x: float, z: float) -> float:
+    """Compute how far a point lies outside the workspace of a machine.
+
+    Args:
+        m: Arrays of the machine.
+        x: Position of the point in the arm's plane [m].
+        z: Position of the point in the arm's plane [m].
+
+    Returns:
+        Largest violation of the three bounds [m]; negative inside.
+    """
+    return compute_region_excess(m.min_x, m.min_radius, m.max_radius, x, z)
 
 
 @kernel
-def excess_of(min_x: float, min_radius: float, max_radius: float, x: float, z: float) -> float:
-    """The same for a region of these bounds [m], where many points are looked at."""
+def compute_region_excess(
+    min_x: float, min_radius: float, max_radius: float, x: float, z: float
+) -> float:
+    """Compute how far a point lies outside a region with the given bounds.
+
+    Args:
+        min_x: Smallest allowed x [m].
+        min_radius: Smallest allowed distance from the origin [m].
+        max_radius: Largest allowed distance from the origin [m].
+        x: Position of the point [m].
+        z: Position of the point [m].
+
+    Returns:
+        Largest violation of the three bounds [m]; negative inside.
+    """
     radius = math.hypot(x, z)
     return max(min_x - x, max(min_radius - radius, radius - max_radius))
 
 
 @kernel
-def stays_inside(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
-    """Whether the tip stays in the region while all joints move in proportion, start[n] to end[n].
+def move_stays_in_workspace(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
+    """Return whether the tip stays in the workspace on a straight move in joint space.
 
-    Where an end lies outside itself, the way between may be as far outside, and no farther.
+    The tip may be outside the workspace by `WORKSPACE_TOLERANCE`. If it is outside at an end of
+    the move, it may be as far outside all along, plus the tolerance. The farther one of both ends
+    counts. An upper bound on the tip's displacement from the nearer end is tried first. If this
+    bound does not prove that the tip stays inside, `MOVE_SAMPLES` intermediate postures are checked
+    instead.
+
+    Args:
+        m: Arrays of the machine.
+        start: Joint positions at the start, shape (n,) [rad or m].
+        end: Joint positions at the end, shape (n,) [rad or m].
+
+    Returns:
+        True if the tip stays inside, by the bound or at all samples.
     """
     outermost = -math.inf
     for ends in (start, end):
         x, z = tip_position(m, ends)
-        outermost = max(outermost, node_set_excess(m, x, z))
-    allowed = max(0.0, outermost) + INSIDE_TOLERANCE
-    # On its way the tip is never farther from the nearer end than the links' half turns take it.
+        outermost = max(outermost, compute_workspace_excess(m, x, z))
+    allowed = max(0.0, outermost) + WORKSPACE_TOLERANCE
+    # The tip is never farther from the nearer end than half of each link's motion can take it.
     turn, farthest = 0.0, 0.0
     for j in range(len(start)):
-        turn += turned(m.turns, end, j) - turned(m.turns, start, j)
-        farthest += 0.5 * farthest_move(m, start, end, turn, j)
+        turn += get_turn_angle(m.turns, end, j) - get_turn_angle(m.turns, start, j)
+        farthest += 0.5 * bound_displacement(m, start, end, turn, j)
     if outermost + farthest <= allowed:
         return True
     q = np.empty(len(start))
-    for look in range(1, LOOKS + 1):
+    for look in range(1, MOVE_SAMPLES + 1):
         for j in range(len(q)):
-            q[j] = start[j] + (end[j] - start[j]) * look / (LOOKS + 1)
+            q[j] = start[j] + (end[j] - start[j]) * look / (MOVE_SAMPLES + 1)
         x, z = tip_position(m, q)
-        if node_set_excess(m, x, z) > allowed:
+        if compute_workspace_excess(m, x, z) > allowed:
             return False
     return True

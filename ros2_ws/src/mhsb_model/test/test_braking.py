@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.braking import DECELERATION, brake_along, brake_from
+from mhsb_model.braking import PEAK_DECELERATION, brake_along, brake_from
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 
 STAMP = 1_000 * SECOND_NS
@@ -54,7 +54,9 @@ def test_braking_is_as_short_as_the_deceleration_allows(machine):
     state = motion.sample(STAMP + SECOND_NS)
     fastest = np.max(np.abs(machine.moment_arms(state.position) * state.velocity))
     braking = brake_along(machine, motion, STAMP + SECOND_NS)
-    assert braking.duration_ns / SECOND_NS == pytest.approx(1.5 * fastest / DECELERATION, abs=1e-6)
+    assert braking.duration_ns / SECOND_NS == pytest.approx(
+        1.5 * fastest / PEAK_DECELERATION, abs=1e-6
+    )
 
 
 def test_braking_velocity_is_the_slope_of_its_position(machine):

@@ -11,7 +11,7 @@ from typing import IO, Annotated, Literal
 import pytest
 import tyro
 
-from mhsb_model.command_line import keep, run, without_ros_arguments
+from mhsb_model.command_line import run, set_interrupt_note, without_ros_arguments
 from mhsb_model.errors import MhsbError
 
 
@@ -120,6 +120,22 @@ def look(
     """
 
 
+def stand() -> None:
+    """Stand still.
+
+    Raises:
+        ValueError: For those who read the code.
+    """
+
+
+def test_help_leaves_out_the_sections_of_a_docstring(capsys):
+    with pytest.raises(SystemExit):
+        run(stand, ["--help"])
+    printed = capsys.readouterr().out
+    assert "Stand still." in printed
+    assert "ValueError" not in printed
+
+
 def test_help_is_wrapped_once_and_offers_nothing_that_cannot_be_chosen(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
@@ -189,8 +205,8 @@ def test_an_interrupt_ends_with_130_and_a_sentence(tmp_path):
 
 def test_an_interrupt_tells_what_was_kept_last_by_this_command(capsys):
     def save() -> None:
-        keep("a.json has 3 of 5 runs")
-        keep("a.json has 4 of 5 runs")
+        set_interrupt_note("a.json has 3 of 5 runs")
+        set_interrupt_note("a.json has 4 of 5 runs")
         raise KeyboardInterrupt
 
     def wait() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.holding import HoldingError, holding_modes, modes_to_stop
+from mhsb_model.holding import HoldingError, choose_stop_modes, holding_modes
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
@@ -42,5 +42,5 @@ def test_too_few_modules_are_an_error_that_tells_the_modes_and_both_numbers(poor
 def test_a_stop_keeps_the_modes_in_force_where_modules_are_too_few(poor):
     in_force = [N, DB, N]
     heavy, light = np.array([HEAVY, LIGHT, PULLED]), np.full(3, LIGHT)
-    assert modes_to_stop(poor, heavy, in_force).tolist() == in_force
-    assert modes_to_stop(poor, light, in_force).tolist() == [N, N, N]
+    assert choose_stop_modes(poor, heavy, in_force).tolist() == in_force
+    assert choose_stop_modes(poor, light, in_force).tolist() == [N, N, N]

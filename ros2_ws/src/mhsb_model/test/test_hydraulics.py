@@ -47,15 +47,15 @@ def test_a_load_beyond_the_supply_leaves_a_one_sided_range():
 @given(forces, st.floats(0.001, 0.05))
 def test_load_pressure_and_valve_margin_are_the_supply_that_just_reaches_a_speed(force, v):
     for speed, limit in ((v, hydraulics.extension_speed), (-v, hydraulics.retraction_speed)):
-        supply = hydraulics.pressure_against(K, CAP, ROD, TANK, force, speed)
+        supply = hydraulics.compute_pressure_without_margin(K, CAP, ROD, TANK, force, speed)
         assert limit(K, CAP, ROD, supply, TANK, force) == pytest.approx(v, rel=1e-6)
 
 
 @given(st.floats(-0.05, 0.05).filter(bool))
 def test_the_speed_of_a_drop_is_that_at_which_the_valve_takes_it(speed):
     drop = hydraulics.valve_margin(K, CAP, ROD, speed)
-    assert hydraulics.speed_of_drop(K, CAP, ROD, drop, speed) == pytest.approx(abs(speed))
-    assert hydraulics.speed_of_drop(K, CAP, ROD, -drop, speed) == 0.0
+    assert hydraulics.compute_speed_from_drop(K, CAP, ROD, drop, speed) == pytest.approx(abs(speed))
+    assert hydraulics.compute_speed_from_drop(K, CAP, ROD, -drop, speed) == 0.0
 
 
 @pytest.mark.parametrize(

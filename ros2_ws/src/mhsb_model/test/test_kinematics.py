@@ -53,8 +53,8 @@ def test_no_point_of_a_link_moves_farther_than_told(machine, kinds):
     end = start + np.random.default_rng(3).uniform(-0.2, 0.2, len(kinds))
     turn, farthest = 0.0, 0.0
     for j in range(len(kinds)):
-        turn += kinematics.turned(arrays.turns, end - start, j)
-        farthest += kinematics.farthest_move(arrays, start, end, turn, j)
+        turn += kinematics.get_turn_angle(arrays.turns, end - start, j)
+        farthest += kinematics.bound_displacement(arrays, start, end, turn, j)
     ways = (start + share * (end - start) for share in np.linspace(0.0, 1.0, 50))
     tips = np.array([kinematics.tip_position(arrays, q) for q in ways])
     assert np.hypot(*np.diff(tips, axis=0).T).sum() <= farthest

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 
@@ -33,7 +33,7 @@ def load(content, tmp_path):
     ["mhsb_arm3", "mhsb_arm4", "telescope_arm", "excavator", "forestry_crane"],
 )
 def test_every_value_of_a_machine_file_says_where_it_comes_from(file):
-    lines = config_file(f"{file}.yaml").read_text(encoding="utf-8").splitlines()
+    lines = find_config_file(f"{file}.yaml").read_text(encoding="utf-8").splitlines()
     values = [line for line in lines if re.search(r":\s*[^\s#]", line.split("#")[0])]
     unmarked = [
         line
@@ -91,10 +91,10 @@ def test_a_value_of_all_is_found_with_those_that_actuators_have_in_its_place(mac
     flow, relief = "hydraulics.valve.rated_flow", "circuit.chamber_relief_pressure"
     values = {f"joints.{j}.actuator.rated_flow": 5e-5 for j in (0, 2)}
     own = machine.with_values(values | {"joints.1.actuator.relief_pressure": 1.5e7})
-    assert own.paths_with_own(flow) == [flow, *values]
-    assert own.paths_with_own(relief) == [relief, "joints.1.actuator.relief_pressure"]
-    assert own.paths_with_own("payload.mass") == ["payload.mass"]
-    assert machine.paths_with_own(flow) == [flow]
+    assert own.list_overriding_paths(flow) == [flow, *values]
+    assert own.list_overriding_paths(relief) == [relief, "joints.1.actuator.relief_pressure"]
+    assert own.list_overriding_paths("payload.mass") == ["payload.mass"]
+    assert machine.list_overriding_paths(flow) == [flow]
 
 
 def test_the_hash_follows_what_the_planner_depends_on_and_nothing_else(load, machine):
@@ -110,20 +110,20 @@ def test_the_hash_follows_what_the_planner_depends_on_and_nothing_else(load, mac
     def sticky(content):
         content["joints"][0]["actuator"] = {"friction": 2.0}
 
-    assert load(stiffer_oil).hash == machine.hash
-    assert load(sticky).hash == machine.hash
-    assert load(zones).hash == machine.hash
-    assert load(heavier_link).hash != machine.hash
+    assert load(stiffer_oil).table_hash == machine.table_hash
+    assert load(sticky).table_hash == machine.table_hash
+    assert load(zones).table_hash == machine.table_hash
+    assert load(heavier_link).table_hash != machine.table_hash
 
 
 def test_the_hash_follows_valves_and_v_max_of_an_actuators_own_where_it_has_them(machine):
     def with_own(**values):
-        return machine.with_values({"joints.1.actuator": values}).hash
+        return machine.with_values({"joints.1.actuator": values}).table_hash
 
-    assert with_own() == with_own(rated_flow=None, relief_pressure=2e7) == machine.hash
+    assert with_own() == with_own(rated_flow=None, relief_pressure=2e7) == machine.table_hash
     own = {"rated_flow": 5e-5, "rated_pressure_drop_per_land": 1e6, "max_piston_speed": 0.01}
     hashes = {with_own(**{name: value}) for name, value in own.items()}
-    assert len(hashes - {machine.hash}) == 3
+    assert len(hashes - {machine.table_hash}) == 3
 
 
 def test_changes_give_another_machine_and_leave_the_first(machine):
@@ -139,11 +139,11 @@ def test_changes_give_another_machine_and_leave_the_first(machine):
 def test_zones_are_given_by_any_two_corners_and_replace_those_of_the_file(machine):
     zones = Zones(boxes=((0.9, 0.3, 0.7, 0.1),), tip_circles=((0.5, -0.5, 0.1),))
     changed = machine.changed(zones=zones)
-    assert Zones.of(changed.config.keep_out) == Zones(
+    assert Zones.from_keep_out(changed.config.keep_out) == Zones(
         boxes=((0.7, 0.1, 0.9, 0.3),), tip_circles=((0.5, -0.5, 0.1),)
     )
-    assert Zones.of(changed.changed(zones=Zones()).config.keep_out) == Zones()
-    more = zones.with_more(boxes=[(0.0, 0.9, 0.1, 1.0)], circles=[(0.9, 0.0, 0.05)])
+    assert Zones.from_keep_out(changed.changed(zones=Zones()).config.keep_out) == Zones()
+    more = zones.with_added(boxes=[(0.0, 0.9, 0.1, 1.0)], circles=[(0.9, 0.0, 0.05)])
     assert len(machine.changed(zones=more).obstacles.names) == 4
     with pytest.raises(MachineFileError, match=r"x_min: 0\.7 m must be below x_max 0\.7 m"):
         machine.changed(zones=Zones(boxes=((0.7, 0.1, 0.7, 0.3),)))
@@ -286,7 +286,7 @@ def test_a_joint_without_its_kind_and_useless_kept_joints_are_told_at_once(load)
 
 
 def test_the_four_joint_arm_of_the_suite_loads():
-    arm = load_machine(config_file("mhsb_arm4.yaml"))
+    arm = load_machine(find_config_file("mhsb_arm4.yaml"))
     assert arm.joint_count == 4
     assert arm.patterns.shape == (50, 4)
     assert arm.kept_joints == (2, 3)
@@ -385,7 +385,7 @@ def test_no_flow_that_the_main_pump_gives_moves_a_joint_faster_than_its_fastest(
     for q in rng.uniform(a.joint_min, a.joint_max, (200, 3)):
         arm = np.abs(machine.moment_arms(q))
         for area in (a.cap_area, a.rod_area):
-            assert np.all(a.main_pump_flow / (area * arm) <= machine.fastest_joints * (1 + 1e-9))
+            assert np.all(a.main_pump_flow / (area * arm) <= machine.max_joint_speeds * (1 + 1e-9))
 
 
 def test_a_machine_sent_to_another_process_is_the_same_and_as_little_to_be_written_to(machine):
@@ -404,12 +404,12 @@ def test_a_telescopes_cylinder_is_as_long_as_it_is_out(telescope_machine):
     assert telescope_machine.moment_arms(np.array([0.0, -1.0, 0.2]))[2] == 1.0
     arrays = telescope_machine.arrays
     fastest = arrays.main_pump_flow / arrays.rod_area[2]
-    assert telescope_machine.fastest_joints[2] == pytest.approx(fastest)
+    assert telescope_machine.max_joint_speeds[2] == pytest.approx(fastest)
 
 
 def spoilt_telescope(tmp_path, change) -> list[str]:
     """What is told of the telescope's file after a change to its content."""
-    content = yaml.safe_load(config_file("telescope_arm.yaml").read_text(encoding="utf-8"))
+    content = yaml.safe_load(find_config_file("telescope_arm.yaml").read_text(encoding="utf-8"))
     change(content)
     file = tmp_path / "machine.yaml"
     file.write_text(yaml.safe_dump(content), encoding="utf-8")

@@ -18,16 +18,16 @@ def test_a_row_is_in_force_from_its_time_until_the_next(time, modes):
 
 
 def test_switches_count_every_actuator_that_changes():
-    assert SCHEDULE.switches == 3
+    assert SCHEDULE.switch_count == 3
 
 
 def test_a_schedule_knows_when_each_actuator_was_last_switched():
-    assert SCHEDULE.switched_ns(99).tolist() == [LONG_AGO_NS, LONG_AGO_NS]
-    assert SCHEDULE.switched_ns(110).tolist() == [110, LONG_AGO_NS]
-    assert SCHEDULE.switched_ns(10**12).tolist() == [130, 130]
+    assert SCHEDULE.find_last_switches(99).tolist() == [LONG_AGO_NS, LONG_AGO_NS]
+    assert SCHEDULE.find_last_switches(110).tolist() == [110, LONG_AGO_NS]
+    assert SCHEDULE.find_last_switches(10**12).tolist() == [130, 130]
     later = ModeSchedule(100, [0, 10], [[0, 0], [1, 0]], [40, 90])
-    assert later.switched_ns(105).tolist() == [40, 90]
-    assert later.shifted(5).switched_ns(115).tolist() == [115, 90]
+    assert later.find_last_switches(105).tolist() == [40, 90]
+    assert later.shifted(5).find_last_switches(115).tolist() == [115, 90]
     with pytest.raises(ValueError, match="one time for each actuator"):
         ModeSchedule(100, [0], [[0, 0]], [40])
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from mhsb_model.modes import (
-    BOOSTED,
+    BOOSTED_MODES,
     MODE_COUNT,
-    ON_RAIL,
-    PROPERTIES,
-    RANK,
+    MODE_PROPERTIES,
+    MODE_RANKS,
+    RAIL_MODES,
     Mode,
     any_boosted,
     assign_modules,
@@ -68,10 +68,10 @@ def test_fewer_modules_than_actuators_are_shared_as_far_as_they_go():
 
 
 def test_the_table_of_modes_has_one_row_for_each_and_its_columns_follow_the_codes():
-    assert list(PROPERTIES) == list(Mode) == list(range(MODE_COUNT))
-    for mode, row in PROPERTIES.items():
-        assert (BOOSTED[mode], ON_RAIL[mode], RANK[mode]) == row
-    assert sorted(RANK) == list(range(MODE_COUNT))  # no two modes are of one rank
+    assert list(MODE_PROPERTIES) == list(Mode) == list(range(MODE_COUNT))
+    for mode, row in MODE_PROPERTIES.items():
+        assert (BOOSTED_MODES[mode], RAIL_MODES[mode], MODE_RANKS[mode]) == row
+    assert sorted(MODE_RANKS) == list(range(MODE_COUNT))  # no two modes are of one rank
 
 
 def test_the_stronger_pattern_has_the_stronger_mode_of_each_actuator():

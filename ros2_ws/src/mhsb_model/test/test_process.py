@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from mhsb_model.process import signals_kept
+from mhsb_model.process import signals_blocked
 
 BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 SLOW_IMPORT = 'import sys, time\nprint("importing", flush=True)\ntime.sleep(30)\n'
 STUCK = """
 import time
-from mhsb_model.process import orderly
+from mhsb_model.process import grace_period
 
 def main():
-    with orderly(0.2):
+    with grace_period(0.2):
         print("serving", flush=True)
         time.sleep(30)
 """
@@ -28,7 +28,7 @@ import time
 from mhsb_model import process
 
 def main():
-    with process.orderly(20.0):
+    with process.grace_period(20.0):
         print("serving", flush=True)
         while not process.signalled():
             time.sleep(0.01)
@@ -89,7 +89,11 @@ def start(folder: Path, kind: str, body: str) -> subprocess.Popen[str]:
     """A process whose entry point is of a kind, `node` or `command`, and its module's body."""
     (folder / "work.py").write_text(body)
     return subprocess.Popen(
-        [sys.executable, "-c", f"from mhsb_model.process import {kind}; exit({kind}('work')())"],
+        [
+            sys.executable,
+            "-c",
+            f"from mhsb_model.process import make_{kind}_entry as entry; exit(entry('work')())",
+        ],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -140,7 +144,7 @@ def test_a_command_is_interrupted_silently_with_code_130_also_while_it_imports(t
 
 @BOTH
 def test_a_signal_that_comes_before_the_first_instruction_is_kept(tmp_path, number):
-    with signals_kept():
+    with signals_blocked():
         child = start(tmp_path, "node", SLOW_IMPORT)
         child.send_signal(number)
     assert "importing\n".startswith(child.communicate(timeout=20)[0])  # it may end amid a line

@@ -17,8 +17,8 @@ angles = st.floats(-2.0, 2.0)
 
 @given(angles, st.floats(0.1, 1.0), st.floats(-1.0, 1.0))
 def test_a_position_in_the_plane_comes_back_from_space(slewing_machine, slew, ahead, up):
-    position = slewing_machine.in_base(np.array([ahead, up]), slew)
-    tip, found = slewing_machine.in_plane(tuple(position), 0.0)
+    position = slewing_machine.convert_to_base(np.array([ahead, up]), slew)
+    tip, found = slewing_machine.convert_to_plane(tuple(position), 0.0)
     assert tip == pytest.approx((ahead, up))
     assert found == pytest.approx(slew)
 
@@ -26,7 +26,7 @@ def test_a_position_in_the_plane_comes_back_from_space(slewing_machine, slew, ah
 def test_the_tip_in_space_is_that_of_the_plane_turned_about_the_slews_axis(slewing_machine):
     a = slewing_machine.arrays
     for q in np.random.default_rng(0).uniform(a.joint_min, a.joint_max, (50, 4)):
-        x, z = slewing_machine.plane.tip_position(q[1:])
+        x, z = slewing_machine.planar_arm.tip_position(q[1:])
         turned = (0.1 + x) * np.exp(1j * q[0])
         assert slewing_machine.tip_in_base(q) == pytest.approx([turned.real, turned.imag, z])
         assert slewing_machine.tip_position(q) == pytest.approx([x, z], abs=1e-15)
@@ -39,15 +39,15 @@ def test_the_tip_in_space_is_that_of_the_plane_turned_about_the_slews_axis(slewi
 def test_of_two_ways_around_the_nearer_one_is_taken(load_slewing):
     machine = load_slewing(lambda joint: joint["limits"].update(lower=-4.0, upper=4.0))
     behind = (-0.5, 0.0, 0.3)
-    assert machine.in_plane(behind, 1.0).slew == pytest.approx(math.pi)
-    assert machine.in_plane(behind, -1.0).slew == pytest.approx(-math.pi)
+    assert machine.convert_to_plane(behind, 1.0).slew == pytest.approx(math.pi)
+    assert machine.convert_to_plane(behind, -1.0).slew == pytest.approx(-math.pi)
     left = (0.0, 0.5, 0.3)
-    assert machine.in_plane(left, -4.0).slew == pytest.approx(math.pi / 2)
+    assert machine.convert_to_plane(left, -4.0).slew == pytest.approx(math.pi / 2)
 
 
 def test_a_position_that_no_slew_reaches_is_refused(slewing_machine):
     with pytest.raises(OutOfWorkspaceError, match=r"3\.142 rad, within -2 … 2 rad it can"):
-        slewing_machine.in_plane((-0.5, 0.0, 0.3), 0.0)
+        slewing_machine.convert_to_plane((-0.5, 0.0, 0.3), 0.0)
     with pytest.raises(OutOfWorkspaceError, match=r"slew's axis must be at least 0\.1 m"):
         slewing_machine.check_in_workspace((0.05, 0.0, 0.5))
     with pytest.raises(OutOfWorkspaceError, match=r"distance 2\.\d+ m from joint 2"):
@@ -55,19 +55,19 @@ def test_a_position_that_no_slew_reaches_is_refused(slewing_machine):
 
 
 def test_arms_that_do_not_slew_are_in_their_plane_wherever_they_are(machine):
-    assert machine.plane is machine
-    assert machine.in_plane((0.5, 0.3), 0.0) == ((0.5, 0.3), None)
+    assert machine.planar_arm is machine
+    assert machine.convert_to_plane((0.5, 0.3), 0.0) == ((0.5, 0.3), None)
     q = np.array([0.3, -0.9, -0.7])
     assert machine.tip_in_base(q).tolist() == machine.tip_position(q).tolist()
 
 
 def test_the_arm_in_its_plane_is_the_one_without_the_turntable(machine, slewing_machine):
-    plane = slewing_machine.plane
+    plane = slewing_machine.planar_arm
     assert plane.config.joints == slewing_machine.config.joints[1:]
     assert plane.kept_joints == machine.kept_joints
     leaks = machine.arrays.leakage_flow
     assert plane.arrays.main_pump_flow == pytest.approx(machine.arrays.main_pump_flow - leaks)
-    assert slewing_machine.changed(payload=3.0).plane.arrays.payload == 3.0
+    assert slewing_machine.changed(payload=3.0).planar_arm.arrays.payload == 3.0
     q = np.array([0.3, -0.9, -0.7])
     held = slewing_machine.piston_forces(np.append(0.7, q))
     assert held.tolist() == [0.0, *machine.piston_forces(q)]
@@ -148,6 +148,6 @@ def test_what_a_slew_cannot_be_is_told_by_its_path(slewing_content, tmp_path, ch
 def test_goals_in_space_are_one_where_no_coordinate_differs():
     goal = Goal(3, 0.5, 0.3, 0.2)
     assert goal.position == (0.5, 0.2, 0.3)
-    assert Goal.at(4, goal.position).same_place(goal)
-    assert not goal.moved_to((0.5, 0.21, 0.3)).same_place(goal)
+    assert Goal.at(4, goal.position).is_at_same_position(goal)
+    assert not goal.moved_to((0.5, 0.21, 0.3)).is_at_same_position(goal)
     assert Goal(3, 0.5, 0.3).position == (0.5, 0.3)

@@ -31,7 +31,7 @@ def test_samples_equal_scipys_quintic_through_the_same_points():
 def test_states_inside_intervals_are_those_of_the_same_curve():
     trajectory = example()
     rows, shares = np.array([0, 3]), np.array([0.0, 0.25, 1.0])
-    q, qd, _ = trajectory.inside(rows, shares)
+    q, qd, _ = trajectory.sample_intervals(rows, shares)
     begin, end = trajectory.offset_ns[rows], trajectory.offset_ns[rows + 1]
     times = (begin[:, None] + shares * (end - begin)[:, None]).ravel()
     expected, expected_rate, _ = trajectory.sample_many(START + np.rint(times).astype(np.int64))
@@ -42,8 +42,8 @@ def test_states_inside_intervals_are_those_of_the_same_curve():
 def test_states_half_way_between_points_are_those_of_the_same_curve():
     trajectory = example()
     intervals = np.arange(len(trajectory.offset_ns) - 1)
-    expected = trajectory.inside(intervals, np.array([0.5]))
-    found = trajectory.middles()
+    expected = trajectory.sample_intervals(intervals, np.array([0.5]))
+    found = trajectory.sample_midpoints()
     for one, other, digits in zip(found, expected, (1e-13, 1e-11, 1e-9), strict=True):
         assert one == pytest.approx(other, abs=digits)
 
@@ -52,7 +52,7 @@ def test_states_at_offsets_are_those_at_these_times():
     trajectory = example()
     points, end = trajectory.offset_ns, trajectory.duration_ns
     offsets = np.union1d(points, np.linspace(0, end, 333).astype(np.int64))
-    found, expected = trajectory.at_offsets(offsets), trajectory.sample_many(START + offsets)
+    found, expected = trajectory.sample_offsets(offsets), trajectory.sample_many(START + offsets)
     for one, other, digits in zip(found, expected, (1e-10, 1e-8, 1e-5), strict=True):
         assert one == pytest.approx(other, abs=digits)
 
@@ -122,7 +122,7 @@ def test_a_state_at_rest_has_neither_velocity_nor_acceleration():
 
 def test_a_rest_follows_the_same_motion():
     trajectory = example()
-    rested = trajectory.rested(310_000_000)
+    rested = trajectory.with_rest(310_000_000)
     assert rested.end_ns == trajectory.end_ns + 310_000_000
     assert np.max(np.diff(rested.offset_ns[len(trajectory.offset_ns) - 1 :])) <= 20_000_000
     moving, end = START + trajectory.duration_ns // 2, rested.sample(rested.end_ns)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.workspace import node_set_excess, stays_inside
+from mhsb_model.workspace import compute_workspace_excess, move_stays_in_workspace
 
 postures = st.tuples(st.floats(-0.8, 1.5), st.floats(-2.0, 0.1), st.floats(-2.1, 0.1)).map(np.array)
 
@@ -14,23 +14,25 @@ postures = st.tuples(st.floats(-0.8, 1.5), st.floats(-2.0, 0.1), st.floats(-2.1,
 def excess_along(machine, start, end):
     """Largest excess on the straight joint move, at a thousand instants."""
     tips = [machine.tip_position(start + s * (end - start)) for s in np.linspace(0, 1, 1000)]
-    return max(node_set_excess(machine.arrays, x, z) for x, z in tips)
+    return max(compute_workspace_excess(machine.arrays, x, z) for x, z in tips)
 
 
 def test_excess_is_the_distance_beyond_the_nearest_border(machine):
     arrays = machine.arrays
-    assert math.isclose(node_set_excess(arrays, -0.1, 0.5), 0.1)
-    assert math.isclose(node_set_excess(arrays, 0.0, 0.2), 0.05)
-    assert math.isclose(node_set_excess(arrays, 0.0, 1.1), 0.071)
-    assert node_set_excess(arrays, 0.5, 0.0) < 0.0
+    assert math.isclose(compute_workspace_excess(arrays, -0.1, 0.5), 0.1)
+    assert math.isclose(compute_workspace_excess(arrays, 0.0, 0.2), 0.05)
+    assert math.isclose(compute_workspace_excess(arrays, 0.0, 1.1), 0.071)
+    assert compute_workspace_excess(arrays, 0.5, 0.0) < 0.0
 
 
 @given(postures, postures)
 def test_moves_that_leave_the_region_are_found(machine, start, end):
     end = start + 0.2 * (end - start)  # as long as steps of the search are
-    at_ends = max(node_set_excess(machine.arrays, *machine.tip_position(q)) for q in (start, end))
+    at_ends = max(
+        compute_workspace_excess(machine.arrays, *machine.tip_position(q)) for q in (start, end)
+    )
     beyond = excess_along(machine, start, end) - max(0.0, at_ends)
-    if stays_inside(machine.arrays, start, end):
+    if move_stays_in_workspace(machine.arrays, start, end):
         assert beyond < 2e-4
     else:
         assert beyond > 0.0

@@ -1,8 +1,8 @@
-"""Codec: `ActuatorSample` as sensor_msgs/JointState with one name for each quantity.
+"""Codec of `ActuatorSample` as sensor_msgs/JointState with one name for each quantity.
 
-No standard message speaks of hydraulic actuators. JointState has a stamp and named numbers, and
-plotting tools show them by name; so each quantity is an entry `actuator_1/cap_pressure` whose
-value, in SI units, stands in `position`. `velocity` and `effort` stay empty.
+No standard message describes hydraulic actuators. JointState has a stamp and named numbers, which
+plotting tools show by name. So each quantity is an entry such as `actuator_1/cap_pressure`, whose
+value in SI units is in `position`. `velocity` and `effort` stay empty.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ from mhsb_msgs_py import checks, stamps
 class ActuatorSample:
     """State of the hydraulics of n actuators at one time; all arrays are float64[n].
 
-    stamp_ns          absolute time, ns
-    cap_pressure      in the cap-side chamber, Pa
-    rod_pressure      in the rod-side chamber, Pa
-    supply_pressure   in the line that feeds the actuator's valve, Pa
-    force             of the cylinder, p_A A - p_B a, N
-    piston_speed      positive extending, m/s
-    supply_flow       from the line through the valve, m³/s
-    valve_opening     of the servo valve, -1 to 1, positive extends
-    servo_pump_flow   of the actuator's own booster module, m³/s
-    servo_pump_speed  of the same pump, share of the speed of full flow
+    Attributes:
+        stamp_ns: Absolute time [ns].
+        cap_pressure: Pressure in the cap-side chamber [Pa].
+        rod_pressure: Pressure in the rod-side chamber [Pa].
+        supply_pressure: Pressure in the line that feeds the actuator's servo valve [Pa].
+        force: Piston force p_A A - p_B a [N].
+        piston_speed: Speed of the piston, positive if it extends [m/s].
+        supply_flow: Flow from the supply line through the valve [m^3/s].
+        valve_opening: Opening of the servo valve, -1 to 1, positive if the piston extends.
+        servo_pump_flow: Flow of the actuator's own booster module [m^3/s].
+        servo_pump_speed: Speed of its pump, as a share of the speed of full flow.
     """
 
     stamp_ns: int
@@ -47,21 +48,39 @@ class ActuatorSample:
     servo_pump_speed: FloatArray
 
     def __post_init__(self) -> None:
-        for name in QUANTITIES:
+        """Convert all arrays to read-only float64."""
+        for name in SAMPLE_FIELDS:
             object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), np.float64)))
 
 
-QUANTITIES = tuple(field.name for field in fields(ActuatorSample) if field.name != "stamp_ns")
+SAMPLE_FIELDS = tuple(field.name for field in fields(ActuatorSample) if field.name != "stamp_ns")
+"""Names of the quantities of a sample, in the order of a message."""
 
 
 def entry_names(actuator_names: Sequence[str]) -> list[str]:
-    """Names of all entries: for each actuator all quantities, in the order of the dataclass."""
-    return [f"{actuator}/{quantity}" for actuator in actuator_names for quantity in QUANTITIES]
+    """Return the names of all entries of a message.
+
+    Args:
+        actuator_names: Names of the actuators.
+
+    Returns:
+        Names such as `actuator_1/cap_pressure`: for each actuator all quantities in the order of
+        `ActuatorSample`.
+    """
+    return [f"{actuator}/{quantity}" for actuator in actuator_names for quantity in SAMPLE_FIELDS]
 
 
 def encode(sample: ActuatorSample, actuator_names: Sequence[str]) -> JointState:
-    """Message of a sample of n actuators, n names."""
-    table = np.stack([getattr(sample, quantity) for quantity in QUANTITIES], axis=1)
+    """Encode a sample of n actuators.
+
+    Args:
+        sample: The sample.
+        actuator_names: Names of the n actuators.
+
+    Returns:
+        Message with one entry for each actuator and quantity.
+    """
+    table = np.stack([getattr(sample, quantity) for quantity in SAMPLE_FIELDS], axis=1)
     return JointState(
         header=Header(stamp=stamps.to_time(sample.stamp_ns)),
         name=entry_names(actuator_names),
@@ -70,13 +89,22 @@ def encode(sample: ActuatorSample, actuator_names: Sequence[str]) -> JointState:
 
 
 def decode(message: JointState, actuator_names: Sequence[str]) -> ActuatorSample:
-    """The sample of a message, actuators in the order of `actuator_names`.
+    """Decode a message to a sample.
 
-    Raises MessageError where names, sizes or numbers are not right.
+    Args:
+        message: The message, with its entries in any order.
+        actuator_names: Names of the actuators in the order of the result.
+
+    Returns:
+        The sample.
+
+    Raises:
+        MessageError: An entry is missing, unknown or given twice. Or there is not one value for
+            each entry, a value is not finite, or `velocity` or `effort` is not empty.
     """
-    order = checks.joint_order("actuator states", message.name, entry_names(actuator_names))
-    checks.empty("velocity", message.velocity)
-    checks.empty("effort", message.effort)
-    table = checks.values("position", message.position, order)
-    columns = table.reshape(len(actuator_names), len(QUANTITIES)).T
+    order = checks.find_joint_order("actuator states", message.name, entry_names(actuator_names))
+    checks.check_empty("velocity", message.velocity)
+    checks.check_empty("effort", message.effort)
+    table = checks.check_values("position", message.position, order)
+    columns = table.reshape(len(actuator_names), len(SAMPLE_FIELDS)).T
     return ActuatorSample(stamps.from_time(message.header.stamp), *columns)

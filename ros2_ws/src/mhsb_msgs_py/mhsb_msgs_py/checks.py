@@ -1,4 +1,4 @@
-"""What decoding checks in every message with named joints; each check says what is wrong."""
+"""Checks that decoding makes in every message with named joints; each error names the problem."""
 
 from __future__ import annotations
 
@@ -12,8 +12,21 @@ from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.point_arrays import Rows
 
 
-def joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -> IntArray:
-    """Where each expected name stands among the given ones, int64[len(expected)]."""
+def find_joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -> IntArray:
+    """Find the index of each expected name among the given names.
+
+    Args:
+        what: Name of the message or list for the error, such as "joint states".
+        given: Names in the message.
+        expected: Names that must each be given once, in any order.
+
+    Returns:
+        Index into `given` for each expected name, int64[len(expected)].
+
+    Raises:
+        MessageError: Names are given twice, unknown or missing. The error lists the names with the
+            first of these faults.
+    """
     if list(given) == list(expected):
         return np.arange(len(expected))
     times = Counter(given)
@@ -29,35 +42,75 @@ def joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -> Int
     return np.array([list(given).index(name) for name in expected], dtype=np.int64)
 
 
-def values(what: str, given: Sequence[float], order: IntArray) -> FloatArray:
-    """Finite values, one for each name, in the expected order, float64[names]."""
-    return _table([given], order, lambda _: what)[0]
+def check_values(what: str, given: Sequence[float], order: IntArray) -> FloatArray:
+    """Check that an array has one finite value for each name, and put the values into order.
+
+    Args:
+        what: Name of the array for the error, such as "position".
+        given: One value for each name of the message.
+        order: Result of `find_joint_order`.
+
+    Returns:
+        Values in the order of the expected names, float64[len(order)].
+
+    Raises:
+        MessageError: The number of values is wrong, or a value is not finite.
+    """
+    return _reorder_rows([given], order, lambda _: what)[0]
 
 
-def point_table(field: str, rows: Rows, order: IntArray) -> FloatArray:
-    """An array of all points, as `values` each, float64[points, names]."""
-    return _table(rows, order, lambda index: f"{field} of point {index}")
+def check_point_table(field: str, rows: Rows, order: IntArray) -> FloatArray:
+    """Check that each point has one finite value for each name, and put the values into order.
+
+    Args:
+        field: Name of the array for the error, such as "positions".
+        rows: Values of each point: a 2-D array, or one sequence for each point.
+        order: Result of `find_joint_order`.
+
+    Returns:
+        Values in the order of the expected names, float64[points, len(order)].
+
+    Raises:
+        MessageError: The number of values of a point is wrong, or a value is not finite.
+    """
+    return _reorder_rows(rows, order, lambda index: f"{field} of point {index}")
 
 
-def empty(what: str, given: Sequence[float]) -> None:
-    """An array that has no meaning here must be left out."""
+def check_empty(what: str, given: Sequence[float]) -> None:
+    """Raise MessageError if an array that has no meaning here is not empty."""
     if len(given) != 0:
         raise MessageError(f"{what} has {len(given)} values; leave it empty")
 
 
-def empty_rows(field: str, rows: Rows) -> None:
-    """An array that has no meaning here must be left out in all points."""
-    index, length = _first_of_other_length(rows, 0)
+def check_empty_rows(field: str, rows: Rows) -> None:
+    """Raise MessageError if any point has values in an array that must be empty.
+
+    The error names the first such point and the number of its values.
+
+    Args:
+        field: Name of the array, for the error.
+        rows: Values of each point: a 2-D array, or one sequence for each point.
+    """
+    index, length = _find_row_of_other_length(rows, 0)
     if index >= 0:
         raise MessageError(f"{field} of point {index} has {length} values; leave it empty")
 
 
-def point_times(
-    what: str, times_ns: Sequence[int] | IntArray, *, apart_ns: int | None = None
+def check_point_times(
+    what: str, times_ns: Sequence[int] | IntArray, *, max_spacing_ns: int | None = None
 ) -> IntArray:
-    """Times of points: at least one, the first 0, strictly increasing, int64[points] ns.
+    """Check the times of points: at least one, the first 0, strictly increasing.
 
-    Where `apart_ns` is given, neighbours may be at most that far apart.
+    Args:
+        what: Name of the message for the error, such as "the trajectory".
+        times_ns: Times after the stamp [ns].
+        max_spacing_ns: Largest time between neighbours [ns]; None for no limit.
+
+    Returns:
+        The times, int64[points], [ns].
+
+    Raises:
+        MessageError: A condition is not met.
     """
     if len(times_ns) == 0:
         raise MessageError(f"{what} has no points; give at least one")
@@ -73,34 +126,54 @@ def point_times(
             f"{what} point {point} at {times[point] / 1e9:g} s does not come after "
             f"point {point - 1} at {times[point - 1] / 1e9:g} s; times must increase"
         )
-    if apart_ns is not None and np.any(gaps > apart_ns):
-        point = int(np.argmax(gaps > apart_ns)) + 1
+    if max_spacing_ns is not None and np.any(gaps > max_spacing_ns):
+        point = int(np.argmax(gaps > max_spacing_ns)) + 1
         raise MessageError(
             f"{what} point {point} comes {gaps[point - 1] / 1e6:g} ms after the one before; "
-            f"give points at most {apart_ns / 1e6:g} ms apart"
+            f"give points at most {max_spacing_ns / 1e6:g} ms apart"
         )
     return times
 
 
-def _table(rows: Rows, order: IntArray, what: Callable[[int], str]) -> FloatArray:
-    """Finite values, a row for each; `what(row)` is what a row is called in errors."""
-    index, length = _first_of_other_length(rows, len(order))
+def _reorder_rows(rows: Rows, order: IntArray, name_of_row: Callable[[int], str]) -> FloatArray:
+    """Check that each row has the right number of finite values, and reorder the values.
+
+    Args:
+        rows: Values: a 2-D array, or one sequence for each row.
+        order: Index of each result column into a row.
+        name_of_row: Returns the name of a row with this index, for errors.
+
+    Returns:
+        Values, float64[rows, len(order)].
+
+    Raises:
+        MessageError: A row has another length than `order`, or a value is not finite.
+    """
+    index, length = _find_row_of_other_length(rows, len(order))
     if index >= 0:
         raise MessageError(
-            f"{what(index)} has {length} values; give one for each of {len(order)} names"
+            f"{name_of_row(index)} has {length} values; give one for each of {len(order)} names"
         )
     numbers = np.array(rows, dtype=np.float64)[:, order]
     if not np.all(np.isfinite(numbers)):
         index, column = np.argwhere(~np.isfinite(numbers))[0]
         raise MessageError(
-            f"{what(int(index))} has {numbers[index, column]} for name {column + 1}; "
+            f"{name_of_row(int(index))} has {numbers[index, column]} for name {column + 1}; "
             "give finite numbers"
         )
     return numbers
 
 
-def _first_of_other_length(rows: Rows, length: int) -> tuple[int, int]:
-    """Index and length of the first row that has another length, or -1 for both."""
+def _find_row_of_other_length(rows: Rows, length: int) -> tuple[int, int]:
+    """Find the first row whose length is not the expected one.
+
+    Args:
+        rows: A 2-D array, whose rows all have the same length, or one sequence for each row.
+        length: Expected length.
+
+    Returns:
+        Index and length of the row; -1 and -1 if all rows have the expected length.
+    """
     if isinstance(rows, np.ndarray):
         return (-1, -1) if rows.shape[1] == length else (0, rows.shape[1])
     return next(((i, len(row)) for i, row in enumerate(rows) if len(row) != length), (-1, -1))

@@ -1,4 +1,4 @@
-"""Whether a node is alone with its name and its topics, as the ROS graph has it."""
+"""Check whether a node is the only one with its name and on its topics, by the ROS graph."""
 
 from __future__ import annotations
 
@@ -7,15 +7,22 @@ from collections.abc import Sequence
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-FORGOTTEN = 20.0
-"""Time after which the graph forgets a process that was killed [s]: Fast DDS's lease."""
+LEASE_TIME = 20.0
+"""Time after which the ROS graph forgets a killed process [s], the lease of Fast DDS."""
 
 
-def duplicate_problem(node: Node, publishers: Sequence[Publisher]) -> str:
-    """What of this node is there twice, in one sentence; empty where nothing is.
+def describe_duplicates(node: Node, publishers: Sequence[Publisher]) -> str:
+    """Describe which names and topics of a node are used more than once in the ROS graph.
 
-    publishers: own ones, on topics where nobody else should publish. One look costs a fraction of
-    a millisecond; once a second is often enough.
+    It counts nodes with the node's full name, and publishers on each of the given topics. One call
+    takes a fraction of a millisecond; once a second is often enough.
+
+    Args:
+        node: The node.
+        publishers: Publishers of the node on topics where no other node should publish.
+
+    Returns:
+        One sentence with the numbers of nodes and publishers; empty if there is no duplicate.
     """
     problems = []
     own = node.get_fully_qualified_name()
@@ -33,5 +40,5 @@ def duplicate_problem(node: Node, publishers: Sequence[Publisher]) -> str:
         return ""
     return (
         f"{', '.join(problems)}; one is allowed: end the others (what was killed counts for "
-        f"{FORGOTTEN:g} s)"
+        f"{LEASE_TIME:g} s)"
     )

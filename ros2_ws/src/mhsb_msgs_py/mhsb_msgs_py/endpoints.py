@@ -1,9 +1,9 @@
-"""Publishers and subscriptions of the suite's own topics, lean on the executor.
+"""Publishers and subscriptions of the suite's own topics that cost the executor little.
 
-rclpy gives every publisher and subscription two events by default, which only log that somebody at
-the other end has another QoS or type. The executor looks at each of them whenever it wakes: at
-hundreds of messages a second that took a third of the planner's processor time at rest. Whoever is
-at the other end is told there. Subscriptions that people publish on by hand keep the events.
+By default rclpy gives every publisher and subscription two events, which only log that the other
+end has another QoS or type. The executor checks each of them whenever it wakes. At hundreds of
+messages a second that took a third of the planner's processor time at rest. The other end logs such
+a mismatch. Subscriptions that people publish on by hand keep the events.
 """
 
 from __future__ import annotations
@@ -20,22 +20,27 @@ from rclpy.subscription import Subscription
 from mhsb_msgs_py.topics import Topic
 
 
-def publisher(node: Node, topic: Topic) -> Publisher:
-    """A publisher on a topic of the suite."""
+def make_publisher(node: Node, topic: Topic) -> Publisher:
+    """Create a publisher on a topic of the suite, without rclpy's default events."""
     silent = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(topic.message, topic.name, topic.qos, event_callbacks=silent)
 
 
-def subscription(
+def make_subscription(
     node: Node,
     topic: Topic,
     callback: Callable[..., Any],
     qos: QoSProfile | None = None,
     raw: bool = False,
 ) -> Subscription:
-    """A subscription of a topic that the suite's own nodes publish.
+    """Subscribe to a topic that the suite's own nodes publish, without rclpy's default events.
 
-    qos: in place of the topic's own.
+    Args:
+        node: Node that subscribes.
+        topic: Name, type and quality of service.
+        callback: Called with each message.
+        qos: Quality of service; None takes the topic's own.
+        raw: Whether the callback gets the serialized bytes instead of a message.
     """
     silent = SubscriptionEventCallbacks(use_default_callbacks=False)
     return node.create_subscription(

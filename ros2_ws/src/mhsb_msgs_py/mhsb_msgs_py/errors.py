@@ -1,4 +1,4 @@
-"""What is raised when a message cannot be used."""
+"""Errors for messages that cannot be used."""
 
 from __future__ import annotations
 
@@ -7,26 +7,44 @@ from mhsb_model.goal import Goal
 from mhsb_model.verdict import Verdict
 
 LONGEST_SENTENCE = 400
+"""Largest number of characters of an error's sentence."""
 
 
 class MessageError(MhsbError):
-    """A message breaks its contract; the text names the value, the limit and what to do.
+    """Error: a message breaks its contract; the text names the value, the limit and what to do.
 
-    What it repeats of a message may be anything: the text is cut off where it gets long, and shows
-    what cannot be printed, line breaks included, as a replacement character.
+    A message may contain anything that the text repeats. So the text is cut off after
+    `LONGEST_SENTENCE` characters. Characters that cannot be printed, line breaks included, are
+    replaced.
     """
 
     def __init__(self, sentence: str) -> None:
+        """Make the error; cut the sentence and replace what cannot be printed.
+
+        Args:
+            sentence: What is wrong, the limit, and what to do.
+        """
         shown = "".join(each if each.isprintable() else "\ufffd" for each in sentence)
         cut = shown if len(shown) <= LONGEST_SENTENCE else f"{shown[:LONGEST_SENTENCE]} …"
         super().__init__(cut)
 
 
 class GoalError(MessageError):
-    """A goal pose cannot be used; carries the verdict's code and the goal as it was read, if it
-    was."""
+    """Error: a goal pose cannot be used.
+
+    Attributes:
+        code: Code of the goal's verdict.
+        goal: The goal as it was read; a goal at the origin with stamp 0 if it was not.
+    """
 
     def __init__(self, code: Verdict, sentence: str, goal: Goal | None = None) -> None:
+        """Make the error.
+
+        Args:
+            code: Code of the goal's verdict.
+            sentence: What is wrong, the limit, and what to do.
+            goal: The goal as it was read, None if it was not.
+        """
         self.code = code
         self.goal = goal or Goal(0, 0.0, 0.0)
         super().__init__(sentence)

@@ -1,8 +1,9 @@
-"""Codec: what an arm has learnt of itself, as sensor_msgs/JointState.
+"""Codec of the values that an arm has estimated of itself, as sensor_msgs/JointState.
 
-As in `actuator_states`, each number is an entry whose value stands in `position`: of an estimate
-`payload` or `actuator_1/friction`, its standard deviation `payload/deviation`, and `payload/known`,
-0 where the motion so far has not told it. `velocity` and `effort` stay empty.
+Each number is an entry whose value is in `position`. An estimate such as `payload` or
+`actuator_1/friction` comes with its standard deviation, `payload/deviation`, and with
+`payload/known`, which is 0 if the motion so far has not determined it. `velocity` and `effort` stay
+empty.
 """
 
 from __future__ import annotations
@@ -17,21 +18,33 @@ from mhsb_model.arm_reports import Estimate
 from mhsb_msgs_py import checks, stamps
 from mhsb_msgs_py.errors import MessageError
 
-DEVIATION, KNOWN = "/deviation", "/known"
+DEVIATION_SUFFIX, KNOWN_SUFFIX = "/deviation", "/known"
+"""Endings of the names of an estimate's two further entries."""
 
 
 def entry_name(estimate: Estimate) -> str:
-    """`payload`, or `actuator_1/friction`."""
+    """Return the name of an estimate's entry, such as `payload` or `actuator_1/friction`."""
     return "/".join(filter(None, (estimate.actuator, estimate.quantity)))
 
 
 def encode(estimates: Sequence[Estimate], stamp_ns: int) -> JointState:
-    """Message of all that is learnt, at a time [ns]."""
+    """Encode estimates, each as three entries.
+
+    Args:
+        estimates: The estimates.
+        stamp_ns: Stamp of the message [ns].
+
+    Returns:
+        The message.
+    """
     entries: dict[str, float] = {}
     for each in estimates:
         name = entry_name(each)
         entries[name] = each.value
-        entries[name + DEVIATION], entries[name + KNOWN] = each.deviation, float(each.known)
+        entries[name + DEVIATION_SUFFIX], entries[name + KNOWN_SUFFIX] = (
+            each.deviation,
+            float(each.known),
+        )
     return JointState(
         header=Header(stamp=stamps.to_time(stamp_ns)),
         name=list(entries),
@@ -40,25 +53,40 @@ def encode(estimates: Sequence[Estimate], stamp_ns: int) -> JointState:
 
 
 def decode(message: JointState) -> list[Estimate]:
-    """The estimates of a message; MessageError where names, sizes or numbers are not right."""
+    """Decode a message to estimates.
+
+    Args:
+        message: The message, with its entries in any order.
+
+    Returns:
+        One estimate for each value, in the order of the values in the message.
+
+    Raises:
+        MessageError: A name is given twice, there is not one finite value for each name, or
+            `velocity` or `effort` is not empty. Or an estimate lacks its deviation or its `known`
+            entry, or a deviation is negative.
+    """
     names = list(message.name)
-    order = checks.joint_order("estimates", names, sorted(set(names)))
-    checks.empty("velocity", message.velocity)
-    checks.empty("effort", message.effort)
-    numbers = checks.values("position", message.position, order)
+    order = checks.find_joint_order("estimates", names, sorted(set(names)))
+    checks.check_empty("velocity", message.velocity)
+    checks.check_empty("effort", message.effort)
+    numbers = checks.check_values("position", message.position, order)
     entries = dict(zip(sorted(set(names)), numbers.tolist(), strict=True))
     found = []
     for name in names:
-        if name.endswith((DEVIATION, KNOWN)):
+        if name.endswith((DEVIATION_SUFFIX, KNOWN_SUFFIX)):
             continue
-        if not {name + DEVIATION, name + KNOWN} <= entries.keys():
+        if not {name + DEVIATION_SUFFIX, name + KNOWN_SUFFIX} <= entries.keys():
             raise MessageError(
-                f"estimates has {name} without {name}{DEVIATION} and {name}{KNOWN}; give all three"
+                f"estimates has {name} without {name}{DEVIATION_SUFFIX} and {name}{KNOWN_SUFFIX}; "
+                "give all three"
             )
-        deviation = entries[name + DEVIATION]
+        deviation = entries[name + DEVIATION_SUFFIX]
         if deviation < 0.0:
-            raise MessageError(f"estimates has {name}{DEVIATION} {deviation:g}; give at least 0")
+            raise MessageError(
+                f"estimates has {name}{DEVIATION_SUFFIX} {deviation:g}; give at least 0"
+            )
         actuator, _, quantity = name.rpartition("/")
-        known = entries[name + KNOWN] != 0.0
+        known = entries[name + KNOWN_SUFFIX] != 0.0
         found.append(Estimate(quantity, actuator, entries[name], deviation, known))
     return found

@@ -1,10 +1,10 @@
-"""Codec: `Goal` as geometry_msgs/PoseStamped.
+"""Codec of `Goal` as geometry_msgs/PoseStamped.
 
-In `base_link` the goal is (x, z) and y must be 0; in `work_plane`, the same plane laid flat for
-viewers that know only x and y, it is (x, y) and z must be 0. Arms that slew go to any (x, y, z) in
-`base_link`, and `work_plane` is the plane in which the arm is when the goal comes. The orientation
-has no meaning, and a quaternion of zeros is as good as any, but NaN in it shows a sender gone
-wrong. The stamp is an opaque id of the goal.
+In `base_link` the goal is (x, z), and y must be 0. In `work_plane`, the same plane laid flat for
+viewers that know only x and y, it is (x, y), and z must be 0. Arms that slew go to any (x, y, z) in
+`base_link`; for them, `work_plane` is the plane in which the arm is when the goal comes. The
+orientation has no meaning, and a quaternion of zeros is accepted. NaN in it is refused, since it
+shows a faulty sender. The stamp identifies the goal.
 """
 
 from __future__ import annotations
@@ -23,14 +23,22 @@ from mhsb_msgs_py.errors import GoalError
 from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
 
 OFF_PLANE_TOLERANCE = 1e-3
-"""How far a goal may lie beside the arm's plane [m]."""
+"""Largest distance of a goal from the arm's plane [m]."""
 
 ToBase = Callable[[float, float], Position]
-"""Of arms that slew: from (x, y) [m] in `work_plane`, as it stands, to (x, y, z) in `base_link`."""
+"""Function for arms that slew: converts (x, y) [m] in the present `work_plane` to `base_link`."""
 
 
 def encode(goal: Goal, frame_prefix: str = "") -> PoseStamped:
-    """Message of a goal in the base frame."""
+    """Encode a goal as a pose in the base frame.
+
+    Args:
+        goal: The goal.
+        frame_prefix: Text before the name of the frame.
+
+    Returns:
+        The pose; y is 0 for arms that do not slew.
+    """
     header = Header(
         stamp=stamps.to_time(goal.stamp_ns), frame_id=frame_name(BASE_FRAME, frame_prefix)
     )
@@ -39,18 +47,28 @@ def encode(goal: Goal, frame_prefix: str = "") -> PoseStamped:
 
 
 def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None = None) -> Goal:
-    """The goal of a message; whether the arm can go there is for the planner to say.
+    """Decode a pose to a goal; whether the arm can go there is not checked.
 
-    to_base  None for arms that do not slew
+    Args:
+        message: The pose.
+        frame_prefix: Text before the names of frames.
+        to_base: Converts (x, y) in `work_plane` to (x, y, z) in `base_link` [m]; None for arms that
+            do not slew.
 
-    Raises GoalError: NOT_FINITE for NaN or infinity anywhere, FRAME for an unknown frame,
-    OUT_OF_WORKSPACE for a goal beside the arm's plane, and what `to_base` raises; MessageError for
-    an impossible stamp.
+    Returns:
+        The goal in `base_link`.
+
+    Raises:
+        GoalError: Its code is `NOT_FINITE` for NaN or infinity in position or orientation. It is
+            `FRAME` for an unknown frame, and `OUT_OF_WORKSPACE` for a goal more than
+            OFF_PLANE_TOLERANCE beside the arm's plane. The code of a GoalError that `to_base`
+            raises is kept.
+        MessageError: The stamp is impossible.
     """
     position, orientation = message.pose.position, message.pose.orientation
     flat = message.header.frame_id == frame_name(WORK_PLANE_FRAME, frame_prefix)
     stamp_ns = stamps.from_time(message.header.stamp)
-    goal = _as_sent(position, flat, stamp_ns, slews=to_base is not None)
+    goal = _goal_as_sent(position, flat, stamp_ns, slews=to_base is not None)
 
     numbers = (position.x, position.y, position.z)
     turns = (orientation.x, orientation.y, orientation.z, orientation.w)
@@ -58,8 +76,8 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
     if not all(math.isfinite(number) for number in numbers + turns):
         raise GoalError(
             Verdict.NOT_FINITE,
-            f"the goal's position is {_text(numbers)} and its orientation {_text(turns)}; "
-            "give finite numbers",
+            f"the goal's position is {_format_numbers(numbers)} and its orientation "
+            f"{_format_numbers(turns)}; give finite numbers",
             goal,
         )
     if message.header.frame_id not in frames:
@@ -84,12 +102,25 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
         raise GoalError(error.code, str(error), goal) from None
 
 
-def _as_sent(position: Point, flat: bool, stamp_ns: int, slews: bool) -> Goal:
-    """By the message's numbers alone."""
+def _goal_as_sent(position: Point, flat: bool, stamp_ns: int, slews: bool) -> Goal:
+    """Return a goal from the numbers of a message alone, without `to_base`.
+
+    Verdicts on poses that cannot be used refer to this goal.
+
+    Args:
+        position: Position of the pose [m].
+        flat: Whether the frame is `work_plane`.
+        stamp_ns: Stamp of the message [ns].
+        slews: Whether the arm slews, so that the goal has a y.
+
+    Returns:
+        The goal, with y if the arm slews. In `work_plane` its z is the y of the message if the arm
+        does not slew.
+    """
     if slews:
         return Goal(stamp_ns, position.x, position.z, position.y)
     return Goal(stamp_ns, position.x, position.y if flat else position.z)
 
 
-def _text(numbers: tuple[float, ...]) -> str:
+def _format_numbers(numbers: tuple[float, ...]) -> str:
     return "(" + ", ".join(f"{number:g}" for number in numbers) + ")"

@@ -1,4 +1,4 @@
-"""Codec: `JointSample` as sensor_msgs/JointState."""
+"""Codec of `JointSample` as sensor_msgs/JointState."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from mhsb_msgs_py import checks, stamps
 
 @dataclass(frozen=True)
 class JointSample:
-    """What was measured at the joints at one time.
+    """Measured state of n joints at one time; joints that slide have m instead of rad.
 
-    stamp_ns  absolute time, ns
-    position  float64[n], rad
-    velocity  float64[n], rad/s
-    effort    float64[n], N m, or None where nobody measures it
+    Attributes:
+        stamp_ns: Absolute time [ns].
+        position: Joint positions, float64[n], [rad].
+        velocity: Joint velocities, float64[n], [rad/s].
+        effort: Joint torques, float64[n], [N m]; None if they are not measured.
     """
 
     stamp_ns: int
@@ -29,13 +30,19 @@ class JointSample:
     effort: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         for name in ("position", "velocity", "effort"):
             if (given := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(given))
 
 
 def encode(sample: JointSample, joint_names: Sequence[str]) -> JointState:
-    """Message of a sample of n joints, n names."""
+    """Encode a sample of n joints.
+
+    Args:
+        sample: The sample.
+        joint_names: Names of the n joints.
+    """
     return JointState(
         header=Header(stamp=stamps.to_time(sample.stamp_ns)),
         name=list(joint_names),
@@ -46,14 +53,23 @@ def encode(sample: JointSample, joint_names: Sequence[str]) -> JointState:
 
 
 def decode(message: JointState, joint_names: Sequence[str]) -> JointSample:
-    """The sample of a message, joints in the order of `joint_names`; effort may be left out.
+    """Decode a message to a sample.
 
-    Raises MessageError where names, sizes or numbers are not right.
+    Args:
+        message: The message, with its joints in any order; effort may be empty.
+        joint_names: Names of the joints in the order of the result.
+
+    Returns:
+        The sample.
+
+    Raises:
+        MessageError: A name is missing, unknown or given twice, or there is not one finite value
+            for each joint. Or the stamp is not a time that a clock may show (`stamps.from_clock`).
     """
-    order = checks.joint_order("joint states", message.name, joint_names)
+    order = checks.find_joint_order("joint states", message.name, joint_names)
     return JointSample(
-        stamps.from_time(message.header.stamp),
-        checks.values("position", message.position, order),
-        checks.values("velocity", message.velocity, order),
-        checks.values("effort", message.effort, order) if len(message.effort) else None,
+        stamps.from_clock(message.header.stamp),
+        checks.check_values("position", message.position, order),
+        checks.check_values("velocity", message.velocity, order),
+        checks.check_values("effort", message.effort, order) if len(message.effort) else None,
     )

@@ -1,6 +1,6 @@
-"""Codec: `ModeSchedule` as trajectory_msgs/JointTrajectory (topic mode_commands).
+"""Codec of `ModeSchedule` as trajectory_msgs/JointTrajectory, for the topic mode_commands.
 
-Positions are exactly 0, 1 or 2 for N, DB, SB; each point holds until the next one.
+Positions are exactly 0, 1 or 2 for N, DB, SB. Each point holds until the next one.
 """
 
 from __future__ import annotations
@@ -19,11 +19,16 @@ from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.point_arrays import PointArrays
 
 MOST_POINTS = 10_000
-"""Greatest number of points that an arm takes."""
+"""Largest number of points that an arm accepts."""
 
 
 def encode(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajectory:
-    """Message of a schedule of n actuators, n names."""
+    """Encode a schedule of n actuators.
+
+    Args:
+        schedule: The schedule.
+        actuator_names: Names of the n actuators.
+    """
     return JointTrajectory(
         header=Header(stamp=stamps.to_time(schedule.stamp_ns)),
         joint_names=list(actuator_names),
@@ -37,7 +42,17 @@ def encode(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajec
 
 
 def to_bytes(schedule: ModeSchedule, actuator_names: Sequence[str]) -> bytes:
-    """`encode`, and what rclpy would then make of it for the wire, at once."""
+    """Encode a schedule to the bytes of its message.
+
+    The result equals `encode` and the serialization of rclpy, and takes less time.
+
+    Args:
+        schedule: The schedule of n actuators.
+        actuator_names: Names of the n actuators.
+
+    Returns:
+        Serialized message.
+    """
     empty = np.zeros((len(schedule.offset_ns), 0))
     return point_arrays.to_bytes(
         PointArrays(
@@ -51,17 +66,27 @@ def to_bytes(schedule: ModeSchedule, actuator_names: Sequence[str]) -> bytes:
 
 
 def decode(message: JointTrajectory | bytes, actuator_names: Sequence[str]) -> ModeSchedule:
-    """The schedule of a message or of its bytes, actuators in the order of `actuator_names`.
+    """Decode a message, or its bytes, to a schedule.
 
-    Raises MessageError where length, names, sizes, times or codes are not right.
+    Args:
+        message: The message, with its actuators in any order.
+        actuator_names: Names of the actuators in the order of the result.
+
+    Returns:
+        The schedule; its `last_switch_ns` is None.
+
+    Raises:
+        MessageError: There are no points or more than MOST_POINTS, or a name is missing, unknown or
+            given twice. Or times do not start at 0 or do not increase, or a position is not 0, 1
+            or 2. Or a point has not one position for each actuator, or any other values.
     """
-    given = point_arrays.point_arrays(message, "the mode schedule", MOST_POINTS)
-    order = checks.joint_order("joint_names", given.joint_names, actuator_names)
-    offset = checks.point_times("the mode schedule", given.time_ns)
-    checks.empty_rows("velocities", given.velocities)
-    checks.empty_rows("accelerations", given.accelerations)
-    checks.empty_rows("effort", given.effort)
-    modes = checks.point_table("positions", given.positions, order)
+    given = point_arrays.read_point_arrays(message, "the mode schedule", MOST_POINTS)
+    order = checks.find_joint_order("joint_names", given.joint_names, actuator_names)
+    offset = checks.check_point_times("the mode schedule", given.time_ns)
+    checks.check_empty_rows("velocities", given.velocities)
+    checks.check_empty_rows("accelerations", given.accelerations)
+    checks.check_empty_rows("effort", given.effort)
+    modes = checks.check_point_table("positions", given.positions, order)
     wrong = np.argwhere(~np.isin(modes, list(Mode)))
     if len(wrong) > 0:
         index, actuator = wrong[0]

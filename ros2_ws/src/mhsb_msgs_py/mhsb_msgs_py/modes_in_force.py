@@ -1,4 +1,4 @@
-"""Codec: the modes in force, uint8[actuators], as std_msgs/UInt8MultiArray."""
+"""Codec of the modes in force, uint8[actuators], as std_msgs/UInt8MultiArray."""
 
 from __future__ import annotations
 
@@ -13,14 +13,32 @@ from mhsb_msgs_py.errors import MessageError
 
 
 def encode(modes: ModeArray) -> UInt8MultiArray:
-    """Message of the modes of n actuators."""
+    """Encode the modes of n actuators.
+
+    Args:
+        modes: Mode of each actuator, 0, 1 or 2 for N, DB, SB.
+
+    Returns:
+        The message.
+    """
     count = len(modes)
     layout = MultiArrayLayout(dim=[MultiArrayDimension(label="actuator", size=count, stride=count)])
     return UInt8MultiArray(layout=layout, data=array("B", modes.astype(np.uint8).tolist()))
 
 
 def decode(message: UInt8MultiArray, actuator_count: int) -> ModeArray:
-    """Modes of n actuators; MessageError where their number or a code is not right."""
+    """Decode the modes of n actuators.
+
+    Args:
+        message: The message; its layout is not read.
+        actuator_count: Expected number of actuators.
+
+    Returns:
+        Mode of each actuator, uint8[n], 0, 1 or 2 for N, DB, SB.
+
+    Raises:
+        MessageError: The number of modes is not `actuator_count`, or a mode is not 0, 1 or 2.
+    """
     modes = np.asarray(message.data, dtype=np.uint8)
     if len(modes) != actuator_count:
         raise MessageError(

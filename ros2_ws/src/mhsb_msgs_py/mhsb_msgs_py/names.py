@@ -1,7 +1,7 @@
 """Names on the ROS graph: nodes, topics, frames, joints and actuators.
 
-Topic names are relative, so that namespaces and remaps work; only /clock and /diagnostics are
-where all of ROS has them.
+Topic names are relative, so that namespaces and remaps work. Only /clock and /diagnostics are
+absolute, as everywhere in ROS.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ WORK_PLANE_FRAME = "work_plane"  # the arm's plane laid flat: x forward, y up
 
 
 def joint_names(count: int) -> tuple[str, ...]:
-    """`joint_1`, `joint_2`, ... of a machine with `count` joints."""
+    """Return `joint_1`, `joint_2`, ... for a machine with `count` joints."""
     return tuple(f"joint_{number}" for number in range(1, count + 1))
 
 
 def actuator_names(count: int) -> tuple[str, ...]:
-    """`actuator_1`, ... in the order of the joints that they drive."""
+    """Return `actuator_1`, `actuator_2`, ... in the order of the joints that they drive."""
     return tuple(f"actuator_{number}" for number in range(1, count + 1))
 
 
 def frame_name(name: str, prefix: str = "") -> str:
-    """A frame's name below a prefix, as robot_state_publisher's `frame_prefix` makes it."""
+    """Return a frame's name after a prefix, as with robot_state_publisher's `frame_prefix`."""
     return prefix + name

@@ -1,9 +1,8 @@
-"""How every node of the suite lives: start, spin, and a clean end on SIGINT or SIGTERM."""
+"""Process of a node: start, spin, and a clean end on SIGINT or SIGTERM."""
 
 from __future__ import annotations
 
 import contextlib
-import difflib
 import os
 import re
 import signal
@@ -23,35 +22,56 @@ from rclpy.node import Node
 
 from mhsb_model import process
 from mhsb_model.errors import ArgumentError, MhsbError
+from mhsb_msgs_py.guarded_executor import GuardedExecutor, suggest_parameter
 
-HEARTBEAT = 0.5
-"""The executor wakes at least this often [s]: a signal may come just before it begins to wait."""
+MAX_WAIT = 0.5
+"""Longest time between two wakes of the executor [s].
+
+A signal may come just before the executor begins to wait.
+"""
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""Environment variable with the path of Fast DDS's profile."""
 
 SHARED_MEMORY_LOCK = re.compile(r"/dev/shm/fastrtps_[0-9a-f]{16}_el")
+"""Pattern of the lock files of Fast DDS's shared memory."""
 
 NodeType = TypeVar("NodeType", bound=Node)
 
 
 class RosArgumentsError(ArgumentError):
-    """What follows `--ros-args` cannot be used."""
+    """Error: what follows `--ros-args` cannot be used."""
 
 
 class RosError(MhsbError):
-    """ROS cannot make a node in this environment."""
+    """Error: ROS cannot make a node in this environment."""
 
 
 def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
-    """Make a node and serve it until it is asked to end; returns the exit code 0.
+    """Make a node and serve it until a signal asks the process to end.
 
-    `arguments` are the process's own by default; rclpy takes what stands after `--ros-args`.
-    The executor is the single-threaded one: the others starve timers or lose messages.
-    Raises RosArgumentsError for arguments that rclpy or the node's parameters refuse.
+    The executor is single-threaded, since rclpy's others starve timers or lose messages. It
+    survives exceptions in callbacks, see `guarded_executor`. A timer wakes it every `MAX_WAIT`, so
+    that no signal is missed.
+
+    Args:
+        make_node: Makes the node.
+        arguments: Command line; rclpy reads what follows `--ros-args`. None for the process's own.
+
+    Returns:
+        The exit code 0.
+
+    Raises:
+        RosArgumentsError: rclpy or the node's parameters refuse the arguments.
+        RosError: ROS cannot make the node in this environment.
     """
     try:
-        with ros_running(arguments), serving(make_node) as (executor, node), process.orderly():
-            node.create_timer(HEARTBEAT, _nothing, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        with (
+            run_ros(arguments),
+            serve_node(make_node, GuardedExecutor) as (executor, node),
+            process.grace_period(),
+        ):
+            node.create_timer(MAX_WAIT, _do_nothing, clock=Clock(clock_type=ClockType.STEADY_TIME))
             executor.spin()
     except ParameterException as error:
         raise RosArgumentsError(f"after --ros-args: {error}") from error
@@ -60,23 +80,32 @@ def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None)
     return 0
 
 
-def _nothing() -> None:
-    """What a timer does that only wakes."""
+def _do_nothing() -> None:
+    """Do nothing; for a timer that only wakes the executor."""
 
 
 @contextmanager
-def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
-    """rclpy for the length of a block.
+def run_ros(arguments: list[str] | None = None) -> Iterator[None]:
+    """Initialize rclpy, as a context manager, and shut it down at the end of the block.
 
-    Raises RosArgumentsError as `spin_node` does, RosError where its environment is not as it
-    should be, and ExternalShutdownException where a signal has shut ROS down meanwhile.
+    In the block, SIGINT does not raise KeyboardInterrupt, but shuts ROS down. Any exception of the
+    block after such a shutdown, except MhsbError, becomes ExternalShutdownException. Before a
+    signal ends the process by force, Fast DDS's shared-memory files are deleted.
+
+    Args:
+        arguments: Command line; rclpy reads what follows `--ros-args`. None for the process's own.
+
+    Raises:
+        RosArgumentsError: rclpy refuses the arguments.
+        RosError: The profile of Fast DDS cannot be read, or ROS_DOMAIN_ID cannot be used.
+        ExternalShutdownException: A signal has shut ROS down.
     """
     _check_profile()
-    interrupt = signal.signal(signal.SIGINT, _leave_it_to_ros)
-    process.before_an_end_at_once(_remove_shared_memory)
+    interrupt = signal.signal(signal.SIGINT, _ignore_interrupt)
+    process.register_final_action(_remove_shared_memory)
     _initialize(arguments)
     try:
-        if process.signalled():  # before ROS was there to hear it
+        if process.signalled():  # before ROS could handle it
             raise ExternalShutdownException
         yield
     except MhsbError:
@@ -84,7 +113,7 @@ def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
     except Exception:
         if rclpy.ok():
             raise
-        # A signal shuts ROS down at any moment; whichever call comes next fails in its own way.
+        # A signal shuts ROS down at any moment, and the next call then fails in its own way.
         raise ExternalShutdownException from None
     finally:
         rclpy.try_shutdown()
@@ -92,9 +121,10 @@ def ros_running(arguments: list[str] | None = None) -> Iterator[None]:
 
 
 def _remove_shared_memory() -> None:
-    """Of Fast DDS: what this process has shared with others, half a megabyte, would stay for good.
+    """Delete the shared-memory files of Fast DDS that this process has open.
 
-    Whose it is tells the lock that its owner holds.
+    Otherwise half a megabyte would stay after the process. A file is this process's own if it has
+    the file's lock open.
     """
     for descriptor in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(OSError):
@@ -104,25 +134,43 @@ def _remove_shared_memory() -> None:
                 lock.unlink()
 
 
-def _leave_it_to_ros(number: int, frame: object) -> None:
-    """In place of KeyboardInterrupt, which could hit rclpy anywhere: ROS itself shuts down."""
+def _ignore_interrupt(number: int, frame: object) -> None:
+    """Do nothing on SIGINT, so that ROS itself shuts down.
+
+    Python's KeyboardInterrupt could hit rclpy anywhere.
+    """
 
 
 @contextmanager
-def serving(make_node: Callable[[], NodeType]) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
-    """An executor and the node that it serves, for the length of a block.
+def serve_node(
+    make_node: Callable[[], NodeType],
+    make_executor: Callable[[], SingleThreadedExecutor] = SingleThreadedExecutor,
+) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
+    """Make an executor and the node that it serves, as a context manager.
 
-    The executor comes first: rclpy cannot make one, nor drop it silently, after a shutdown.
-    Raises RosError where ROS refuses to make the node.
+    The executor is made first, since rclpy cannot make one after a shutdown, nor drop it silently.
+    At the end of the block the node is destroyed and the executor shut down. The caller spins the
+    executor. A warning is logged for each parameter that was set from outside and that the node
+    does not have.
+
+    Args:
+        make_node: Makes the node.
+        make_executor: Makes the executor.
+
+    Yields:
+        The executor and the node.
+
+    Raises:
+        RosError: ROS refuses to make the node.
     """
-    executor = SingleThreadedExecutor()
+    executor = make_executor()
     try:
         try:
             node = make_node()
         except RCLError as error:
             if not rclpy.ok():
                 raise
-            raise RosError(f"ROS cannot make the node: {_without_places(error)}") from error
+            raise RosError(f"ROS cannot make the node: {_remove_source_places(error)}") from error
         try:
             _warn_of_unknown_parameters(node)
             executor.add_node(node)
@@ -134,23 +182,33 @@ def serving(make_node: Callable[[], NodeType]) -> Iterator[tuple[SingleThreadedE
 
 
 def _warn_of_unknown_parameters(node: Node) -> None:
-    """rclpy drops what is set from outside and not declared without a word.
+    """Log a warning for each parameter that was set from outside and that the node does not have.
 
-    It tells neither what was set nor what is declared but by these two attributes.
+    rclpy drops them silently, and only its private attributes show them.
+
+    Args:
+        node: The node.
     """
     for name in sorted(node._parameter_overrides):
         if node.has_parameter(name) or name.startswith("qos_overrides."):
             continue
-        declared = sorted(node._parameters)
-        near = difflib.get_close_matches(name, declared, 1)
-        advice = f"; did you mean {near[0]}?" if near else ""
+        advice = suggest_parameter(node, name)
         node.get_logger().warning(f"there is no parameter {name}: it is ignored{advice}")
 
 
 def spin_until(
     executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout: float
 ) -> bool:
-    """Serve until the condition holds; False where it does not within `timeout` s."""
+    """Serve the nodes of an executor until a condition holds.
+
+    Args:
+        executor: The executor.
+        condition: Checked before each callback, and at least every 0.05 s.
+        timeout: Longest time [s].
+
+    Returns:
+        True when the condition holds, False if it does not within this time.
+    """
     end = time.monotonic() + timeout
     while not condition():
         left = end - time.monotonic()
@@ -161,7 +219,10 @@ def spin_until(
 
 
 def _check_profile() -> None:
-    """Fast DDS would go on without its profile, and so be open to the network."""
+    """Raise RosError if the profile of Fast DDS cannot be read.
+
+    Fast DDS would go on without it, and so be open to the network.
+    """
     profile = os.environ.get(PROFILE_VARIABLE)
     if profile and not os.access(profile, os.R_OK):
         raise RosError(
@@ -170,19 +231,29 @@ def _check_profile() -> None:
         )
 
 
-def _without_places(error: Exception) -> str:
-    """What ROS says, without where in its sources."""
+def _remove_source_places(error: Exception) -> str:
+    """Return the text of an error of ROS without the places in its source code."""
     return re.sub(r", at \S+:\d+", "", str(error))
 
 
 def _initialize(arguments: list[str] | None) -> None:
-    """`rclpy.init`, which otherwise tells of bad arguments in a log line and a traceback."""
+    """Initialize rclpy, and turn its errors on bad arguments into one sentence.
+
+    rclpy's own log line on them is suppressed.
+
+    Args:
+        arguments: Command line, None for the process's own.
+
+    Raises:
+        RosArgumentsError: rclpy refuses the arguments.
+        RosError: ROS_DOMAIN_ID cannot be used.
+    """
     set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
         rclpy.init(args=arguments)
     except RuntimeError as error:
-        reason = _without_places(error).removeprefix("failed to initialize rcl: ")
-        if reason.startswith("["):  # nothing but a list of what is not known
+        reason = _remove_source_places(error).removeprefix("failed to initialize rcl: ")
+        if reason.startswith("["):  # only a list of unknown arguments
             reason = f"unknown arguments {reason}"
         if "ROS_DOMAIN_ID" in reason:
             raise RosError(f"{reason}; give a number from 0 to 101, or unset it") from error

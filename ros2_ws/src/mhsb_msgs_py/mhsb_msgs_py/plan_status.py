@@ -1,4 +1,4 @@
-"""Codec: `GoalVerdict` and `ExecutionReport` as statuses of diagnostic_msgs/DiagnosticArray."""
+"""Codec of `GoalVerdict` and `ExecutionReport` as statuses of diagnostic_msgs/DiagnosticArray."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummar
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.names import PLANNER_NODE
-from mhsb_msgs_py.status_values import StatusValues, status
+from mhsb_msgs_py.status_values import StatusValues, make_status
 
 GOAL_STATUS = "goal"
+"""Name of the status of a verdict."""
+
 EXECUTION_STATUS = "execution"
+"""Name of the status of an execution report."""
 
 
 Report = GoalVerdict | ExecutionReport
@@ -22,20 +25,46 @@ Code = TypeVar("Code", Verdict, Outcome)
 
 
 def encode(report: Report, stamp_ns: int) -> DiagnosticArray:
-    """Message with one verdict or execution report, sent at `stamp_ns`."""
-    encoded = _goal(report) if isinstance(report, GoalVerdict) else _execution(report)
+    """Encode one verdict or execution report.
+
+    Args:
+        report: The report.
+        stamp_ns: Stamp of the message [ns].
+    """
+    encoded = (
+        _encode_verdict(report)
+        if isinstance(report, GoalVerdict)
+        else _encode_execution_report(report)
+    )
     return DiagnosticArray(header=Header(stamp=stamps.to_time(stamp_ns)), status=[encoded])
 
 
 def decode(message: DiagnosticArray) -> list[Report]:
-    """All verdicts and execution reports of a message, in their order.
+    """Decode all verdicts and execution reports of a message, in their order.
 
-    Raises MessageError for an unknown status or code, and for missing or unreadable values.
+    Args:
+        message: The message.
+
+    Returns:
+        The reports.
+
+    Raises:
+        MessageError: A status or code is unknown, or a value is missing or cannot be read.
     """
     return [_decode_status(each) for each in message.status]
 
 
-def _goal(verdict: GoalVerdict) -> DiagnosticStatus:
+def _encode_verdict(verdict: GoalVerdict) -> DiagnosticStatus:
+    """Return the status of a verdict.
+
+    Args:
+        verdict: The verdict.
+
+    Returns:
+        Status with the verdict's sentence as message. Its level is OK if accepted, WARN if
+        superseded, otherwise ERROR. Its values are code, stamp [s as text] and position [m] of the
+        goal. If there is a plan, energies, duration, switches and other figures of it follow.
+    """
     values = {
         "code": verdict.code.value,
         "goal_stamp": stamps.to_text(verdict.goal_stamp_ns),
@@ -60,12 +89,18 @@ def _goal(verdict: GoalVerdict) -> DiagnosticStatus:
         }
         if plan.continued:
             values["continued"] = "true"
-    return status(
-        GOAL_STATUS, verdict.code.level, verdict.sentence, PLANNER_NODE, values
-    )
+    return make_status(GOAL_STATUS, verdict.code.level, verdict.sentence, PLANNER_NODE, values)
 
 
-def _execution(report: ExecutionReport) -> DiagnosticStatus:
+def _encode_execution_report(report: ExecutionReport) -> DiagnosticStatus:
+    """Return the status of an execution report.
+
+    Args:
+        report: The execution report.
+
+    Returns:
+        Status whose level follows from the outcome.
+    """
     values = {
         "code": report.outcome.value,
         "goal_stamp": stamps.to_text(report.goal_stamp_ns),
@@ -75,40 +110,52 @@ def _execution(report: ExecutionReport) -> DiagnosticStatus:
     }
     if report.reason is not None:
         values["reason"] = report.reason.value
-    return status(
+    return make_status(
         EXECUTION_STATUS, report.outcome.level, report.sentence, PLANNER_NODE, values
     )
 
 
 def _decode_status(message: DiagnosticStatus) -> Report:
+    """Decode one status to a verdict or an execution report.
+
+    Args:
+        message: The status; its name says whether it is a verdict or an execution report.
+
+    Returns:
+        The report.
+
+    Raises:
+        MessageError: The status or code is unknown, or a value is missing or cannot be read.
+    """
     values = StatusValues(message)
     if message.name == GOAL_STATUS:
-        code = _code(Verdict, values.text("code"))
+        code = _decode_code(Verdict, values.text("code"))
         return GoalVerdict(
             code,
             message.message,
             values.time("goal_stamp"),
             values.number("goal_x"),
             values.number("goal_z"),
-            _plan(values) if code.accepted else None,
+            _decode_plan_summary(values) if code.accepted else None,
             values.number("goal_y") if values.has("goal_y") else None,
         )
     if message.name == EXECUTION_STATUS:
         return ExecutionReport(
-            _code(Outcome, values.text("code")),
+            _decode_code(Outcome, values.text("code")),
             message.message,
             values.time("goal_stamp"),
             values.time("plan_stamp"),
             values.count("attempts"),
             values.number("lead_ms"),
-            _code(Verdict, values.text("reason")) if values.has("reason") else None,
+            _decode_code(Verdict, values.text("reason")) if values.has("reason") else None,
         )
     raise MessageError(
         f"the status '{message.name}' is unknown; it must be {GOAL_STATUS} or {EXECUTION_STATUS}"
     )
 
 
-def _plan(values: StatusValues) -> PlanSummary:
+def _decode_plan_summary(values: StatusValues) -> PlanSummary:
+    """Return the numbers of a plan, such as energy and duration, from a status's values."""
     return PlanSummary(
         values.time("plan_stamp"),
         values.number("energy_j"),
@@ -124,7 +171,19 @@ def _plan(values: StatusValues) -> PlanSummary:
     )
 
 
-def _code(codes: type[Code], text: str) -> Code:
+def _decode_code(codes: type[Code], text: str) -> Code:
+    """Return the code with a given text.
+
+    Args:
+        codes: Enumeration of the codes.
+        text: Text of the code.
+
+    Returns:
+        Member of the enumeration.
+
+    Raises:
+        MessageError: There is no such code.
+    """
     try:
         return codes(text)
     except ValueError:

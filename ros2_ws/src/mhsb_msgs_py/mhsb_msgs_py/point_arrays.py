@@ -1,16 +1,16 @@
-"""trajectory_msgs/JointTrajectory, array by array, from a message or from its bytes.
+"""Fast codec of trajectory_msgs/JointTrajectory as arrays, from and to a message's bytes.
 
-rclpy makes an object for each point and for each of its arrays, some 20 µs a point. NumPy reads a
-whole message from its bytes at once: points whose arrays have the same lengths stand in CDR (OMG
-DDS-XTypes, PLAIN_CDR, little endian) at even distances,
+rclpy makes an object for each point and for each of its arrays, which takes some 20 µs a point.
+NumPy reads a whole message from its bytes at once. If the arrays of all points have the same
+lengths, the points are in CDR (OMG DDS-XTypes, PLAIN_CDR, little endian) at even distances:
 
-    uint32 count, padding to 8 bytes where the array is not empty, float64[count]    four times
+    uint32 count, padding to 8 bytes if the array is not empty, float64[count]    four times
     int32 sec, uint32 nanosec
 
-with alignment counted from behind the 4 bytes of the encapsulation (what every middleware of ROS 2
-Jazzy sends on today's processors; anything else is no message here). A point with positions, and
-with velocities and accelerations or neither, ends 4 bytes beyond a multiple of 8, where the next
-one needs no padding. What stands otherwise is left to rclpy.
+Alignment is counted from behind the 4 bytes of the encapsulation. Every middleware of ROS 2 Jazzy
+sends this on today's processors; bytes with another encapsulation are refused. A point with
+positions, and with velocities and accelerations or neither, ends 4 bytes beyond a multiple of 8.
+There the next point needs no padding. Other layouts are decoded by rclpy.
 """
 
 from __future__ import annotations
@@ -28,23 +28,35 @@ from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 
-ENCAPSULATION = b"\x00\x01\x00\x00"
-FIELDS = ("positions", "velocities", "accelerations", "effort")
-FULL, POSITIONS_ONLY = FIELDS[:3], FIELDS[:1]
-"""Which arrays the points of a trajectory, and those of a mode schedule, are to have."""
+CDR_ENCAPSULATION = b"\x00\x01\x00\x00"
+"""First bytes of a message in little-endian CDR."""
 
-COUNT, TIME = struct.Struct("<I"), struct.Struct("<iI")
+POINT_FIELDS = ("positions", "velocities", "accelerations", "effort")
+"""Arrays of a point, in their order in the bytes."""
+
+STATE_FIELDS, MODE_FIELDS = POINT_FIELDS[:3], POINT_FIELDS[:1]
+"""Arrays that the points of a trajectory, and of a mode schedule, have."""
+
+COUNT_FORMAT, TIME_FORMAT = struct.Struct("<I"), struct.Struct("<iI")
+"""Layouts of a number of elements, and of a time in seconds and nanoseconds."""
 
 Rows = FloatArray | Sequence[Sequence[float]]
-"""float64[points, values], or where points do not all have as many values, a row for each."""
+"""Values of all points, float64[points, values], or one sequence for each point if lengths differ.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class PointArrays:
-    """What a JointTrajectory says.
+    """Content of a JointTrajectory.
 
-    stamp_ns  of its header, ns
-    time_ns   of its points, int64[points] ns after the stamp
+    Attributes:
+        stamp_ns: Stamp of its header [ns].
+        joint_names: Names of its joints.
+        time_ns: Times of its points after the stamp, int64[points], [ns].
+        positions: Positions of its points, float64[points, joints], or one sequence for each point.
+        velocities: Velocities of its points, in the same form; rows may be empty.
+        accelerations: Accelerations of its points, in the same form; rows may be empty.
+        effort: Efforts of its points, in the same form; rows may be empty.
     """
 
     stamp_ns: int
@@ -56,24 +68,42 @@ class PointArrays:
     effort: Rows
 
 
-def point_arrays(message: JointTrajectory | bytes, what: str, most: int) -> PointArrays:
-    """All arrays of a message, or of its bytes, with at most so many points.
+def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: int) -> PointArrays:
+    """Return the content of a message, or of its bytes, as arrays.
 
-    Raises MessageError where there are more, before anything else is looked at, where bytes are no
-    message, and for impossible times. `what` is what the message is called there.
+    Bytes are read by NumPy if their layout is regular, otherwise by rclpy. The number of points is
+    checked before any point is read.
+
+    Args:
+        message: Message, or its serialized bytes.
+        what: Name of the message, for the error.
+        max_points: Largest number of points.
+
+    Returns:
+        The content; joint names, sizes and values are not checked.
+
+    Raises:
+        MessageError: There are too many points, the bytes are no message, or a time is impossible.
     """
     if isinstance(message, bytes):
-        head = _Head(message)
-        _check_count(what, head.point_count, most)
-        return _of_bytes(message, head) or _of_message(_by_rclpy(message))
-    _check_count(what, len(message.points), most)
-    return _of_message(message)
+        head = _HeadReader(message)
+        _check_count(what, head.point_count, max_points)
+        return _read_regular_bytes(message, head) or _read_message(_decode_by_rclpy(message))
+    _check_count(what, len(message.points), max_points)
+    return _read_message(message)
 
 
-def stamp_of(raw: bytes) -> int:
-    """Stamp [ns] of a message, also of one that cannot be used otherwise; 0 where it has none."""
+def read_stamp(raw: bytes) -> int:
+    """Return the stamp of a serialized message, even if it cannot be used otherwise.
+
+    Args:
+        raw: Bytes of the message.
+
+    Returns:
+        Stamp [ns]; 0 if it cannot be read.
+    """
     try:
-        sec, nanosec = _Head(raw).stamp
+        sec, nanosec = _HeadReader(raw).stamp
         stamps.check_nanoseconds(nanosec)
     except MessageError:
         return 0
@@ -81,103 +111,159 @@ def stamp_of(raw: bytes) -> int:
 
 
 def to_bytes(arrays: PointArrays) -> bytes:
-    """The bytes of a message with at least one point; positions are not empty."""
-    head = bytearray(TIME.pack(*_seconds_and_rest(arrays.stamp_ns)))
+    """Serialize a message from its arrays.
+
+    Args:
+        arrays: Content with at least one point. Positions are not empty, and every other array is
+            empty or has as many columns as the positions.
+
+    Returns:
+        Bytes of the message, as rclpy would serialize it.
+    """
+    head = bytearray(TIME_FORMAT.pack(*_split_seconds(arrays.stamp_ns)))
     _append_text(head, "")  # the frame
     _append_count(head, len(arrays.joint_names))
     for name in arrays.joint_names:
         _append_text(head, name)
     _append_count(head, len(arrays.time_ns))
-    values = {field: np.asarray(getattr(arrays, field), dtype=np.float64) for field in FIELDS}
-    given = tuple(field for field in FIELDS if values[field].size > 0)
+    values = {field: np.asarray(getattr(arrays, field), dtype=np.float64) for field in POINT_FIELDS}
+    given = tuple(field for field in POINT_FIELDS if values[field].size > 0)
     columns = values["positions"].shape[1]
-    points = np.zeros(len(arrays.time_ns), _record(columns, given))
+    points = np.zeros(len(arrays.time_ns), _make_point_dtype(columns, given))
     for field in given:
         points[f"{field} count"], points[field] = columns, values[field]
-    points["sec"], points["nanosec"] = _seconds_and_rest(arrays.time_ns)
+    points["sec"], points["nanosec"] = _split_seconds(arrays.time_ns)
     body = points.tobytes()
     if len(head) % 8 == 0:  # the first point's positions need padding
         body = body[:4] + bytes(4) + body[4:]
-    return ENCAPSULATION + bytes(head) + body
+    return CDR_ENCAPSULATION + bytes(head) + body
 
 
 def _check_count(what: str, count: int, most: int) -> None:
+    """Raise MessageError if a message has more points than allowed."""
     if count > most:
         raise MessageError(f"{what} has {count} points; give at most {most}")
 
 
-class _Head:
-    """What stands before the points; MessageError where bytes are no message.
+class _HeadReader:
+    """Start of a serialized message, before its points.
 
-    start: where the points begin, counted as alignment is.
+    Attributes:
+        stamp: Stamp as seconds and nanoseconds.
+        joint_names: Names of the joints.
+        point_count: Number of points.
+        start: Offset of the points, from behind the encapsulation, as alignment is counted.
     """
 
     def __init__(self, raw: bytes) -> None:
-        if raw[:2] != ENCAPSULATION[:2]:  # two bytes of options follow
-            raise _unreadable(raw)
-        self._raw = raw
-        self._at = len(ENCAPSULATION)
-        try:
-            self.stamp = self._numbers(TIME)
-            self._text()  # the frame has no meaning here
-            self.joint_names = [self._text() for _ in range(self._count())]
-            self.point_count = self._count()
-        except (struct.error, UnicodeDecodeError) as error:
-            raise _unreadable(raw) from error
-        self.start = self._at - len(ENCAPSULATION)
+        """Read the start of a message; raise MessageError if the bytes are no message.
 
-    def _numbers(self, layout: struct.Struct) -> tuple[int, ...]:
+        Args:
+            raw: Bytes of the message.
+        """
+        if raw[:2] != CDR_ENCAPSULATION[:2]:  # two bytes of options follow
+            raise _make_unreadable_error(raw)
+        self._raw = raw
+        self._at = len(CDR_ENCAPSULATION)
+        try:
+            self.stamp = self._read_numbers(TIME_FORMAT)
+            self._read_text()  # the frame has no meaning here
+            self.joint_names = [self._read_text() for _ in range(self._read_count())]
+            self.point_count = self._read_count()
+        except (struct.error, UnicodeDecodeError) as error:
+            raise _make_unreadable_error(raw) from error
+        self.start = self._at - len(CDR_ENCAPSULATION)
+
+    def _read_numbers(self, layout: struct.Struct) -> tuple[int, ...]:
+        """Read numbers at the present offset, after padding to 4 bytes, and move on.
+
+        Args:
+            layout: Layout of the numbers.
+
+        Returns:
+            The numbers.
+        """
         self._at += -self._at % 4
         numbers = layout.unpack_from(self._raw, self._at)
         self._at += layout.size
         return numbers
 
-    def _count(self) -> int:
-        return self._numbers(COUNT)[0]
+    def _read_count(self) -> int:
+        """Read a number of elements, and move on."""
+        return self._read_numbers(COUNT_FORMAT)[0]
 
-    def _text(self) -> str:
-        length = self._count()
+    def _read_text(self) -> str:
+        """Read a text, and move on; raise MessageError if it is longer than the bytes left.
+
+        Returns:
+            The text without its final zero byte.
+        """
+        length = self._read_count()
         if length > len(self._raw) - self._at:
-            raise _unreadable(self._raw)
+            raise _make_unreadable_error(self._raw)
         self._at += length
         return self._raw[self._at - length : self._at].rstrip(b"\0").decode()
 
 
-def _of_message(message: JointTrajectory) -> PointArrays:
+def _read_message(message: JointTrajectory) -> PointArrays:
+    """Return the content of a message that rclpy has decoded."""
     times = [stamps.from_duration(point.time_from_start) for point in message.points]
     return PointArrays(
         stamps.from_time(message.header.stamp),
         message.joint_names,
         np.array(times, dtype=np.int64),
-        *([getattr(point, field) for point in message.points] for field in FIELDS),
+        *([getattr(point, field) for point in message.points] for field in POINT_FIELDS),
     )
 
 
-def _of_bytes(raw: bytes, head: _Head) -> PointArrays | None:
-    """The arrays in these bytes; None where they do not stand at even distances."""
-    count, base = head.point_count, head.start + len(ENCAPSULATION)
-    if len(raw) < base + COUNT.size:
+def _read_regular_bytes(raw: bytes, head: _HeadReader) -> PointArrays | None:
+    """Read all points at once from bytes with a regular layout.
+
+    Args:
+        raw: Bytes of the message.
+        head: Start of the message.
+
+    Returns:
+        The content. None if there are no points, or if the layout is not regular. It is regular if
+        all points have positions alone, or positions, velocities and accelerations, all of one
+        length.
+    """
+    count, base = head.point_count, head.start + len(CDR_ENCAPSULATION)
+    if count == 0 or len(raw) < base + COUNT_FORMAT.size:
         return None
-    (columns,) = COUNT.unpack_from(raw, base)
+    (columns,) = COUNT_FORMAT.unpack_from(raw, base)
     if not 0 < 8 * columns <= len(raw):
         return None
     padded = head.start % 8 == 0
-    for given in (FULL, POSITIONS_ONLY):
-        record = _record(columns, given)
+    for given in (STATE_FIELDS, MODE_FIELDS):
+        record = _make_point_dtype(columns, given)
         if base + 4 * padded + count * record.itemsize > len(raw):
             continue
         points = np.frombuffer(raw, record, count, base + 4 * padded)
-        # Where the first point is padded, its record begins behind its own count.
-        expected = {field: columns if field in given else 0 for field in FIELDS}
+        # If the first point is padded, its record begins behind its own count.
+        expected = {field: columns if field in given else 0 for field in POINT_FIELDS}
         if all(
             np.all(points[f"{field} count"][padded and field == "positions" :] == number)
             for field, number in expected.items()
         ):
-            return _of_points(head, points, given)
+            return _read_points(head, points, given)
     return None
 
 
-def _of_points(head: _Head, points: np.ndarray, given: tuple[str, ...]) -> PointArrays:
+def _read_points(head: _HeadReader, points: np.ndarray, given: tuple[str, ...]) -> PointArrays:
+    """Return the content of a message from its records.
+
+    Args:
+        head: Start of the message.
+        points: One record for each point, as laid out by `_make_point_dtype`.
+        given: Names of the arrays that are not empty.
+
+    Returns:
+        The content; arrays that are not given have no columns.
+
+    Raises:
+        MessageError: A time has a second or more in its nanoseconds.
+    """
     sec, nanosec = head.stamp
     for each in (nanosec, int(points["nanosec"].max())):
         stamps.check_nanoseconds(each)
@@ -185,22 +271,45 @@ def _of_points(head: _Head, points: np.ndarray, given: tuple[str, ...]) -> Point
         sec * SECOND_NS + nanosec,
         head.joint_names,
         points["sec"].astype(np.int64) * SECOND_NS + points["nanosec"],
-        *(points[field] if field in given else np.zeros((len(points), 0)) for field in FIELDS),
+        *(
+            points[field] if field in given else np.zeros((len(points), 0))
+            for field in POINT_FIELDS
+        ),
     )
 
 
-def _by_rclpy(raw: bytes) -> JointTrajectory:
+def _decode_by_rclpy(raw: bytes) -> JointTrajectory:
+    """Decode the bytes of a message by rclpy.
+
+    Args:
+        raw: Bytes of the message.
+
+    Returns:
+        The message.
+
+    Raises:
+        MessageError: The bytes are no JointTrajectory.
+    """
     try:
         return deserialize_message(raw, JointTrajectory)
-    except Exception as error:  # rclpy has no error of its own for this
-        raise _unreadable(raw) from error
+    except Exception as error:  # rclpy has no special error for this
+        raise _make_unreadable_error(raw) from error
 
 
-def _record(columns: int, given: tuple[str, ...]) -> np.dtype:
-    """Layout of a point that begins 4 bytes beyond a multiple of 8."""
+def _make_point_dtype(columns: int, given: tuple[str, ...]) -> np.dtype:
+    """Return the NumPy record of a point that begins 4 bytes beyond a multiple of 8.
+
+    Args:
+        columns: Number of values in each array that is not empty.
+        given: Names of these arrays.
+
+    Returns:
+        Type with the fields `<array> count` for all arrays, `<array>` for those given, `sec` and
+        `nanosec`.
+    """
     fields: dict[str, tuple[object, int]] = {}
     at = 0
-    for field in FIELDS:
+    for field in POINT_FIELDS:
         fields[f"{field} count"] = ("<u4", at)
         at += 4
         if field in given:
@@ -218,19 +327,28 @@ def _record(columns: int, given: tuple[str, ...]) -> np.dtype:
     )
 
 
-def _seconds_and_rest(time_ns: int | IntArray) -> tuple[int | IntArray, int | IntArray]:
+def _split_seconds(time_ns: int | IntArray) -> tuple[int | IntArray, int | IntArray]:
+    """Split times [ns] into whole seconds and the remaining nanoseconds."""
     return time_ns // SECOND_NS, time_ns % SECOND_NS
 
 
 def _append_count(head: bytearray, count: int) -> None:
-    head += bytes(-len(head) % 4) + COUNT.pack(count)
+    """Append a number of elements, aligned to 4 bytes, to `head` in place."""
+    head += bytes(-len(head) % 4) + COUNT_FORMAT.pack(count)
 
 
 def _append_text(head: bytearray, text: str) -> None:
+    """Append a text with its length and a zero byte.
+
+    Args:
+        head: Bytes so far, extended in place.
+        text: The text.
+    """
     content = text.encode() + b"\0"
     _append_count(head, len(content))
     head += content
 
 
-def _unreadable(raw: bytes) -> MessageError:
+def _make_unreadable_error(raw: bytes) -> MessageError:
+    """Return the error for bytes that are no JointTrajectory."""
     return MessageError(f"{len(raw)} bytes came that are no JointTrajectory; send one")

@@ -1,4 +1,4 @@
-"""Quality of service of the suite's topics, by name."""
+"""Quality of service of the suite's topics and services."""
 
 from __future__ import annotations
 
@@ -10,19 +10,30 @@ def _profile(
     reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
     durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
 ) -> QoSProfile:
+    """Return a profile that keeps the last `depth` messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=reliability, durability=durability
     )
 
 
 DEFAULT = _profile(10)
-"""Streams and commands."""
+"""Profile of streams and commands."""
 
 STATUS = _profile(100)
-"""Verdicts: none may be lost in a flood of goals."""
+"""Profile of verdicts and execution reports: none may be lost in a flood of goals."""
 
 LATCHED = _profile(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""State that a late joiner must see: the last message is kept for him."""
+"""Profile of state that a late subscriber must get: the last message is kept for it."""
+
+SERVICE_DEPTH = 4000
+"""Number of requests and answers that a service of the suite keeps until they are taken.
+
+ROS's default of 10 loses requests that come at once. A client's queue holds the answers to all
+clients.
+"""
+
+SERVICE = _profile(SERVICE_DEPTH)
+"""Profile of the suite's services, of its action's services, and of their clients."""
 
 CLOCK = _profile(1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""What all of ROS listens to /clock with."""
+"""Profile with which all of ROS subscribes /clock."""

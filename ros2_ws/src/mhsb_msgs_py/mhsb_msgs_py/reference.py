@@ -1,4 +1,4 @@
-"""Codec: `Reference` as trajectory_msgs/JointTrajectory with one point."""
+"""Codec of `Reference` as trajectory_msgs/JointTrajectory with one point."""
 
 from __future__ import annotations
 
@@ -16,14 +16,27 @@ from mhsb_msgs_py.errors import MessageError
 
 @dataclass(frozen=True)
 class Reference:
-    """The state that the servo follows at the absolute time `stamp_ns`."""
+    """State that the servo follows.
+
+    Attributes:
+        stamp_ns: Absolute time of the state [ns].
+        state: Position, velocity and acceleration of all joints.
+    """
 
     stamp_ns: int
     state: MotionState
 
 
 def encode(reference: Reference, joint_names: Sequence[str]) -> JointTrajectory:
-    """Message of a reference of n joints, n names."""
+    """Encode a reference of n joints.
+
+    Args:
+        reference: The reference.
+        joint_names: Names of the n joints.
+
+    Returns:
+        Message with one point at time 0.
+    """
     point = JointTrajectoryPoint(
         positions=array("d", reference.state.position),
         velocities=array("d", reference.state.velocity),
@@ -37,11 +50,21 @@ def encode(reference: Reference, joint_names: Sequence[str]) -> JointTrajectory:
 
 
 def decode(message: JointTrajectory, joint_names: Sequence[str]) -> Reference:
-    """The reference of a message, joints in the order of `joint_names`.
+    """Decode a message to a reference.
 
-    Raises MessageError where names, sizes, the point's time or numbers are not right.
+    Args:
+        message: The message, with its joints in any order.
+        joint_names: Names of the joints in the order of the result.
+
+    Returns:
+        The reference.
+
+    Raises:
+        MessageError: A name is missing, unknown or given twice, or there is not exactly one point,
+            at time 0. Or it has not one finite position, velocity and acceleration for each joint,
+            or the stamp is not a time that a clock may show.
     """
-    order = checks.joint_order("joint_names", message.joint_names, joint_names)
+    order = checks.find_joint_order("joint_names", message.joint_names, joint_names)
     if len(message.points) != 1:
         raise MessageError(f"the reference has {len(message.points)} points; give exactly one")
     point = message.points[0]
@@ -51,8 +74,8 @@ def decode(message: JointTrajectory, joint_names: Sequence[str]) -> Reference:
             f"the reference is {offset_ns / 1e9:g} s after its stamp; give it at its stamp"
         )
     state = MotionState(
-        checks.values("positions", point.positions, order),
-        checks.values("velocities", point.velocities, order),
-        checks.values("accelerations", point.accelerations, order),
+        checks.check_values("positions", point.positions, order),
+        checks.check_values("velocities", point.velocities, order),
+        checks.check_values("accelerations", point.accelerations, order),
     )
-    return Reference(stamps.from_time(message.header.stamp), state)
+    return Reference(stamps.from_clock(message.header.stamp), state)

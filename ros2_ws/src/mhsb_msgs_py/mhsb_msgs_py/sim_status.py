@@ -1,8 +1,8 @@
-"""Codec: what the simulator reports of plans and of itself, as statuses on /diagnostics.
+"""Codec of the simulator's reports on plans and on itself, as statuses on /diagnostics.
 
-A `HandOverReport` is sent once for every plan that the simulator applied, refused or dropped; a
-`SimulatorReport` once a second, at once where it turns faulty, warns, ceases to, or is asked to
-stop, and ten times a second while the delay of plans changes.
+A `HandOverReport` is sent once for every plan that the simulator applied, refused or dropped. A
+`SimulatorReport` is sent once a second. It is also sent at once when it turns faulty, begins or
+ceases to warn, or is asked to stop, and ten times a second while the delay of plans changes.
 """
 
 from __future__ import annotations
@@ -23,13 +23,18 @@ from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.names import SIM_NODE
-from mhsb_msgs_py.status_values import StatusValues, status
+from mhsb_msgs_py.status_values import StatusValues, make_status
 
-__all__ = ["APPLIED", "HandOverReport", "SimulatorReport", "decode", "encode"]
+__all__ = ["APPLIED_OUTCOME", "HandOverReport", "SimulatorReport", "decode", "encode"]
 
 HAND_OVER_STATUS = f"{SIM_NODE}: hand_over"
+"""Name of the status on a plan."""
+
 SIMULATOR_STATUS = f"{SIM_NODE}: simulator"
-APPLIED = HandOverOutcome.APPLIED
+"""Name of the status on the simulator itself."""
+
+APPLIED_OUTCOME = HandOverOutcome.APPLIED
+"""Outcome of a plan that the simulator executes."""
 
 Choice = TypeVar("Choice", bound=StrEnum)
 
@@ -37,37 +42,66 @@ Choice = TypeVar("Choice", bound=StrEnum)
 def encode(
     report: HandOverReport | SimulatorReport, stamp_ns: int, namespace: str = "/"
 ) -> DiagnosticArray:
-    """Message with one report, sent at `stamp_ns` by the simulator in a namespace."""
-    encoded = _hand_over(report) if isinstance(report, HandOverReport) else _simulator(report)
-    encoded.hardware_id = _source(namespace)
+    """Encode one report.
+
+    Args:
+        report: The report.
+        stamp_ns: Stamp of the message [ns].
+        namespace: Namespace of the simulator that sends it.
+
+    Returns:
+        Message whose `hardware_id` is the full name of the simulator's node.
+    """
+    encoded = (
+        _encode_hand_over(report)
+        if isinstance(report, HandOverReport)
+        else _encode_simulator(report)
+    )
+    encoded.hardware_id = _get_node_name(namespace)
     return DiagnosticArray(header=Header(stamp=stamps.to_time(stamp_ns)), status=[encoded])
 
 
 def decode(
     message: DiagnosticArray, namespace: str | None = None
 ) -> list[HandOverReport | SimulatorReport]:
-    """The simulator's reports in a message of /diagnostics; those of others are passed over.
+    """Decode the simulator's reports in a message of /diagnostics; skip all other statuses.
 
-    namespace  of the simulator that counts, since all of them speak on that topic; None for any
+    Args:
+        message: The message.
+        namespace: Namespace of the simulator whose reports count; None for any. All nodes publish
+            on this topic.
 
-    Raises MessageError for missing or unreadable values.
+    Returns:
+        The reports in their order.
+
+    Raises:
+        MessageError: A value is missing or cannot be read.
     """
     reports: list[HandOverReport | SimulatorReport] = []
     for each in message.status:
-        if namespace is not None and each.hardware_id != _source(namespace):
+        if namespace is not None and each.hardware_id != _get_node_name(namespace):
             continue
         if each.name == HAND_OVER_STATUS:
-            reports.append(_read_hand_over(each))
+            reports.append(_decode_hand_over(each))
         elif each.name == SIMULATOR_STATUS:
-            reports.append(_read_simulator(each))
+            reports.append(_decode_simulator(each))
     return reports
 
 
-def _source(namespace: str) -> str:
+def _get_node_name(namespace: str) -> str:
+    """Return the full name of the simulator's node in a namespace."""
     return f"{namespace.rstrip('/')}/{SIM_NODE}"
 
 
-def _hand_over(report: HandOverReport) -> DiagnosticStatus:
+def _encode_hand_over(report: HandOverReport) -> DiagnosticStatus:
+    """Return the status of a report on a plan.
+
+    Args:
+        report: The report.
+
+    Returns:
+        Status with level OK if the plan was applied, else WARN.
+    """
     values = {
         "outcome": str(report.outcome),
         "reason": str(report.reason),
@@ -75,39 +109,70 @@ def _hand_over(report: HandOverReport) -> DiagnosticStatus:
         "position_jump_rad": repr(float(report.position_jump)),
         "velocity_jump_rad_s": repr(float(report.velocity_jump)),
     }
-    level = Level.OK if report.outcome == APPLIED else Level.WARN
-    return status(HAND_OVER_STATUS, level, report.sentence, SIM_NODE, values)
+    level = Level.OK if report.outcome == APPLIED_OUTCOME else Level.WARN
+    return make_status(HAND_OVER_STATUS, level, report.sentence, SIM_NODE, values)
 
 
-def _simulator(report: SimulatorReport) -> DiagnosticStatus:
+def _encode_simulator(report: SimulatorReport) -> DiagnosticStatus:
+    """Return the status of a report of the simulator on itself.
+
+    Args:
+        report: The report.
+
+    Returns:
+        Status with level ERROR for a fault, WARN for a warning, else OK.
+    """
     values = {
         "sim_time": stamps.to_text(report.sim_time_ns),
         "last_stop": stamps.to_text(report.last_stop_ns),
         "plan_delay_s": repr(float(report.plan_delay)),
         "interventions": str(report.interventions),
         "lost_servo_pumps": " ".join(map(str, report.lost_servo_pumps)),
+        "machine": report.machine,
+        "machine_hash": report.machine_hash,
+        "faults": str(report.faults),
+        "last_fault": report.last_fault,
         "real_time_factor": repr(float(report.real_time_factor)),
         "energy_mp_j": repr(float(report.main_pump_j)),
         "energy_sp_j": repr(float(report.servo_pumps_j)),
     }
     level = Level.ERROR if report.faulty else Level.WARN if report.warning else Level.OK
-    return status(SIMULATOR_STATUS, level, report.sentence, SIM_NODE, values)
+    return make_status(SIMULATOR_STATUS, level, report.sentence, SIM_NODE, values)
 
 
-def _read_hand_over(message: DiagnosticStatus) -> HandOverReport:
+def _decode_hand_over(message: DiagnosticStatus) -> HandOverReport:
+    """Return the report on a plan that a status contains.
+
+    Args:
+        message: The status.
+
+    Returns:
+        The report. Its reason is NONE if the status has none, as in recordings of earlier versions.
+    """
     values = StatusValues(message)
     return HandOverReport(
-        _choice(values, "outcome", HandOverOutcome),
+        _decode_choice(values, "outcome", HandOverOutcome),
         message.message,
         values.time("plan_stamp"),
         values.number("position_jump_rad"),
         values.number("velocity_jump_rad_s"),
-        # Recordings of earlier versions tell none.
-        _choice(values, "reason", HandOverReason) if values.has("reason") else HandOverReason.NONE,
+        # Recordings of earlier versions have none.
+        _decode_choice(values, "reason", HandOverReason)
+        if values.has("reason")
+        else HandOverReason.NONE,
     )
 
 
-def _read_simulator(message: DiagnosticStatus) -> SimulatorReport:
+def _decode_simulator(message: DiagnosticStatus) -> SimulatorReport:
+    """Return the report of the simulator on itself that a status contains.
+
+    Args:
+        message: The status. Recordings of earlier versions lack some values, which get their
+            defaults.
+
+    Returns:
+        The report.
+    """
     values = StatusValues(message)
     return SimulatorReport(
         message.message,
@@ -117,14 +182,31 @@ def _read_simulator(message: DiagnosticStatus) -> SimulatorReport:
         values.number("energy_mp_j"),
         values.number("energy_sp_j"),
         message.level == bytes([Level.WARN]),
-        values.time("last_stop") if values.has("last_stop") else 0,  # as above
-        values.finite("plan_delay_s") if values.has("plan_delay_s") else 0.0,  # as above
-        values.count("interventions") if values.has("interventions") else 0,  # as above
-        values.counts("lost_servo_pumps") if values.has("lost_servo_pumps") else (),  # as above
+        values.time("last_stop") if values.has("last_stop") else 0,
+        values.finite("plan_delay_s") if values.has("plan_delay_s") else 0.0,
+        values.count("interventions") if values.has("interventions") else 0,
+        values.counts("lost_servo_pumps") if values.has("lost_servo_pumps") else (),
+        values.text("machine") if values.has("machine") else "",
+        values.text("machine_hash") if values.has("machine_hash") else "",
+        values.count("faults") if values.has("faults") else 0,
+        values.text("last_fault") if values.has("last_fault") else "",
     )
 
 
-def _choice(values: StatusValues, key: str, choices: type[Choice]) -> Choice:
+def _decode_choice(values: StatusValues, key: str, choices: type[Choice]) -> Choice:
+    """Return the member of an enumeration whose text is the value of a key.
+
+    Args:
+        values: Values of a status on a plan.
+        key: Key of the value.
+        choices: The enumeration.
+
+    Returns:
+        The member.
+
+    Raises:
+        MessageError: The value is missing or is no member.
+    """
     text = values.text(key)
     try:
         return choices(text)

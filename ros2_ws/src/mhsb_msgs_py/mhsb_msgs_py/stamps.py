@@ -1,4 +1,4 @@
-"""Times and durations of ROS as integer nanoseconds, in which nothing is lost."""
+"""Times and durations of ROS as integer nanoseconds, without loss."""
 
 from __future__ import annotations
 
@@ -8,40 +8,85 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_msgs_py.errors import MessageError
 
 MOST_DIGITS = 10
-"""Digits of the seconds of a time as text; a message has 2^31 s at most."""
+"""Largest number of digits of the seconds in a text; a message holds at most 2^31 s."""
 
 FIRST_SECOND, LAST_SECOND = -(2**31), 2**31 - 1
+"""Range of the seconds in a message [s]."""
+
+LATEST_PRESENT = LAST_SECOND - 10_000_000
+"""Latest time that a clock may show [s].
+
+Stamps of plans up to four months later still fit into a message.
+"""
 
 
 def to_time(time_ns: int) -> Time:
-    """Time message of an absolute time [ns]; ValueError beyond what its seconds can hold."""
+    """Return the message of an absolute time [ns]; raise ValueError if it does not fit."""
     return Time(**_fields(time_ns))
 
 
 def from_time(message: Time) -> int:
-    """Absolute time [ns]."""
+    """Return the absolute time of a message [ns]."""
+    return _nanoseconds(message)
+
+
+def from_clock(message: Time) -> int:
+    """Return the time that a clock shows.
+
+    Args:
+        message: Time message.
+
+    Returns:
+        Absolute time [ns].
+
+    Raises:
+        MessageError: It is before 1970 or later than `LATEST_PRESENT`, so that later times would
+            not fit into a message; or its nanoseconds make a second or more.
+    """
+    if not 0 <= message.sec <= LATEST_PRESENT:
+        raise MessageError(
+            f"a clock shows {message.sec} s; it must be from 0 to {LATEST_PRESENT} s, so that "
+            "later times fit into a message"
+        )
     return _nanoseconds(message)
 
 
 def to_duration(duration_ns: int) -> Duration:
-    """Duration message of a duration [ns]; ValueError beyond what its seconds can hold."""
+    """Return the message of a duration [ns]; raise ValueError if it does not fit."""
     return Duration(**_fields(duration_ns))
 
 
 def from_duration(message: Duration) -> int:
-    """Duration [ns]."""
+    """Return the duration of a message [ns]."""
     return _nanoseconds(message)
 
 
 def to_text(time_ns: int) -> str:
-    """A time [ns] as seconds with nine decimals, exactly: `12.000000005`."""
+    """Return a time as seconds with nine decimals, without loss.
+
+    Args:
+        time_ns: Time [ns].
+
+    Returns:
+        A text such as "12.000000005".
+    """
     sign = "-" if time_ns < 0 else ""
     seconds, nanoseconds = divmod(abs(time_ns), SECOND_NS)
     return f"{sign}{seconds}.{nanoseconds:09d}"
 
 
 def from_text(text: str) -> int:
-    """The time [ns] that `to_text` wrote."""
+    """Return the time that `to_text` wrote.
+
+    Args:
+        text: Seconds with nine decimals.
+
+    Returns:
+        Time [ns].
+
+    Raises:
+        MessageError: The text has another form.
+    """
     seconds, dot, decimals = text.removeprefix("-").partition(".")
     readable = dot and seconds.isdecimal() and decimals.isdecimal() and len(decimals) == 9
     if not readable or len(seconds) > MOST_DIGITS:
@@ -54,7 +99,7 @@ def from_text(text: str) -> int:
 
 
 def check_nanoseconds(nanosec: int) -> None:
-    """MessageError where a time or duration has a second or more beside its seconds."""
+    """Raise MessageError if the nanoseconds of a time or duration make a second or more."""
     if nanosec >= SECOND_NS:
         raise MessageError(
             f"a time has {nanosec} ns beside its seconds; it must be below {SECOND_NS}"
@@ -62,6 +107,17 @@ def check_nanoseconds(nanosec: int) -> None:
 
 
 def _fields(time_ns: int) -> dict[str, int]:
+    """Split a time [ns] into the fields of a message.
+
+    Args:
+        time_ns: Time or duration [ns].
+
+    Returns:
+        Fields `sec` and `nanosec`; nanoseconds are not negative.
+
+    Raises:
+        ValueError: The seconds do not fit into 32 bits.
+    """
     seconds, nanoseconds = divmod(int(time_ns), SECOND_NS)
     if not FIRST_SECOND <= seconds <= LAST_SECOND:
         raise ValueError(f"{seconds} s does not fit into a message, which holds 32 bits of seconds")
@@ -69,5 +125,6 @@ def _fields(time_ns: int) -> dict[str, int]:
 
 
 def _nanoseconds(message: Time | Duration) -> int:
+    """Return the time or duration of a message [ns]; raise MessageError if it is impossible."""
     check_nanoseconds(message.nanosec)
     return int(message.sec) * SECOND_NS + int(message.nanosec)

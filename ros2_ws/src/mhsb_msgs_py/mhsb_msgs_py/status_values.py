@@ -1,7 +1,7 @@
-"""The key/value pairs of a DiagnosticStatus, written and read by kind.
+"""Key/value pairs of a DiagnosticStatus, written and read by type.
 
-All values are strings: numbers as Python writes them (nothing is lost), times as seconds with
-nine decimals.
+All values are strings: numbers as Python writes them, without loss, and times as seconds with nine
+decimals.
 """
 
 from __future__ import annotations
@@ -16,10 +16,21 @@ from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 
 
-def status(
+def make_status(
     name: str, level: Level, sentence: str, hardware_id: str, values: Mapping[str, str]
 ) -> DiagnosticStatus:
-    """A status message with these values."""
+    """Return a status message.
+
+    Args:
+        name: Name of the status.
+        level: Level of the status.
+        sentence: Text of the status.
+        hardware_id: Sender of the status.
+        values: Texts by key.
+
+    Returns:
+        The message.
+    """
     return DiagnosticStatus(
         level=bytes([level]),
         name=name,
@@ -30,9 +41,14 @@ def status(
 
 
 class StatusValues:
-    """The values of a status, read by key and kind; each call raises MessageError on failure."""
+    """Values of a status, read by key and type; each method raises MessageError on failure."""
 
     def __init__(self, status: DiagnosticStatus) -> None:
+        """Index the values by key; raise MessageError if a key exists twice.
+
+        Args:
+            status: The status.
+        """
         self._name = status.name
         self._texts: dict[str, str] = {}
         for item in status.values:
@@ -41,25 +57,39 @@ class StatusValues:
             self._texts[item.key] = item.value
 
     def has(self, key: str) -> bool:
-        """Whether a value is there, where it may be left out."""
+        """Return whether the status has a value with this key."""
         return key in self._texts
 
     def text(self, key: str) -> str:
-        """A value as it is."""
+        """Return a value as text.
+
+        Args:
+            key: Key of the value.
+
+        Returns:
+            The text as it was sent.
+        """
         if key not in self._texts:
             raise MessageError(f"the value {key} of '{self._name}' is missing")
         return self._texts[key]
 
     def time(self, key: str) -> int:
-        """A time [ns]."""
+        """Return a value as time [ns]."""
         return stamps.from_text(self.text(key))
 
     def number(self, key: str) -> float:
-        """A number, NaN and infinity included."""
+        """Return a value as number, which may be NaN or infinite."""
         return float(self._convert(key, float, "a number"))
 
     def finite(self, key: str) -> float:
-        """A finite number."""
+        """Return a value as finite number.
+
+        Args:
+            key: Key of the value.
+
+        Returns:
+            The number; NaN and infinity are refused.
+        """
         number = self.number(key)
         if not math.isfinite(number):
             raise MessageError(
@@ -68,11 +98,18 @@ class StatusValues:
         return number
 
     def count(self, key: str) -> int:
-        """A whole number."""
+        """Return a value as integer."""
         return int(self._convert(key, int, "a whole number"))
 
     def counts(self, key: str) -> tuple[int, ...]:
-        """Whole numbers with spaces in between, or none."""
+        """Return a value as integers.
+
+        Args:
+            key: Key of the value, whose text has the integers with spaces in between.
+
+        Returns:
+            The integers; none for an empty text.
+        """
         text = self.text(key)
         try:
             return tuple(int(word) for word in text.split())
@@ -82,6 +119,19 @@ class StatusValues:
             ) from None
 
     def _convert(self, key: str, kind: type[float] | type[int], meaning: str) -> float | int:
+        """Convert a value to a number.
+
+        Args:
+            key: Key of the value.
+            kind: Type of the number, float or int.
+            meaning: Words for this type in the error, such as "a whole number".
+
+        Returns:
+            The number.
+
+        Raises:
+            MessageError: The value is missing or cannot be converted.
+        """
         try:
             return kind(self.text(key))
         except ValueError:

@@ -1,4 +1,4 @@
-"""The suite's topics: name, message type and QoS, in one table."""
+"""Topics of the suite: name, message type and QoS, in one table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,13 @@ from mhsb_msgs_py import names, qos
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """One topic; `node.create_publisher(topic.message, topic.name, topic.qos)` uses it."""
+    """One topic, used as `node.create_publisher(topic.message, topic.name, topic.qos)`.
+
+    Attributes:
+        name: Name of the topic.
+        message: Class of its messages.
+        qos: Quality of service of its publisher and subscriptions.
+    """
 
     name: str
     message: type[Any]
@@ -29,7 +35,7 @@ class Topic:
 
     @property
     def type_name(self) -> str:
-        """The message type as ROS writes it: `std_msgs/msg/String`."""
+        """Message type as ROS writes it, such as `std_msgs/msg/String`."""
         package = self.message.__module__.partition(".")[0]
         return f"{package}/msg/{self.message.__name__}"
 
@@ -69,3 +75,4 @@ SUITE_TOPICS = (
     DIAGNOSTICS,
     CLOCK,
 )
+"""All topics of the suite."""

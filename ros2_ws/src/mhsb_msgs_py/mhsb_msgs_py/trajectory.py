@@ -1,9 +1,9 @@
-"""Codec: `Trajectory` as trajectory_msgs/JointTrajectory.
+"""Codec of `Trajectory` as trajectory_msgs/JointTrajectory.
 
-All arrays are full, points stand at most 20 ms apart, the last one has zero velocity. The
-message passes the checks of ros2_control's joint_trajectory_controller, and the curve is the
-quintic interpolation between its points on both sides. `to_bytes` and bytes given to `decode` are
-the message as it goes over the wire, which is many times faster for long ones.
+Positions, velocities and accelerations are full, points are at most 20 ms apart, and the last one
+has zero velocity. The message passes the checks of ros2_control's joint_trajectory_controller. On
+both sides the curve is the quintic interpolation between its points. `to_bytes`, and bytes given to
+`decode`, use the serialized message, which is many times faster for long ones.
 """
 
 from __future__ import annotations
@@ -15,21 +15,26 @@ import numpy as np
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mhsb_model.trajectory import LONGEST_NS, POINT_SPACING_NS, Trajectory
+from mhsb_model.trajectory import MAX_DURATION_NS, MAX_POINT_SPACING_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_msgs_py import checks, point_arrays, stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.point_arrays import PointArrays
 
 MOST_POINTS = 40_000
-"""Greatest number of points that an arm takes."""
+"""Largest number of points that an arm accepts."""
 
 SMALLEST_END_VELOCITY = 1e-9
-"""Below this the end counts as standing still [rad/s]."""
+"""Largest joint speed of the last point that counts as standing still [rad/s]."""
 
 
 def encode(trajectory: Trajectory, joint_names: Sequence[str]) -> JointTrajectory:
-    """Message of a trajectory of n joints, n names."""
+    """Encode a trajectory of n joints.
+
+    Args:
+        trajectory: The trajectory.
+        joint_names: Names of the n joints.
+    """
     return JointTrajectory(
         header=Header(stamp=stamps.to_time(trajectory.stamp_ns)),
         joint_names=list(joint_names),
@@ -52,7 +57,17 @@ def encode(trajectory: Trajectory, joint_names: Sequence[str]) -> JointTrajector
 
 
 def to_bytes(trajectory: Trajectory, joint_names: Sequence[str]) -> bytes:
-    """`encode`, and what rclpy would then make of it for the wire, at once."""
+    """Encode a trajectory to the bytes of its message.
+
+    The result equals `encode` and the serialization of rclpy, and takes less time.
+
+    Args:
+        trajectory: The trajectory of n joints.
+        joint_names: Names of the n joints.
+
+    Returns:
+        Serialized message.
+    """
     return point_arrays.to_bytes(
         PointArrays(
             trajectory.stamp_ns,
@@ -67,27 +82,45 @@ def to_bytes(trajectory: Trajectory, joint_names: Sequence[str]) -> bytes:
 
 
 def decode(message: JointTrajectory | bytes, joint_names: Sequence[str]) -> Trajectory:
-    """The trajectory of a message or of its bytes, joints in the order of `joint_names`.
+    """Decode a message, or its bytes, to a trajectory.
 
-    Raises MessageError where length, names, sizes, times, numbers or the end velocity are not
-    right.
+    Args:
+        message: The message, with its joints in any order.
+        joint_names: Names of the joints in the order of the result.
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        MessageError: A name is missing, unknown or given twice. Or there are no points or more than
+            MOST_POINTS. Or times do not start at 0, do not increase, are more than 20 ms apart or
+            exceed MAX_DURATION_NS. Or a point has not one finite position, velocity and
+            acceleration for each joint, or has efforts. Or a joint still moves at the last point.
     """
-    given = point_arrays.point_arrays(message, "the trajectory", MOST_POINTS)
-    order = checks.joint_order("joint_names", given.joint_names, joint_names)
-    offset = checks.point_times("the trajectory", given.time_ns, apart_ns=POINT_SPACING_NS)
-    if offset[-1] > LONGEST_NS:
+    given = point_arrays.read_point_arrays(message, "the trajectory", MOST_POINTS)
+    order = checks.find_joint_order("joint_names", given.joint_names, joint_names)
+    offset = checks.check_point_times(
+        "the trajectory", given.time_ns, max_spacing_ns=MAX_POINT_SPACING_NS
+    )
+    if offset[-1] > MAX_DURATION_NS:
         raise MessageError(
-            f"the trajectory takes {offset[-1] / 1e9:g} s; give at most {LONGEST_NS / 1e9:g} s"
+            f"the trajectory takes {offset[-1] / 1e9:g} s; give at most {MAX_DURATION_NS / 1e9:g} s"
         )
-    checks.empty_rows("effort", given.effort)
-    position = checks.point_table("positions", given.positions, order)
-    velocity = checks.point_table("velocities", given.velocities, order)
-    acceleration = checks.point_table("accelerations", given.accelerations, order)
+    checks.check_empty_rows("effort", given.effort)
+    position = checks.check_point_table("positions", given.positions, order)
+    velocity = checks.check_point_table("velocities", given.velocities, order)
+    acceleration = checks.check_point_table("accelerations", given.accelerations, order)
     _check_standstill(velocity[-1], joint_names)
     return Trajectory(given.stamp_ns, offset, position, velocity, acceleration)
 
 
 def _check_standstill(velocity: FloatArray, joint_names: Sequence[str]) -> None:
+    """Raise MessageError if a joint still moves at the last point.
+
+    Args:
+        velocity: Joint velocities of the last point, float64[n], [rad/s or m/s].
+        joint_names: Names of the joints.
+    """
     fastest = int(np.argmax(np.abs(velocity)))
     if abs(velocity[fastest]) > SMALLEST_END_VELOCITY:
         raise MessageError(

@@ -14,10 +14,8 @@ from mhsb_msgs_py import actuator_states as codec
 from mhsb_msgs_py.errors import MessageError
 
 NAMES = ("actuator_1", "actuator_2")
-COUNT = len(codec.QUANTITIES)
-tables = arrays(
-    np.float64, (COUNT, 2), elements=st.floats(allow_nan=False, allow_infinity=False)
-)
+COUNT = len(codec.SAMPLE_FIELDS)
+tables = arrays(np.float64, (COUNT, 2), elements=st.floats(allow_nan=False, allow_infinity=False))
 
 
 @given(st.integers(0, 10**18), tables)
@@ -25,7 +23,7 @@ def test_a_sample_comes_back_from_the_wire_to_the_last_bit(stamp, table):
     sent = serialize_message(codec.encode(codec.ActuatorSample(stamp, *table), NAMES))
     back = codec.decode(deserialize_message(sent, JointState), NAMES)
     assert back.stamp_ns == stamp
-    for quantity, expected in zip(codec.QUANTITIES, table, strict=True):
+    for quantity, expected in zip(codec.SAMPLE_FIELDS, table, strict=True):
         np.testing.assert_array_equal(getattr(back, quantity), expected)
 
 

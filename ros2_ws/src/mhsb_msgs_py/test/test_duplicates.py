@@ -6,7 +6,7 @@ import pytest
 import rclpy
 from std_msgs.msg import String
 
-from mhsb_msgs_py.duplicates import duplicate_problem
+from mhsb_msgs_py.duplicates import describe_duplicates
 
 
 @pytest.fixture
@@ -29,14 +29,14 @@ def test_a_node_alone_has_no_problem_and_others_may_have_other_names_and_topics(
     make("leg", "reference_of_leg")
     make("arm", "reference", namespace="/left")
     eventually(lambda: node.count_publishers("/left/reference") == 1)
-    assert duplicate_problem(node, [publisher]) == ""
+    assert describe_duplicates(node, [publisher]) == ""
 
 
 def test_a_second_node_of_the_same_name_is_told(make, eventually):
     node, publisher = make("arm", "reference", namespace="/left")
     make("arm", "another", namespace="/left")
-    eventually(lambda: duplicate_problem(node, [publisher]) != "")
-    assert duplicate_problem(node, [publisher]).startswith(
+    eventually(lambda: describe_duplicates(node, [publisher]) != "")
+    assert describe_duplicates(node, [publisher]).startswith(
         "there are 2 nodes called /left/arm; one is allowed: end the others"
     )
 
@@ -44,7 +44,7 @@ def test_a_second_node_of_the_same_name_is_told(make, eventually):
 def test_a_second_publisher_of_a_topic_is_told_until_it_is_gone(make, eventually):
     node, publisher = make("arm", "reference")
     other, second = make("impostor", "/reference")
-    eventually(lambda: duplicate_problem(node, [publisher]) != "")
-    assert "/reference has 2 publishers; one is allowed" in duplicate_problem(node, [publisher])
+    eventually(lambda: describe_duplicates(node, [publisher]) != "")
+    assert "/reference has 2 publishers; one is allowed" in describe_duplicates(node, [publisher])
     other.destroy_publisher(second)
-    eventually(lambda: duplicate_problem(node, [publisher]) == "")
+    eventually(lambda: describe_duplicates(node, [publisher]) == "")

@@ -22,16 +22,16 @@ def node(ros_context):
 
 def test_a_subscription_has_its_topics_qos_unless_another_is_given(node):
     topic = topics.ROBOT_DESCRIPTION
-    own = endpoints.subscription(node, topic, print)
-    other = endpoints.subscription(node, topic, print, topics.REFERENCE.qos)
+    own = endpoints.make_subscription(node, topic, print)
+    other = endpoints.make_subscription(node, topic, print, topics.REFERENCE.qos)
     assert own.qos_profile.durability is QoSDurabilityPolicy.TRANSIENT_LOCAL
     assert other.qos_profile.durability is QoSDurabilityPolicy.VOLATILE
 
 
 def test_a_message_arrives(node, ros_context):
     topic, heard = Topic("named", String, topics.ROBOT_DESCRIPTION.qos), []
-    endpoints.publisher(node, topic).publish(String(data="here"))
-    endpoints.subscription(node, topic, heard.append)
+    endpoints.make_publisher(node, topic).publish(String(data="here"))
+    endpoints.make_subscription(node, topic, heard.append)
     executor = SingleThreadedExecutor(context=ros_context)
     executor.add_node(node)
     assert spin_until(executor, lambda: heard, 10.0)
@@ -41,6 +41,6 @@ def test_a_message_arrives(node, ros_context):
 
 def test_no_endpoint_adds_to_what_the_executor_looks_at(node):
     before = len(list(node.waitables))
-    endpoints.publisher(node, topics.REFERENCE)
-    endpoints.subscription(node, topics.REFERENCE, print)
+    endpoints.make_publisher(node, topics.REFERENCE)
+    endpoints.make_subscription(node, topics.REFERENCE, print)
     assert len(list(node.waitables)) == before

@@ -35,7 +35,7 @@ from mhsb_msgs_py import (
     stamps,
     trajectory,
 )
-from mhsb_msgs_py.actuator_states import QUANTITIES, ActuatorSample
+from mhsb_msgs_py.actuator_states import SAMPLE_FIELDS, ActuatorSample
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.reference import Reference
@@ -71,7 +71,7 @@ def codecs() -> dict[str, Codec]:
     state = MotionState(*rows(3))
     refused = HandOverReport(HandOverOutcome.REFUSED, "it came too late", STAMP_NS)
     running = SimulatorReport("running", False, STAMP_NS, 1.0, 5.0, 6.0)
-    sample = ActuatorSample(STAMP_NS, **dict.fromkeys(QUANTITIES, np.arange(3.0)))
+    sample = ActuatorSample(STAMP_NS, **dict.fromkeys(SAMPLE_FIELDS, np.arange(3.0)))
     return {
         "goal_pose": Codec(goal_pose.encode(Goal(STAMP_NS, 0.5, 0.1)), goal_pose.decode),
         "joint_trajectory": Codec(
@@ -127,7 +127,7 @@ def assert_a_sentence(text: str) -> None:
 def read_spoilt(codec: Codec, seed: int) -> None:
     """A spoilt message; where its bytes are read, too, they must be worth as much."""
     source = random.Random(seed)
-    message = spoiling.spoilt(codec.message, source, source.choice((1, 1, 1, 2, 5)))
+    message = spoiling.damage_message(codec.message, source, source.choice((1, 1, 1, 2, 5)))
     readable = read(codec, message)
     if codec.reads_bytes:
         assert read(codec, serialize_message(message)) == readable
@@ -136,10 +136,10 @@ def read_spoilt(codec: Codec, seed: int) -> None:
 def read_torn(codec: Codec, seed: int) -> None:
     """Torn bytes, as the middleware lets them through, or as a node reads them itself."""
     kind = type(codec.message)
-    data = spoiling.torn(serialize_message(codec.message), random.Random(seed))
+    data = spoiling.damage_bytes(serialize_message(codec.message), random.Random(seed))
     if codec.reads_bytes:
         read(codec, data)
-        read(Codec(data, point_arrays.stamp_of), data)
+        read(Codec(data, point_arrays.read_stamp), data)
     try:
         message = deserialize_message(data, kind)
     except Exception:  # whatever the middleware says of bytes that it cannot read
@@ -160,14 +160,14 @@ def test_very_many_names_are_refused_at_once():
 
 
 @pytest.mark.parametrize("name", codecs())
-@settings(max_examples=FEW)
+@settings(max_examples=FEW, derandomize=False)
 @given(seed=SEEDS)
 def test_spoilt_messages_are_read_or_refused_with_a_sentence(name, seed):
     read_spoilt(CODECS[name], seed)
 
 
 @pytest.mark.parametrize("name", codecs())
-@settings(max_examples=FEW)
+@settings(max_examples=FEW, derandomize=False)
 @given(seed=SEEDS)
 def test_torn_bytes_are_read_or_refused(name, seed):
     read_torn(CODECS[name], seed)
@@ -176,7 +176,7 @@ def test_torn_bytes_are_read_or_refused(name, seed):
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", codecs())
-@settings(max_examples=MANY)
+@settings(max_examples=MANY, derandomize=False)
 @given(seed=SEEDS)
 def test_many_spoilt_messages_are_read_or_refused_with_a_sentence(name, seed):
     read_spoilt(CODECS[name], seed)

@@ -118,8 +118,10 @@ def test_a_node_that_is_ended_while_it_starts_leaves_no_shared_memory(
     start_process, tmp_path, number
 ):
     (tmp_path / "starting.py").write_text(STARTING)
-    code = "import sys; sys.path.append(sys.argv[1]); from mhsb_model.process import node; "
-    child = start_process(sys.executable, "-c", code + "node('starting')()", tmp_path)
+    code = (
+        "import sys; sys.path.append(sys.argv[1]); from mhsb_model.process import make_node_entry; "
+    )
+    child = start_process(sys.executable, "-c", code + "make_node_entry('starting')()", tmp_path)
     shared = re.findall(r"fastrtps_[0-9a-f]+(?=_el)", child.wait_for("shares .*").group())
     assert shared
     assert child.stop(number) == 0

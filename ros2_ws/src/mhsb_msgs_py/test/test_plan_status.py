@@ -141,7 +141,7 @@ def set_value(index: int, value: str):
             set_value(0, "FINE"),
             "the code 'FINE' is unknown; it must be one of OK, AT_GOAL, SUPERSEDED, NO_STATE, "
             "MOVING, NOT_FINITE, FRAME, OUT_OF_WORKSPACE, INFEASIBLE, OPTIONS, ZONE, NOT_FOUND, "
-            "DEADLINE, STOPPED, FAULT, TABLE, INTERNAL",
+            "DEADLINE, STOPPED, MACHINE, FAULT, TABLE, INTERNAL",
         ),
         (set_value(0, "OK"), "the value plan_stamp of 'goal' is missing"),
         (

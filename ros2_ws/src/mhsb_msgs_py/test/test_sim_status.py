@@ -18,11 +18,12 @@ SLOWED = SimulatorReport(
 )
 WITHOUT = SimulatorReport("a pump stands still", False, 1, 1.0, 1.0, 2.0, lost_servo_pumps=(1, 4))
 STOPPED = SimulatorReport("running", False, 12, 1.0, 1.0, 2.0, last_stop_ns=11)
+FAILING = SimulatorReport("running", False, 1, 1.0, 1.0, 2.0, faults=3, last_fault="a fault in it")
 FAULTY = SimulatorReport("the simulation diverged", True, 1, 0.0, 1.0, 2.0)
 
 
 @pytest.mark.parametrize(
-    "report", [APPLIED, REFUSED, RUNNING, WARNING, SLOWED, WITHOUT, STOPPED, FAULTY]
+    "report", [APPLIED, REFUSED, RUNNING, WARNING, SLOWED, WITHOUT, STOPPED, FAILING, FAULTY]
 )
 def test_a_report_is_read_as_it_was_written(report):
     assert sim_status.decode(sim_status.encode(report, 7)) == [report]

@@ -28,7 +28,7 @@ def test_a_spoilt_message_can_be_published_and_the_good_one_stays_good(name):
     good, before = GOOD[name], copy.deepcopy(GOOD[name])
     others = 0
     for seed in range(300):
-        spoilt = spoiling.spoilt(good, random.Random(seed), times=2)
+        spoilt = spoiling.damage_message(good, random.Random(seed), times=2)
         data = serialize_message(spoilt)
         assert isinstance(deserialize_message(data, type(good)), type(good))
         others += data != serialize_message(good)
@@ -37,14 +37,18 @@ def test_a_spoilt_message_can_be_published_and_the_good_one_stays_good(name):
 
 
 def test_the_same_seed_spoils_in_the_same_way():
-    one, other = (spoiling.spoilt(GOOD["path"], random.Random(5), times=4) for _ in range(2))
+    one, other = (
+        spoiling.damage_message(GOOD["path"], random.Random(5), times=4) for _ in range(2)
+    )
     assert repr(one) == repr(other)
     data = serialize_message(GOOD["path"])
-    assert spoiling.torn(data, random.Random(5)) == spoiling.torn(data, random.Random(5))
+    assert spoiling.damage_bytes(data, random.Random(5)) == spoiling.damage_bytes(
+        data, random.Random(5)
+    )
 
 
 def test_torn_bytes_differ_in_content_or_length():
     data = serialize_message(GOOD["goal"])
-    torn = [spoiling.torn(data, random.Random(seed)) for seed in range(100)]
+    torn = [spoiling.damage_bytes(data, random.Random(seed)) for seed in range(100)]
     assert sum(each != data for each in torn) > 95
     assert len({len(each) for each in torn}) > 10

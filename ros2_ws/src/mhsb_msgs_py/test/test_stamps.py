@@ -55,3 +55,21 @@ def test_nanoseconds_that_make_a_second_are_refused():
 def test_a_time_of_thousands_of_digits_is_refused_in_one_sentence():
     with pytest.raises(MessageError, match="cannot be read; give seconds with nine decimals"):
         stamps.from_text("9" * 5000 + ".000000000")
+
+
+@given(st.integers(0, stamps.LATEST_PRESENT), st.integers(0, 10**9 - 1))
+def test_a_clock_shows_a_time_after_which_there_are_others(seconds, nanoseconds):
+    shown = stamps.from_clock(Time(sec=seconds, nanosec=nanoseconds))
+    assert shown == seconds * 10**9 + nanoseconds
+    assert stamps.to_time(shown + 10**16).sec > seconds
+
+
+@pytest.mark.parametrize("seconds", [-1, -(2**31), stamps.LATEST_PRESENT + 1, 2**31 - 1])
+def test_a_clock_that_shows_another_time_is_refused(seconds):
+    with pytest.raises(MessageError, match=f"a clock shows {seconds} s; it must be from 0 to"):
+        stamps.from_clock(Time(sec=seconds))
+
+
+def test_a_clock_with_a_second_of_nanoseconds_is_refused():
+    with pytest.raises(MessageError, match="must be below 1000000000"):
+        stamps.from_clock(Time(sec=1, nanosec=10**9))

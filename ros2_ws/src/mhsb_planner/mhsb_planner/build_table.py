@@ -1,4 +1,4 @@
-"""`build_table`: computes the posture table of a machine and stores it."""
+"""Command `build_table`: computes the posture table of a machine and stores it."""
 
 from __future__ import annotations
 
@@ -14,48 +14,53 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, JobCount, Within
+from mhsb_model.command_line import Count, JobCount, NumberRange
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.posture import s1_global_search, s1_slsqp
 from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.posture_table_cache import cached_table_path
 from mhsb_planner.posture.s1_global_search import build_posture_table
-from mhsb_planner.posture.s1_judge import Judgement, judged
+from mhsb_planner.posture.s1_judge import TableComparison, compare_with_slsqp
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.work_arguments import Scheduler, jobs_of
+from mhsb_planner.work_arguments import Scheduler, parse_jobs
 
-SOLVERS = {"global": s1_global_search.search_globally, "slsqp": s1_slsqp.search_by_slsqp}
+SOLVER_FUNCTIONS = {"global": s1_global_search.search_globally, "slsqp": s1_slsqp.search_by_slsqp}
+"""Solvers by the names that the command accepts."""
 
 
 def build_table(
     machine: Path | None = None,
     output: Path | None = None,
     solver: Literal["global", "slsqp"] = "global",
-    spacing: Annotated[float | None, Within(-100.0, 100.0)] = None,
+    spacing: Annotated[float | None, NumberRange(-100.0, 100.0)] = None,
     jobs: JobCount = None,
     scheduler: Scheduler = None,
     judge: Annotated[Count, tyro.conf.arg(metavar="N")] = 0,
     json: bool = False,
 ) -> None:
-    """Compute the posture table: for every node of the grid and every mode pattern the posture of
-    largest end-effector velocity polytope.
+    """Compute the posture table of a machine and store it.
+
+    For every node of the grid and every mode combination, it contains the posture of largest
+    end-effector velocity polytope.
 
     Args:
-        machine: Machine file (YAML, SI units); the suite's own arm when left out.
-        output: File to write (npz); the user's cache, where the planner looks, when left out.
-        solver: How the largest polytope is found: global searches all postures, slsqp is the
-            paper's sequential quadratic programming from random starts, for comparison.
-        spacing: Distance of the grid's nodes [m]; the machine file's when left out.
-        jobs: Number of threads; one for each processor when left out.
-        scheduler: Address of a Dask cluster that does it instead (docs/cluster.md).
-        judge: So many random entries are compared with the paper's solver from 30 random starts,
-            which takes about 0.1 s each, and what share of all may be short is told; 0: none.
+        machine: Machine file (YAML, SI units); the suite's own arm if left out.
+        output: File to write (npz); if left out, the file in the user's cache that the planner
+            reads.
+        solver: Solver for the largest polytope. global searches all postures; slsqp is the paper's
+            sequential quadratic programming from random starts, for comparison.
+        spacing: Distance of the grid's nodes [m]; the machine file's if left out.
+        jobs: Number of threads; one for each processor if left out.
+        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+        judge: Number of random entries to compare with the paper's solver from 30 random starts, at
+            about 0.1 s each. The result is an upper bound on the share of entries whose polytope is
+            smaller than the solver's. 0: no comparison.
         json: Print the result as JSON.
     """
-    arm = load_machine(machine).plane
+    arm = load_machine(machine).planar_arm
     spacing = arm.spacing if spacing is None else spacing
     total = len(grid_nodes(arm, spacing))
-    workers = jobs_of(jobs, scheduler)
+    workers = parse_jobs(jobs, scheduler)
     s1_global_search.warm_up(arm)
     began = time.perf_counter()
     with tqdm(total=total, unit="node", desc="posture table") as bar:
@@ -64,28 +69,55 @@ def build_table(
             spacing,
             workers,
             progress=lambda done, _: bar.update(done - bar.n),
-            solver=SOLVERS[solver],
+            solver=SOLVER_FUNCTIONS[solver],
         )
     seconds = time.perf_counter() - began
     path = output or cached_table_path(arm, spacing, solver)
     table.save(path)
-    judgement = _judged(arm, table, judge) if judge else None
+    judgement = _compare_with_progress(arm, table, judge) if judge else None
     if json:
-        print(json_format.dumps(_facts(table, path, solver, seconds, judgement)))
+        print(json_format.dumps(_json_result(table, path, solver, seconds, judgement)))
         return
-    print(_text(table, path, seconds))
+    print(_describe_result(table, path, seconds))
     if judgement is not None:
         print(judgement.sentence)
 
 
-def _judged(arm: Machine, table: PostureTable, entries: int) -> Judgement:
+def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> TableComparison:
+    """Compare random table entries with the solver SLSQP, with a progress bar.
+
+    Args:
+        arm: The arm in its plane.
+        table: The posture table.
+        entries: Number of entries to compare.
+
+    Returns:
+        The comparison: number of entries, number of those whose polytope is too small, and the
+        least ratio of areas, table over solver.
+    """
     with tqdm(total=entries, unit="entry", desc="judged by SLSQP") as bar:
-        return judged(arm, table, entries, progress=lambda done: bar.update(done - bar.n))
+        return compare_with_slsqp(
+            arm, table, entries, progress=lambda done: bar.update(done - bar.n)
+        )
 
 
-def _facts(
-    table: PostureTable, path: Path, solver: str, seconds: float, judgement: Judgement | None
+def _json_result(
+    table: PostureTable, path: Path, solver: str, seconds: float, judgement: TableComparison | None
 ) -> dict[str, object]:
+    """Collect the result of the command for its JSON output.
+
+    Args:
+        table: The table.
+        path: File that was written.
+        solver: Name of the solver.
+        seconds: Time that building took [s].
+        judgement: Comparison with SLSQP; None if there was none.
+
+    Returns:
+        Keys and values of the JSON object. They are machine and its hash, output file, solver, and
+        grid spacing [m]. Then numbers of nodes, mode patterns and entries, positions (x, z) of
+        infeasible nodes [m], time [s] and the comparison.
+    """
     infeasible = table.nodes[~table.feasible] * table.spacing
     return {
         "machine": table.machine_name,
@@ -98,11 +130,22 @@ def _facts(
         "entries": table.entries,
         "infeasible_nodes_m": np.round(infeasible, 9).tolist(),
         "seconds": seconds,
-        "judgement": judgement and {**asdict(judgement), "most_short": judgement.most_short},
+        "judgement": judgement and {**asdict(judgement), "most_short": judgement.short_share_bound},
     }
 
 
-def _text(table: PostureTable, path: Path, seconds: float) -> str:
+def _describe_result(table: PostureTable, path: Path, seconds: float) -> str:
+    """Describe the table for people, with the positions of nodes without a posture.
+
+    Args:
+        table: The table.
+        path: File that was written.
+        seconds: Time that building took [s].
+
+    Returns:
+        Lines of text: numbers of nodes, mode patterns and entries with the time; the number of
+        nodes without a posture and their z [m] by x [m]; and the path of the file.
+    """
     missing = table.nodes[~table.feasible] * table.spacing
     lines = [
         f"{table.machine_name}: {len(table.nodes)} nodes, {len(table.patterns)} mode patterns, "
@@ -117,7 +160,11 @@ def _text(table: PostureTable, path: Path, seconds: float) -> str:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_planner build_table`."""
+    """Run the command (entry point of `ros2 run mhsb_planner build_table`).
+
+    Returns:
+        The exit code.
+    """
     return command_line.run(build_table)
 
 

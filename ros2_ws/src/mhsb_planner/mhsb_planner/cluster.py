@@ -1,8 +1,8 @@
-"""A Dask cluster, which large work can be sent to; the package `distributed` is an optional extra.
+"""Work on a Dask cluster; the package `distributed` is an optional extra.
 
-A worker that ends before its tasks are done loses nothing: its scheduler gives them to others, and
-to those that join later. What tasks share goes to each worker once, kept by the scheduler's graph,
-and is made there once in each of its threads.
+If a worker ends before its tasks are done, the scheduler gives them to other workers, also to some
+that join later. The recipe of a state that tasks share goes to each worker once, as a node of the
+scheduler's task graph. The state itself is made once in each thread of a worker.
 """
 
 from __future__ import annotations
@@ -21,80 +21,159 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mhsb_planner.errors import ClusterAddressError, ClusterError, WorkersLostError
-from mhsb_planner.tasks import Preparation, cancel_with, pass_on, perform
+from mhsb_planner.tasks import SharedStateRecipe, link_cancellation, perform, transfer_outcome
 
 Result = TypeVar("Result")
 
 CONNECTED_WITHIN = 5.0
-"""Time in which a scheduler has to answer [s]."""
+"""Longest time in which a scheduler must answer [s]."""
 
-SOURCES = ("mhsb_model", "mhsb_planner", "mhsb_sim")
-LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "mujoco-core")
-"""What results depend on: they have to be the same wherever tasks are done."""
+SUITE_PACKAGES = ("mhsb_model", "mhsb_control", "mhsb_planner", "mhsb_sim", "mhsb_tools")
+"""Packages of the suite that must be equal on all workers."""
+RESULT_LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "mujoco-core")
+"""Libraries whose versions must be equal on all workers, because results depend on them."""
 
-OTHERS = (
+VERSION_MISMATCH_REASON = (
     "it has another version of the suite, NumPy, SciPy, numba or MuJoCo, so that results would "
     "differ; install there what is here"
 )
+"""Reason of the error if versions differ."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """A cluster whose scheduler answers at an address, such as tcp://10.0.0.2:8786."""
+    """A cluster, given by the address of its scheduler.
+
+    Attributes:
+        address: Address, such as tcp://10.0.0.2:8786.
+    """
 
     address: str
 
     @classmethod
-    def at(cls, address: str) -> Cluster:
-        """One that answers now, and has what is here; raises ClusterError."""
-        with _connected(address) as client:
+    def connect(cls, address: str) -> Cluster:
+        """Connect to a cluster, check its versions, and return it.
+
+        A cluster without workers is accepted with a warning in the log.
+
+        Args:
+            address: Address of the scheduler, such as tcp://10.0.0.2:8786.
+
+        Returns:
+            The cluster.
+
+        Raises:
+            ClusterError: The scheduler does not answer, or the scheduler or a worker has other
+                versions of the suite or its libraries or cannot load them.
+        """
+        with _connect(address) as client:
             try:
-                there = {client.run_on_scheduler(versions), *client.run(versions).values()}
-            except Exception as error:  # whatever is raised there
+                there = {
+                    client.run_on_scheduler(versions_fingerprint),
+                    *client.run(versions_fingerprint).values(),
+                }
+            except Exception as error:  # errors of any type may come from the workers
                 raise ClusterError(
                     address, f"its scheduler or a worker cannot load the suite: {error}"
                 ) from error
-            if there != {versions()}:
-                raise ClusterError(address, OTHERS)
+            if there != {versions_fingerprint()}:
+                raise ClusterError(address, VERSION_MISMATCH_REASON)
             if not client.scheduler_info()["workers"]:
                 _log.warning("the cluster has no worker yet; `dask worker %s` starts one", address)
         return cls(address)
 
-    def executor(self, preparation: Preparation | None) -> Executor:
-        """Of the cluster's workers; raises ClusterError where its scheduler does not answer."""
+    def executor(self, preparation: SharedStateRecipe | None) -> Executor:
+        """Connect to the cluster and return an executor on its workers.
+
+        Args:
+            preparation: Recipe of the state that tasks share; None: they share none.
+
+        Returns:
+            The executor; shutting it down closes the connection.
+
+        Raises:
+            ClusterError: The scheduler does not answer.
+        """
         return _ClusterExecutor(self.address, preparation)
 
 
 class _ClusterExecutor(Executor):
-    """Dask's own, with a preparation, and with errors that are the suite's."""
+    """Executor on a cluster's workers, with a shared state and the suite's own errors."""
 
-    def __init__(self, address: str, preparation: Preparation | None) -> None:
+    def __init__(self, address: str, preparation: SharedStateRecipe | None) -> None:
+        """Connect to the scheduler and send it the recipe of the shared state.
+
+        Args:
+            address: Address of the scheduler.
+            preparation: Recipe of the state that tasks share; None: they share none.
+
+        Raises:
+            ClusterError: The scheduler does not answer.
+        """
         self._address = address
-        self._client = _connected(address)
+        self._client = _connect(address)
         self._pool = self._client.get_executor(pure=False)
         self._preparation = (
             None
             if preparation is None
-            else self._client.submit(_itself, preparation, key=f"given-{preparation.name}")
+            else self._client.submit(
+                _identity_function, preparation, key=f"given-{preparation.name}"
+            )
         )
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
+        """Submit the task work(state, *args, **named) to the cluster.
+
+        If the tasks share no state, it is work(*args, **named).
+
+        Args:
+            work: Function that can be pickled.
+            args: Positional arguments of `work` after the state.
+            named: Named arguments of `work`.
+
+        Returns:
+            A future of `concurrent.futures`; cancelling it cancels the task.
+        """
         task: Future[Result] = Future()
         part = self._pool.submit(
-            _perform, self._address, versions(), self._preparation, work, args, named
+            _perform_on_worker,
+            self._address,
+            versions_fingerprint(),
+            self._preparation,
+            work,
+            args,
+            named,
         )
-        cancel_with(task, part)
-        part.add_done_callback(lambda ended: pass_on(ended, task, self._trouble(ended, task)))
+        link_cancellation(task, part)
+        part.add_done_callback(
+            lambda ended: transfer_outcome(ended, task, self._translate_error(ended, task))
+        )
         return task
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Stop accepting work and close the connection.
+
+        Args:
+            wait: Whether to wait until all tasks are done.
+            cancel_futures: Whether to give up all tasks; `wait` is then ignored.
+        """
         self._pool.shutdown(wait and not cancel_futures)
         self._client.close()
 
-    def _trouble(self, part: Future[Result], task: Future[Result]) -> Exception | None:
-        """What is to be told instead of Dask's words."""
+    def _translate_error(self, part: Future[Result], task: Future[Result]) -> Exception | None:
+        """Return the error of the suite that replaces an error of Dask.
+
+        Args:
+            part: Dask's future of the task.
+            task: Future that the user has.
+
+        Returns:
+            ClusterError if the connection was lost, WorkersLostError if several workers ended while
+            they did the task. Otherwise None: nothing is replaced, such as an error of the task
+            itself.
+        """
         from distributed import KilledWorker
 
         if part.cancelled():
@@ -109,25 +188,50 @@ class _ClusterExecutor(Executor):
         return None
 
 
-def _connected(address: str) -> Any:
-    """A client; raises ClusterError."""
+def _connect(address: str) -> Any:
+    """Connect to a scheduler.
+
+    Log messages of Dask's client are switched off in the whole process, because the errors raised
+    here say the same.
+
+    Args:
+        address: Address of the scheduler.
+
+    Returns:
+        A client of `distributed`.
+
+    Raises:
+        ClusterError: The package is missing, or no scheduler answers at the address.
+    """
     try:
         from distributed import Client
     except ImportError:
         raise ClusterError(
             address, "the package distributed is not installed; pip install 'distributed>=2024.1'"
         ) from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors tell all there is
-    if _identity(address)["type"] != "Scheduler":
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors say the same
+    if _request_identity(address)["type"] != "Scheduler":
         raise ClusterError(address, "this is not a scheduler; `dask scheduler` says its address")
     return Client(address, timeout=CONNECTED_WITHIN, set_as_default=False)
 
 
-def _identity(address: str) -> dict[str, Any]:
-    """Who answers there; raises ClusterError."""
+def _request_identity(address: str) -> dict[str, Any]:
+    """Return the identity of the server that listens at an address.
+
+    Args:
+        address: Address such as tcp://10.0.0.2:8786.
+
+    Returns:
+        Dask's description of the server; "type" is "Scheduler" for a scheduler.
+
+    Raises:
+        ClusterAddressError: The text is not an address.
+        ClusterError: There is no answer within CONNECTED_WITHIN.
+    """
     from distributed.core import rpc
 
     async def asked() -> dict[str, Any]:
+        """Return the server's answer to `identity`."""
         async with rpc(address, timeout=CONNECTED_WITHIN) as there:
             return await asyncio.wait_for(there.identity(), CONNECTED_WITHIN)
 
@@ -144,13 +248,17 @@ def _identity(address: str) -> dict[str, Any]:
 
 
 @cache
-def versions() -> str:
-    """Fingerprint of the suite's sources and of the libraries that results depend on."""
+def versions_fingerprint() -> str:
+    """Compute a fingerprint of the suite's sources and of the libraries on which results depend.
+
+    Returns:
+        Hexadecimal SHA-256; computed once for each process.
+    """
     found = hashlib.sha256()
-    for library in LIBRARIES:
+    for library in RESULT_LIBRARIES:
         with suppress(PackageNotFoundError):
             found.update(f"{library} {version(library)}".encode())
-    for package in SOURCES:
+    for package in SUITE_PACKAGES:
         spec = importlib.util.find_spec(package)
         if spec is not None and spec.origin is not None:
             for file in sorted(Path(spec.origin).parent.rglob("*.py")):
@@ -158,18 +266,36 @@ def versions() -> str:
     return found.hexdigest()
 
 
-def _itself(preparation: Preparation) -> Preparation:
+def _identity_function(preparation: SharedStateRecipe) -> SharedStateRecipe:
+    """Return the argument; as a task, this keeps the recipe in the cluster."""
     return preparation
 
 
-def _perform(
+def _perform_on_worker(
     address: str,
     wanted: str,
-    preparation: Preparation | None,
+    preparation: SharedStateRecipe | None,
     work: Callable[..., Result],
     args: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Result:
-    if wanted != versions():
-        raise ClusterError(address, OTHERS)
+    """Run a task on a worker, after a check that versions are equal.
+
+    Args:
+        address: Address of the scheduler, for the error.
+        wanted: Fingerprint of the versions that are required.
+        preparation: Recipe of the state that tasks share, which becomes the first argument of
+            `work`; None: they share none.
+        work: Function to call.
+        args: Positional arguments of `work` after the state.
+        named: Named arguments of `work`.
+
+    Returns:
+        Result of the function.
+
+    Raises:
+        ClusterError: The worker has other versions.
+    """
+    if wanted != versions_fingerprint():
+        raise ClusterError(address, VERSION_MISMATCH_REASON)
     return perform(preparation, work, *args, **named)

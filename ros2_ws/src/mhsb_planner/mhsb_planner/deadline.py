@@ -1,10 +1,10 @@
-"""The instant by which an answer is wanted, one for everything that is done to get it.
+"""Deadline of an answer: one instant for everything that is done to get it.
 
     deadline = Deadline.after(0.08)
-    planner.plan(goal, start, deadline=deadline.less(0.005))
+    planner.plan(goal, start, deadline=deadline.earlier_by(0.005))
 
-Being absolute, it is handed on as it is: whoever gets it sees what is left, whatever was done
-before.
+A deadline is an absolute instant, so it is passed on unchanged. Every callee sees the time that is
+left, whatever was done before. `SearchTime` is the part of that time that a search may take.
 """
 
 from __future__ import annotations
@@ -12,22 +12,26 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mhsb_planner.errors import DeadlineError
 
-PORTION = 1e-3
-"""What is done between two looks at the clock is to take about so long [s]."""
+CLOCK_CHECK_PERIOD = 1e-3
+"""Time that the work between two readings of the clock should take [s]."""
 
 
 def now() -> float:
-    """The clock that deadlines are instants of [s]: `time.monotonic`."""
+    """Return the time of the clock that deadlines refer to [s]: `time.monotonic`."""
     return time.monotonic()
 
 
 @dataclass(frozen=True, order=True)
 class Deadline:
-    """An instant of `now` [s]; infinite where there is no hurry."""
+    """Instant at which an answer is due.
+
+    Attributes:
+        instant: Time of the clock `now` [s]; infinite: no deadline.
+    """
 
     instant: float
 
@@ -37,43 +41,107 @@ class Deadline:
 
     @classmethod
     def after(cls, seconds: float) -> Deadline:
-        """So many seconds from now; infinite gives NEVER, zero or less one that has passed."""
+        """Return the deadline that lies a given time after now.
+
+        Args:
+            seconds: Time [s]; infinite gives NO_DEADLINE, 0 or less a deadline that has passed.
+
+        Returns:
+            The deadline.
+        """
         return cls(now() + seconds)
 
     @property
-    def left(self) -> float:
-        """Time until then [s]; negative once it has passed."""
+    def remaining(self) -> float:
+        """Time until the deadline [s]; negative after it."""
         return self.instant - now()
 
     @property
-    def passed(self) -> bool:
-        """Whether the time is up."""
+    def has_passed(self) -> bool:
+        """True if the deadline has passed."""
         return now() >= self.instant
 
-    def less(self, reserve: float) -> Deadline:
-        """So many seconds earlier, for what is to be done afterwards."""
+    def earlier_by(self, reserve: float) -> Deadline:
+        """Return an earlier deadline.
+
+        Args:
+            reserve: Time to keep for what has to be done afterwards [s].
+
+        Returns:
+            The deadline.
+        """
         return Deadline(self.instant - reserve)
 
     def check(self, work: str) -> None:
-        """Raise DeadlineError if it has passed; `work` is what cannot go on."""
-        if self.passed:
+        """Raise an error if the deadline has passed.
+
+        Args:
+            work: Work that cannot go on, as the subject of the error's sentence.
+
+        Raises:
+            DeadlineError: The deadline has passed.
+        """
+        if self.has_passed:
             raise DeadlineError(work)
 
     def portions(self, first: int, most: int) -> Iterator[int]:
-        """How much to do before the next look at the clock, again and again until it has passed.
+        """Yield the sizes of portions of work, until the deadline has passed.
 
-        Each portion is to be done before the next is asked for. From the time that one took
-        follows the size of the next, at most `most`; where there is no hurry, all are of that.
+        The consumer does a portion before it requests the next one. The generator measures the time
+        between and adapts the size, so that a portion takes about CLOCK_CHECK_PERIOD. Without a
+        deadline the generator is endless and always yields `most`. After the deadline it ends.
+
+        Args:
+            first: Size of the first portion, a number of units such as expanded states.
+            most: Largest size of a portion.
+
+        Yields:
+            Sizes, at least 1.
         """
         if self.instant == math.inf:
             while True:
                 yield most
         size = first
-        while not self.passed:
+        while not self.has_passed:
             began = now()
             yield size
-            took = max(now() - began, 0.1 * PORTION)
-            size = max(1, min(most, round(size * PORTION / took)))
+            took = max(now() - began, 0.1 * CLOCK_CHECK_PERIOD)
+            size = max(1, min(most, round(size * CLOCK_CHECK_PERIOD / took)))
 
 
-NEVER = Deadline(math.inf)
+NO_DEADLINE = Deadline(math.inf)
+"""Deadline that never passes."""
+
+
+@dataclass
+class SearchTime:
+    """Time that the search may take out of the time for a whole plan.
+
+    The search reads it. The code that turns paths into motions updates it.
+
+    Attributes:
+        deadline: Deadline of the whole plan.
+        reserve: Time to keep for turning a path into a motion: the longest that one curve has taken
+            so far [s].
+        has_motion: True if a motion has been found already.
+    """
+
+    deadline: Deadline = NO_DEADLINE
+    reserve: float = 0.0
+    has_motion: bool = False
+    _began: float = field(default_factory=now, init=False)
+
+    @property
+    def has_deadline(self) -> bool:
+        """True if there is a deadline."""
+        return self.deadline != NO_DEADLINE
+
+    @property
+    def is_half_over(self) -> bool:
+        """True if less time is left until `search_deadline` than has passed since creation."""
+        return now() - self._began > self.search_deadline.remaining
+
+    @property
+    def search_deadline(self) -> Deadline:
+        """Deadline of the search: a path found later can no longer be made a motion in time."""
+        return self.deadline.earlier_by(self.reserve)

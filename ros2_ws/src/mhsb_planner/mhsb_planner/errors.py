@@ -1,4 +1,4 @@
-"""What can go wrong in planning; each error is one sentence and carries its data."""
+"""Errors of planning: each message is one sentence, and each error carries its data."""
 
 from __future__ import annotations
 
@@ -9,16 +9,27 @@ from mhsb_model.types import Position
 
 
 def place_text(position: Position) -> str:
-    """A position as it stands in a sentence."""
+    """Return a position as text for a sentence, such as "(0.55, 0.6) m"."""
     return f"({', '.join(f'{value:.4g}' for value in position)}) m"
 
 
 class InfeasibleGoalError(MhsbError):
-    """No posture within the joint limits puts the tip at the goal."""
+    """No posture within the joint limits puts the tip at the goal.
 
-    def __init__(
-        self, x: float, z: float, psi: float | tuple[float, float] | None = None
-    ) -> None:
+    Attributes:
+        x: Forward coordinate of the goal in the arm's plane [m].
+        z: Upward coordinate of the goal [m].
+        psi: End-link angle, or least and greatest angle, that was asked for [rad]; None: any.
+    """
+
+    def __init__(self, x: float, z: float, psi: float | tuple[float, float] | None = None) -> None:
+        """Store the data and compose the message.
+
+        Args:
+            x: Forward coordinate of the goal in the arm's plane [m].
+            z: Upward coordinate of the goal [m].
+            psi: End-link angle, or least and greatest angle, that was asked for [rad]; None: any.
+        """
         self.x = x
         self.z = z
         self.psi = psi
@@ -31,18 +42,30 @@ class InfeasibleGoalError(MhsbError):
 
 
 class ZoneError(MhsbError):
-    """At the goal the arm would be in an obstacle, or too near to one."""
+    """The arm would be in an obstacle at the goal, or too near to one.
+
+    Attributes:
+        goal: The goal [m].
+    """
 
     def __init__(self, goal: Position, sentence: str) -> None:
+        """Store the goal, and use the sentence as the message.
+
+        Args:
+            goal: The goal [m].
+            sentence: The message, which names the obstacle.
+        """
         self.goal = goal
         super().__init__(sentence)
 
 
 class NoPathError(MhsbError):
-    """Goal and start are each feasible, but no sequence of steps joins them.
+    """Start and goal have feasible postures, but no sequence of admissible steps connects them.
 
-    among   the obstacles that steps had to keep clear of
-    inside  which of them the arm is in at the start, as a clause; else empty
+    Attributes:
+        start: Tip position at the start [m].
+        goal: Tip position at the goal [m].
+        obstacle_names: Names of the obstacles that steps had to keep clear of.
     """
 
     def __init__(
@@ -52,9 +75,18 @@ class NoPathError(MhsbError):
         among: tuple[str, ...] = (),
         inside: str = "",
     ) -> None:
+        """Store the data and compose the message.
+
+        Args:
+            start: Tip position at the start [m].
+            goal: Tip position at the goal [m].
+            among: Names of the obstacles that steps had to keep clear of.
+            inside: Clause on the obstacle that the arm is in at the start. It is appended to the
+                message after a semicolon; empty if there is none.
+        """
         self.start = start
         self.goal = goal
-        self.among = among
+        self.obstacle_names = among
         clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
             f"no sequence of admissible steps leads from {place_text(start)} to {place_text(goal)}"
@@ -65,11 +97,12 @@ class NoPathError(MhsbError):
 class StartError(MhsbError):
     """The arm is beyond joint limits at the start, and no motion leads back into them.
 
-    Args:
-        remarks: Which joints by how much, as a clause.
+    Attributes:
+        remarks: Which joints are beyond their limits and by how much, as a clause.
     """
 
     def __init__(self, remarks: str) -> None:
+        """Compose the message from a clause on the joints beyond their limits."""
         self.remarks = remarks
         super().__init__(
             f"{remarks}; no motion was found that only lessens this: bring the joint back into its "
@@ -78,7 +111,11 @@ class StartError(MhsbError):
 
 
 class DeadlineError(MhsbError):
-    """The deadline passed before there was anything to answer with; `work` is what it cut off."""
+    """The deadline passed before there was a result.
+
+    Attributes:
+        work: Work that did not end in time.
+    """
 
     def __init__(self, work: str) -> None:
         self.work = work
@@ -86,7 +123,11 @@ class DeadlineError(MhsbError):
 
 
 class ExpansionLimitError(MhsbError):
-    """A search did not end within the number of states it may expand."""
+    """A search did not end within the number of states it may expand.
+
+    Attributes:
+        limit: The number of states.
+    """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
@@ -94,7 +135,11 @@ class ExpansionLimitError(MhsbError):
 
 
 class PlanningCancelledError(MhsbError):
-    """Whoever asked for the work no longer wants it."""
+    """The caller no longer wants the result.
+
+    Attributes:
+        work: Work that was cancelled.
+    """
 
     def __init__(self, work: str) -> None:
         self.work = work
@@ -102,16 +147,32 @@ class PlanningCancelledError(MhsbError):
 
 
 class RequestError(ArgumentError):
-    """A value in a planning request is out of its range."""
+    """A value in a planning request is out of its range.
+
+    Attributes:
+        name: Name of the value.
+        value: The value.
+    """
 
     def __init__(self, name: str, value: object, rule: str) -> None:
+        """Store the data and compose the message.
+
+        Args:
+            name: Name of the value.
+            value: The value.
+            rule: Condition that the value breaks, such as "must be above 0".
+        """
         self.name = name
         self.value = value
         super().__init__(f"{name} {rule} (is {value})")
 
 
 class ClusterError(MhsbError):
-    """A cluster cannot be used."""
+    """A cluster cannot be used.
+
+    Attributes:
+        address: Address of its scheduler.
+    """
 
     def __init__(self, address: str, trouble: str) -> None:
         self.address = address
@@ -119,11 +180,15 @@ class ClusterError(MhsbError):
 
 
 class ClusterAddressError(ClusterError, ArgumentError):
-    """What was given is not an address."""
+    """The given text is not an address."""
 
 
 class WorkersLostError(MhsbError):
-    """Those who work end before their work is done, again and again."""
+    """Processes or workers ended before their work was done, repeatedly.
+
+    Args:
+        who: Which ones, as the subject of the sentence.
+    """
 
     def __init__(self, who: str) -> None:
         super().__init__(
@@ -132,18 +197,40 @@ class WorkersLostError(MhsbError):
 
 
 class TableError(MhsbError):
-    """A posture table cannot be read, written or used for this machine."""
+    """A posture table cannot be read, written or used for a machine.
+
+    Attributes:
+        path: File of the table.
+        reason: Why not, as a clause.
+    """
 
     def __init__(self, path: Path, reason: str) -> None:
+        """Store the data and compose the message.
+
+        Args:
+            path: File of the table.
+            reason: Why it cannot be used, as a clause without subject.
+        """
         self.path = path
         self.reason = reason
         super().__init__(f"posture table {path}: {reason}")
 
 
 class EmptyTableError(MhsbError):
-    """No node of a machine's grid has a posture within the joint limits: nothing can be planned."""
+    """No node of a machine's grid has a posture within the joint limits, so nothing can be planned.
+
+    Attributes:
+        machine: Name of the machine.
+        nodes: Number of nodes.
+    """
 
     def __init__(self, machine: str, nodes: int) -> None:
+        """Store the data and compose the message.
+
+        Args:
+            machine: Name of the machine.
+            nodes: Number of nodes of its grid.
+        """
         self.machine = machine
         self.nodes = nodes
         super().__init__(

@@ -1,10 +1,10 @@
-"""Paths from a start in which the arm should not be: beyond joint limits, or in an obstacle.
+"""Paths from a start that is not admissible: beyond joint limits, or in an obstacle.
 
-Planners look for paths within the joint limits and clear of obstacles. From a start elsewhere a
-first straight move leads to a posture nearby where they can begin; the planner's own paths go on
-from there. A joint that is beyond its limits moves back towards them and never out again, and what
-the arm is in is left no deeper than it is at the start. The trajectory is checked for both
-(`motion.s3_limits.way_out`, `motion.s3_clearance`).
+Planners look for paths within the joint limits and clear of obstacles. From any other start, a
+first straight move leads to a nearby posture from which they can plan; their own path follows. On
+the first move, a joint beyond its limits moves back towards them and never out again. The arm gets
+no deeper into an obstacle than it is at the start. The trajectory is checked for both
+(`motion.s3_limits.compute_outward_excess`, `motion.s3_clearance`).
 """
 
 from __future__ import annotations
@@ -20,56 +20,62 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
+from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.s3_limits import JOINT_TOLERANCE, joint_excess
-from mhsb_planner.planners.legs import PathSource, joined, paths_by_way
-from mhsb_planner.planners.path_planner import Candidate, Task
-from mhsb_planner.planners.resting import with_rests
+from mhsb_planner.planners.path_planner import PathProposal, PathRequest
+from mhsb_planner.planners.resting import insert_rests
+from mhsb_planner.planners.via_paths import PathSource, join_paths, paths_through_via_points
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.search.goal_clearance import start_in
+from mhsb_planner.search.goal_clearance import describe_start_contact
 from mhsb_planner.search.s2_step import step_costs
-from mhsb_planner.search.search_time import SearchTime
-from mhsb_planner.slewing.turned_path import turned, turning_evenly
+from mhsb_planner.slewing.turned_path import combine_with_slew, compute_even_turning
 
 START_NOISE = 0.01
-"""A start no further beyond a joint limit [rad, m] is taken as measurement noise on a valid one:
-the planner looks for paths from it as if it were inside."""
+"""Largest distance of a start beyond a joint limit that counts as measurement noise [rad or m]. The
+planner treats such a start as if it were within the limits.
+"""
 
 NAMED_EXCESS = 1e-3
-"""A start that far beyond a joint limit is part of what is said of a plan [rad, m]: more than the
-noise of a joint's sensor."""
+"""Distance beyond a joint limit from which the start is mentioned in the plan's warnings [rad or
+m]. It is more than the noise of a joint's sensor.
+"""
 
 TRIED_POSTURES = 8
-"""Postures of the table to which a first move is tried, at most; each takes about 1 ms."""
+"""Largest number of postures to which a first move is tried; each takes about 1 ms."""
 
 ARM_LOOKS = 16
-"""Places at which the linkages are looked at between a start and the joint limits."""
+"""Number of samples of a straight move at which moment arms or clearances are checked."""
 
 CLIMB_STRIDE, CLIMB_HALVINGS = 0.08, 4
-"""Longest step by which the arm climbs out of an obstacle [rad], and how often it is halved."""
+"""Largest change of a joint in one step out of an obstacle [rad or its equivalent], and number of
+step sizes tried, each half of the one before.
+"""
 
 CLIMB_STEPS = 60
-"""Steps after which it is given up: a joint then has turned by 5 rad."""
+"""Number of steps after which climbing out is given up; a joint has then turned by 5 rad."""
 
 SLOPE_STEP = 1e-4
-"""Change of a joint by which the slope of the clearance is taken [rad]."""
+"""Change of a joint by which the gradient of the clearance is computed [rad or its equivalent]."""
 
 DIRECT_SHARE = 0.5
-"""Share of the time until the deadline in which the planner looks for paths from a start in an
-obstacle by itself. It finds most of them; the rest of the time is for paths over a first move."""
+"""Share of the remaining time in which the planner searches directly from a start in an obstacle.
+It finds most paths then; the rest of the time is for paths over a first move.
+"""
 
 
-def beyond_limits(machine: Machine, posture: FloatArray) -> str:
-    """Return which joints are beyond their limits in a posture, as a clause; empty if none is.
+def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
+    """Return a clause that names the joints beyond their limits in a posture.
 
     Args:
         machine: The arm.
-        posture: float64[n], joint positions [rad or m].
+        posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        Name, value, excess and limit of each joint whose excess is above NAMED_EXCESS, as in
-        "joint_1 at 2.494 rad, 0.02 rad beyond its upper limit of 2.474 rad".
+        Name, value, excess and limit of each joint whose excess is above NAMED_EXCESS. An example
+        is "joint_1 at 2.494 rad, 0.02 rad beyond its upper limit of 2.474 rad". Empty if there is
+        none.
     """
     a, words = machine.arrays, []
     for j, value in enumerate(posture.tolist()):
@@ -84,118 +90,193 @@ def beyond_limits(machine: Machine, posture: FloatArray) -> str:
     return " and ".join(words)
 
 
-def start_remarks(machine: Machine, posture: FloatArray) -> str:
-    """Return what is wrong with a start posture, as a clause: joint limits, obstacles; or empty."""
-    beyond = beyond_limits(machine, posture)
-    clauses = (f"the arm starts with {beyond}" if beyond else "", start_in(machine, posture))
+def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
+    """Return a clause on joints beyond their limits and on obstacles touched at the start.
+
+    Args:
+        machine: The arm.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        The clause; empty if nothing is wrong.
+    """
+    beyond = describe_limit_excess(machine, posture)
+    clauses = (
+        f"the arm starts with {beyond}" if beyond else "",
+        describe_start_contact(machine, posture),
+    )
     return "; ".join(filter(None, clauses))
 
 
 def paths_from_anywhere(
-    machine: Machine, source: PathSource, table: PostureTable, task: Task, time: SearchTime
-) -> Iterator[Candidate]:
-    """Yield paths from the task's departure to its goal, whatever the departure.
+    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, time: SearchTime
+) -> Iterator[PathProposal]:
+    """Yield paths from the departure to the goal, wherever the departure is.
 
-    From a departure within the limits and clear of obstacles these are the source's own paths.
+    If the departure is within the joint limits and clear of obstacles, these are the source's own
+    paths, through the via points. If it is more than START_NOISE beyond a limit, all paths begin
+    with a first move. If it is nearer to the limit, or in an obstacle, the source gets DIRECT_SHARE
+    of the time. Paths over a first move follow if there is no motion then.
 
     Args:
         machine: The whole arm.
-        source: Finds paths of the whole arm from a departure where the arm may be.
+        source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
-        task: What is asked for.
-        time: What the search may take; its `found` tells whether there is a motion.
+        task: The request.
+        time: Time limit; `has_motion` is True once the consumer has a motion.
+
+    Yields:
+        Path proposals.
 
     Raises:
-        StartError: The departure is beyond joint limits, and there is no way back.
-        MhsbError: What the source raises.
+        StartError: The departure is more than START_NOISE beyond a joint limit, and no first move
+            is possible.
+        MhsbError: The source has failed, and there is no motion.
     """
     excess = float(joint_excess(machine.arrays, task.departure))
     if excess > START_NOISE:
-        yield from _over_first_moves(machine, source, table, task, time)
+        yield from _paths_over_first_moves(machine, source, table, task, time)
         return
-    if excess <= JOINT_TOLERANCE and not start_in(machine, task.departure):
-        yield from paths_by_way(source, task, time)
+    if excess <= JOINT_TOLERANCE and not describe_start_contact(machine, task.departure):
+        yield from paths_through_via_points(source, task, time)
         return
     refused = None
-    own = _for_a_share(time)
+    own = _limit_to_direct_share(time)
     try:
-        for candidate in paths_by_way(source, task, own):
+        for candidate in paths_through_via_points(source, task, own):
             yield candidate
-            own.reserve, own.found = time.reserve, time.found
-            if time.found:
+            own.reserve, own.has_motion = time.reserve, time.has_motion
+            if time.has_motion:
                 own.deadline = time.deadline
     except MhsbError as error:
         refused = error
-    if not time.found and not time.until.passed:
+    if not time.has_motion and not time.search_deadline.has_passed:
         with suppress(MhsbError):
-            yield from _over_first_moves(machine, source, table, task, time)
-    if refused is not None and not time.found:
+            yield from _paths_over_first_moves(machine, source, table, task, time)
+    if refused is not None and not time.has_motion:
         raise refused
 
 
-def _for_a_share(time: SearchTime) -> SearchTime:
-    """Return a search time that ends after DIRECT_SHARE of what is left."""
-    if not time.ends:
+def _limit_to_direct_share(time: SearchTime) -> SearchTime:
+    """Return a time limit of DIRECT_SHARE of the remaining time.
+
+    Args:
+        time: Time limit of the whole search; without a deadline, the result has none either.
+
+    Returns:
+        A separate time limit, whose `has_motion` and `reserve` the caller must update.
+    """
+    if not time.has_deadline:
         return SearchTime(time.deadline)
-    return SearchTime(time.deadline.less((1.0 - DIRECT_SHARE) * max(0.0, time.deadline.left)))
+    return SearchTime(
+        time.deadline.earlier_by((1.0 - DIRECT_SHARE) * max(0.0, time.deadline.remaining))
+    )
 
 
-def _over_first_moves(
-    machine: Machine, source: PathSource, table: PostureTable, task: Task, time: SearchTime
-) -> Iterator[Candidate]:
-    """Yield paths over first moves; raises StartError if no first move is possible."""
+def _paths_over_first_moves(
+    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, time: SearchTime
+) -> Iterator[PathProposal]:
+    """Yield paths that begin with a first move to an admissible posture.
+
+    First moves are tried one after the other until there is a motion. The source plans on from the
+    end of each. While there is no motion, each path is also proposed with a rest after its first
+    move.
+
+    Args:
+        machine: The whole arm.
+        source: Source of paths of the whole arm from an admissible departure.
+        table: Posture table of the arm's plane.
+        task: The request.
+        time: Time limit; `has_motion` is True once the consumer has a motion.
+
+    Yields:
+        Path proposals.
+
+    Raises:
+        StartError: No first move is possible.
+        DeadlineError: The time was up during a search.
+        MhsbError: No first move led to a motion; the error is that of the first search.
+    """
     refused: MhsbError | None = None
     for first in _first_moves(machine, table, task):
         bound = 0.0
         try:
-            for candidate in paths_by_way(source, task.from_rest(first), time):
+            for candidate in paths_through_via_points(source, task.continued_from(first), time):
                 bound = candidate.path.lower_bound
-                whole = joined([replace(first, lower_bound=bound), candidate.path])
+                whole = join_paths([replace(first, lower_bound=bound), candidate.path])
                 yield candidate._replace(path=whole)
-                if not time.found:
+                if not time.has_motion:
                     before = np.array([first.steps])[: candidate.path.steps]
-                    rested = with_rests(machine, whole, before, task.options.weights)
+                    rested = insert_rests(machine, whole, before, task.options.weights)
                     yield candidate._replace(path=rested)
         except DeadlineError:
             raise
         except MhsbError as error:
             refused = refused or error
-        if time.found:
+        if time.has_motion:
             return
     if refused is not None:
         raise refused
-    raise StartError(f"the arm starts with {beyond_limits(machine, task.departure)}")
+    raise StartError(f"the arm starts with {describe_limit_excess(machine, task.departure)}")
 
 
-def _first_moves(machine: Machine, table: PostureTable, task: Task) -> Iterator[DiscretePath]:
-    """Yield ways from the departure to postures within limits and clear, the nearest ones first."""
+def _first_moves(
+    machine: Machine, table: PostureTable, task: PathRequest
+) -> Iterator[DiscretePath]:
+    """Yield first moves from the departure to admissible postures.
+
+    Straight moves come first. The first candidate is the departure clipped to the joint limits, if
+    it is beyond them. The table's postures in mode N that are clear of obstacles follow, in the
+    order of the time of the move. At most TRIED_POSTURES moves on which the arm gets no deeper into
+    obstacles are planned, each with its cheapest mode combination. A move that no mode combination
+    can do is left out.
+
+    Then comes a way out of the obstacles by steepest ascent of the clearance. Nothing is yielded if
+    a linkage is beyond a dead centre on the straight way back within the limits.
+
+    Args:
+        machine: The whole arm.
+        table: Posture table of the arm's plane.
+        task: The request.
+
+    Yields:
+        Paths of one or more steps from the departure, with a lower bound of 0.
+    """
     start = task.departure
     if not _is_movable(machine, start):
         return
-    ends = (end for end in _postures_nearby(machine, table, start) if _only_leaves(
-        machine, np.array([start, end])
-    ))
+    ends = (
+        end
+        for end in _postures_nearby(machine, table, start)
+        if _never_gets_deeper(machine, np.array([start, end]))
+    )
     for end in islice(ends, TRIED_POSTURES):
-        if move := _move(machine, task, end):
+        if move := _plan_first_move(machine, task, end):
             yield move
-    climb = _way_out(machine, start)
-    if climb is not None and (way := _along(machine, task, climb)):
+    climb = _climb_out_of_obstacles(machine, start)
+    if climb is not None and (way := _connect_postures(machine, task, climb)):
         yield way
 
 
-def _way_out(machine: Machine, start: FloatArray) -> FloatArray | None:
-    """Return postures by which the arm gets out of obstacles, the clearance rising all the way.
+def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray | None:
+    """Find postures on a way out of obstacles along which the clearance rises.
 
-    Steps of steepest ascent of the least clearance, within the joint limits. They end where the
-    arm keeps the margin of discrete paths.
+    Each step follows the gradient of the least clearance, within the joint limits. Of
+    CLIMB_HALVINGS step sizes, the one that gives the greatest clearance is taken. The way ends when
+    the arm keeps the margin of discrete paths, or is given up after CLIMB_STEPS.
+
+    Args:
+        machine: The whole arm.
+        start: Start posture, shape (n,) [rad or m].
 
     Returns:
-        float64[k, n], the start first; None if the clearance cannot be raised so far.
+        Postures, shape (k, n) [rad or m], the start first. None if the start keeps the margin,
+        there are no obstacles, or the clearance cannot be raised enough.
     """
     a, rows = machine.arrays, machine.obstacles.path_rows
     if len(rows) == 0:
         return None
-    low, high, unit = a.joint_min, a.joint_max, machine.radians
+    low, high, unit = a.joint_min, a.joint_max, machine.radian_equivalents
     way, here = [start], float(clearances(a, rows, frozen(start[None, :]))[0][0])
     while here < 0.0 and len(way) <= CLIMB_STEPS:
         aside = way[-1] + np.vstack([np.diag(SLOPE_STEP * unit), np.diag(-SLOPE_STEP * unit)])
@@ -213,27 +294,48 @@ def _way_out(machine: Machine, start: FloatArray) -> FloatArray | None:
     return np.array(way) if here >= 0.0 and len(way) > 1 else None
 
 
-def _along(machine: Machine, task: Task, way: FloatArray) -> DiscretePath | None:
-    """Return a path over as few of the postures way[k, n] as possible, to the last; or None."""
+def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> DiscretePath | None:
+    """Connect postures of a way by straight moves, over as few of them as possible.
+
+    From each posture, the next one is the last to which a straight move is admissible: the arm gets
+    no deeper into obstacles, and a mode combination can do the move.
+
+    Args:
+        machine: The whole arm.
+        task: The request; its departure is the first posture.
+        way: Postures, shape (k, n) [rad or m].
+
+    Returns:
+        The path to the last posture. None if a posture has no admissible move to any later one, or
+        if there is only one posture.
+    """
     moves, here, at = [], 0, task
     while here < len(way) - 1:
         for there in range(len(way) - 1, here, -1):
-            if not _only_leaves(machine, way[[here, there]]):
+            if not _never_gets_deeper(machine, way[[here, there]]):
                 continue
-            if move := _move(machine, at, way[there]):
+            if move := _plan_first_move(machine, at, way[there]):
                 break
         else:
             return None
         moves.append(move)
-        here, at = there, at.from_rest(move)
-    return joined(moves) if moves else None
+        here, at = there, at.continued_from(move)
+    return join_paths(moves) if moves else None
 
 
 def _is_movable(machine: Machine, posture: FloatArray) -> bool:
-    """Return whether each linkage moves its joint alike from the posture to the joint limits.
+    """Return whether each linkage can move its joint from a posture back within the limits.
 
-    Beyond a dead centre the moment arm has the other sign, or the linkage cannot be assembled:
-    no cylinder moves the joint from there.
+    On the straight way to the nearest posture within the limits, each moment arm must keep its
+    sign. Beyond a dead centre it has the other sign, or the linkage cannot be assembled, and no
+    cylinder can move the joint.
+
+    Args:
+        machine: The whole arm.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        True if all joints can be moved.
     """
     a = machine.arrays
     inside = np.clip(posture, a.joint_min, a.joint_max)
@@ -245,10 +347,20 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
 def _postures_nearby(
     machine: Machine, table: PostureTable, posture: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield postures within the joint limits, float64[n] each, in the order of the way to them.
+    """Yield admissible postures, the one that a move reaches earliest first.
 
-    First the posture itself with each joint clipped to its limits, then those of the table with
-    all actuators in N, the slew at its clipped angle.
+    If the given posture is beyond joint limits, the posture clipped to them comes before all
+    others. The table's postures with all actuators in mode N that are clear of obstacles follow,
+    with the slew at its clipped angle. The time of a move is that of the slowest joint, estimated
+    from its moment arm and V_max.
+
+    Args:
+        machine: The whole arm.
+        table: Posture table of the arm's plane.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Yields:
+        Postures within the joint limits, shape (n,) [rad or m].
     """
     a = machine.arrays
     inside = np.clip(posture, a.joint_min, a.joint_max)
@@ -264,15 +376,32 @@ def _postures_nearby(
 
 
 def _is_clear(machine: Machine, postures: FloatArray) -> np.ndarray:
-    """Return which of the postures float64[count, n] keep clear of all obstacles, bool[count]."""
+    """Return which postures keep clear of all obstacles, with the margin of discrete paths.
+
+    Args:
+        machine: The whole arm.
+        postures: Postures, shape (count, n) [rad or m].
+
+    Returns:
+        True for each posture that is clear, bool, shape (count,).
+    """
     rows = machine.obstacles.path_rows
     if len(rows) == 0:
         return np.ones(len(postures), dtype=bool)
     return np.asarray(clearances(machine.arrays, rows, frozen(postures))[0] >= 0.0)
 
 
-def _only_leaves(machine: Machine, ends: FloatArray) -> bool:
-    """Return whether a straight move between ends[2, n] gets ever less deep into obstacles."""
+def _never_gets_deeper(machine: Machine, ends: FloatArray) -> bool:
+    """Return whether the arm never gets deeper into obstacles on a straight move in joint space.
+
+    Args:
+        machine: The whole arm.
+        ends: First and last posture, shape (2, n) [rad or m].
+
+    Returns:
+        True if the depth in the nearest obstacle does not grow from any of ARM_LOOKS samples to the
+        next.
+    """
     if len(machine.obstacles.rows) == 0:
         return True
     share = np.linspace(0.0, 1.0, ARM_LOOKS)[:, None]
@@ -281,15 +410,31 @@ def _only_leaves(machine: Machine, ends: FloatArray) -> bool:
     return bool(np.all(np.diff(np.maximum(depth, 0.0)) <= 0.0))
 
 
-def _move(machine: Machine, task: Task, posture: FloatArray) -> DiscretePath | None:
-    """Return the cheapest straight move from the departure, of one step; None if there is none."""
-    plane, weights, slews = machine.plane, task.options.weights, int(machine.slews)
+def _plan_first_move(
+    machine: Machine, task: PathRequest, posture: FloatArray
+) -> DiscretePath | None:
+    """Return the cheapest straight move from the departure to a posture, as a path of one step.
+
+    The mode combination of least cost is taken, with the weights of the request for energy, time
+    and mode switches. If only the slew moves, the path contains the slew's motion alone.
+
+    Args:
+        machine: The whole arm.
+        task: The request; gives departure, modes in force and weights.
+        posture: End of the move, shape (n,) [rad or m].
+
+    Returns:
+        The path, slew included, with a lower bound of 0. None if no mode combination is admissible.
+    """
+    plane, weights, slews = machine.planar_arm, task.options.weights, int(machine.slews)
     begin, end = task.departure[slews:], posture[slews:]
     modes = task.modes.modes[slews:]
     if np.array_equal(begin, end):  # the slew alone is beyond its limits
         tip = plane.tip_position(begin)
-        path = DiscretePath.standing(tip, begin, modes, 0.0)
-        return turned(machine, task, path, turning_evenly(machine, path, *_slew(task, posture)))
+        path = DiscretePath.create_without_steps(tip, begin, modes, 0.0)
+        return combine_with_slew(
+            machine, task, path, compute_even_turning(machine, path, *_slew_angles(task, posture))
+        )
     costs = step_costs(plane, begin, end)
     switches = np.count_nonzero(plane.patterns != modes, axis=1)
     cost = weights.energy * costs.energy + weights.time * costs.duration
@@ -311,9 +456,11 @@ def _move(machine: Machine, task: Task, posture: FloatArray) -> DiscretePath | N
     )
     if not machine.slews:
         return path
-    return turned(machine, task, path, turning_evenly(machine, path, *_slew(task, posture)))
+    return combine_with_slew(
+        machine, task, path, compute_even_turning(machine, path, *_slew_angles(task, posture))
+    )
 
 
-def _slew(task: Task, posture: FloatArray) -> tuple[float, float]:
+def _slew_angles(task: PathRequest, posture: FloatArray) -> tuple[float, float]:
     """Return the slew's angles at the departure and in a posture [rad]."""
     return float(task.departure[0]), float(posture[0])

@@ -1,7 +1,7 @@
-"""Where a motion may end: the goal, points around it that do as well, and the end link's angle.
+"""Admissible ends of a motion: the goal, a region around it, and the end-link angle.
 
-Regions are given by offsets from the goal, which is one of their points. Planners look at some of
-these: the goal itself and points up to `SPACING` apart, the region's edge among them.
+Regions are given by offsets from the goal, which belongs to the region. Planners try some points of
+it: the goal and points up to REGION_SPACING apart, the region's edge included.
 """
 
 from __future__ import annotations
@@ -15,79 +15,128 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
 
 Point = tuple[float, float]
+"""Coordinates (x, z) [m]."""
 
 Angle = float | tuple[float, float] | None
-"""End-link angle ψ at the goal [rad]: itself, the least and the greatest that will do, or free."""
+"""Admissible end-link angle ψ at the goal [rad]: one value, least and greatest value, or None for
+any.
+"""
 
-SPACING = 0.05  # m
+REGION_SPACING = 0.05
+"""Distance between neighbouring points of a region that planners try [m].
+
+It is larger if the numbers of points reach their upper limits.
+"""
 MOST_RINGS = 3
+"""Largest number of rings of points in a disc."""
 MOST_ON_SEGMENT, MOST_ALONG_BOX = 21, 5
+"""Largest number of points on a segment, and along each side of a box."""
 
 AT_GOAL_DISTANCE = 1e-4
-"""A tip at rest within this of the goal has nothing to do [m]."""
+"""Distance from the goal within which a tip at rest counts as being there [m]."""
 
-AT_GOAL_ANGLE = 1e-3  # rad, of the end link, where one is asked for
+AT_GOAL_ANGLE = 1e-3
+"""Angle within which the end link counts as being at the angle asked for [rad]."""
 
-FARTHEST = 100.0
-"""Sizes of regions [m], at most: far beyond what any arm reaches."""
+MAX_REGION_SIZE = 100.0
+"""Largest accepted size of a region [m]; far beyond the reach of any arm."""
 
 WIDEST_ANGLE = 100.0
-"""Of the end link, either way [rad]: some turns more than any arm makes."""
+"""Largest accepted end-link angle, in either direction [rad]; some turns more than any arm makes.
+"""
 
-INSIDE = 1.0 - 1e-9
-"""Points at a disc's edge lie inside by this factor, whatever the rounding."""
+EDGE_FACTOR = 1.0 - 1e-9
+"""Factor on a disc's radius for points at its edge, so that rounding leaves them inside."""
 
 
 @dataclass(frozen=True)
 class _Region:
-    """Raises RequestError for sizes that are not finite, not above 0 or beyond FARTHEST."""
+    """Base of regions; checks their sizes.
+
+    Raises:
+        RequestError: A size is not finite, is not above 0, or exceeds MAX_REGION_SIZE.
+    """
 
     def __post_init__(self) -> None:
+        """Check all fields: sizes must be above 0, offsets x and z finite.
+
+        Raises:
+            RequestError: A size is not finite, is not above 0, or exceeds MAX_REGION_SIZE.
+        """
         for field in fields(self):
             value = getattr(self, field.name)
             if not math.isfinite(value) or (field.name not in ("x", "z") and value <= 0.0):
                 rule = "must be finite" if field.name in ("x", "z") else "must be above 0 m"
                 raise RequestError(f"goal region's {field.name}", value, rule)
-            if abs(value) > FARTHEST:
-                rule = f"must be at most {FARTHEST:g} m"
+            if abs(value) > MAX_REGION_SIZE:
+                rule = f"must be at most {MAX_REGION_SIZE:g} m"
                 raise RequestError(f"goal region's {field.name}", value, rule)
 
 
 @dataclass(frozen=True)
 class Disc(_Region):
-    """All points within `radius` m of the goal: a tolerance."""
+    """All points within a radius of the goal: a tolerance.
+
+    Attributes:
+        radius: Radius [m].
+    """
 
     radius: float
 
     @property
     def offsets(self) -> FloatArray:
-        """Points from the goal, itself first, float64[k, 2] m."""
-        rings = min(MOST_RINGS, math.ceil(self.radius / SPACING))
+        """Points to try, as offsets from the goal, shape (k, 2) [m].
+
+        They are the goal, then 8 points on each of 1 to MOST_RINGS concentric rings.
+        """
+        rings = min(MOST_RINGS, math.ceil(self.radius / REGION_SPACING))
         angle = np.arange(8) * math.pi / 4
-        rim = INSIDE * self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        rim = EDGE_FACTOR * self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
         return np.vstack([np.zeros(2), *(rim * (i + 1) / rings for i in range(rings))])
 
     def distance(self, offset: Point) -> float:
-        """How far a point is from the region [m]; 0 inside."""
+        """Return the distance of a point from the region, 0 inside it.
+
+        Args:
+            offset: The point, as an offset (x, z) from the goal [m].
+
+        Returns:
+            Distance [m].
+        """
         return max(0.0, math.hypot(*offset) - self.radius)
 
 
 @dataclass(frozen=True)
 class Segment(_Region):
-    """The straight line from the goal to the point (x, z) m beyond it."""
+    """Straight line from the goal to another point.
+
+    Attributes:
+        x: Offset of the other end from the goal [m].
+        z: Offset of the other end from the goal [m].
+    """
 
     x: float
     z: float
 
     @property
     def offsets(self) -> FloatArray:
-        """Points from the goal, itself first, float64[k, 2] m."""
-        count = math.ceil(math.hypot(self.x, self.z) / SPACING) + 1
+        """Points to try, as offsets from the goal, shape (k, 2) [m].
+
+        They are 5 to MOST_ON_SEGMENT evenly spaced points from the goal to the other end.
+        """
+        count = math.ceil(math.hypot(self.x, self.z) / REGION_SPACING) + 1
         share = np.linspace(0.0, 1.0, min(MOST_ON_SEGMENT, max(5, count)))
         return share[:, None] * [self.x, self.z]
 
     def distance(self, offset: Point) -> float:
-        """How far a point is from the region [m]; 0 on it."""
+        """Return the distance of a point from the segment.
+
+        Args:
+            offset: The point, as an offset (x, z) from the goal [m].
+
+        Returns:
+            Distance [m]; 0 on the segment.
+        """
         square = self.x**2 + self.z**2
         along = 0.0 if square == 0.0 else (offset[0] * self.x + offset[1] * self.z) / square
         share = min(1.0, max(0.0, along))
@@ -95,40 +144,66 @@ class Segment(_Region):
 
 
 @dataclass(frozen=True)
-class Box(_Region):
-    """The rectangle that reaches half_x and half_z m to either side of the goal."""
+class BoxRegion(_Region):
+    """Rectangle with the goal at its centre.
+
+    Attributes:
+        half_x: Half of its size along x [m].
+        half_z: Half of its size along z [m].
+    """
 
     half_x: float
     half_z: float
 
     @property
     def offsets(self) -> FloatArray:
-        """Points from the goal, itself first, float64[k, 2] m."""
-        x, z = (self._along(half) for half in (self.half_x, self.half_z))
+        """Points to try, as offsets from the goal, shape (k, 2) [m].
+
+        They are the goal, then the other points of a grid with 3 to MOST_ALONG_BOX points along
+        each side.
+        """
+        x, z = (self._coordinates(half) for half in (self.half_x, self.half_z))
         grid = np.column_stack([each.ravel() for each in np.meshgrid(x, z)])
         return np.vstack([np.zeros(2), grid[np.any(grid != 0.0, axis=1)]])
 
     @staticmethod
-    def _along(half: float) -> FloatArray:
-        count = min(MOST_ALONG_BOX // 2, math.ceil(half / SPACING))
+    def _coordinates(half: float) -> FloatArray:
+        """Return symmetric coordinates from −half to half along one side, an odd number [m]."""
+        count = min(MOST_ALONG_BOX // 2, math.ceil(half / REGION_SPACING))
         return half * np.arange(-count, count + 1) / count
 
     def distance(self, offset: Point) -> float:
-        """How far a point is from the region [m]; 0 inside."""
+        """Return the distance of a point from the region, 0 inside it.
+
+        Args:
+            offset: The point, as an offset (x, z) from the goal [m].
+
+        Returns:
+            Distance [m].
+        """
         beyond_x, beyond_z = abs(offset[0]) - self.half_x, abs(offset[1]) - self.half_z
         return math.hypot(max(0.0, beyond_x), max(0.0, beyond_z))
 
 
-Region = Disc | Segment | Box
+Region = Disc | Segment | BoxRegion
+"""Any of the regions."""
 
 
-def region_of(
+def create_region(
     tolerance: float | None, segment: Point | None, box: Point | None
 ) -> Region | None:
-    """The region that users ask for by at most one of these, each None where it is not asked for.
+    """Create the region that a user asks for by at most one of three values.
 
-    tolerance [m]; segment: (x, z) m from the goal to its other end; box: (x, z) m, half its sizes.
-    Raises RequestError where more than one is given.
+    Args:
+        tolerance: Radius of a disc [m], or None.
+        segment: Offset (x, z) of a segment's other end from the goal [m], or None.
+        box: Half of a rectangle's sizes along x and z [m], or None.
+
+    Returns:
+        The region; None if all values are None.
+
+    Raises:
+        RequestError: More than one value is given, or a size is out of range.
     """
     given = {"tolerance": tolerance, "segment": segment, "box": box}
     names = [name for name, value in given.items() if value is not None]
@@ -139,17 +214,33 @@ def region_of(
         return Disc(tolerance)
     if segment is not None:
         return Segment(*segment)
-    return None if box is None else Box(*box)
+    return None if box is None else BoxRegion(*box)
 
 
-def tips(goal: Point, region: Region | None) -> FloatArray:
-    """The points (x, z) m at which a plan may end, the goal first, float64[k, 2]."""
+def tip_positions(goal: Point, region: Region | None) -> FloatArray:
+    """Return the tip positions at which planners try to end.
+
+    Args:
+        goal: The goal (x, z) [m].
+        region: Region around it; None: only the goal.
+
+    Returns:
+        Positions (x, z), shape (k, 2) [m]; the goal first.
+    """
     offsets = np.zeros((1, 2)) if region is None else region.offsets
     return np.asarray(goal, dtype=np.float64) + offsets
 
 
 def check_angle(psi: Angle) -> None:
-    """Raise RequestError where it is not an angle or a range of angles within WIDEST_ANGLE."""
+    """Raise an error if an admissible end-link angle is not valid.
+
+    Args:
+        psi: Angle, least and greatest angle [rad], or None for any.
+
+    Raises:
+        RequestError: An angle is not finite, its absolute value exceeds WIDEST_ANGLE, or the first
+            of two angles is greater than the second.
+    """
     for angle in psi if isinstance(psi, tuple) else (psi,):
         if angle is not None and math.isfinite(angle) and abs(angle) > WIDEST_ANGLE:
             rule = f"must be from {-WIDEST_ANGLE:g} to {WIDEST_ANGLE:g} rad"
@@ -164,31 +255,49 @@ def check_angle(psi: Angle) -> None:
 
 
 def angle_range(psi: Angle) -> tuple[float, float] | None:
-    """The least and the greatest ψ [rad]; None where all will do."""
+    """Return the least and greatest admissible end-link angle.
+
+    Args:
+        psi: Angle, least and greatest angle [rad], or None for any.
+
+    Returns:
+        Both angles [rad], equal for one angle. None if any angle is admissible, also if the range
+        is a whole turn or more.
+    """
     if psi is None or not isinstance(psi, tuple):
         return None if psi is None else (psi, psi)
     return None if psi[1] - psi[0] >= 2 * math.pi else psi
 
 
-def is_met(
+def is_goal_met(
     goal: Point,
     region: Region | None,
     psi: Angle,
     tip: FloatArray,
     angle: float,
-    near: float,
-    near_angle: float,
+    distance_tolerance: float,
+    angle_tolerance: float,
 ) -> bool:
-    """Whether a tip (x, z) m and an end-link angle [rad] are what is asked for.
+    """Return whether tip position and end-link angle are at the goal within tolerances.
 
-    near [m], near_angle [rad]: by how much either may miss it
+    Args:
+        goal: Goal (x, z) [m].
+        region: Region around the goal; None: only the goal.
+        psi: Admissible end-link angle or range of angles [rad]; None: any.
+        tip: Tip position (x, z) [m].
+        angle: End-link angle [rad]; whole turns do not matter.
+        distance_tolerance: Allowed distance of the tip from goal or region [m].
+        angle_tolerance: Allowed distance of the angle from the admissible ones [rad].
+
+    Returns:
+        True if both are within their tolerances.
     """
     offset = float(tip[0]) - goal[0], float(tip[1]) - goal[1]
     away = math.hypot(*offset) if region is None else region.distance(offset)
-    if away > near:
+    if away > distance_tolerance:
         return False
     wanted = angle_range(psi)
     if wanted is None:
         return True
-    beyond = (angle - wanted[0] + near_angle) % (2 * math.pi)
-    return beyond <= wanted[1] - wanted[0] + 2 * near_angle
+    beyond = (angle - wanted[0] + angle_tolerance) % (2 * math.pi)
+    return beyond <= wanted[1] - wanted[0] + 2 * angle_tolerance

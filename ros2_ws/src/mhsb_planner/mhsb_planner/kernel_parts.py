@@ -1,7 +1,7 @@
-"""Everything that the planner compiles, in parts that processes of their own can call.
+"""Functions that call all kernels of the planner, in parts that separate processes can compile.
 
-What a kernel is compiled for are types, not numbers, so the suite's own machine does for all. The
-longest parts come first; those at the end need kernels of the ones before.
+A kernel (numba) is compiled for types, not for numbers, so the suite's own machine serves for all
+machines. The parts that take longest come first; the last ones use kernels of those before.
 """
 
 from __future__ import annotations
@@ -17,89 +17,96 @@ from mhsb_planner.integrated import integrated_search
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.energy import energy_of_states
 from mhsb_planner.posture.s1_global_search import build_posture_table
-from mhsb_planner.search import area_shortfall, fixed_j3, goal_clearance, s2_search
+from mhsb_planner.search import fixed_j3, goal_clearance, manipulability_loss, s2_search
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.slewing import among_zones
 
-COARSE = 0.25
-"""Spacing of a table with few nodes [m]."""
+COARSE_TABLE_SPACING = 0.25
+"""Grid spacing of a table with few nodes [m]."""
 
 
 @cache
 def machine() -> Machine:
-    """The machine that parts are called for."""
+    """Return the machine for which the parts are called; it is cached."""
     return load_machine().without_obstacles()
 
 
 @cache
 def step_graph() -> StepGraph:
-    """A posture table and the steps between its postures."""
-    return StepGraph(machine(), build_posture_table(machine(), COARSE))
+    """Return a step graph over a coarse posture table; it is cached."""
+    return StepGraph(machine(), build_posture_table(machine(), COARSE_TABLE_SPACING))
 
 
-def pricing() -> None:
-    """Routes of the integrated planner, and their cost."""
+def compile_path_pricing() -> None:
+    """Compile the pricing of cylinder paths of the integrated planner."""
     integrated_search.warm_up_pricing(machine())
 
 
-def postures() -> None:
-    """S1: the posture table."""
-    build_posture_table(machine(), COARSE)
+def compile_posture_table() -> None:
+    """Compile S1: the posture table."""
+    build_posture_table(machine(), COARSE_TABLE_SPACING)
 
 
-def lattice() -> None:
-    """Search of the integrated planner."""
+def compile_lattice_search() -> None:
+    """Compile the lattice search of the integrated planner."""
     integrated_search.warm_up_lattice(machine())
 
 
-def motion() -> None:
-    """S3, S4 and the energy of a motion, and of a part of it."""
+def compile_motion() -> None:
+    """Compile S3, S4 and the energy of a motion."""
     s3_trajectory.warm_up(machine())
     rest = np.zeros((1, machine().joint_count))
     energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
 
 
-def refinement() -> None:
-    """Improvement of routes."""
+def compile_refinement() -> None:
+    """Compile the local changes of cylinder paths."""
     integrated_search.warm_up_refinement(machine())
 
 
-def paths() -> None:
-    """The integrated planner's answer."""
+def compile_path_conversion() -> None:
+    """Compile the conversion of cylinder paths to discrete paths."""
     integrated_search.warm_up_paths(machine())
 
 
-def steps() -> None:
-    """The cost of all steps between the table's postures."""
+def compile_step_costs() -> None:
+    """Compile the costs of all steps between the table's postures."""
     step_graph()
 
 
-def search() -> None:
-    """S2: goals joined to the graph, and ways over it."""
+def compile_graph_search() -> None:
+    """Compile S2: connection of the goal to the graph, and the search."""
     s2_search.warm_up(step_graph())
 
 
-def fixed() -> None:
-    """The conventional method's postures."""
+def compile_fixed_joint_search() -> None:
+    """Compile the postures of the conventional method, which keeps joint 3."""
     fixed_j3.warm_up(step_graph())
 
 
-def others() -> None:
-    """What no search leads to by itself."""
+def compile_remaining_kernels() -> None:
+    """Compile the kernels that only some requests need, such as for obstacles and the area."""
     goal_clearance.warm_up(machine())
     among_zones.warm_up(machine())
-    area_shortfall.warm_up(machine())
+    manipulability_loss.warm_up(machine())
     integrated_search.warm_up(machine())
 
 
-PARTS = tuple(
+KERNEL_PARTS = tuple(
     f"{__name__}:{part.__name__}"
     for part in (
-        pricing, postures, lattice, motion, steps, refinement, search, paths, fixed, others,
+        compile_path_pricing, compile_posture_table, compile_lattice_search, compile_motion,
+        compile_step_costs, compile_refinement, compile_graph_search, compile_path_conversion,
+        compile_fixed_joint_search, compile_remaining_kernels,
     )
 )  # fmt: skip
+"""Import paths ("module:function") of all parts, in the order in which they are to be started."""
 
 
 def compile_planner(say: Callable[[str], None] | None = None) -> None:
-    """See to it that the planner compiles nothing later; `say` and the rest as `compile_ahead`."""
-    compile_ahead(PARTS, say)
+    """Compile all kernels of the planner that are not in the cache yet.
+
+    Args:
+        say: Called with lines of progress; None: a progress bar.
+    """
+    compile_ahead(KERNEL_PARTS, say)

@@ -1,4 +1,4 @@
-"""A plan: a motion, where it comes from, and what it costs."""
+"""A plan: a motion, its origin, and its cost."""
 
 from __future__ import annotations
 
@@ -7,31 +7,34 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mhsb_model.cavitation import Cavitation
+from mhsb_model.feasibility.cavitation import Cavitation
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.motion.energy import Energy
 from mhsb_planner.motion.s3_trajectory import FittedMotion
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.search.discrete_path import DiscretePath
 
-ROUNDING = 1e-9
-"""Costs that differ by no more than this share are equal."""
+COST_ROUNDING = 1e-9
+"""Relative difference up to which two costs count as equal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion and where it comes from.
+    """A motion and its origin.
 
-    path     S2's discrete path; without steps where braking alone led to the goal
-    motion   S3's trajectory with S4's mode schedule, both with stamp 0
-    energy   of the motion [J], in both readings
-    seconds  time taken by `search`, `fit` and `energy`, and by the integrated planner's
-             `comparison` with others' paths; `first_motion` is when, since the call, there was a
-             motion at all [s]
-    area_shortfall  of the motion (`area_shortfall`) [m]; 0 where the area has no weight
-    cavitations     of actuators whose static loads drive them faster than inlets fill
-    start_in        which joints are beyond their limits and what obstacle the arm is in or touches
-             at the start, as a clause; else empty
+    Attributes:
+        path: Discrete path of S2; without steps if the motion is braking alone or the rest of a
+            plan.
+        motion: Trajectory of S3 and mode schedule of S4, both with stamp 0.
+        energy: Energy of the motion in both readings.
+        seconds: Times [s] by stage: `search`, `fit`, `energy`, and `comparison` for paths proposed
+            for comparison. `first_motion` is the time from the request to the first motion.
+        area_shortfall: Area shortfall M of the motion (`manipulability_loss`) [m]; 0 if the area
+            has no weight.
+        cavitations: Times in which the static load drives an actuator faster than oil fills its
+            inlet, with the actuator.
+        start_problems: Clause on joints beyond their limits and on an obstacle that the arm touches
+            at the start; empty if there is neither.
     """
 
     path: DiscretePath
@@ -40,63 +43,87 @@ class Plan:
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
     cavitations: tuple[Cavitation, ...] = ()
-    start_in: str = ""
+    start_problems: str = ""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the start, and what the motion asks of the machine beyond its limits;
-        one sentence for each."""
-        start = (self.start_in,) if self.start_in else ()
+        """One sentence for each problem of the start and each excessive demand of the motion."""
+        start = (self.start_problems,) if self.start_problems else ()
         return (*start, *map(str, (*self.motion.overloads, *self.cavitations)))
 
     @property
     def lower_bound(self) -> float:
-        """No plan from the start to the goal's postures takes less energy [J].
+        """Lower bound on the energy of every plan from the start to the goal [J].
 
-        Of the integrated planner: to any posture at the goal; of the others: to those they allow.
+        The integrated planner's bound holds for all postures at the goal, another planner's for the
+        postures that it uses.
         """
         return self.path.lower_bound
 
     @property
     def gap(self) -> float:
-        """Share by which the motion's energy, reading `paper`, exceeds the lower bound."""
+        """Energy of the motion in the reading `paper` over the lower bound, minus 1 [-].
+
+        The value is 0 if the bound is 0.
+        """
         return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
 
     @property
-    def took(self) -> float:
+    def planning_time(self) -> float:
         """Time that making the plan took [s]."""
         return sum(value for name, value in self.seconds.items() if name != "first_motion")
 
     @property
     def duration(self) -> float:
-        """Of the motion [s]."""
+        """Duration of the motion [s]."""
         return self.motion.trajectory.duration_ns / SECOND_NS
 
     @property
     def joint_travel(self) -> float:
-        """How far all joints turn together [rad]."""
+        """Sum of the absolute changes of all joint positions along the trajectory [rad and m]."""
         return float(np.abs(np.diff(self.motion.trajectory.position, axis=0)).sum())
 
-    def energy_read(self, options: PlanOptions) -> float:
-        """In the reading that is asked for [J]."""
+    def chosen_energy(self, options: PlanOptions) -> float:
+        """Return the energy of the motion in the reading that the options choose [J]."""
         return self.energy.paper if options.energy_reading == "paper" else self.energy.series
 
     def cost(self, options: PlanOptions) -> float:
-        """w₁ E + w₂ T + w₃ switches + w₄ M of the motion."""
+        """Return the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
+
+        E is the energy in the chosen reading [J], T the duration [s], S the number of mode
+        switches, and M the area shortfall [m].
+
+        Args:
+            options: Options that give the weights and the energy reading.
+
+        Returns:
+            The cost [-].
+        """
         weights = options.weights
-        cost = weights.energy * self.energy_read(options) + weights.time * self.duration
-        cost += weights.switches * self.motion.schedule.switches
+        cost = weights.energy * self.chosen_energy(options) + weights.time * self.duration
+        cost += weights.switches * self.motion.schedule.switch_count
         return cost + options.area_weight * self.area_shortfall
 
     def is_cheaper_than(self, other: Plan, options: PlanOptions) -> bool:
-        """Whether it costs less than another; ties go by energy, time, joint travel."""
+        """Return whether this plan costs less than another one.
+
+        If the costs are equal within COST_ROUNDING, energy, duration and joint travel decide in
+        this order.
+
+        Args:
+            other: The other plan.
+            options: Options that give weights and energy reading.
+
+        Returns:
+            True if it costs less; False also if all four values are equal.
+        """
         for measure in (
             lambda each: each.cost(options),
-            lambda each: each.energy_read(options),
+            lambda each: each.chosen_energy(options),
             lambda each: each.duration,
             lambda each: each.joint_travel,
         ):
             new, known = measure(self), measure(other)
-            if abs(new - known) > ROUNDING * known:
+            if abs(new - known) > COST_ROUNDING * known:
                 return bool(new < known)
         return False

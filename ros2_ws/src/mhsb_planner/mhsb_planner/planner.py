@@ -1,12 +1,13 @@
-"""S2 to S4 in one call: from a state of motion to a goal.
+"""Planner: S2 to S4 in one call, from a state of motion to a goal.
 
     machine = load_machine()
     planner = Planner(machine, build_posture_table(machine))
     plan = planner.plan((0.55, 0.60), MotionState.at_rest(posture))
     sooner = planner.plan((0.55, 0.60), state, deadline=Deadline.after(0.05))
 
-A planner (`planners`) gives paths; each is made a motion (S3, S4), and the cheapest motion so far
-is the plan: there is one soon, and it gets better while there is time.
+A path planner (`planners`) proposes paths (S2, graph search). A motion is fitted to each: a smooth
+trajectory (S3) and its mode schedule (S4). The cheapest motion is the plan. A first motion is found
+early, and cheaper ones while there is time.
 """
 
 from __future__ import annotations
@@ -23,32 +24,32 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
-from mhsb_planner.first_moves import paths_from_anywhere, start_remarks
+from mhsb_planner.first_moves import describe_start_problems, paths_from_anywhere
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
-from mhsb_planner.motion.s3_coasting import Coasting, coasting
-from mhsb_planner.motion.s3_limits import stays_inside
-from mhsb_planner.motion.s3_steered import Steering
+from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
+from mhsb_planner.motion.s3_limits import keeps_position_limits
+from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
-from mhsb_planner.plan_making import PlanMaking, fit_rules
-from mhsb_planner.planners.legs import PathSource, PlanePaths
+from mhsb_planner.plan_making import PlanBuilder, fit_rules
 from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
-from mhsb_planner.planners.path_planner import Candidate, Task
+from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.registry import (
     ONLINE_PLANNER,
     PLANNER_KINDS,
-    PLANNERS,
+    REGISTERED_PLANNERS,
     PlannerKind,
-    planner_named,
-    weighing_area,
+    get_planner,
+    planners_weighing_area,
 )
+from mhsb_planner.planners.via_paths import PathSource, PlanePaths
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.search import area_shortfall, goal_clearance
-from mhsb_planner.search.area_shortfall import area_term
+from mhsb_planner.search import goal_clearance, manipulability_loss
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.manipulability_loss import area_term
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.slewing import among_zones
 from mhsb_planner.slewing.slewing import SlewingPaths
@@ -65,35 +66,53 @@ __all__ = [
     "warm_up",
 ]
 
-LONGEST_REST, CLOSE, NEAR = 1.0, 5e-3, 0.05
-"""A motion steers straight to its goal where the rest of the plan in force lasts no longer [s] and
-ends no farther from it [m]: NEAR where the motion is soon to be followed by another."""
+MAX_REMAINING_TIME, MAX_GOAL_DISTANCE, MAX_STREAMED_GOAL_DISTANCE = 1.0, 5e-3, 0.05
+"""Conditions under which a motion steers straight to its goal from a moving start.
 
-TURNING = 0.2
-"""By so much the end link's angle may change where one motion soon follows the other [rad/s]: the
-posture follows the goal, too, and does not flip to and fro."""
+The rest of the plan in force lasts no longer than the first value [s]. It ends no farther from the
+goal than the second [m], or the third if another motion is to follow.
+"""
+
+MAX_POSTURE_TURN_RATE = 0.2
+"""Largest change of the end-link angle per period between motions that follow each other [rad/s].
+The posture then follows a moving goal and does not flip to and fro.
+"""
 
 
 class Planner:
-    """Plans for one machine on one posture table; the step graph follows the machine's changes."""
+    """Planner for one machine and one posture table.
+
+    Attributes:
+        machine: Machine for which plans are made.
+        graph: Step graph of the machine in its plane; it follows changes of the machine.
+    """
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
+        """Build the step graph.
+
+        Args:
+            machine: The whole arm.
+            table: Posture table of the arm's plane.
+        """
         self._table = table
         self.machine = machine
-        """The machine that plans are made for."""
-        self.graph = StepGraph(machine.plane, table)
+        """Machine for which plans are made."""
+        self.graph = StepGraph(machine.planar_arm, table)
 
-    def change(self, machine: Machine) -> None:
-        """Plan for another payload, supply pressure, V_max, zones or number of booster modules.
+    def change_machine(self, machine: Machine) -> None:
+        """Plan for a changed machine: payload, supply pressure, V_max, zones or booster modules.
 
-        The table stays; where modules are lost, what it has for patterns that need them is left
-        out, which takes a new graph.
+        Nothing happens if the configuration is the same. Otherwise the graph is made anew. The
+        posture table stays; mode combinations that need more modules than there are, are left out.
+
+        Args:
+            machine: The changed machine.
         """
         if machine.config == self.machine.config:
             return
-        self.machine, plane = machine, machine.plane
+        self.machine, plane = machine, machine.planar_arm
         if len(plane.patterns) == len(self.graph.machine.patterns):
-            self.graph = self.graph.changed(plane)
+            self.graph = self.graph.create_for(plane)
         else:
             self.graph = StepGraph(plane, self._table.with_patterns(plane.patterns))
 
@@ -104,44 +123,63 @@ class Planner:
         modes: StartModes | None = None,
         brake: Trajectory | None = None,
         options: PlanOptions | None = None,
-        deadline: Deadline = NEVER,
+        deadline: Deadline = NO_DEADLINE,
         rest: Trajectory | None = None,
     ) -> Plan:
-        """Plan to the tip position `goal` in `base_link`, (x, z) m or, where joint 1 slews,
-        (x, y, z) m, or what the options say will do as well.
+        """Plan a motion to a goal.
 
-        modes     in force at the start; all N where left out
-        brake     how a moving start comes to rest (`mhsb_model.braking`) where it cannot coast;
-                  without it, it has to
-        deadline  until when cheaper motions are looked for; what takes longer is dropped
-        rest      of the plan in force, with stamp 0. Where it leads to the goal it stays, unless
-                  another motion is cheaper by WORTH_LEAVING; where it ends near the goal, the
-                  motion steers there
+        A moving start can come to rest in several ways: steering straight to the goal, coasting, or
+        `brake`. They are tried in this order until there is a plan. Without a deadline, equal
+        requests give equal plans.
 
-        Without a deadline the same request gives the same plan. Raises OutOfWorkspaceError,
-        InfeasibleGoalError, ZoneError, NoPathError, FitError; DeadlineError where there is no
-        motion in time; RequestError where goal or start are not finite, or the planner is not
-        there or cannot weigh the area.
+        Args:
+            goal: Tip position in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The
+                goal region of the options admits others.
+            start: State of motion at the start.
+            modes: Modes in force at the start; None: all N for long.
+            brake: Braking along the old path (`mhsb_model.braking`), by which a moving start comes
+                to rest if the other ways give no plan; None: it must steer or coast.
+            options: Options of the plan; None: defaults.
+            deadline: Instant at which the search for cheaper motions ends.
+            rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it leads to
+                the goal, it stays unless another motion is cheaper by WORTH_LEAVING. If it is short
+                and ends near the goal, the motion steers there.
+
+        Returns:
+            The cheapest plan found.
+
+        Raises:
+            OutOfWorkspaceError: The goal is outside the workspace.
+            InfeasibleGoalError: No posture within limits reaches the goal.
+            ZoneError: The arm would be too near to an obstacle at the goal.
+            NoPathError: No path connects start and goal.
+            StartError: The start is beyond joint limits, and no motion leads back.
+            FitError: No path has a motion that keeps the limits.
+            DeadlineError: There is no motion in time.
+            RequestError: Goal or start are not finite numbers, or the planner does not exist or
+                cannot weigh the area.
         """
         options = options or PlanOptions()
-        planner = planner_named(options.planner)
+        planner = get_planner(options.planner)
         self._check(goal, start, options)
         deadline.check("planning")
         began, refused = perf_counter(), None
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
             source = SlewingPaths(self.machine, planner, self.graph)
-        for stop in self._stops(goal, start, brake, rest, options):
-            task = self._task(goal, start, modes, stop, options)
-            making = PlanMaking(self.machine, task, deadline, began)
-            if rest is not None and self._leads_to(goal, rest, options):
-                making.go_on(rest, source.bound(task))
+        for stop in self._ways_to_rest(goal, start, brake, rest, options):
+            task = self._create_request(goal, start, modes, stop, options)
+            making = PlanBuilder(self.machine, task, deadline, began)
+            if rest is not None and self._ends_at_goal(goal, rest, options):
+                making.start_with_rest(rest, source.bound(task))
             try:
                 paths = paths_from_anywhere(
                     self.machine, source, self.graph.table, task, making.time
                 )
-                plan = making.best_along(paths)
-                return replace(plan, start_in=start_remarks(self.machine, start.position))
+                plan = making.choose_best(paths)
+                return replace(
+                    plan, start_problems=describe_start_problems(self.machine, start.position)
+                )
             except DeadlineError as error:
                 raise self._with_remarks(error, start) from None
             except MhsbError as error:
@@ -150,8 +188,19 @@ class Planner:
         raise self._with_remarks(refused, start)
 
     def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
-        """Return the error, its sentence ending with what is wrong with the start, if anything."""
-        remarks = start_remarks(self.machine, start.position)
+        """Append a clause on problems of the start to an error's sentence, if there are any.
+
+        Problems are joints beyond their limits and an obstacle that the arm touches. Nothing is
+        appended if the sentence contains the clause already.
+
+        Args:
+            error: The error, changed in place.
+            start: State of motion at the start.
+
+        Returns:
+            The same error.
+        """
+        remarks = describe_start_problems(self.machine, start.position)
         if remarks and remarks not in str(error):
             error.args = (f"{error}; {remarks}",)
         return error
@@ -162,20 +211,38 @@ class Planner:
         modes: StartModes | None = None,
         options: PlanOptions | None = None,
     ) -> Plan:
-        """The plan along a path that was found elsewhere, from rest; S2 is left out.
+        """Plan a motion from rest along a given path, without a search.
 
-        modes  in force at the start; all N where left out
+        Args:
+            path: The path.
+            modes: Modes in force at the start; None: all N for long.
+            options: Options of the plan; None: defaults.
 
-        Raises FitError.
+        Returns:
+            Plan whose motion begins and ends at rest at the ends of the path.
+
+        Raises:
+            FitError: No motion along the path keeps the limits.
         """
         start = MotionState.at_rest(path.posture[0])
         goal = tuple(path.tip[-1].tolist())
         options = options or PlanOptions()
-        task = self._task(goal, start, modes, None, options)
-        return PlanMaking(self.machine, task, NEVER, perf_counter()).best_along([Candidate(path)])
+        task = self._create_request(goal, start, modes, None, options)
+        return PlanBuilder(self.machine, task, NO_DEADLINE, perf_counter()).choose_best(
+            [PathProposal(path)]
+        )
 
     def _check(self, goal: Position, start: MotionState, options: PlanOptions) -> None:
-        """Raise RequestError where something is asked for that makes no sense."""
+        """Check goal, start, via points and area weight of a request.
+
+        Args:
+            goal: Goal of the tip.
+            start: State of motion at the start.
+            options: Options of the plan.
+
+        Raises:
+            RequestError: A number is missing or not finite, or the planner cannot weigh the area.
+        """
         n, slews = self.machine.joint_count, self.machine.slews
         if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
             rule = "three finite numbers, x y z" if slews else "two finite numbers, x z"
@@ -189,12 +256,12 @@ class Planner:
             if value.shape != (n,) or not np.isfinite(value).all():
                 rule = f"must be {n} finite numbers, one for each joint"
                 raise RequestError(f"start {name}", value.tolist(), rule)
-        if options.area_weight > 0.0 and not planner_named(options.planner).weighs_area:
+        if options.area_weight > 0.0 and not get_planner(options.planner).weighs_area:
             rule = f"must be 0 for the planner '{options.planner}'"
-            rule += f"; {weighing_area()} can weigh the area"
+            rule += f"; {planners_weighing_area()} can weigh the area"
             raise RequestError("area weight", options.area_weight, rule)
 
-    def _stops(
+    def _ways_to_rest(
         self,
         goal: Position,
         start: MotionState,
@@ -202,54 +269,103 @@ class Planner:
         rest: Trajectory | None,
         options: PlanOptions,
     ) -> list[Trajectory | Coasting | Steering | None]:
-        """Ways in which the start comes to rest, the better one first; None: it rests already."""
+        """List the ways in which a start can come to rest, the better first.
+
+        Steering leads straight to the goal. It is possible if the rest of the plan in force lasts
+        at most MAX_REMAINING_TIME and ends near the goal. Coasting brings the joints to rest within
+        their limits of acceleration and jerk. It is possible if all joints stay within their
+        ranges; without `brake` it is used in any case. `brake` comes last.
+
+        Args:
+            goal: Goal of the tip in `base_link` [m].
+            start: State of motion at the start.
+            brake: Braking along the old path, or None.
+            rest: Rest of the plan in force, or None.
+            options: Options of the plan.
+
+        Returns:
+            The ways; [None] if the start is at rest.
+        """
         if not (start.velocity.any() or start.acceleration.any()):
             return [None]
-        coast = coasting(self.machine, start)
+        coast = compute_coasting(self.machine, start)
         stops: list[Trajectory | Coasting | Steering | None] = []
-        if rest is not None and rest.duration_ns <= LONGEST_REST * SECOND_NS:
+        if rest is not None and rest.duration_ns <= MAX_REMAINING_TIME * SECOND_NS:
             away = math.dist(goal, self.machine.tip_in_base(rest.position[-1]).tolist())
-            if away <= (NEAR if options.period > 0.0 else CLOSE):
+            if away <= (MAX_STREAMED_GOAL_DISTANCE if options.period > 0.0 else MAX_GOAL_DISTANCE):
                 stops.append(Steering(start, rest))
-        if brake is None or stays_inside(self.machine, coast.trajectory):
+        if brake is None or keeps_position_limits(self.machine, coast.trajectory):
             stops.append(coast)
         return stops if brake is None else [*stops, brake]
 
-    def _leads_to(self, goal: Position, rest: Trajectory, options: PlanOptions) -> bool:
-        """Whether the rest of a plan ends at the goal; what it passed on its way is not known."""
-        return options.is_met(self.machine, goal, rest.position[-1]) and not options.via
+    def _ends_at_goal(self, goal: Position, rest: Trajectory, options: PlanOptions) -> bool:
+        """Return whether the rest of the plan in force ends at the goal or in its region.
 
-    def _task(
+        With via points the answer is False, because it is not known which ones have been passed.
+
+        Args:
+            goal: Goal of the tip in `base_link` [m].
+            rest: Rest of the plan in force.
+            options: Options with goal region, end-link angle and via points.
+
+        Returns:
+            True if it does.
+        """
+        return options.is_goal_reached(self.machine, goal, rest.position[-1]) and not options.via
+
+    def _create_request(
         self,
         goal: Position,
         start: MotionState,
         modes: StartModes | None,
         brake: Trajectory | Coasting | Steering | None,
         options: PlanOptions,
-    ) -> Task:
-        modes = modes or StartModes.settled(np.full(self.machine.joint_count, Mode.N))
+    ) -> PathRequest:
+        """Assemble the request for paths.
+
+        If the motion steers to a moving goal and the end-link angle ψ is free, ψ is restricted. It
+        must be within MAX_POSTURE_TURN_RATE times the period of its value at the departure.
+
+        Args:
+            goal: Goal of the tip in `base_link` [m].
+            start: State of motion at the start.
+            modes: Modes in force at the start; None: all N for long.
+            brake: How the start comes to rest; None: it is at rest.
+            options: Options of the plan.
+
+        Returns:
+            The request. Its departure is the posture at rest to which `brake` leads, or the start.
+        """
+        modes = modes or StartModes.create_settled(np.full(self.machine.joint_count, Mode.N))
         area = area_term(options.area_weight, self.graph.table)
         departure = start.position
         if brake is not None:
             departure = brake.position[-1] if isinstance(brake, Trajectory) else brake.posture
         if isinstance(brake, Steering) and options.period > 0.0 and options.goal_psi is None:
-            psi, turn = self.machine.end_link_angle(departure), TURNING * options.period
+            psi, turn = (
+                self.machine.end_link_angle(departure),
+                MAX_POSTURE_TURN_RATE * options.period,
+            )
             options = replace(options, goal_psi=(psi - turn, psi + turn))
-        return Task(goal, start, modes, brake, departure, options, area)
+        return PathRequest(goal, start, modes, brake, departure, options, area)
 
 
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
-    """Compile everything that a plan runs through, and load it, with nothing in its way.
+    """Compile and load all kernels that a plan needs.
 
-    kinds  planners that plans will be asked of; all that there are where it is left out
+    Obstacles are removed for these calls; the planner's machine and graph are restored afterwards.
+
+    Args:
+        planner: The planner.
+        kinds: Names of the path planners that will be used; None: all.
     """
     compile_planner()
     machine, graph = planner.machine, planner.graph
-    planner.change(machine.without_obstacles())
+    planner.change_machine(machine.without_obstacles())
     goal_clearance.warm_up(planner.graph.machine)
-    for kind in PLANNERS if kinds is None else kinds:
-        planner_named(kind).warm_up(planner.graph)
+    for kind in REGISTERED_PLANNERS if kinds is None else kinds:
+        get_planner(kind).warm_up(planner.graph)
     among_zones.warm_up(planner.machine)
-    area_shortfall.warm_up(planner.machine)
+    manipulability_loss.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
     planner.machine, planner.graph = machine, graph

@@ -1,4 +1,4 @@
-"""CSV and JSON files, written whole or not at all."""
+"""CSV and JSON files that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,22 +10,45 @@ from typing import Any, TextIO
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
-    """A CSV file with a header line; units belong into the header's names."""
+    """Write a CSV file with a header line.
+
+    Args:
+        path: The file; missing directories are created.
+        header: Names of the columns, units included.
+        rows: Values of each line.
+
+    Returns:
+        The path.
+    """
 
     def write(file: TextIO) -> None:
+        """Write header and rows to an open file.
+
+        Args:
+            file: The file.
+        """
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
 
-    return _written(path, write)
+    return _write_atomically(path, write)
 
 
 def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any]) -> Path:
-    """A JSON file."""
-    return _written(path, lambda file: json.dump(content, file, indent=2))
+    """Write a JSON file; return its path."""
+    return _write_atomically(path, lambda file: json.dump(content, file, indent=2))
 
 
-def _written(path: Path, write: Callable[[TextIO], None]) -> Path:
+def _write_atomically(path: Path, write: Callable[[TextIO], None]) -> Path:
+    """Write a file under a temporary name and rename it.
+
+    Args:
+        path: The file; missing directories are created.
+        write: Function that writes the content to an open text file.
+
+    Returns:
+        The path.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")
     try:

@@ -1,4 +1,4 @@
-"""Tasks wherever they are done: what they have in common, and how their futures hang together."""
+"""Common parts of executors: shared state of tasks, and links between futures."""
 
 from __future__ import annotations
 
@@ -11,15 +11,20 @@ from uuid import uuid4
 
 Result = TypeVar("Result")
 
-KEPT = 4
-"""Preparations whose result a thread keeps: workers of a cluster may serve several in turn."""
+PREPARATION_CAPACITY = 4
+"""Number of shared states that a thread keeps; a cluster's worker may serve several one after
+another.
+"""
 
 
 @dataclass(frozen=True)
-class Preparation:
-    """make(*given), to be called once in each thread that does such tasks.
+class SharedStateRecipe:
+    """Recipe of a state that tasks share: make(*given), called once in each thread that runs tasks.
 
-    name  by which a thread finds again what it has made
+    Attributes:
+        make: Function that makes the state; it must be picklable for other processes.
+        given: Its arguments.
+        name: Unique key by which a thread finds the state that it has made.
     """
 
     make: Callable[..., Any]
@@ -27,11 +32,18 @@ class Preparation:
     name: str = field(default_factory=lambda: uuid4().hex)
 
     def state(self) -> Any:
-        """The calling thread's own: no two tasks use one at the same time."""
+        """Return the calling thread's state, made on the first call.
+
+        Each thread has its own state, so no two tasks use one at a time. A thread keeps the states
+        of the last PREPARATION_CAPACITY recipes and drops older ones.
+
+        Returns:
+            Result of `make`.
+        """
         made: dict[str, Any] = _made.__dict__
         if self.name not in made:
             made[self.name] = self.make(*self.given)
-            for oldest in list(made)[:-KEPT]:
+            for oldest in list(made)[:-PREPARATION_CAPACITY]:
                 del made[oldest]
         return made[self.name]
 
@@ -40,34 +52,62 @@ _made = threading.local()
 
 
 def perform(
-    preparation: Preparation | None, work: Callable[..., Result], *args: Any, **named: Any
+    preparation: SharedStateRecipe | None, work: Callable[..., Result], *args: Any, **named: Any
 ) -> Result:
-    """work(*args, **named), with what was prepared before them."""
+    """Do a task: call work(state, *args, **named), or without state if none is shared.
+
+    Args:
+        preparation: Recipe of the state that tasks share; None: `work` gets no state.
+        work: Function to call.
+        args: Positional arguments of `work` after the state.
+        named: Named arguments of `work`.
+
+    Returns:
+        Result of the function.
+    """
     prepared = () if preparation is None else (preparation.state(),)
     return work(*prepared, *args, **named)
 
 
-def cancel_with(task: Future[Result], part: Future[Result]) -> None:
-    """Cancel what does a task when the task is cancelled.
+def link_cancellation(task: Future[Result], part: Future[Result]) -> None:
+    """Let the cancellation of a task also cancel the executor's future that does it.
 
-    What has ended is forgotten: a cluster keeps a result, and makes it again when its worker dies,
-    for as long as somebody holds its future.
+    The reference to the executor's future is dropped when that future has ended. As long as a
+    future refers to a result, a cluster keeps the result, and computes it again if its worker ends.
+
+    Args:
+        task: Future that the user has.
+        part: Future of the executor.
     """
     held = [part]
 
-    def follow(ended: Future[Result]) -> None:
+    def cancel_parts(ended: Future[Result]) -> None:
+        """Cancel the executor's future if the task was cancelled.
+
+        Args:
+            ended: The task, which has ended.
+        """
         if ended.cancelled():
             for each in tuple(held):
                 each.cancel()
 
-    task.add_done_callback(follow)
+    task.add_done_callback(cancel_parts)
     part.add_done_callback(lambda _: held.clear())
 
 
-def pass_on(
+def transfer_outcome(
     part: Future[Result], task: Future[Result], error: BaseException | None = None
 ) -> None:
-    """What has become of the part becomes of its task, unless an `error` does."""
+    """Transfer the outcome of an executor's future to the user's future.
+
+    A cancelled task stays cancelled. If `part` was cancelled and there is no `error`, the task is
+    cancelled.
+
+    Args:
+        part: Future of the executor, which has ended.
+        task: Future that the user has.
+        error: Error to set instead of the outcome; None: transfer the outcome.
+    """
     if part.cancelled() and error is None:
         task.cancel()
     if not task.set_running_or_notify_cancel():

@@ -1,4 +1,4 @@
-"""The arguments by which commands say who does their large work."""
+"""Command-line arguments that choose processes, threads or a cluster for a command's large work."""
 
 from __future__ import annotations
 
@@ -11,13 +11,25 @@ from mhsb_planner.cluster import Cluster
 from mhsb_planner.workers import Jobs
 
 Scheduler = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")]
-"""Type of `--scheduler`."""
+"""Type of the argument `--scheduler`."""
 
 
-def jobs_of(jobs: int | None, scheduler: str | None) -> Jobs:
-    """What `--jobs` and `--scheduler` say; raises UsageError, ClusterError."""
+def parse_jobs(jobs: int | None, scheduler: str | None) -> Jobs:
+    """Interpret the arguments `--jobs` and `--scheduler`.
+
+    Args:
+        jobs: Number of processes or threads; None: one for each processor.
+        scheduler: Address of a Dask cluster; None: this machine.
+
+    Returns:
+        The cluster if a scheduler is given, after a connection test; otherwise `jobs`.
+
+    Raises:
+        UsageError: Both are given.
+        ClusterError: The cluster cannot be used.
+    """
     if scheduler is None:
         return jobs
     if jobs is not None:
         raise UsageError("--jobs: a cluster has its workers; leave it out with --scheduler")
-    return Cluster.at(scheduler)
+    return Cluster.connect(scheduler)

@@ -1,7 +1,8 @@
-"""Work shared out: the one place that makes executors, which all large work goes through.
+"""Executors for all large work: processes, threads or a cluster.
 
-Whole runs go to processes. Index ranges go to threads: kernels release the interpreter while they
-run. Both go to a cluster where one is given. No result depends on who works, or on how many.
+Whole runs go to processes. Index ranges go to threads, because kernels release the interpreter
+lock. Both go to a cluster if one is given. Results do not depend on who does the work, or on how
+many do.
 """
 
 from __future__ import annotations
@@ -15,53 +16,107 @@ from typing import Any, Concatenate, Generic, ParamSpec, TypeAlias, TypeVar, cas
 from mhsb_planner.cluster import Cluster
 from mhsb_planner.errors import RequestError
 from mhsb_planner.restarting_processes import RestartingProcesses
-from mhsb_planner.tasks import Preparation, perform
+from mhsb_planner.tasks import SharedStateRecipe, perform
 
 State = TypeVar("State")
 P = ParamSpec("P")
 Result = TypeVar("Result")
 
 Jobs: TypeAlias = int | Cluster | None
-"""So many processes or threads of this machine, or the workers of a cluster; None: one for each
-processor that this process may use."""
+"""Number of processes or threads on this machine, or a cluster. None: one for each processor that
+this process may use.
+"""
 
 
 def processes(jobs: Jobs = None) -> Executor:
-    """Who does work(*args), told by submit(work, *args); one process is this one itself.
+    """Create an executor on processes or a cluster.
 
-    Processes that are killed are replaced, and what they had not done is done again. Raises
-    RequestError where jobs is below 1, ClusterError.
+    With one job, the tasks run in a thread of the calling process.
+
+    Processes that end by themselves are replaced, and their unfinished tasks are done again.
+
+    Args:
+        jobs: Number of processes, or a cluster; None: one process for each processor.
+
+    Returns:
+        The executor, to be used as a context manager.
+
+    Raises:
+        RequestError: `jobs` is below 1.
+        ClusterError: The cluster does not answer.
     """
-    return _executor(jobs, None)
+    return _create_executor(jobs, None)
 
 
 class Prepared(AbstractContextManager["Prepared[State]"], Generic[State]):
-    """The same for tasks that share a state: submit(work, *args) does work(state, *args).
+    """Context manager that does tasks with a shared state, in processes or on a cluster.
 
-    The state is make(*given): made once in each process, or thread of a cluster's worker, for all
-    that is done there, and never used by two tasks at a time.
+    The state is make(*given). It is made once in each process, or in each thread of a cluster's
+    worker. No two tasks use one state at a time.
     """
 
     def __init__(self, jobs: Jobs, make: Callable[..., State], *given: Any) -> None:
-        self._pool = _executor(jobs, Preparation(make, given))
+        """Create the executor; the state is made when the first task begins.
+
+        Args:
+            jobs: Number of processes, or a cluster; None: one process for each processor.
+            make: Function that makes the state.
+            given: Arguments of `make`.
+
+        Raises:
+            RequestError: `jobs` is below 1.
+            ClusterError: The cluster does not answer.
+        """
+        self._pool = _create_executor(jobs, SharedStateRecipe(make, given))
 
     def submit(
         self, work: Callable[Concatenate[State, P], Result], *args: P.args, **named: P.kwargs
     ) -> Future[Result]:
-        """A task; its future is one of `concurrent.futures`."""
+        """Submit a task work(state, *args, **named).
+
+        Args:
+            work: Function that can be pickled.
+            args: Positional arguments of `work` after the state.
+            named: Named arguments of `work`.
+
+        Returns:
+            Future of the result.
+        """
         return self._pool.submit(cast(Callable[..., Result], work), *args, **named)
 
     def __exit__(self, *failure: object) -> None:
         self._pool.shutdown()
 
 
-def threads(jobs: int | None = None) -> Executor:
-    """So many threads, by default one for each processor; raises RequestError below 1."""
-    return ThreadPoolExecutor(_workers(jobs))
+def create_thread_executor(jobs: int | None = None) -> Executor:
+    """Create a pool of threads.
+
+    Args:
+        jobs: Number of threads; None: one for each processor.
+
+    Returns:
+        The executor.
+
+    Raises:
+        RequestError: `jobs` is below 1.
+    """
+    return ThreadPoolExecutor(_worker_count(jobs))
 
 
 def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> Iterator[Result]:
-    """Results as they come, or in the order of the tasks; what is left at the end is cancelled."""
+    """Yield the results of tasks.
+
+    If the generator ends early, by an error or by the consumer, tasks that have not begun are
+    cancelled.
+
+    Args:
+        tasks: Futures.
+        in_order: Whether to yield results in the order of `tasks`; otherwise they come as the tasks
+            are completed.
+
+    Yields:
+        Results of the tasks. The error of a failed task is raised in its turn.
+    """
     waiting = list(tasks)
     try:
         for task in waiting if in_order else as_completed(waiting):
@@ -74,52 +129,103 @@ def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> It
 def over_ranges(
     work: Callable[[int, int], Result], total: int, size: int, jobs: Jobs = None
 ) -> Generator[Result, None, None]:
-    """Results of work(begin, end) over ranges of `size` that cover 0 … total, in their order.
+    """Call a function for index ranges that cover 0 … total, and yield the results in order.
 
-    In threads; by the workers of a cluster, to which `work` is sent, and whose results come from
-    there. Closing the generator drops what has not begun. Raises RequestError where jobs is below
-    1, ClusterError.
+    The calls run in threads. On a cluster the function is sent to the workers once. Closing the
+    generator cancels calls that have not begun.
+
+    Args:
+        work: Function work(begin, end) of a range, which does not contain `end`.
+        total: Number of indices.
+        size: Number of indices in a range; the last range may be shorter.
+        jobs: Number of threads, or a cluster; None: one thread for each processor.
+
+    Yields:
+        Result of each range, in the order of the ranges.
+
+    Raises:
+        RequestError: `jobs` is below 1.
+        ClusterError: The cluster does not answer.
     """
     ranges = [(begin, min(begin + size, total)) for begin in range(0, total, size)]
     if isinstance(jobs, Cluster):
-        with Prepared(jobs, _itself, work) as pool:
-            tasks = [pool.submit(_called, begin, end) for begin, end in ranges]
+        with Prepared(jobs, _identity_function, work) as pool:
+            tasks = [pool.submit(_call_shared_function, begin, end) for begin, end in ranges]
             yield from results_of(tasks, in_order=True)
     else:
-        with threads(jobs) as executor:
+        with create_thread_executor(jobs) as executor:
             tasks = [executor.submit(work, begin, end) for begin, end in ranges]
             yield from results_of(tasks, in_order=True)
 
 
-def _executor(jobs: Jobs, preparation: Preparation | None) -> Executor:
+def _create_executor(jobs: Jobs, preparation: SharedStateRecipe | None) -> Executor:
+    """Create the executor for the given jobs and shared state.
+
+    Args:
+        jobs: Number of processes, or a cluster; None: one process for each processor.
+        preparation: Recipe of the state that tasks share; None: they share none.
+
+    Returns:
+        An executor on the cluster, on processes, or on one thread if there is one job.
+    """
     if isinstance(jobs, Cluster):
         return jobs.executor(preparation)
-    workers = _workers(jobs)
+    workers = _worker_count(jobs)
     if workers == 1:
-        return _ThisProcess(preparation)
+        return _SingleThreadExecutor(preparation)
     return RestartingProcesses(workers, preparation)
 
 
-class _ThisProcess(ThreadPoolExecutor):
-    """One thread."""
+class _SingleThreadExecutor(ThreadPoolExecutor):
+    """Executor on one thread of this process."""
 
-    def __init__(self, preparation: Preparation | None) -> None:
+    def __init__(self, preparation: SharedStateRecipe | None) -> None:
+        """Create the thread.
+
+        Args:
+            preparation: Recipe of the state that tasks share; None: they share none.
+        """
         super().__init__(1)
         self._preparation = preparation
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
+        """Submit the task work(state, *args, **named).
+
+        If the tasks share no state, it is work(*args, **named).
+
+        Args:
+            work: Function to call.
+            args: Positional arguments of `work` after the state.
+            named: Named arguments of `work`.
+
+        Returns:
+            Future of the result.
+        """
         return super().submit(perform, self._preparation, work, *args, **named)
 
 
-def _workers(jobs: int | None) -> int:
+def _worker_count(jobs: int | None) -> int:
+    """Return the number of workers: the requested one, or one for each usable processor.
+
+    Args:
+        jobs: Requested number; None: default.
+
+    Returns:
+        The number.
+
+    Raises:
+        RequestError: The requested number is below 1.
+    """
     if jobs is not None and jobs < 1:
         raise RequestError("jobs", jobs, "must be at least 1")
     return jobs or len(os.sched_getaffinity(0))
 
 
-def _itself(work: Callable[[int, int], Result]) -> Callable[[int, int], Result]:
+def _identity_function(work: Callable[[int, int], Result]) -> Callable[[int, int], Result]:
+    """Return the argument; as a recipe, this makes the function to call the shared state."""
     return work
 
 
-def _called(work: Callable[[int, int], Result], begin: int, end: int) -> Result:
+def _call_shared_function(work: Callable[[int, int], Result], begin: int, end: int) -> Result:
+    """Call the shared function for one index range."""
     return work(begin, end)

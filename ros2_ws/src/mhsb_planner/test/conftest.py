@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.linkages.linkage import moment_arm
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_planner import deadline as deadlines
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.posture.s1_global_search import build_posture_table
@@ -41,11 +41,6 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> Looks:
     looks = Looks()
     monkeypatch.setattr(deadlines, "now", looks)
     return looks
-
-
-@pytest.fixture(scope="session")
-def machine() -> Machine:
-    return load_machine()
 
 
 @pytest.fixture(scope="session")
@@ -269,7 +264,7 @@ def worst(machine: Machine) -> Callable[..., dict[str, float]]:
         modes = schedule.modes_at_many(at)
         arms = [[moment_arm(row, each) for each in q[:, j]] for j, row in enumerate(m.linkage)]
         arms = np.column_stack(arms)
-        tip, torque = tip_and_torque(machine.plane.arrays, q[:, machine.slews :])
+        tip, torque = tip_and_torque(machine.planar_arm.arrays, q[:, machine.slews :])
         if machine.slews:  # gravity asks nothing of it
             torque = np.column_stack([np.zeros(len(q)), torque])
         force, speed = torque / arms, arms * qd

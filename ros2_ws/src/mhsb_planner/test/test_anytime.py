@@ -13,12 +13,12 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_planner import plan_making
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.motion.s3_trajectory import FitError, fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, fit_rules
-from mhsb_planner.planners.path_planner import Candidate
+from mhsb_planner.planners.path_planner import PathProposal
 
 LOOKS_TO_END = 15
 """Looks at the clock that stages may take to see, one after the other, that time is up."""
@@ -64,7 +64,7 @@ def test_with_a_deadline_the_table_planners_motion_is_made_second_and_other_ramp
         table = planner.plan(goal, start, options=PlanOptions(planner="table"))
         with monkeypatch.context() as patched:
             patched.setattr(plan_making, "fit_trajectory", noted)
-            planner.plan(goal, start, options=options, deadline=deadline if ends else NEVER)
+            planner.plan(goal, start, options=options, deadline=deadline if ends else NO_DEADLINE)
         if table.path.tip.tobytes() in made:  # it may be too dear to be looked at
             break
         made.clear()
@@ -84,9 +84,7 @@ def test_wherever_the_deadline_finds_it_planning_ends_with_a_motion_or_without(
     costs = []
     for after in range(0, needed, max(1, needed // 25)):
         try:
-            plan = planner.plan(
-                goal, start, options=options, deadline=looks.deadline_after(after)
-            )
+            plan = planner.plan(goal, start, options=options, deadline=looks.deadline_after(after))
         except DeadlineError:
             assert not costs  # what has been found once is found earlier or not at all
             continue
@@ -113,9 +111,7 @@ def test_a_deadline_that_is_not_reached_changes_nothing(planner):
         for start, goal in moves(planner, 3, seed=1):
             free = planner.plan(goal, start, options=options)
             plan = planner.plan(goal, start, options=options, deadline=Deadline.after(600.0))
-            assert np.array_equal(
-                plan.motion.trajectory.position, free.motion.trajectory.position
-            )
+            assert np.array_equal(plan.motion.trajectory.position, free.motion.trajectory.position)
             assert np.array_equal(plan.motion.schedule.modes, free.motion.schedule.modes)
             assert plan.lower_bound == free.lower_bound
 
@@ -129,7 +125,7 @@ def test_the_first_motion_comes_before_the_work_that_improves_it(planner, looks)
         deadline = looks.deadline_after(FIRST_LOOKS)
         plan = planner.plan(goal, start, options=options, deadline=deadline)
         assert plan.path.statistics.out_of_time
-        assert 0.0 < plan.seconds["first_motion"] <= plan.took
+        assert 0.0 < plan.seconds["first_motion"] <= plan.planning_time
         improved += free.cost(options) < 0.999 * plan.cost(options)
     assert improved >= 2
 
@@ -140,7 +136,7 @@ def test_a_moving_start_has_its_first_motion_in_time_too(planner, looks):
     for (start, goal), (_, other) in itertools.pairwise(pairs):
         first = planner.plan(goal, start, options=options)
         at = first.motion.trajectory.duration_ns // 2
-        modes = StartModes.during(first.motion.schedule, at)
+        modes = StartModes.read_from(first.motion.schedule, at)
         brake = brake_along(planner.machine, first.motion.trajectory, at)
         moving = first.motion.trajectory.sample(at)
 
@@ -165,13 +161,13 @@ def test_where_straight_lines_are_barred_the_first_motion_is_another_s(machine, 
     plan = planner.plan((0.55, 0.60), start, options=options)
     by_table = planner.plan((0.55, 0.60), start, options=PlanOptions(trajectory="followed"))
     assert plan.cost(options) <= by_table.cost(options)
-    assert plan.seconds["first_motion"] < plan.took
+    assert plan.seconds["first_motion"] < plan.planning_time
 
 
 def test_a_fit_ends_with_the_first_look_that_finds_the_deadline_passed(planner, looks):
     start, goal = next(moves(planner, 1))
     path = planner.plan(goal, start).path
-    modes = StartModes.settled(np.zeros(3, dtype=np.uint8))
+    modes = StartModes.create_settled(np.zeros(3, dtype=np.uint8))
     arguments = planner.machine, path, start, modes, None, fit_rules(PlanOptions())
     fit_trajectory(*arguments, looks.deadline_after(math.inf))
     needed = looks.count
@@ -186,7 +182,7 @@ def test_other_ramps_that_are_refused_are_not_told_of_the_motion_that_is_taken(
     planner, monkeypatch
 ):
     def without_faster_ones(machine, path, start, modes, brake, rules, deadline):
-        if rules.slowness[0] in plan_making.FASTER:
+        if rules.ramp_factors[0] in plan_making.FASTER_RAMP_FACTORS:
             raise FitError(("too fast",))
         return fit_trajectory(machine, path, start, modes, brake, rules, deadline)
 
@@ -205,15 +201,15 @@ def test_a_path_that_is_refused_is_no_verdict_on_the_goal_when_the_time_is_up(
     posture = path.posture.copy()
     posture[-1] = planner.machine.arrays.joint_max + 0.1
     beyond = replace(path, posture=posture)
-    task = planner._task(goal, start, None, None, PlanOptions())
-    making = plan_making.PlanMaking(
+    task = planner._create_request(goal, start, None, None, PlanOptions())
+    making = plan_making.PlanBuilder(
         planner.machine, task, Deadline.after(deadline), time.perf_counter()
     )
 
     def until_the_time_is_up():
-        yield Candidate(beyond)
-        while making.time.ends and not making.time.until.passed:
+        yield PathProposal(beyond)
+        while making.time.has_deadline and not making.time.search_deadline.has_passed:
             time.sleep(0.01)
 
     with pytest.raises(error):
-        making.best_along(until_the_time_is_up())
+        making.choose_best(until_the_time_is_up())

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.evaluation.paper_cases import paper_case
+from mhsb_planner.cases.paper_cases import paper_case
 from mhsb_planner.planner import Plan, Planner, PlanOptions
-from mhsb_planner.search.area_shortfall import AreaProfile, area_along_motion, area_along_path
-from mhsb_planner.search.area_shortfall import reference_area as full_area
+from mhsb_planner.search.manipulability_loss import AreaProfile, area_along_motion, area_along_path
+from mhsb_planner.search.manipulability_loss import reference_area as full_area
 
 WEIGHTS = (0.0, 300.0, 1000.0, 3000.0, 10000.0)
 
@@ -41,7 +41,7 @@ def test_paths_cost_what_their_sums_and_their_shortfall_come_to(planner, plans):
     for w4, plan in plans.items():
         path = plan.path
         sums = 0.5 * path.energy.sum() + 2.0 * path.switches
-        shortfall = area_along_path(planner.machine, path).shortfall(full)
+        shortfall = area_along_path(planner.machine, path).compute_area_loss(full)
         assert path.cost == pytest.approx(sums + w4 * shortfall, rel=5e-3)
 
 
@@ -50,7 +50,7 @@ def test_more_weight_never_gives_less_area_nor_less_energy(planner, plans):
     full = full_area(planner.graph.table)
     profiles = {w4: area_along_path(planner.machine, plan.path) for w4, plan in plans.items()}
     energy = [plan.path.energy.sum() for plan in plans.values()]
-    lost = [profile.shortfall(full) for profile in profiles.values()]
+    lost = [profile.compute_area_loss(full) for profile in profiles.values()]
     mean = [profile.mean for profile in profiles.values()]
     for before, after in itertools.pairwise(range(len(WEIGHTS))):
         assert energy[after] >= 0.995 * energy[before]
@@ -67,9 +67,7 @@ def test_the_motions_keep_the_area_of_their_paths(planner, plans):
         assert of_motion(planner, plan).mean == pytest.approx(path.mean, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("moves", "fewest"), [(4, 1), pytest.param(8, 3, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("moves", "fewest"), [(4, 1), pytest.param(8, 3, marks=pytest.mark.slow)])
 def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner, moves, fewest):
     random, table = np.random.default_rng(0), planner.graph.table
     full = full_area(table)
@@ -80,9 +78,11 @@ def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner, move
         without, options = planner.plan(goal, start, options=weighing(0.0)), weighing(500.0)
         assert without.area_shortfall == 0.0
         plan = planner.plan(goal, start, options=options)
-        known = without.cost(weighing(0.0)) + 500.0 * of_motion(planner, without).shortfall(full)
+        known = without.cost(weighing(0.0)) + 500.0 * of_motion(planner, without).compute_area_loss(
+            full
+        )
         assert plan.cost(options) <= known * (1 + 1e-9)
-        assert plan.area_shortfall == of_motion(planner, plan).shortfall(full)
+        assert plan.area_shortfall == of_motion(planner, plan).compute_area_loss(full)
         assert plan.lower_bound <= plan.energy.paper
         compared += plan.cost(options) < 0.999 * known
     assert compared >= fewest

@@ -33,7 +33,7 @@ def test_it_prints_json(machine, tmp_path, capsys):
     assert run("--output", path, "--spacing", 0.1, "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     table = PostureTable.load(path, machine)
-    assert facts["machine_hash"] == machine.hash
+    assert facts["machine_hash"] == machine.table_hash
     assert facts["entries"] == table.entries
     assert facts["solver"] == "global"
     assert np.allclose(facts["infeasible_nodes_m"], table.nodes[~table.feasible] * 0.1)
@@ -102,7 +102,7 @@ def test_a_machine_that_reaches_no_node_is_refused_and_nothing_is_written(
     arm = load_machine(folded)
     shape = (1, *arm.patterns.shape)
     empty = PostureTable(
-        arm.name, arm.hash, 0.05, [[20, 0]], arm.patterns, np.full(shape, np.nan),
+        arm.name, arm.table_hash, 0.05, [[20, 0]], arm.patterns, np.full(shape, np.nan),
         np.full(shape[:2], np.nan),
     )  # fmt: skip
     empty.save(path)

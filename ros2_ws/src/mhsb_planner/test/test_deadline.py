@@ -7,7 +7,7 @@ import math
 import pytest
 
 from mhsb_planner import deadline as deadline_module
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError
 
 
@@ -31,33 +31,33 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def test_a_deadline_stays_where_it_is_while_time_goes_on(clock: Clock) -> None:
     deadline = Deadline.after(0.5)
-    assert deadline.left == pytest.approx(0.5)
+    assert deadline.remaining == pytest.approx(0.5)
     clock.time += 0.3
-    assert deadline.left == pytest.approx(0.2)
-    assert not deadline.passed
+    assert deadline.remaining == pytest.approx(0.2)
+    assert not deadline.has_passed
     clock.time += 0.2
-    assert deadline.passed
+    assert deadline.has_passed
     clock.time += 1.0
-    assert deadline.left == pytest.approx(-1.0)
+    assert deadline.remaining == pytest.approx(-1.0)
 
 
 def test_a_reserve_brings_it_nearer(clock: Clock) -> None:
-    deadline = Deadline.after(0.5).less(0.4)
-    assert deadline.left == pytest.approx(0.1)
+    deadline = Deadline.after(0.5).earlier_by(0.4)
+    assert deadline.remaining == pytest.approx(0.1)
     assert deadline < Deadline.after(0.5)
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0])
 def test_no_time_is_over_at_once(clock: Clock, seconds: float) -> None:
-    assert Deadline.after(seconds).passed
+    assert Deadline.after(seconds).has_passed
 
 
 def test_never_does_not_pass(clock: Clock) -> None:
     clock.time = 1e12
-    for deadline in (NEVER, NEVER.less(1e9), Deadline.after(math.inf)):
-        assert deadline == NEVER
-        assert not deadline.passed
-        assert deadline.left == math.inf
+    for deadline in (NO_DEADLINE, NO_DEADLINE.earlier_by(1e9), Deadline.after(math.inf)):
+        assert deadline == NO_DEADLINE
+        assert not deadline.has_passed
+        assert deadline.remaining == math.inf
 
 
 def test_a_check_says_what_came_to_nothing(clock: Clock) -> None:
@@ -79,7 +79,7 @@ def test_portions_take_about_a_millisecond_each_until_the_deadline(clock: Clock)
 
 
 def test_without_hurry_portions_are_as_large_as_they_may_be(clock: Clock) -> None:
-    portions = NEVER.portions(1, 50)
+    portions = NO_DEADLINE.portions(1, 50)
     assert [next(portions) for _ in range(3)] == [50, 50, 50]
 
 

@@ -1,11 +1,8 @@
 """Starts in which the arm should not be: named at once, and left without getting further in."""
 
-import json
-
 import numpy as np
 import pytest
 
-from mhsb_model import command_line
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.machine import load_machine
@@ -13,7 +10,6 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.verdict import Verdict
-from mhsb_planner.commands.plan_command import plan
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import (
     DeadlineError,
@@ -22,11 +18,11 @@ from mhsb_planner.errors import (
     StartError,
     ZoneError,
 )
-from mhsb_planner.first_moves import START_NOISE, beyond_limits
+from mhsb_planner.first_moves import START_NOISE, describe_limit_excess
 from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.online.verdicts import announcement, code_of
+from mhsb_planner.online.verdicts import compose_acceptance_sentence, find_verdict_code
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
-from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 
@@ -39,7 +35,7 @@ ROUNDING = 2e-6
 @pytest.fixture(scope="module", params=ARMS)
 def any_planner(request):
     arm = load_machine(f"{request.config.rootpath}/config/{request.param}.yaml")
-    return Planner(arm, table_for(arm))
+    return Planner(arm, load_or_build_table(arm))
 
 
 def starts_beyond(planner, beyond, count):
@@ -52,9 +48,9 @@ def starts_beyond(planner, beyond, count):
         start, goal = table.posture[here, 0].copy(), table.nodes[there] * table.spacing
         if machine.slews:
             began, ended = random.uniform(a.joint_min[0], a.joint_max[0], 2)
-            start, goal = np.append(began, start), machine.in_base(goal, ended)
+            start, goal = np.append(began, start), machine.convert_to_base(goal, ended)
         below, above = start - a.joint_min, a.joint_max - start
-        j = int(np.argmin(np.minimum(below, above) / machine.radians))
+        j = int(np.argmin(np.minimum(below, above) / machine.radian_equivalents))
         upwards = above[j] < below[j]
         start[j] = a.joint_max[j] + beyond if upwards else a.joint_min[j] - beyond
         yield start, tuple(goal.tolist()), j
@@ -97,7 +93,7 @@ def test_every_planner_leads_a_joint_back_that_is_beyond_its_limit(any_planner, 
 def test_the_sentence_names_each_joint_with_value_limit_and_excess(machine):
     a = machine.arrays
     posture = np.array([a.joint_max[0] + 0.02, a.joint_min[1] - 0.1, a.joint_max[2] + 5e-4])
-    assert beyond_limits(machine, posture) == (
+    assert describe_limit_excess(machine, posture) == (
         f"joint_1 at {posture[0]:.4g} rad, 0.02 rad beyond its upper limit of "
         f"{a.joint_max[0]:.4g} rad and joint_2 at {posture[1]:.4g} rad, 0.1 rad beyond its lower "
         f"limit of {a.joint_min[1]:.4g} rad"
@@ -116,7 +112,7 @@ def test_where_no_cylinder_moves_the_joint_back_the_first_answer_says_so(machine
         planner.plan(
             (0.55, 0.4), start, options=PlanOptions(planner=kind), deadline=Deadline.after(60.0)
         )
-    assert code_of(refused.value) is Verdict.INFEASIBLE
+    assert find_verdict_code(refused.value) is Verdict.INFEASIBLE
 
 
 def test_what_takes_too_long_from_such_a_start_names_the_joint_as_well(machine, table):
@@ -133,7 +129,7 @@ def test_a_new_goal_on_the_way_back_leads_back_as_well(machine, table):
     start = Command.hold(0, np.array([top + 0.1, -1.4, -0.6]), np.zeros(3, dtype=np.uint8))
     options = PlanOptions(planner="integrated")
     first = replanner.replan(start, SECOND_NS, (0.55, 0.4), 0.03, options)
-    assert "joint_1" in announcement(first, Goal(1, 0.55, 0.4))
+    assert "joint_1" in compose_acceptance_sentence(first, Goal(1, 0.55, 0.4))
     on_the_way = first.change_ns + SECOND_NS // 4
     second = replanner.replan(first.command, on_the_way, (0.7, 0.1), 0.03, options)
     excess = excesses(machine, second.command.trajectory)[:, 0]
@@ -142,27 +138,16 @@ def test_a_new_goal_on_the_way_back_leads_back_as_well(machine, table):
     assert_only_returns(machine, second.command.trajectory)
 
 
-@pytest.mark.parametrize("kind", PLANNER_KINDS)
-def test_the_command_plan_leads_back_into_the_limits_as_well(machine, capsys, kind):
-    start = [float(machine.arrays.joint_max[0]) + 0.02, -1.4, -0.6]
-    words = ["--start-posture", *map(str, start), "--goal", "0.55", "0.4", "--planner", kind]
-    assert command_line.run(plan, [*words, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["joint_path"][0] == start
-    assert told["joint_path"][1] == [float(machine.arrays.joint_max[0]), *start[1:]]
-    assert "joint_1 at" in told["warnings"][0]
-    assert "0.02 rad beyond its upper limit" in told["warnings"][0]
-    assert command_line.run(plan, [*words[:4], "0.1", *words[4:]]) == command_line.USAGE
-    assert "takes 3 joint positions, joint_1, joint_2, joint_3" in capsys.readouterr().err
-    assert command_line.run(plan, [*words, "--start", "0.5", "0"]) == command_line.USAGE
-    assert "give --start-posture or --start, not both" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("name", ["mhsb_arm3", "excavator"])
 def test_an_arm_deep_in_a_zone_gets_out_or_the_answer_names_the_zone(name, request):
     """At least 9 of 12 get out; none gets deeper than START_LEEWAY allows."""
     arm = load_machine(f"{request.config.rootpath}/config/{name}.yaml")
-    planner, random, planned, seen = Planner(arm, table_for(arm)), np.random.default_rng(6), 0, 0
+    planner, random, planned, seen = (
+        Planner(arm, load_or_build_table(arm)),
+        np.random.default_rng(6),
+        0,
+        0,
+    )
     refused = []
     table = planner.graph.table
     nodes = np.flatnonzero(table.feasible)
@@ -170,17 +155,17 @@ def test_an_arm_deep_in_a_zone_gets_out_or_the_answer_names_the_zone(name, reque
         here, there = random.choice(nodes, 2, replace=False)
         start, goal = table.posture[here, 0], table.nodes[there] * table.spacing
         if arm.slews:
-            start, goal = np.append(0.2, start), arm.in_base(goal, 0.9)
-        size = 0.15 * arm.scale
+            start, goal = np.append(0.2, start), arm.convert_to_base(goal, 0.9)
+        size = 0.15 * arm.relative_size
         tip = arm.tip_in_base(start)
         place = (*(tip + random.normal(0.0, 0.3 * size, len(tip))).tolist(), size)
         zones = Zones(spheres=(place,)) if arm.slews else Zones(circles=(place,))
         away = np.linalg.norm(goal - np.array(place[:-1]))
         crowded = arm.changed(zones=zones)
-        if away < 2.5 * size or crowded.clearance(start)[0] > -0.01 * arm.scale:
+        if away < 2.5 * size or crowded.clearance(start)[0] > -0.01 * arm.relative_size:
             continue
         seen += 1
-        planner.change(crowded)
+        planner.change_machine(crowded)
         try:
             plan = planner.plan(tuple(goal.tolist()), MotionState.at_rest(start))
         except (NoPathError, ZoneError) as error:  # a goal by the zone has no clear posture

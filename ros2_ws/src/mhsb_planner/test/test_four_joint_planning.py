@@ -5,20 +5,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.files.config_files import config_file
-from mhsb_model.inverse_kinematics.tip_postures import posture_at
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.inverse_kinematics.tip_postures import solve_posture
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.errors import RequestError
-from mhsb_planner.integrated.certificate import enclose
-from mhsb_planner.integrated.goal_postures import goal_postures
-from mhsb_planner.search.fixed_j3 import elbow_side, fixed_j3_posture, kept_angles
+from mhsb_planner.integrated.goal_postures import sample_goal_postures
+from mhsb_planner.integrated.lower_bound import enclose_cell
+from mhsb_planner.search.fixed_j3 import compute_fixed_j3_posture, find_elbow_side, read_kept_angles
 
 GOAL = (0.60, 0.55)
 
 
 @pytest.fixture(scope="module")
 def arm() -> Machine:
-    return load_machine(config_file("mhsb_arm4.yaml"))
+    return load_machine(find_config_file("mhsb_arm4.yaml"))
 
 
 def random_postures(arm, count, seed):
@@ -28,7 +28,7 @@ def random_postures(arm, count, seed):
 
 def test_goal_postures_have_their_tip_at_the_goal_and_psi_as_asked(arm):
     for psi in (None, -1.0, (-1.2, -0.9)):
-        goals = goal_postures(arm, *GOAL, psi)
+        goals = sample_goal_postures(arm, *GOAL, psi)
         angles = goals.postures.posture
         assert len(angles) > 10
         for q in angles:
@@ -51,7 +51,7 @@ def test_a_cell_of_free_angles_encloses_all_its_postures(arm):
         share = random.uniform(0.0, 1.0, 2)
         free = np.array([q[0], q.sum()])
         cell = np.column_stack([free - share * width, free + (1 - share) * width])
-        assert enclose(arm.arrays, tip, 1 if q[2] > 0 else -1, cell, box)
+        assert enclose_cell(arm.arrays, tip, 1 if q[2] > 0 else -1, cell, box)
         length = arm.cylinder_lengths(q)
         assert np.all(box[0] - 1e-9 <= length)
         assert np.all(length <= box[1] + 1e-9)
@@ -75,10 +75,10 @@ def test_cells_of_a_chain_enclose_its_postures_also_where_the_tip_is_close_to_a_
     )
     cell = np.array([[inner - widths[0], inner + widths[0]], [low, low + widths[1]]])
     box, q = np.empty((2, 4)), np.empty(4)
-    some = enclose(arm.arrays, tip, elbow, cell, box)
+    some = enclose_cell(arm.arrays, tip, elbow, cell, box)
     for share in np.random.default_rng(0).uniform(size=(200, 2)):
         free = cell[:, 0] + share * (cell[:, 1] - cell[:, 0])
-        if posture_at(arm.arrays, *tip, free, elbow, q):
+        if solve_posture(arm.arrays, *tip, free, elbow, q):
             lengths = arm.cylinder_lengths(q)
             assert some
             assert np.all(box[0] - 1e-7 <= lengths)
@@ -89,7 +89,9 @@ def test_the_fixed_planner_keeps_two_joints_where_it_can(arm):
     kept = 0
     for q in random_postures(arm, 100, seed=10):
         x, z = arm.tip_position(q)
-        found = fixed_j3_posture(arm, x, z, kept_angles(arm, q), elbow_side(arm, q))
+        found = compute_fixed_j3_posture(
+            arm, x, z, read_kept_angles(arm, q), find_elbow_side(arm, q)
+        )
         assert found == pytest.approx(q, abs=1e-6)
         kept += bool(np.all(found[2:] == q[2:]))
     assert kept == 100
@@ -97,4 +99,4 @@ def test_the_fixed_planner_keeps_two_joints_where_it_can(arm):
 
 def test_of_two_kept_joints_one_initial_angle_is_refused(arm):
     with pytest.raises(RequestError, match="is of one joint, 2 are kept"):
-        fixed_j3_posture(arm, *GOAL, -1.0)
+        compute_fixed_j3_posture(arm, *GOAL, -1.0)

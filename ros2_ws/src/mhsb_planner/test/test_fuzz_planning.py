@@ -13,7 +13,7 @@ from mhsb_model.braking import brake_from
 from mhsb_model.errors import MhsbError
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.planner import Planner, PlanOptions, warm_up
 from mhsb_planner.search.s2_search import Weights
 
@@ -81,7 +81,7 @@ def ask(planner, source):
 def try_one(planner, machine, seed):
     source, sentence = random.Random(seed), "a sentence"
     try:
-        planner.change(strange_machine(machine, source))
+        planner.change_machine(strange_machine(machine, source))
         plan = ask(planner, source)
     except MhsbError as error:
         sentence = str(error)
@@ -91,11 +91,11 @@ def try_one(planner, machine, seed):
         assert not motion.velocity[-1].any()
         assert plan.energy.paper >= 0.0
     finally:
-        planner.change(machine)
+        planner.change_machine(machine)
     assert len(sentence) >= 10
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, derandomize=False)
 @given(seed=SEEDS)
 def test_strange_requests_are_planned_or_refused_with_a_sentence(planner, machine, seed):
     try_one(planner, machine, seed)
@@ -103,7 +103,7 @@ def test_strange_requests_are_planned_or_refused_with_a_sentence(planner, machin
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@settings(max_examples=4000)
+@settings(max_examples=4000, derandomize=False)
 @given(seed=SEEDS)
 def test_thousands_of_strange_requests_are_planned_or_refused(planner, machine, seed):
     try_one(planner, machine, seed)
@@ -111,5 +111,5 @@ def test_thousands_of_strange_requests_are_planned_or_refused(planner, machine, 
 
 def test_after_all_that_an_ordinary_goal_is_planned(planner, machine):
     start = np.array(machine.config.simulation.start_posture)
-    plan = planner.plan((0.55, 0.3), MotionState.at_rest(start), deadline=NEVER)
+    plan = planner.plan((0.55, 0.3), MotionState.at_rest(start), deadline=NO_DEADLINE)
     assert plan.energy.paper > 0.0

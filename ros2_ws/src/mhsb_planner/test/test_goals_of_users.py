@@ -7,9 +7,9 @@ import pytest
 
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import InfeasibleGoalError, RequestError
-from mhsb_planner.goal_region import Box, Disc, Segment, is_met
+from mhsb_planner.goal_region import BoxRegion, Disc, Segment, is_goal_met
 from mhsb_planner.planner import Planner, PlanOptions
-from mhsb_planner.planners.registry import PLANNERS
+from mhsb_planner.planners.registry import REGISTERED_PLANNERS
 
 START = MotionState.at_rest(np.array([0.3, -1.4, -1.5]))
 GOAL = (0.65, 0.45)
@@ -39,8 +39,8 @@ def nearest(machine, plan, point):
     return float(away.min()), 1e-3 * int(np.argmin(away))
 
 
-@pytest.mark.parametrize("kind", PLANNERS)
-@pytest.mark.parametrize("region", [Disc(0.03), Segment(-0.1, 0.05), Box(0.05, 0.02)])
+@pytest.mark.parametrize("kind", REGISTERED_PLANNERS)
+@pytest.mark.parametrize("region", [Disc(0.03), Segment(-0.1, 0.05), BoxRegion(0.05, 0.02)])
 def test_a_motion_ends_in_the_region_and_is_no_dearer_than_to_the_goal_itself(
     machine, planner, kind, region
 ):
@@ -49,12 +49,12 @@ def test_a_motion_ends_in_the_region_and_is_no_dearer_than_to_the_goal_itself(
     point, free = (planner.plan(GOAL, START, options=each) for each in (exact, options))
     tip, angle = ending(machine, free)
     assert region.distance(tuple(tip - GOAL)) <= 1e-6
-    assert is_met(GOAL, region, None, tip, angle, 1e-6, 1e-6)
+    assert is_goal_met(GOAL, region, None, tip, angle, 1e-6, 1e-6)
     assert free.cost(options) <= point.cost(exact) * (1 + 1e-9)
     assert free.lower_bound <= free.energy.paper
 
 
-@pytest.mark.parametrize("kind", PLANNERS)
+@pytest.mark.parametrize("kind", REGISTERED_PLANNERS)
 def test_the_end_link_ends_in_the_range_asked_for(machine, planner, kind):
     possible = machine.postures(*GOAL, np.linspace(-3.0, 3.0, 601)).sum(axis=1)
     one, other = np.quantile(possible, [0.6, 0.75]).tolist()
@@ -69,7 +69,7 @@ def test_the_end_link_ends_in_the_range_asked_for(machine, planner, kind):
         planner.plan(GOAL, START, options=PlanOptions(planner=kind, goal_psi=(3.0, 3.1)))
 
 
-@pytest.mark.parametrize("kind", PLANNERS)
+@pytest.mark.parametrize("kind", REGISTERED_PLANNERS)
 def test_a_goal_that_cannot_be_reached_is_answered_by_its_region(machine, planner, kind):
     outside = (1.04, 0.0)
     with pytest.raises(Exception, match="workspace"):
@@ -79,7 +79,7 @@ def test_a_goal_that_cannot_be_reached_is_answered_by_its_region(machine, planne
     assert math.dist(tip, outside) <= 0.05
 
 
-@pytest.mark.parametrize("kind", PLANNERS)
+@pytest.mark.parametrize("kind", REGISTERED_PLANNERS)
 def test_points_on_the_way_are_passed_in_their_order_without_a_stop(machine, planner, kind):
     via = ((0.6, -0.05), (0.7, 0.2))
     options = PlanOptions(planner=kind, via=via, via_tolerance=0.012)
@@ -96,7 +96,7 @@ def test_points_on_the_way_are_passed_in_their_order_without_a_stop(machine, pla
 
 def test_an_arm_that_is_in_the_region_stays(machine, planner):
     tip = machine.tip_position(START.position)
-    for kind in PLANNERS:
+    for kind in REGISTERED_PLANNERS:
         options = PlanOptions(planner=kind, goal_region=Disc(0.02))
         plan = planner.plan((tip[0] + 0.01, tip[1]), START, options=options)
         assert plan.path.steps == 0

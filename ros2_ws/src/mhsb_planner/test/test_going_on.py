@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.braking import brake_along, rest_of
+from mhsb_model.braking import brake_along, cut_before
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.motion.s4_mode_schedule import StartModes
@@ -32,10 +32,10 @@ def anew(planner, plan, at_ns, options, goal=GOAL):
     return planner.plan(
         goal,
         trajectory.sample(at_ns),
-        StartModes.during(plan.motion.schedule, at_ns),
+        StartModes.read_from(plan.motion.schedule, at_ns),
         brake_along(planner.machine, trajectory, at_ns),
         options,
-        rest=rest_of(trajectory, at_ns),
+        rest=cut_before(trajectory, at_ns),
     )
 
 
@@ -44,7 +44,7 @@ def test_with_a_little_less_payload_the_rest_of_the_plan_stays_with_new_prices(p
     options = PlanOptions(planner=kind)
     plan, at_ns = under_way(planner, options)
     payload = planner.machine.arrays.payload
-    planner.change(planner.machine.changed(payload=0.99 * payload))
+    planner.change_machine(planner.machine.changed(payload=0.99 * payload))
     again = anew(planner, plan, at_ns, options)
     left = plan.motion.trajectory.duration_ns - at_ns
     assert again.motion.method is FitMethod.CONTINUED
@@ -62,7 +62,7 @@ def test_with_a_little_less_payload_the_rest_of_the_plan_stays_with_new_prices(p
 def test_a_rest_that_is_too_fast_for_the_v_max_of_now_is_left(planner):
     options = PlanOptions(planner="integrated", weights=TIME)
     plan, at_ns = under_way(planner, options)
-    planner.change(planner.machine.changed(max_piston_speed=0.006))
+    planner.change_machine(planner.machine.changed(max_piston_speed=0.006))
     again = anew(planner, plan, at_ns, options)
     assert again.motion.method is not FitMethod.CONTINUED
     assert again.duration > 1.5 * (plan.duration - at_ns / SECOND_NS)

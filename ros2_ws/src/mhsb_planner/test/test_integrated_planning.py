@@ -8,7 +8,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.integrated.integrated_search import search
-from mhsb_planner.integrated.task import Effort
+from mhsb_planner.integrated.search_problem import SearchLimits
 from mhsb_planner.motion.s3_trajectory import FitError, FitRules
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions, fit_rules
@@ -52,7 +52,7 @@ def check_limits(measured):
         (PlanOptions(planner="table"), 0.1),
         (PlanOptions(planner="table", max_speed_excess=0.02), 0.02),
         (PlanOptions(planner="integrated", trajectory="polynomial"), 0.1),
-        (INTEGRATED, FitRules.following().max_excess),
+        (INTEGRATED, FitRules.create_following().max_excess),
     ],
 )
 def test_polynomials_pass_v_max_only_where_they_are_asked_for(options, excess):
@@ -76,7 +76,7 @@ def test_no_motion_is_dearer_than_that_along_the_path_where_time_costs_a_little(
     normal, hasty = np.zeros(3, dtype=np.uint8), Weights(0.5, 1.0, 2.0)
     for start, goal, _ in pairs(planner, 4, seed=3):
         plan = planner.plan(goal, MotionState.at_rest(start), options=INTEGRATED)
-        effort = Effort(expansions=4000)
+        effort = SearchLimits(max_expansions=4000)
         path = search(planner.machine, start, normal, goal, hasty, effort=effort)
         hurried = planner.follow(path, options=INTEGRATED)
         assert plan.cost(INTEGRATED) <= (1.0 + 1e-6) * hurried.cost(INTEGRATED)
@@ -95,9 +95,7 @@ def test_with_time_weights_motions_are_never_slower_than_the_tables(planner):
         assert durations[0] <= 1.0001 * durations[1]
 
 
-def test_replanning_on_the_way_continues_position_velocity_and_acceleration(
-    machine, table, worst
-):
+def test_replanning_on_the_way_continues_position_velocity_and_acceleration(machine, table, worst):
     replanner = Replanner(machine, table)
     planner = Planner(machine, table)
     moving = 0
@@ -124,7 +122,7 @@ def test_another_payload_or_pressure_is_planned_for_with_the_same_planner(machin
     start, goal, _ = next(pairs(planner, 1, seed=4))
     energies = []
     for payload, pressure in ((10.0, 4e6), (2.0, 4e6), (2.0, 6e6), (10.0, 4e6)):
-        planner.change(machine.changed(payload=payload, supply_pressure=pressure))
+        planner.change_machine(machine.changed(payload=payload, supply_pressure=pressure))
         plan = planner.plan(goal, MotionState.at_rest(start), options=INTEGRATED)
         assert plan.lower_bound <= plan.energy.paper
         energies.append(plan.energy.paper)
@@ -139,7 +137,7 @@ def test_under_a_weight_on_switches_alone_no_motion_switches_more_than_the_table
     for start, goal, _ in pairs(planner, 8, seed=5):
         start = MotionState.at_rest(start)
         other, plan = (planner.plan(goal, start, options=each) for each in (by_table, integrated))
-        assert plan.cost(integrated) == plan.motion.schedule.switches
-        assert plan.motion.schedule.switches <= other.motion.schedule.switches
-        if plan.motion.schedule.switches == other.motion.schedule.switches:
+        assert plan.cost(integrated) == plan.motion.schedule.switch_count
+        assert plan.motion.schedule.switch_count <= other.motion.schedule.switch_count
+        if plan.motion.schedule.switch_count == other.motion.schedule.switch_count:
             assert plan.energy.paper <= other.energy.paper * (1 + 1e-9)

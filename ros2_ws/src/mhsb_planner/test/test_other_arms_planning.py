@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.integrated import goal_postures
-from mhsb_planner.integrated.certificate import SOON_CELLS, least_cost_to
+from mhsb_planner.integrated.lower_bound import SOON_CELLS, lower_bound_to_goals
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, energy_lower_bound
-from mhsb_planner.search.s2_step import circuit_of
+from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 
 START, GOAL = (0.55, -0.05), (0.60, 0.55)
 PLANNERS = ("table", "fixed", "integrated")
@@ -24,7 +24,7 @@ that the certificate may be: two free angles leave cells that are not halved any
 
 @pytest.fixture(scope="module", params=["mhsb_arm4.yaml", "telescope_arm.yaml"])
 def arm(request) -> Machine:
-    return load_machine(config_file(request.param))
+    return load_machine(find_config_file(request.param))
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +64,11 @@ def test_every_planner_leads_the_tip_round_a_zone(planner, arm, start):
     x, z = arm.tip_position(straight.sample(straight.duration_ns // 2).position)
     guarded = arm.changed(zones=Zones(tip_circles=((x, z, 0.05),)))
     for kind in PLANNERS:
-        planner.change(guarded)
+        planner.change_machine(guarded)
         try:
-            plan = planner.plan(
-                GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind)
-            )
+            plan = planner.plan(GOAL, MotionState.at_rest(start), options=PlanOptions(planner=kind))
         finally:
-            planner.change(arm)
+            planner.change_machine(arm)
         trajectory = plan.motion.trajectory
         at = np.arange(0, trajectory.duration_ns + 1, 2_000_000)
         tips = arm.tip_positions(trajectory.sample_many(at)[0])
@@ -86,29 +84,34 @@ def test_an_integrated_plan_costs_no_more_than_the_others(planner, start):
 
 
 def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_least(arm):
-    circuit, (angles, share) = circuit_of(arm.arrays, arm.patterns), CLOSE[arm.name]
+    circuit, (angles, share) = (
+        compute_hydraulic_coefficients(arm.arrays, arm.patterns),
+        CLOSE[arm.name],
+    )
     low, high = arm.arrays.joint_min, arm.arrays.joint_max
     for q in np.random.default_rng(9).uniform(low, high, (4, arm.joint_count)):
         for tip in (GOAL, (0.9, -0.2)):
-            goals = goal_postures.goal_postures(arm, *tip)
-            bound = least_cost_to(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
+            goals = goal_postures.sample_goal_postures(arm, *tip)
+            bound = lower_bound_to_goals(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
             dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, angles))
             sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
             assert bound <= sampled * (1 + 1e-9)
             assert bound >= share * sampled
             lengths = arm.cylinder_lengths(q)
-            hasty = least_cost_to(arm, circuit, lengths, goals, ENERGY_ALONE, SOON_CELLS)
+            hasty = lower_bound_to_goals(arm, circuit, lengths, goals, ENERGY_ALONE, SOON_CELLS)
             assert 0.0 <= hasty <= bound * (1 + 1e-9)
 
 
 def test_inner_samples_that_are_left_out_reach_nothing(monkeypatch):
-    arm = load_machine(config_file("mhsb_arm4.yaml"))
+    arm = load_machine(find_config_file("mhsb_arm4.yaml"))
 
     def all_of_them(m, x, z, samples):
         return np.arange(samples ** (len(m.link_length) - 3))
 
     tips = ((0.55, 0.60), (0.9, -0.2), (1.1, 0.1), (0.3, -0.3))
-    chosen = [goal_postures.goal_postures(arm, *tip).postures.posture for tip in tips]
-    monkeypatch.setattr(goal_postures, "_in_reach", all_of_them)
+    chosen = [goal_postures.sample_goal_postures(arm, *tip).postures.posture for tip in tips]
+    monkeypatch.setattr(goal_postures, "_reachable_inner_samples", all_of_them)
     for tip, expected in zip(tips, chosen, strict=True):
-        assert np.array_equal(goal_postures.goal_postures(arm, *tip).postures.posture, expected)
+        assert np.array_equal(
+            goal_postures.sample_goal_postures(arm, *tip).postures.posture, expected
+        )

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.braking import brake_along
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.motion.s4_mode_schedule import StartModes
@@ -75,7 +75,7 @@ def test_a_piston_keeps_its_own_v_max_where_a_goal_changes_in_motion(planner, wo
     again = planner.plan(
         second,
         trajectory.sample(at_ns),
-        StartModes.during(schedule, at_ns),
+        StartModes.read_from(schedule, at_ns),
         brake_along(planner.machine, trajectory, at_ns),
         options,
     ).motion
@@ -127,12 +127,12 @@ def test_the_lower_bound_lasts_as_long_as_the_slowest_piston_for_its_way(arm, se
 
 @pytest.mark.parametrize("kind", ["table", "fixed", "integrated"])
 def test_a_slew_and_a_bucket_keep_what_is_their_own(worst, kind):
-    usual = load_machine(config_file("excavator.yaml"))
+    usual = load_machine(find_config_file("excavator.yaml"))
     own = {"rated_flow": 4e-4, "max_piston_speed": 0.05}
     arm = usual.with_values({"joints.0.actuator": own, "joints.3.actuator.max_piston_speed": 0.04})
-    planner = Planner(arm, build_posture_table(arm.plane, spacing=6.0 * arm.spacing))
-    place = arm.in_plane((2.6, 0.0, -1.0), near=0.0)
-    start = np.append(place.slew, postures_at(arm.plane, *place.tip).posture[0])
+    planner = Planner(arm, build_posture_table(arm.planar_arm, spacing=6.0 * arm.spacing))
+    place = arm.convert_to_plane((2.6, 0.0, -1.0), preferred_slew=0.0)
+    start = np.append(place.slew, postures_at(arm.planar_arm, *place.tip).posture[0])
     options = PlanOptions(Weights(0.0, 15.0, 2.0), planner=kind, trajectory="followed")
     plan = planner.plan((1.3, 1.8, 0.5), MotionState.at_rest(start), options=options)
     motion = plan.motion

@@ -7,8 +7,8 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.modes import modules_in_use
 from mhsb_model.trajectory import MotionState
 from mhsb_planner import plan_making
+from mhsb_planner.cases.moves import random_moves
 from mhsb_planner.errors import NoPathError
-from mhsb_planner.evaluation.moves import random_moves
 from mhsb_planner.motion.s3_limits import joint_excess
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.search.s2_search import Weights
@@ -63,9 +63,7 @@ def test_a_path_found_elsewhere_is_followed_as_if_it_had_been_searched(planner):
     start, goal = table.posture[nodes[0], 0], tuple(table.nodes[nodes[40]] * table.spacing)
     plan = planner.plan(goal, MotionState.at_rest(start))
     again = planner.follow(plan.path)
-    np.testing.assert_array_equal(
-        again.motion.trajectory.position, plan.motion.trajectory.position
-    )
+    np.testing.assert_array_equal(again.motion.trajectory.position, plan.motion.trajectory.position)
     assert again.energy == plan.energy
 
 
@@ -74,7 +72,7 @@ def test_plans_do_without_modules_that_are_lost_and_with_them_again(machine, tab
     options = [PlanOptions(planner=kind) for kind in ("table", "fixed", "integrated")]
     used = {4: [], 2: [], 0: []}
     for count, plans in used.items():
-        planner.change(machine.changed(module_count=count))
+        planner.change_machine(machine.changed(module_count=count))
         for each in options:
             try:
                 plans.append(planner.plan(RAISED, start, options=each))
@@ -92,7 +90,7 @@ def test_plans_do_without_modules_that_are_lost_and_with_them_again(machine, tab
     assert most[0] > 0
     assert most[1] <= 2
     assert used[0] == [None] * 3  # nobody lifts this in N
-    planner.change(machine)
+    planner.change_machine(machine)
     for plan, each in zip(used[4], options, strict=True):
         assert planner.plan(RAISED, start, options=each).cost(each) == plan.cost(each)
 
@@ -109,7 +107,7 @@ def test_ramps_are_faster_where_nothing_else_needs_their_half_of_the_limits(
         return np.array([plan.cost(options) for plan in plans])
 
     with_faster = costs()
-    monkeypatch.setattr(plan_making, "FASTER", ())
+    monkeypatch.setattr(plan_making, "FASTER_RAMP_FACTORS", ())
     without = costs()
     assert np.all(with_faster <= without)
     assert with_faster.sum() < 0.9995 * without.sum()

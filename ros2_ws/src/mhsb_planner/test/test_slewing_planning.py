@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
@@ -16,7 +16,7 @@ from mhsb_planner.goal_region import Disc
 from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
-from mhsb_planner.slewing.sharing_out import shared_out
+from mhsb_planner.slewing.slew_distribution import distribute_stroke
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 
@@ -32,25 +32,25 @@ steps = st.lists(st.tuples(st.floats(0.01, 2.0), st.floats(0.0, 1.0)), min_size=
 
 @pytest.fixture(scope="module", params=["excavator.yaml", "forestry_crane.yaml"])
 def arm(request) -> Machine:
-    return load_machine(config_file(request.param))
+    return load_machine(find_config_file(request.param))
 
 
 @pytest.fixture(scope="module")
 def planner(arm: Machine) -> Planner:
-    return Planner(arm, build_posture_table(arm.plane, spacing=6.0 * arm.spacing))
+    return Planner(arm, build_posture_table(arm.planar_arm, spacing=6.0 * arm.spacing))
 
 
 @pytest.fixture(scope="module")
 def start(arm: Machine) -> np.ndarray:
-    place = arm.in_plane(MOVES[arm.name][0], near=0.0)
-    return np.append(place.slew, postures_at(arm.plane, *place.tip).posture[0])
+    place = arm.convert_to_plane(MOVES[arm.name][0], preferred_slew=0.0)
+    return np.append(place.slew, postures_at(arm.planar_arm, *place.tip).posture[0])
 
 
 @given(steps, st.floats(1e-4, 1.0))
 def test_a_way_is_shared_out_within_the_speed_and_what_is_left_of_the_flow(given_steps, way):
     duration = np.array([step[0] for step in given_steps])
     oil = np.array([share for _, share in given_steps]) * FLOW * duration
-    share, longer = shared_out(way, duration, oil, FASTEST, FLOW, AREA)
+    share, longer = distribute_stroke(way, duration, oil, FASTEST, FLOW, AREA)
     assert share.sum() == pytest.approx(way, rel=1e-9)
     assert np.all(share <= FASTEST * longer * (1 + 1e-9))
     assert np.all(AREA * share + oil <= FLOW * longer * (1 + 1e-9))
@@ -61,7 +61,7 @@ def test_a_way_is_shared_out_within_the_speed_and_what_is_left_of_the_flow(given
 def test_steps_last_no_longer_than_a_way_needs(given_steps, way):
     duration = np.array([step[0] for step in given_steps])
     oil = np.array([share for _, share in given_steps]) * FLOW * duration
-    _, longer = shared_out(way, duration, oil, FASTEST, FLOW, AREA)
+    _, longer = distribute_stroke(way, duration, oil, FASTEST, FLOW, AREA)
     factor = longer.sum() / duration.sum()
     if factor > 1.0 + 1e-9:
         shorter = (1.0 - 1e-6) * longer
@@ -70,7 +70,7 @@ def test_steps_last_no_longer_than_a_way_needs(given_steps, way):
 
 
 def test_a_plane_that_rests_turns_at_the_speed_that_the_flow_allows():
-    share, longer = shared_out(0.5, np.zeros(1), np.zeros(1), FASTEST, 1e-4, AREA)
+    share, longer = distribute_stroke(0.5, np.zeros(1), np.zeros(1), FASTEST, 1e-4, AREA)
     assert share.sum() == pytest.approx(0.5)
     assert longer.sum() == pytest.approx(0.5 / (1e-4 / AREA))
 

@@ -5,14 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.files.config_files import config_file
-from mhsb_model.inverse_kinematics.tip_postures import closing_joints, posture_at, side_of
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.inverse_kinematics.tip_postures import (
+    find_closing_joints,
+    find_closure_side,
+    solve_posture,
+)
 from mhsb_model.kinematics import tip_position
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import frozen
-from mhsb_planner.integrated.certificate import enclose
-from mhsb_planner.integrated.goal_postures import goal_postures
+from mhsb_planner.integrated.goal_postures import sample_goal_postures
+from mhsb_planner.integrated.lower_bound import enclose_cell
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
 
@@ -21,7 +25,7 @@ GOAL = (0.75, 0.45)
 
 @pytest.fixture(scope="module")
 def arm() -> Machine:
-    return load_machine(config_file("telescope_arm.yaml"))
+    return load_machine(find_config_file("telescope_arm.yaml"))
 
 
 def chain(arm: Machine, kinds: str):
@@ -53,7 +57,7 @@ def test_no_slsqp_start_finds_a_larger_polytope(arm):
 def test_goal_postures_have_their_tip_at_the_goal(arm):
     middle = arm.end_link_angle(postures_at(arm, *GOAL).posture[0])
     for psi in (None, (middle - 0.1, middle + 0.1)):
-        goals = goal_postures(arm, *GOAL, psi)
+        goals = sample_goal_postures(arm, *GOAL, psi)
         assert len(goals.postures.posture) > 5
         for q in goals.postures.posture:
             assert arm.tip_position(q) == pytest.approx(GOAL, abs=1e-9)
@@ -69,17 +73,17 @@ def test_goal_postures_have_their_tip_at_the_goal(arm):
 )
 def test_a_cell_encloses_all_its_postures(arm, kinds, seed, width):
     arrays, random = chain(arm, kinds), np.random.default_rng(seed)
-    i, j = closing_joints(arrays)
+    i, j = find_closing_joints(arrays)
     held = [k for k in range(len(kinds)) if k not in (i, j)]
     q = random.uniform(arrays.joint_min, arrays.joint_max)
-    tip, side = tip_position(arrays, q), side_of(arrays, q, i, j)
+    tip, side = tip_position(arrays, q), find_closure_side(arrays, q, i, j)
     share = random.uniform(size=len(held))
     size = width * (arrays.joint_max - arrays.joint_min)[held]
     cell = np.column_stack([q[held] - share * size, q[held] + (1.0 - share) * size])
     box, other = np.empty((2, len(kinds))), np.empty(len(kinds))
-    assert enclose(arrays, tip, side, cell, box)
+    assert enclose_cell(arrays, tip, side, cell, box)
     for free in [q[held], *random.uniform(cell[:, 0], cell[:, 1], (100, len(held)))]:
-        if posture_at(arrays, *tip, free, side, other):
+        if solve_posture(arrays, *tip, free, side, other):
             length = [cylinder_length(arrays.linkage[k], other[k]) for k in range(len(kinds))]
             assert np.all(box[0] - 1e-7 <= length)
             assert np.all(length <= box[1] + 1e-7)

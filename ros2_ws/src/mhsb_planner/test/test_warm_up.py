@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 import numpy as np
 from mhsb_model.errors import MhsbError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
@@ -43,7 +43,7 @@ search(graph, q, modes, (0.60, 0.30), (1, 0, 2))
 search(graph, q, list(modes), [0.61, 0.31], (0.5, 0.0, 2.0), "series")
 search(graph, q - 0.01, modes, (0.61, 0.31), (0.5, 0.0, 2.0), goal_psi=psi)
 search(graph, q, modes, (0.56, 0.21), (0.5, 0.0, 2.0))
-search(graph.changed(machine.changed(payload=2.0)), q, modes, (0.61, 0.31), (0.5, 0.0, 2.0))
+search(graph.create_for(machine.changed(payload=2.0)), q, modes, (0.61, 0.31), (0.5, 0.0, 2.0))
 for x, z in ((0.61, 0.31), (0.50, -0.20), (0.30, 0.60), (0.80, 0.10)):
     for weights in (Weights(0.5, 0, 2), Weights(0, 15, 2)):
         with suppress(MhsbError):
@@ -66,18 +66,19 @@ for options in (planning.PlanOptions(planner=kind) for kind in planning.PLANNER_
     plan = planner.plan((0.85, 0.40), MotionState.at_rest(out), options=options)
     assert (plan.motion.schedule.modes[1:] > 0).any(), options
 crowded = machine.changed(zones=Zones(boxes=((0.65, 0.1, 0.95, 0.3),)))
-planner.change(crowded)
+planner.change_machine(crowded)
 for kind in planning.PLANNER_KINDS:
     with suppress(MhsbError):
         planner.plan((0.5, -0.2), start, options=planning.PlanOptions(planner=kind))
 by_plans = {name: count for name, count in compiled().items() if count != before.get(name)}
-arm = load_machine(config_file("excavator.yaml"))
-planner = planning.Planner(arm, build_posture_table(arm.plane, 6.0 * arm.spacing))
+arm = load_machine(find_config_file("excavator.yaml"))
+planner = planning.Planner(arm, build_posture_table(arm.planar_arm, 6.0 * arm.spacing))
 planning.warm_up(planner)
 before = compiled()
-planner.change(arm.changed(zones=Zones(boxes=((1.2, -0.1, -2.0, 3.5, 0.1, 0.3),))))
-place = arm.in_plane((2.6, -1.5, -0.8), 0.0)
-start = MotionState.at_rest(np.append(place.slew, postures_at(arm.plane, *place.tip).posture[0]))
+planner.change_machine(arm.changed(zones=Zones(boxes=((1.2, -0.1, -2.0, 3.5, 0.1, 0.3),))))
+place = arm.convert_to_plane((2.6, -1.5, -0.8), 0.0)
+posture = postures_at(arm.planar_arm, *place.tip).posture[0]
+start = MotionState.at_rest(np.append(place.slew, posture))
 for kind in planning.PLANNER_KINDS:
     planner.plan((2.0, 1.8, -0.5), start, options=planning.PlanOptions(planner=kind))
 by_slews = {name: count for name, count in compiled().items() if count != before.get(name)}

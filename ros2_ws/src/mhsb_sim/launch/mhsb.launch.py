@@ -1,6 +1,7 @@
-"""Starts planner and simulator, and robot_state_publisher where it is installed; for instance:
+"""Launch planner and simulator, and robot_state_publisher if it is installed.
 
-ros2 launch mhsb_sim mhsb.launch.py machine:=/path/to/machine.yaml real_time_factor:=2.0
+Example:
+    ros2 launch mhsb_sim mhsb.launch.py machine:=/path/to/machine.yaml real_time_factor:=2.0
 """
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -11,7 +12,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 from mhsb_model.machine import load_machine
-from mhsb_sim.mechanics.robot_description import robot_description
+from mhsb_sim.mechanics.robot_description import build_robot_description
 
 ARGUMENTS = {  # name: (default, type, meaning)
     "namespace": ("", str, "namespace of both nodes"),
@@ -23,13 +24,13 @@ ARGUMENTS = {  # name: (default, type, meaning)
 }
 
 
-def value(name: str) -> ParameterValue:
-    """A launch argument as a parameter of its type."""
+def make_value(name: str) -> ParameterValue:
+    """Return a launch argument as a parameter of its type."""
     return ParameterValue(LaunchConfiguration(name), value_type=ARGUMENTS[name][1])
 
 
-def state_publisher(context) -> list[Node]:
-    """Makes TF of the arm's URDF and `joint_states`, where it is installed."""
+def make_state_publisher(context) -> list[Node]:
+    """Return robot_state_publisher, which makes TF of URDF and joint states, if it is installed."""
     try:
         get_package_share_directory("robot_state_publisher")
     except PackageNotFoundError:
@@ -42,8 +43,8 @@ def state_publisher(context) -> list[Node]:
             namespace=LaunchConfiguration("namespace"),
             parameters=[
                 {
-                    "robot_description": robot_description(machine),
-                    "use_sim_time": value("use_sim_time"),
+                    "robot_description": build_robot_description(machine),
+                    "use_sim_time": make_value("use_sim_time"),
                 }
             ],
         )
@@ -62,7 +63,7 @@ def generate_launch_description() -> LaunchDescription:
         executable="planner_node",
         namespace=namespace,
         output="screen",
-        parameters=[{name: value(name) for name in ("machine", "use_sim_time")}],
+        parameters=[{name: make_value(name) for name in ("machine", "use_sim_time")}],
     )
     simulator = Node(
         package="mhsb_sim",
@@ -70,9 +71,12 @@ def generate_launch_description() -> LaunchDescription:
         namespace=namespace,
         output="screen",
         parameters=[
-            {name: value(name) for name in ("machine", "seed", "controller", "real_time_factor")},
-            {"publish_clock": value("use_sim_time")},
+            {
+                name: make_value(name)
+                for name in ("machine", "seed", "controller", "real_time_factor")
+            },
+            {"publish_clock": make_value("use_sim_time")},
         ],
     )
-    frames = OpaqueFunction(function=state_publisher)
+    frames = OpaqueFunction(function=make_state_publisher)
     return LaunchDescription([*arguments, planner, simulator, frames])

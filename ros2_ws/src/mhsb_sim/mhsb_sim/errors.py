@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from mhsb_model.errors import ArgumentError, MhsbError
 
 
 class SimulationDivergedError(MhsbError):
-    """The simulation left the finite numbers; `quantity` names what did, `time` says when [s]."""
+    """The state of the simulation is no longer finite.
+
+    Attributes:
+        quantity: Name of the quantity that is not finite.
+        time: Simulated time at which it was found [s].
+    """
 
     def __init__(self, quantity: str, time: float) -> None:
+        """Build the error with its sentence.
+
+        Args:
+            quantity: Name of the quantity that is not finite.
+            time: Simulated time [s].
+        """
         self.quantity = quantity
         self.time = time
         super().__init__(
@@ -23,33 +32,12 @@ class ModeError(MhsbError):
 
 
 class PlantError(MhsbError):
-    """An arm is not of the build that its servo knows."""
+    """The simulated arm has other numbers of joints or modules than its servo assumes."""
 
 
 class FaultError(ArgumentError):
-    """What is to fail is not there, or not written as faults are."""
-
-
-class VariationError(MhsbError):
-    """The variations of a machine cannot be used."""
-
-
-class ScenarioError(MhsbError):
-    """The scenarios of a study cannot be used."""
-
-
-class TuningError(MhsbError):
-    """The servo cannot be tuned."""
+    """A fault to be injected does not exist, or is not written correctly."""
 
 
 class HandOverError(MhsbError):
     """The simulator did not take a plan."""
-
-
-class UnknownControllerError(ArgumentError):
-    """No controller has the name that was asked for."""
-
-    def __init__(self, name: str, valid: Iterable[str]) -> None:
-        self.name = name
-        self.valid = tuple(valid)
-        super().__init__(f"there is no controller {name!r}; valid are {', '.join(self.valid)}")

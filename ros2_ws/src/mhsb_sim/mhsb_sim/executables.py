@@ -1,17 +1,19 @@
-"""What `ros2 run mhsb_sim` starts."""
+"""Executables that `ros2 run mhsb_sim` starts."""
 
-from mhsb_model.process import command, node, run_named
+from mhsb_model.process import forward_to_tools, make_node_entry, run_named
 
-sim_node = node("mhsb_sim.ros.sim_node")
-record = node("mhsb_sim.recording.record_command")
-viewer = node("mhsb_sim.viewer.viewer_command")
-simulate = command("mhsb_sim.commands.simulate_command")
-compare = command("mhsb_sim.study.compare_command")
-study = command("mhsb_sim.study.study_command")
-tune = command("mhsb_sim.study.tune_command")
-report = command("mhsb_sim.report.report_command")
-animate = command("mhsb_sim.commands.animate_command")
-demo = command("mhsb_sim.commands.demo_command")
+sim_node = make_node_entry("mhsb_sim.ros.sim_node")
+
+# These commands belong to mhsb_tools; `ros2 run mhsb_sim NAME` forwards to them.
+simulate = forward_to_tools("simulate")
+compare = forward_to_tools("compare")
+study = forward_to_tools("study")
+tune = forward_to_tools("tune")
+record = forward_to_tools("record")
+report = forward_to_tools("report")
+animate = forward_to_tools("animate")
+demo = forward_to_tools("demo")
+viewer = forward_to_tools("viewer")
 
 if __name__ == "__main__":
     run_named(globals())

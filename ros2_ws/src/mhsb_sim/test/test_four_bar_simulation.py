@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_sim.servo import CONTROLLERS
 from mhsb_sim.simulation.simulator import Simulator
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
@@ -19,7 +19,7 @@ RAISED = np.array([1.9, -1.5, -1.2])  # joint 1 beyond what its slider-crank spa
 FOLDED = np.array([0.8, -2.5, -0.4])
 
 
-@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
 def test_it_holds_and_its_cylinders_carry_the_load(
     four_bar_machine: Machine, controller: str
 ) -> None:

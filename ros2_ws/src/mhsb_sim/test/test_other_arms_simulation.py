@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_sim.simulation.plan_receiver import trajectory_problem
+from mhsb_sim.simulation.plan_receiver import find_trajectory_problem
 from mhsb_sim.simulation.simulator import Simulator
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
@@ -23,14 +23,14 @@ RAISED = {"mhsb_arm4.yaml": np.array([1.2, -1.4, -0.3, 0.2]), "telescope_arm.yam
 
 @pytest.fixture(scope="module")
 def telescope() -> Machine:
-    return load_machine(config_file("telescope_arm.yaml"))
+    return load_machine(find_config_file("telescope_arm.yaml"))
 
 
 @pytest.mark.parametrize("file", RAISED)
 def test_the_tip_follows_and_no_joint_chatters_in_a_motion_of_all_joints(
     file: str, motion: Motion
 ) -> None:
-    arm = load_machine(config_file(file))
+    arm = load_machine(find_config_file(file))
     simulator = Simulator(arm)
     plan = motion(simulator.reference, RAISED[file], of=arm)
     simulator.set_plan(*plan)
@@ -58,6 +58,6 @@ def test_a_heavier_payload_is_learnt_in_a_motion_of_all_joints(
 def test_what_a_telescope_cannot_do_is_told_in_metres(telescope: Machine, motion: Motion) -> None:
     trajectory, _ = motion(Simulator(telescope).reference, OUT, of=telescope)
     too_far = replace(trajectory, position=trajectory.position + [0.0, 0.0, 0.1])
-    told = trajectory_problem(telescope, too_far)
+    told = find_trajectory_problem(telescope, too_far)
     assert told is not None
     assert "joint_3 0.07 m beyond its limits [0, 0.25] m" in told

@@ -1,1 +1,1 @@
-"""Files of configuration: where they are found, and how they are read."""
+"""Configuration files: locating, reading and checking them, and folders for results."""

@@ -1,4 +1,4 @@
-"""Where the files of the suite's config folder are: installed, or in the source tree."""
+"""Locations of the files in the suite's config folder: installed, or in the source tree."""
 
 from __future__ import annotations
 
@@ -8,8 +8,21 @@ from pathlib import Path
 from mhsb_model.errors import MhsbError
 
 
-def config_file(name: str) -> Path:
-    """The file of that name: of the installation, else of the source tree; MhsbError if nowhere."""
+def find_config_file(name: str) -> Path:
+    """Return the path of a file in the suite's config folder.
+
+    The installed package's folder is searched first. If the file is not there, or ROS is missing,
+    the `config` folders above this source file are searched, the nearest one first.
+
+    Args:
+        name: Path relative to the config folder, such as `mhsb_arm3.yaml` or `views/mhsb.rviz`.
+
+    Returns:
+        Path of an existing file.
+
+    Raises:
+        MhsbError: The file is in neither place.
+    """
     try:
         from ament_index_python.packages import get_package_share_directory
 
@@ -17,7 +30,7 @@ def config_file(name: str) -> Path:
         if installed.is_file():
             return installed
     except (ImportError, LookupError):
-        pass  # not installed, or without ROS: the source tree is as good
+        pass  # not installed, or without ROS: search the source tree
     for folder in Path(__file__).resolve().parents:
         candidate = folder / "config" / name
         if candidate.is_file():
@@ -25,10 +38,22 @@ def config_file(name: str) -> Path:
     raise MhsbError(f"config/{name} is neither in the installation nor beside the source")
 
 
-def of_machine(name: str, machine: str | None) -> Path:
-    """The machine's own file beside that of the suite's own arm, NAME_MACHINE.yaml beside
-    NAME.yaml, or that one where it has none."""
+def find_machine_config_file(name: str, machine: str | None) -> Path:
+    """Return the variant of a config file for a machine, or the general file if it has none.
+
+    The variant of NAME.yaml for machine M is NAME_M.yaml, such as `demo_goals_excavator.yaml`.
+
+    Args:
+        name: Name of the general file, such as `demo_goals.yaml`.
+        machine: Name of the machine; None if none is given, which finds the general file.
+
+    Returns:
+        Path of an existing file.
+
+    Raises:
+        MhsbError: The general file is needed and does not exist.
+    """
     own = Path(name)
     with suppress(MhsbError):
-        return config_file(f"{own.stem}_{machine}{own.suffix}")
-    return config_file(name)
+        return find_config_file(f"{own.stem}_{machine}{own.suffix}")
+    return find_config_file(name)

@@ -1,6 +1,7 @@
-"""Rules of a machine file that concern several values, each a named function.
+"""Rules of a machine file that concern several values.
 
-All are checked before anything is reported, as `path: sentence`.
+Each function checks the rules of one part of the file. All rules are checked before anything is
+reported. A broken rule is one string, `path: sentence`, with the path of the value in the file.
 """
 
 from __future__ import annotations
@@ -8,19 +9,36 @@ from __future__ import annotations
 from mhsb_model.schema import JOINT_KINDS, AnyJoint, MachineConfig, Section, unit_of
 
 
-def problems_across(config: MachineConfig) -> list[str]:
-    """Every rule across fields that the configuration breaks, as `path: sentence`."""
+def check_machine_rules(config: MachineConfig) -> list[str]:
+    """Check all rules that concern several fields of a machine file.
+
+    Args:
+        config: Content of a machine file that the schema has accepted.
+
+    Returns:
+        One string `path: sentence` for each broken rule; empty if none is broken.
+    """
     problems = _workspace_problems(config) + _hydraulic_problems(config)
-    problems += _start_problems(config) + _keep_out_problems(config) + _zone_problems(config)
+    problems += _check_start_posture(config) + _keep_out_problems(config) + _zone_problems(config)
     problems += _version_problems(config)
-    problems += _kept_problems(config) + _telescope_problems(config) + _slew_problems(config)
+    problems += _check_kept_joints(config) + _telescope_problems(config) + _slew_problems(config)
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
     return problems
 
 
-def own_speed_problems(config: MachineConfig) -> list[str]:
-    """A file's V_max is none's to exceed; a lower one asked for later holds for all, too."""
+def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
+    """Check that no actuator's own speed limit exceeds the machine's V_max.
+
+    This check is not part of `check_machine_rules`. A file must obey it, but a run may later be
+    asked for with a lower V_max, which then applies to all actuators.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each actuator whose own limit is too large.
+    """
     most = config.motion.max_piston_speed
     return [
         f"joints.{j}.actuator.max_piston_speed: {own:g} m/s is above motion.max_piston_speed "
@@ -31,6 +49,17 @@ def own_speed_problems(config: MachineConfig) -> list[str]:
 
 
 def _workspace_problems(config: MachineConfig) -> list[str]:
+    """Check that the workspace's radii are in order and within the arm's reach.
+
+    The least radius must be below the greatest. The reach is the sum of all link lengths and of the
+    telescopes' largest extensions.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each broken rule.
+    """
     area = config.workspace
     reach = sum(joint.link.length for joint in config.joints if joint.kind != "slew")
     reach += sum(joint.limits.upper for joint in config.joints if joint.kind == "prismatic")
@@ -48,7 +77,16 @@ def _workspace_problems(config: MachineConfig) -> list[str]:
 
 
 def _version_problems(config: MachineConfig) -> list[str]:
-    """In files of version 1 all joints are revolute, later ones name the kind of each."""
+    """Check that files of schema version 2 and later name the kind of each joint.
+
+    In files of version 1 all joints are revolute, and the kind may be left out.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each joint without a kind.
+    """
     return [
         f"joints.{index}.kind: is missing; in schema_version 2 a joint has one: "
         f"{' or '.join(JOINT_KINDS)}"
@@ -57,7 +95,18 @@ def _version_problems(config: MachineConfig) -> list[str]:
     ]
 
 
-def _kept_problems(config: MachineConfig) -> list[str]:
+def _check_kept_joints(config: MachineConfig) -> list[str]:
+    """Check that the joints kept by the `fixed` planner leave two joints to reach a tip position.
+
+    `motion.kept_joints` must name different joints in the arm's plane, so a slew (joint 1) is not
+    allowed. An empty list is allowed.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence`, or an empty list.
+    """
     kept, joints = config.motion.kept_joints, len(config.joints)
     first = 2 if config.joints[0].kind == "slew" else 1
     distinct, needed = set(kept) & set(range(first, joints + 1)), joints - first - 1
@@ -70,7 +119,14 @@ def _kept_problems(config: MachineConfig) -> list[str]:
 
 
 def _slew_problems(config: MachineConfig) -> list[str]:
-    """One joint slews, the first."""
+    """Check that only joint 1 slews, and only in files of schema version 2 or later.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each broken rule.
+    """
     kinds = [joint.kind for joint in config.joints]
     problems = [
         f"joints.{index}.kind: joint 1 alone can slew; all others move in the plane that it turns"
@@ -83,7 +139,17 @@ def _slew_problems(config: MachineConfig) -> list[str]:
 
 
 def _zone_problems(config: MachineConfig) -> list[str]:
-    """Zones of arms that slew are in space, those of others in the arm's plane."""
+    """Check that keep-out zones have the form that the machine needs.
+
+    An arm that slews has zones in space: boxes with y limits, cylinders, spheres. An arm that moves
+    in a plane has boxes without y limits and circles.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each box or kind of zone that does not fit.
+    """
     keep_out, slews = config.keep_out, config.joints[0].kind == "slew"
     where = "joint 1 slews, and zones are in space" if slews else "this arm moves in x and z alone"
     rule = "give y_min and y_max, too" if slews else "leave out y_min and y_max"
@@ -103,12 +169,23 @@ def _zone_problems(config: MachineConfig) -> list[str]:
 
 
 def _telescope_problems(config: MachineConfig) -> list[str]:
-    """A telescope slides along a link that turns."""
+    """Check the rules for prismatic joints (telescopes).
+
+    A telescope slides along the link of the joint before. So the first joint in the plane must be
+    revolute, two telescopes must not be neighbours, and at least two joints must be revolute.
+    Prismatic joints need schema version 2.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each broken rule; empty if no joint is prismatic.
+    """
     kinds = [joint.kind for joint in config.joints]
     if "prismatic" not in kinds:
         return []
     problems, first = [], 1 if kinds[0] == "slew" else 0
-    if kinds[first:first + 1] == ["prismatic"]:
+    if kinds[first : first + 1] == ["prismatic"]:
         problems.append(
             f"joints.{first}.kind: joint {first + 1} must be revolute, a telescope needs a link "
             "before"
@@ -129,6 +206,17 @@ def _telescope_problems(config: MachineConfig) -> list[str]:
 
 
 def _hydraulic_problems(config: MachineConfig) -> list[str]:
+    """Check tank pressure, modules of each mode, and leakage against the main pump.
+
+    The tank pressure must be below the supply pressure. Mode N must use no module, DB and SB at
+    least one. The leakage of all valves must be below the main pump's largest flow.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each broken rule.
+    """
     oil = config.hydraulics
     problems = []
     if oil.tank_pressure >= oil.main_pump.pressure:
@@ -151,7 +239,16 @@ def _hydraulic_problems(config: MachineConfig) -> list[str]:
     return problems
 
 
-def _start_problems(config: MachineConfig) -> list[str]:
+def _check_start_posture(config: MachineConfig) -> list[str]:
+    """Check that the start posture has a position for each joint, within the joint's limits.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each position beyond its limits. If the number of positions
+        is wrong, one string for that alone.
+    """
     start = config.simulation.start_posture
     if len(start) != len(config.joints):
         return [
@@ -167,6 +264,16 @@ def _start_problems(config: MachineConfig) -> list[str]:
 
 
 def _keep_out_problems(config: MachineConfig) -> list[str]:
+    """Check the number of link radii, and that zones and the base have a positive extent.
+
+    There must be no link radius or one for each link in the arm's plane.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each broken rule.
+    """
     keep_out, problems = config.keep_out, []
     links = sum(joint.kind != "slew" for joint in config.joints)
     if len(keep_out.link_radii) not in (0, links):
@@ -188,6 +295,18 @@ def _keep_out_problems(config: MachineConfig) -> list[str]:
 
 
 def _joint_problems(path: str, joint: AnyJoint) -> list[str]:
+    """Check limits, cylinder and link of one joint.
+
+    The lower limit must be below the upper one, the rod thinner than the bore, and the centre of
+    mass on the link. Only the limits are checked for a slew.
+
+    Args:
+        path: Path of the joint in the file, such as `joints.0`.
+        joint: Joint section of the file.
+
+    Returns:
+        One string `path: sentence` for each broken rule.
+    """
     problems, unit = [], unit_of(joint)
     if joint.limits.lower >= joint.limits.upper:
         problems.append(

@@ -1,4 +1,4 @@
-"""Folders for results, made before the work whose results they are for."""
+"""Folders for results, created before the work that produces the results."""
 
 from __future__ import annotations
 
@@ -8,9 +8,18 @@ from mhsb_model.errors import MhsbError
 
 
 def make_output_folder(path: Path, purpose: str) -> Path:
-    """The folder, made where it is missing; MhsbError where something else has its name.
+    """Create a folder and its parents unless it exists.
 
-    purpose: what it is for, as in "name one for the report".
+    Args:
+        path: Folder.
+        purpose: Noun phrase for the error message, such as "the report" in "name one for the
+            report".
+
+    Returns:
+        `path`.
+
+    Raises:
+        MhsbError: A part of the path exists and is not a folder.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -19,10 +28,19 @@ def make_output_folder(path: Path, purpose: str) -> Path:
     return path
 
 
-def make_room_for(file: Path, purpose: str) -> Path:
-    """The file, its folder made where it is missing; MhsbError where it cannot be a file.
+def make_parent_folder(file: Path, purpose: str) -> Path:
+    """Create the parent folder of a file that is going to be written.
 
-    purpose: as in "name a file for the picture".
+    Args:
+        file: File, which may exist.
+        purpose: Noun phrase for the error message, such as "the picture" in "name a file for the
+            picture".
+
+    Returns:
+        `file`.
+
+    Raises:
+        MhsbError: The path is a folder, or its parent cannot be one.
     """
     if file.is_dir():
         raise MhsbError(f"{file} is a folder; name a file for {purpose}")

@@ -1,4 +1,4 @@
-"""What is wrong with a file's content by its schema: path, value, limit and what to do."""
+"""Messages for content that a schema has refused: path, value, limit and remedy."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 LONGEST_VALUE = 40
-"""Characters of a wrong value that a message repeats."""
+"""Largest number of characters of a wrong value that a message repeats."""
 
-LIMITS = {
+LIMIT_ERRORS = {
     "greater_than": ("gt", "above", "raise it"),
     "greater_than_equal": ("ge", "at least", "raise it"),
     "less_than": ("lt", "below", "lower it"),
     "less_than_equal": ("le", "at most", "lower it"),
 }
-"""Of pydantic's kinds of error: where the limit stands, what it is, what to do."""
+"""Errors of a broken limit by pydantic's error type.
 
-TYPES = {
+Each value is the key of the limit in the error's context, words for the limit, and the remedy."""
+
+TYPE_NAMES = {
     "float": "a number",
     "int": "a whole number",
     "finite": "a finite number",
@@ -31,48 +33,84 @@ TYPES = {
     "list": "a list",
     "tuple": "a list",
 }
-"""What a value must be, by how pydantic's kind of error begins."""
+"""Required type in words, by the first word of pydantic's error type, such as `int_parsing`."""
 
 
-def problems_of(error: ValidationError, model: type[BaseModel], above: str = "") -> list[str]:
-    """One sentence for each problem with content that a model refused, by its path.
+def describe_validation_errors(
+    error: ValidationError, model: type[BaseModel], path_prefix: str = ""
+) -> list[str]:
+    """Describe each problem of a pydantic validation error in one sentence.
 
-    above  path of the content itself, where it stands in a larger file
+    A list that is too short is not reported if a value in it is reported: pydantic does not count
+    values that it refuses.
+
+    Args:
+        error: Error that pydantic has raised.
+        model: Model against which the content was validated.
+        path_prefix: Path of the content if it is part of a larger file, else empty.
+
+    Returns:
+        One string `path: sentence` for each problem, with the dotted path in the file. The sentence
+        names the limit, the wrong value and the remedy.
     """
     items = error.errors()
     broken = {item["loc"][:length] for item in items for length in range(len(item["loc"]))}
     return [
-        f"{_path(item['loc'], model, above)}: {_sentence(item, model)}"
+        f"{_format_path(item['loc'], model, path_prefix)}: {_describe_problem(item, model)}"
         for item in items
-        if not (item["type"] == "too_short" and item["loc"] in broken)  # what is broken is there
+        # A list is counted as too short if its values are broken, though they are present.
+        if not (item["type"] == "too_short" and item["loc"] in broken)
     ]
 
 
-def _path(loc: Sequence[str | int], model: type[BaseModel], above: str) -> str:
-    """Where in the file, without the kinds that pydantic puts in between."""
-    named, at = [above] if above else [], [model]
+def _format_path(loc: Sequence[str | int], model: type[BaseModel], path_prefix: str) -> str:
+    """Return the dotted path of a problem in the file.
+
+    Pydantic inserts the kind of a section (such as `revolute`) into its path if several kinds are
+    possible. These parts are left out.
+
+    Args:
+        loc: Location of the problem as pydantic gives it: keys, list indices and kinds.
+        model: Model against which the content was validated.
+        path_prefix: Path of the content if it is part of a larger file, else empty.
+
+    Returns:
+        Dotted path; "the file" if it is empty.
+    """
+    named, at = [path_prefix] if path_prefix else [], [model]
     for part in loc:
-        tagged = _of_kind(at, part)
+        tagged = _select_models_of_kind(at, part)
         if tagged:
             at = tagged
             continue
         named.append(str(part))
-        at = _below(at, part)
+        at = _find_models_below(at, part)
     return ".".join(named) or "the file"
 
 
-def _sentence(item: Any, model: type[BaseModel]) -> str:
+def _describe_problem(item: Any, model: type[BaseModel]) -> str:
+    """Describe one problem of a validation error: the rule, the value, and the remedy.
+
+    Error types without an own sentence get pydantic's message in lower case.
+
+    Args:
+        item: One entry of pydantic's `ValidationError.errors()`.
+        model: Model against which the content was validated.
+
+    Returns:
+        Sentence without subject, since the path goes before it.
+    """
     kind, context = str(item["type"]), item.get("ctx", {})
-    section, field = _place(model, item["loc"])
-    unit, value = _unit(field), _shown(item.get("input")) if item["loc"] else ""
-    if kind in LIMITS:
-        key, words, what_to_do = LIMITS[kind]
+    section, field = _locate_field(model, item["loc"])
+    unit, value = _find_unit(field), _format_value(item.get("input")) if item["loc"] else ""
+    if kind in LIMIT_ERRORS:
+        key, words, what_to_do = LIMIT_ERRORS[kind]
         return f"must be {words} {context[key]:g}{unit}{value}; {what_to_do}"
     if kind == "missing":
         meaning = (field.description if field else "") or ""
         return f"is missing; add it{f': {meaning}' if meaning else ''}"
     if kind == "extra_forbidden":
-        return _unknown(str(item["loc"][-1]), _keys(section))
+        return _describe_unknown_key(str(item["loc"][-1]), _list_keys(section))
     if kind == "literal_error":
         return f"must be {context['expected']}{value}; give one of these"
     if kind == "union_tag_invalid":
@@ -80,7 +118,7 @@ def _sentence(item: Any, model: type[BaseModel]) -> str:
     if kind == "union_tag_not_found":
         return "is missing its kind; add one"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"must be a section with the keys {', '.join(_keys(section))}{value}"
+        return f"must be a section with the keys {', '.join(_list_keys(section))}{value}"
     if kind in ("too_short", "too_long"):
         least, most = context.get("min_length"), context.get("max_length")
         limit = f"at least {least}" if kind == "too_short" else f"at most {most}"
@@ -94,22 +132,40 @@ def _sentence(item: Any, model: type[BaseModel]) -> str:
         return f"has {len(item['input'])} characters, must have {limit}{value}"
     if kind == "value_error":
         return f"{context['error']}"
-    of_type = TYPES.get(kind.partition("_")[0])
+    of_type = TYPE_NAMES.get(kind.partition("_")[0])
     if of_type:
         return f"must be {of_type}{f', in{unit}' if unit else ''}{value}; give one"
     return f"{str(item['msg']).lower()}{value}"
 
 
-def _unknown(key: str, keys: Sequence[str]) -> str:
-    """What is told of a key that is not there; never its value, which may be anything."""
+def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:
+    """Describe a key that the schema does not have, and suggest the valid ones.
+
+    The key's value is not repeated, since it may be anything.
+
+    Args:
+        key: Unknown key.
+        keys: Valid keys of the section.
+
+    Returns:
+        Sentence that suggests the most similar valid key, or lists all of them.
+    """
     close = difflib.get_close_matches(key, keys, 1)
     if close:
         return f"there is no such key; did you mean {close[0]}?"
     return f"there is no such key; leave it out, or give one of {', '.join(keys)}"
 
 
-def _shown(value: Any) -> str:
-    """Return a value in brackets, cut to what can be repeated; nothing for lists and sections."""
+def _format_value(value: Any) -> str:
+    """Format a wrong value for a message, such as ` (is 'abc')`.
+
+    Args:
+        value: Value of any type.
+
+    Returns:
+        Text with a leading space. The value is cut after LONGEST_VALUE characters, without a mark.
+        Empty if the value is None, a list, a mapping or anything else than text, number or bool.
+    """
     if isinstance(value, str):
         return f" (is {value[:LONGEST_VALUE]!r})"
     if not isinstance(value, int | float | bool):
@@ -117,49 +173,96 @@ def _shown(value: Any) -> str:
     return f" (is {repr(value)[:LONGEST_VALUE]})"
 
 
-def _unit(field: FieldInfo | None) -> str:
-    """The unit in a value's description, after a space; nothing where there is none."""
+def _find_unit(field: FieldInfo | None) -> str:
+    """Return the unit at the end of a field's description, such as ` kg` from "mass [kg]".
+
+    Args:
+        field: Field of a model, or None.
+
+    Returns:
+        The last expression in square brackets, with a leading space. Empty if there is none or if
+        it is a dash.
+    """
     units = re.findall(r"\[([^\[\]]+)\]", (field.description or "") if field else "")
     return f" {units[-1]}" if units and units[-1] not in "–-" else ""
 
 
-def _place(
+def _locate_field(
     model: type[BaseModel], loc: Sequence[str | int]
 ) -> tuple[list[type[BaseModel]], FieldInfo | None]:
-    """What a place can hold, and its field; of a key that is not there the section around it."""
+    """Find the models and the field to which a location in the content belongs.
+
+    Args:
+        model: Model against which the content was validated.
+        loc: Location as pydantic gives it: keys, list indices, and kinds of sections such as
+            `revolute`.
+
+    Returns:
+        Models of which the value at this location can be an instance (no models for a plain value),
+        and the field that contains the value. For an unknown key: the models of the section around
+        it, and None. For an empty location: `model` alone, and None.
+    """
     at, field = [model], None
     for part in loc:
         if isinstance(part, int):
             continue
-        if tagged := _of_kind(at, part):
+        if tagged := _select_models_of_kind(at, part):
             at = tagged
             continue
         owners = [each for each in at if part in each.model_fields]
         if not owners:
             return at, None
-        field, at = owners[0].model_fields[part], _below(at, part)
+        field, at = owners[0].model_fields[part], _find_models_below(at, part)
     return at, field
 
 
-def _below(at: Sequence[type[BaseModel]], part: str | int) -> list[type[BaseModel]]:
+def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> list[type[BaseModel]]:
+    """Return the models of which the value of a key can be an instance.
+
+    Args:
+        models: Models of which the section with the key can be an instance.
+        part: Key, or a list index. For an index, `models` itself is returned.
+
+    Returns:
+        Models; empty for plain values and unknown keys.
+    """
     if isinstance(part, int):
-        return list(at)
-    owners = [each for each in at if part in each.model_fields]
-    return [one for each in owners for one in _models(each.model_fields[part].annotation)]
+        return list(models)
+    owners = [each for each in models if part in each.model_fields]
+    return [one for each in owners for one in _collect_models(each.model_fields[part].annotation)]
 
 
-def _of_kind(at: Sequence[type[BaseModel]], tag: str | int) -> list[type[BaseModel]]:
-    """Of several sections that a place can hold those of that kind."""
-    kinds = [(each, each.model_fields.get("kind")) for each in at]
+def _select_models_of_kind(
+    models: Sequence[type[BaseModel]], tag: str | int
+) -> list[type[BaseModel]]:
+    """Return the models among `models` whose field `kind` allows a tag.
+
+    Args:
+        models: Models of which a section can be an instance.
+        tag: Part of a location, possibly a kind such as `revolute`.
+
+    Returns:
+        Models of that kind; empty if the tag is not a kind.
+    """
+    kinds = [(each, each.model_fields.get("kind")) for each in models]
     return [each for each, kind in kinds if kind and tag in get_args(kind.annotation)]
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    """All sections in a type such as tuple[A | B, ...] | None."""
+def _collect_models(annotation: Any) -> list[type[BaseModel]]:
+    """Collect all models in a type annotation such as `tuple[A | B, ...] | None`.
+
+    Args:
+        annotation: Type annotation of a field.
+
+    Returns:
+        Models in the order of the annotation, here A and B. Models in their fields are not
+        included.
+    """
     if inspect.isclass(annotation) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [model for part in get_args(annotation) for model in _models(part)]
+    return [model for part in get_args(annotation) for model in _collect_models(part)]
 
 
-def _keys(section: Sequence[type[BaseModel]]) -> list[str]:
+def _list_keys(section: Sequence[type[BaseModel]]) -> list[str]:
+    """Return the keys of all given models, without repetition, in the order of their fields."""
     return list(dict.fromkeys(key for model in section for key in model.model_fields))

@@ -1,4 +1,4 @@
-"""Values of nested content by their paths: `circuit.bulk_modulus`, `joints.0.link.mass`."""
+"""Access to nested content by dotted paths such as `circuit.bulk_modulus` or `joints.0.kind`."""
 
 from __future__ import annotations
 
@@ -8,41 +8,81 @@ from mhsb_model.errors import MhsbError
 
 
 class ValuePathError(MhsbError):
-    """There is no value of that path; `valid` are the names where it goes wrong."""
+    """Error for a path that does not exist; `valid` lists the valid names where it fails."""
 
     def __init__(self, path: str, part: str, valid: list[str]) -> None:
+        """Create the error with a message that lists the valid names.
+
+        Args:
+            path: Whole path, such as `joints.0.link.mass`.
+            part: The part of it that does not exist.
+            valid: Keys or indices that exist at this place; empty for a plain value.
+        """
         self.path = path
         self.valid = valid
         names = f"valid are {', '.join(valid)}" if valid else "nothing is below a single value"
         super().__init__(f"{path}: there is no {part!r}; {names}")
 
 
-def value_at(content: Any, path: str) -> Any:
-    """The value of a path; raises ValuePathError."""
+def get_value(content: Any, path: str) -> Any:
+    """Return the value at a dotted path.
+
+    Args:
+        content: Nested dicts and lists.
+        path: Keys and list indices, such as `joints.0.link.mass`.
+
+    Returns:
+        The value, which may be a section or a list.
+
+    Raises:
+        ValuePathError: A part of the path does not exist.
+    """
     for part in path.split("."):
-        content = content[_key(content, path, part)]
+        content = content[_resolve_key(content, path, part)]
     return content
 
 
 def set_value(content: Any, path: str, value: Any) -> None:
-    """Put a value where a path leads, into a section that was left out too.
+    """Set the value at a dotted path in place.
 
-    Whether the last name is one that is known is the schema's question. Raises ValuePathError.
+    A section on the way whose value is None is created as an empty dict. The last key may be new in
+    its section: the schema checks it later.
+
+    Args:
+        content: Nested dicts and lists, changed in place.
+        path: Keys and list indices, such as `joints.0.link.mass`.
+        value: New value.
+
+    Raises:
+        ValuePathError: A part before the last one does not exist, or the last one is not an index
+            of its list.
     """
     *way, last = path.split(".")
     for part in way:
-        key = _key(content, path, part)
+        key = _resolve_key(content, path, part)
         if content[key] is None:
             content[key] = {}
         content = content[key]
     if isinstance(content, dict):
         content[last] = value
     else:
-        content[_key(content, path, last)] = value
+        content[_resolve_key(content, path, last)] = value
 
 
-def _key(content: Any, path: str, part: str) -> Any:
-    """The key of a part of a path: a name of a section, a number of a list."""
+def _resolve_key(content: Any, path: str, part: str) -> Any:
+    """Return the key of a dict or the index of a list that a part of a path names.
+
+    Args:
+        content: Dict, list or plain value at this place.
+        path: Whole path, for the error message.
+        part: The part of it to look up in `content`.
+
+    Returns:
+        `part` itself for a dict, an int for a list.
+
+    Raises:
+        ValuePathError: `content` has no such key or index.
+    """
     if isinstance(content, dict) and part in content:
         return part
     if isinstance(content, list | tuple) and part.isdecimal() and int(part) < len(content):

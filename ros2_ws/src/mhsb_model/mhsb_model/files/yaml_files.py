@@ -1,7 +1,7 @@
-"""YAML files that users name: read as plain values, or refused without repeating their content.
+"""Read YAML files that users name, as plain values, or refuse them without repeating their content.
 
-A wrong path may lead to anything, a password file included, and what an error says may be sent on
-over ROS or end up in a log.
+A wrong path may lead to anything, even to a password file. An error message may be sent on over ROS
+or end up in a log.
 """
 
 from __future__ import annotations
@@ -17,64 +17,130 @@ import yaml
 from mhsb_model.errors import MhsbError
 
 LARGEST_FILE = 256 * 1024
-"""Bytes; the suite's own machine file has 12 thousand."""
+"""Largest size of a file that is read [B]; the suite's own machine file has 12 thousand."""
 
 MOST_VALUES = 100_000
-"""In a file whose anchors are written out."""
+"""Largest number of values in a file, with the contents of its anchors counted at each use."""
 
 LONGEST_NUMBER = 64
-"""Characters of a number; a float written out in full has 24. Whole numbers of any base, 60
-included, then stay below 1e77, so that they can be compared and printed at once."""
+"""Largest number of characters of a number.
 
-UNREADABLE = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
-"""What PyYAML raises for values that are not of their tag: a date with a month 13, `!!bool x`."""
+A float written out in full has 24. Whole numbers of any base, 60 included, then stay below 1e77 and
+can be compared and printed at once."""
+
+VALUE_ERRORS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
+"""Errors that PyYAML raises for values that do not fit their tag, such as a date with month 13."""
 
 OF_TOKENS = re.compile(r"expected [^']*('<[a-z ]+>')?, but found '<[a-z ]+>'")
-PLAIN_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}")
-"""Keys that are repeated in messages: names, nothing that could be a secret."""
+"""Messages of PyYAML that quote only its own token names, and so may be repeated whole."""
 
-QUOTED = re.compile(r"(['\"]).{3,}\1|!\S+")
+PLAIN_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,39}")
+"""Keys that messages repeat: plain names, which are no secrets."""
+
+QUOTED_PATTERN = re.compile(r"(['\"]).{3,}\1|!\S+")
+"""Parts of PyYAML's messages that repeat content of the file: quoted text and tags."""
 
 
 class YamlFileError(MhsbError):
-    """A file cannot be read as YAML; `reason` says why, without the path."""
+    """Error for a file that cannot be read as YAML; `reason` says why, without the path."""
 
     def __init__(self, path: Path, reason: str) -> None:
+        """Create the error of a file.
+
+        Args:
+            path: File that cannot be read.
+            reason: Clause that says why, without the path.
+        """
         self.path = path
         self.reason = reason
         super().__init__(f"{path}: {reason}")
 
 
+class YamlTextError(MhsbError):
+    """Error for a text that cannot be read as YAML; `reason` says why, without repeating it."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"the text {reason}")
+
+
+def read_value(text: str, max_depth: int = 1) -> Any:
+    """Read a short YAML text from a user, such as `[1, 2]`, as a plain value.
+
+    The nesting depth is checked before the text is loaded. The length of the text is not limited
+    here; the caller does that. Numbers of more than LONGEST_NUMBER characters are refused.
+
+    Args:
+        text: The YAML text.
+        max_depth: Largest nesting depth of lists and mappings; 1 is a list of plain values.
+
+    Returns:
+        The value as None, bool, number, text, date, list or dict.
+
+    Raises:
+        YamlTextError: The text is not YAML, has a number that is too long, or is nested deeper than
+            `max_depth`.
+    """
+    try:
+        depth = 0
+        # Parsing does not recurse, unlike loading, so the depth is checked with it first.
+        for event in yaml.parse(text, Loader=BoundedLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > max_depth:
+                raise YamlTextError(f"is nested more than {max_depth} deep; make it flatter")
+        return BoundedLoader(text).get_single_data()
+    except RecursionError:  # an anchor in itself
+        raise YamlTextError("is nested in itself; write it out") from None
+    except (yaml.YAMLError, *VALUE_ERRORS) as error:
+        raise YamlTextError(f"is not YAML: {_describe_yaml_error(error)}") from None
+
+
 def read_yaml(path: Path) -> Any:
-    """Content of a file as dict, list, text, numbers; raises YamlFileError."""
-    text = _text(path)
+    """Read a YAML file as plain values.
+
+    The file is refused if it has more than LARGEST_FILE bytes, more than MOST_VALUES values with
+    its anchors written out, or a key twice in a mapping. Error messages do not repeat its content,
+    except plain names of such keys.
+
+    Args:
+        path: File in UTF-8.
+
+    Returns:
+        Content as dict, list, text, number, date, bool or None; None if the file is empty.
+
+    Raises:
+        YamlFileError: The file cannot be read, is not YAML, or is refused.
+    """
+    text = _read_text(path)
     try:
         loader = BoundedLoader(text)
         node = loader.get_single_node()
         if node is None:
             return None
-        if _size(node, {}) > MOST_VALUES:
+        if _count_values(node, {}) > MOST_VALUES:
             reason = f"has more than {MOST_VALUES} values, with anchors written out; shorten it"
             raise YamlFileError(path, reason)
-        if twice := _keys_given_twice(node):  # constructing merges what anchors bring
+        # Checked before the document is constructed, which adds the keys of merged anchors.
+        if twice := _find_duplicate_keys(node):
             raise YamlFileError(path, f"{'; '.join(twice)}; keep one of each")
         return loader.construct_document(node)
     except RecursionError:
         raise YamlFileError(path, "is nested too deeply, or in itself; make it flatter") from None
-    except (yaml.YAMLError, *UNREADABLE) as error:
-        raise YamlFileError(path, f"is not YAML: {_problem(error)}") from None
+    except (yaml.YAMLError, *VALUE_ERRORS) as error:
+        raise YamlFileError(path, f"is not YAML: {_describe_yaml_error(error)}") from None
 
 
 class BoundedLoader(yaml.SafeLoader):
-    """A loader of plain values that refuses numbers of more than LONGEST_NUMBER characters."""
+    """YAML loader for plain values that refuses numbers of more than LONGEST_NUMBER characters."""
 
     def construct_bounded_int(self, node: yaml.ScalarNode) -> int:
-        """Return the whole number of a node; raises ConstructorError if it is too long."""
+        """Convert a node into a whole number; raises ConstructorError if it is too long."""
         _check_length(node)
         return self.construct_yaml_int(node)
 
     def construct_bounded_float(self, node: yaml.ScalarNode) -> float:
-        """Return the number of a node; raises ConstructorError if it is too long."""
+        """Convert a node into a float; raises ConstructorError if it is too long."""
         _check_length(node)
         return self.construct_yaml_float(node)
 
@@ -84,18 +150,36 @@ BoundedLoader.add_constructor("tag:yaml.org,2002:float", BoundedLoader.construct
 
 
 def _check_length(node: yaml.Node) -> None:
-    """Raise ConstructorError if a number has more characters than LONGEST_NUMBER."""
+    """Refuse a number of more than LONGEST_NUMBER characters.
+
+    Args:
+        node: YAML node of the number; other nodes are accepted.
+
+    Raises:
+        ConstructorError: The number is too long.
+    """
     if isinstance(node, yaml.ScalarNode) and len(node.value) > LONGEST_NUMBER:
         problem = f"a number has {len(node.value)} characters, at most {LONGEST_NUMBER} are read"
         raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
 
 
-def _text(path: Path) -> str:
-    """Text of a file of reasonable size."""
+def _read_text(path: Path) -> str:
+    """Read a regular file of at most LARGEST_FILE bytes as text.
+
+    Args:
+        path: File in UTF-8.
+
+    Returns:
+        Its text.
+
+    Raises:
+        YamlFileError: The path is a folder, a pipe or a device, or the file is too large, not UTF-8
+            or cannot be opened.
+    """
     try:
         if path.is_dir():
             raise YamlFileError(path, "cannot be read: it is a folder; name a file in it")
-        with open(path, "rb", buffering=0, opener=_without_waiting) as file:
+        with open(path, "rb", buffering=0, opener=_open_without_blocking) as file:
             content = file.read(LARGEST_FILE + 1)
         if content is None or not stat.S_ISREG(path.stat().st_mode):
             raise YamlFileError(path, "cannot be read: it is no regular file; name one")
@@ -110,24 +194,44 @@ def _text(path: Path) -> str:
         raise YamlFileError(path, f"cannot be read: {reason}; check the path") from None
 
 
-def _without_waiting(path: str, flags: int) -> int:
-    """Opens what may be a pipe that nobody writes to."""
+def _open_without_blocking(path: str, flags: int) -> int:
+    """Open a file without blocking, even if it is a pipe without a writer."""
     return os.open(path, flags | os.O_NONBLOCK)
 
 
-def _size(node: yaml.Node, known: dict[int, int]) -> int:
-    """Values below a node, each anchor's as often as it is used."""
+def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
+    """Count the values in a YAML node, with the content of an anchor counted at each use.
+
+    Lists and mappings count as one value themselves, and so do keys.
+
+    Args:
+        node: Root of a YAML document.
+        counted: Sizes already counted, by the node's `id`; filled in place.
+
+    Returns:
+        Number of values, the node itself included.
+    """
     if isinstance(node, yaml.ScalarNode):
         return 1
-    if id(node) not in known:
+    if id(node) not in counted:
         parts = node.value
         children = [child for pair in parts for child in pair] if _is_mapping(node) else parts
-        known[id(node)] = 1 + sum(_size(child, known) for child in children)
-    return known[id(node)]
+        counted[id(node)] = 1 + sum(_count_values(child, counted) for child in children)
+    return counted[id(node)]
 
 
-def _keys_given_twice(node: yaml.Node) -> list[str]:
-    """Keys that a section has more than once, of which all but the last would be lost."""
+def _find_duplicate_keys(node: yaml.Node) -> list[str]:
+    """Find keys that occur more than once in a mapping, at any depth of a document.
+
+    YAML would keep only the last value of such a key.
+
+    Args:
+        node: Root of a YAML document.
+
+    Returns:
+        One string `path: sentence` for each repetition, with the line numbers of its first and this
+        occurrence. Keys that are not plain names are shown as `…`. Empty if there is none.
+    """
     found, seen = [], set()
     waiting: list[tuple[str, yaml.Node]] = [("", node)]
     while waiting:
@@ -153,10 +257,18 @@ def _is_mapping(node: yaml.Node) -> bool:
     return isinstance(node, yaml.MappingNode)
 
 
-def _problem(error: Exception) -> str:
-    """Where something is wrong, and what, less the words that it quotes from the file."""
+def _describe_yaml_error(error: Exception) -> str:
+    """Describe a PyYAML error by its position and message, without words quoted from the file.
+
+    Args:
+        error: Error that PyYAML has raised.
+
+    Returns:
+        Text such as `line 3, column 5: mapping values are not allowed here`; without
+        position if the error has none.
+    """
     mark = getattr(error, "problem_mark", None)
     problem = str(getattr(error, "problem", None) or "something cannot be read")
     if not OF_TOKENS.fullmatch(problem):
-        problem = QUOTED.sub("…", problem)
+        problem = QUOTED_PATTERN.sub("…", problem)
     return f"line {mark.line + 1}, column {mark.column + 1}: {problem}" if mark else problem

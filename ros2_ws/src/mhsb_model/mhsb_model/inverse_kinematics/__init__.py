@@ -1,1 +1,1 @@
-"""Postures with the tip at a point: in closed form for three joints, and for chains of more."""
+"""Inverse kinematics: postures with the tip at a point, for three joints and for longer chains."""

@@ -1,10 +1,10 @@
-"""Closed-form inverse kinematics of the planar arm with three joints.
+"""Closed-form inverse kinematics of a planar arm with three revolute joints.
 
-The tip position leaves one degree of freedom: the angle ψ = q₁+q₂+q₃ of the end link. For a
-given ψ the first two links form a triangle to the wrist, with two elbow branches.
+The tip position leaves one degree of freedom, the end-link angle ψ = q₁ + q₂ + q₃. For a given ψ
+the first two links form a triangle with the wrist, which has two elbow branches.
 
-Of a chain with more joints it is its last three, seen from where they stand: tip and ψ relative to
-the end of the links before (`tip_postures.outer_tip`).
+For a chain with more joints the functions apply to its last three. Tip and ψ are then given in the
+frame of the link before these (`tip_postures.transform_tip_to_outer_frame`).
 """
 
 from __future__ import annotations
@@ -16,25 +16,47 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 ELBOW_BRANCHES = (-1, 1)
-"""Sign of q₂: −1 elbow up (above the line from shoulder to wrist), +1 elbow down."""
+"""Elbow branches by the sign of q₂: −1 elbow up (above the shoulder-wrist line), +1 elbow down."""
 
 
 @kernel
 def wrap_near(angle: float, center: float) -> float:
-    """The angle, by whole turns, that lies within half a turn of `center` [rad]."""
+    """Add whole turns to an angle so that it lies within half a turn of `center`.
+
+    Args:
+        angle: Angle [rad].
+        center: Middle of the range of the result [rad].
+
+    Returns:
+        Angle in [center − π, center + π) [rad].
+    """
     turns = math.floor((angle - center + math.pi) / (2.0 * math.pi))
     return angle - 2.0 * math.pi * turns
 
 
 @kernel(borrows=True)
-def joint_angles(
+def solve_last_three_joints(
     m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray
 ) -> bool:
-    """Angles of the last three joints that put the tip at (x, z) m with end-link angle ψ rad.
+    """Solve the last three joints for a tip position and an end-link angle, without joint limits.
 
-    c = (wx² + wz² − L₁² − L₂²)/(2 L₁ L₂), q₂ = ±acos c, with the wrist w = tip − L₃(cos ψ, sin ψ).
-    Written to the last three of q[n]. Returns False where the wrist is out of reach; joint limits
-    are not looked at, angles are given by whole turns nearest to the middle of each joint's range.
+    With the wrist w = tip − L₃(cos ψ, sin ψ):
+
+        c = (wx² + wz² − L₁² − L₂²)/(2 L₁ L₂),   q₂ = ±acos c
+
+    Each angle is shifted by whole turns to be nearest to the middle of its joint's range.
+
+    Args:
+        m: Machine with n ≥ 3 joints, of which the last three are revolute.
+        x: Tip position ahead of the third-last joint, in the frame of the link before it [m].
+        z: Tip position across that link [m].
+        psi: End-link angle ψ in the same frame [rad].
+        elbow: Elbow branch, the sign of q₂: −1 or 1.
+        q: Joint angles, float64[n], [rad]. The last three are written in place if there is a
+            solution.
+
+    Returns:
+        False if the wrist is out of reach.
     """
     k = len(q) - 3
     l1, l2, l3 = m.link_length[k], m.link_length[k + 1], m.link_length[k + 2]
@@ -52,8 +74,17 @@ def joint_angles(
 
 
 @kernel(borrows=True)
-def within_limits(m: MachineArrays, q: FloatArray, tolerance: float = 0.0) -> bool:
-    """Whether every joint lies within its limits, widened by `tolerance` rad."""
+def is_within_limits(m: MachineArrays, q: FloatArray, tolerance: float = 0.0) -> bool:
+    """Return whether every joint lies within its limits, widened by a tolerance.
+
+    Args:
+        m: Machine with the limits.
+        q: Posture, float64[n], [rad or m].
+        tolerance: Distance by which each limit may be exceeded [rad or m].
+
+    Returns:
+        True if no joint exceeds its limits by more than the tolerance.
+    """
     for j in range(len(q)):
         if q[j] < m.joint_min[j] - tolerance or q[j] > m.joint_max[j] + tolerance:
             return False

@@ -1,14 +1,18 @@
-"""Postures with the tip at a point of chains in which some joints slide.
+"""Postures with the tip at a point, for chains in which some joints slide (telescopes).
 
-Where three joints turn or more, the telescopes' extensions are held, even samples of each, and the
-rest is a chain of joints that turn, whose links are as much longer (`tip_postures.postures`). Where
-two turn, the end link's angle ψ leaves them no freedom: of the last telescope the extension is what
-closes the chain,
+With three or more revolute joints, even samples of each telescope's extension are held. The rest is
+a chain of revolute joints with longer links (`tip_postures.find_postures`). With two revolute
+joints, a given end-link angle ψ leaves them no freedom, and the extension s of the last telescope
+closes the chain:
 
-    |t − (D₂ + s) e(ψ)| = D₁,    or    |t − D₂ e(ψ)| = D₁ + s
+    |t − (D₂ + s) e(ψ)| = D₁         if it slides beyond both revolute joints
+    |t − D₂ e(ψ)| = D₁ + s           if it slides between them
 
-where it slides beyond both joints that turn, or between them: t the tip, e(ψ) = (cos ψ, sin ψ), D₁
-and D₂ the links' lengths before and from the second of them, without s.
+with the tip t, e(ψ) = (cos ψ, sin ψ), and the lengths D₁ and D₂ of the links before and from the
+second revolute joint, without s.
+
+All functions work in the arm's plane, with the origin at its first joint. For an arm that slews,
+they take the arrays of `Machine.planar_arm`, which leave out the slew.
 """
 
 from __future__ import annotations
@@ -18,30 +22,48 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits, wrap_near
-from mhsb_model.inverse_kinematics.tip_postures import INNER_SAMPLES, on_circle, postures
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits, wrap_near
+from mhsb_model.inverse_kinematics.tip_postures import (
+    INNER_SAMPLES,
+    find_postures,
+    intersect_line_with_circle,
+)
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, frozen
 
 
-def telescope_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
-    """Postures within limits at (x, z) m for the end-link angles ψ [rad], float64[found, n].
+def find_telescope_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
+    """Find postures within limits with the tip at a point, for given end-link angles.
 
-    `INNER_SAMPLES` extensions of each telescope that is held, limits included.
+    The extension of each telescope takes INNER_SAMPLES even values, limits included, in all
+    combinations. With two revolute joints, the last telescope is not sampled but computed. With
+    more than three revolute joints, the angles of all but the last three are sampled, too
+    (`tip_postures.find_postures`). The result is exhaustive only if nothing is sampled.
+
+    Args:
+        m: Machine in its plane, with at least one telescope.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        psi: End-link angles ψ to look at, float64[k], [rad].
+
+    Returns:
+        Postures in a new array, float64[found, n], [rad or m]; not aligned with `psi`.
     """
     turning, held = np.flatnonzero(~m.slides), np.flatnonzero(m.slides)
     closes = len(turning) == 2
     if closes:
         held = held[:-1]
     found = [np.empty((0, len(m.slides)))]
-    for extension in extension_samples(m, held, INNER_SAMPLES):
+    for extension in sample_extensions(m, held, INNER_SAMPLES):
         if closes:
             start = np.zeros(len(m.slides))
             start[held] = extension
             last = int(np.flatnonzero(m.slides)[-1])
-            found.append(_closed_by_telescope(m, x, z, psi, start, int(turning[1]), last))
+            found.append(
+                _find_postures_closed_by_telescope(m, x, z, psi, start, int(turning[1]), last)
+            )
         else:
-            angles = postures(with_extensions_held(m, extension), x, z, psi)
+            angles = find_postures(hold_extensions(m, extension), x, z, psi)
             whole = np.empty((len(angles), len(m.slides)))
             whole[:, held], whole[:, turning] = extension, angles
             found.append(whole)
@@ -49,12 +71,32 @@ def telescope_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) ->
 
 
 @kernel
-def _closed_by_telescope(
-    m: MachineArrays, x: float, z: float, psi: FloatArray, start: FloatArray, j: int, p: int
+def _find_postures_closed_by_telescope(
+    m: MachineArrays,
+    x: float,
+    z: float,
+    psi: FloatArray,
+    start: FloatArray,
+    j: int,
+    closing_telescope: int,
 ) -> FloatArray:
-    """Postures of a chain in which joints 1 and j turn, with telescope p closing it for each ψ.
+    """Find postures of a chain with two revolute joints, closing it with a telescope for each ψ.
 
-    start  float64[n], extensions of all other telescopes [m]
+    The revolute joints have the indices 0 and j. If the closing telescope is beyond both of them,
+    each ψ has up to two solutions, otherwise up to one. Solutions beyond the joint limits are
+    dropped.
+
+    Args:
+        m: Machine in its plane.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        psi: End-link angles ψ to look at, float64[k], [rad].
+        start: Extensions of all other telescopes, 0 for the other joints, float64[n], [m].
+        j: Index of the second revolute joint.
+        closing_telescope: Index of the telescope that closes the chain.
+
+    Returns:
+        Postures within limits, float64[found, n], [rad or m].
     """
     before = beyond = 0.0
     for k in range(len(start)):
@@ -70,25 +112,35 @@ def _closed_by_telescope(
         for side in (-1, 1):
             q = found[count]
             q[:] = start
-            if p > j:
-                met, q[p] = on_circle(wx, wz, -ex, -ez, before * before, side)
-                vx, vz = wx - q[p] * ex, wz - q[p] * ez
+            if closing_telescope > j:
+                is_reached, q[closing_telescope] = intersect_line_with_circle(
+                    wx, wz, -ex, -ez, before * before, side
+                )
+                vx, vz = wx - q[closing_telescope] * ex, wz - q[closing_telescope] * ez
             else:
-                met, q[p] = side > 0, math.hypot(wx, wz) - before
+                is_reached, q[closing_telescope] = side > 0, math.hypot(wx, wz) - before
                 vx, vz = wx, wz
             first = math.atan2(vz, vx)
             q[0] = wrap_near(first, 0.5 * (m.joint_min[0] + m.joint_max[0]))
             q[j] = wrap_near(angle - first, 0.5 * (m.joint_min[j] + m.joint_max[j]))
-            if met and within_limits(m, q):
+            if is_reached and is_within_limits(m, q):
                 count += 1
     return found[:count]
 
 
-def with_extensions_held(m: MachineArrays, extension: FloatArray) -> MachineArrays:
-    """The joints that turn, with telescopes held at `extension` float64[telescopes] [m].
+def hold_extensions(m: MachineArrays, extension: FloatArray) -> MachineArrays:
+    """Return the shorter chain of revolute joints that is left if all telescopes are held.
 
-    Each sliding part belongs to the link before. Lengths and limits alone are those of the shorter
-    chain: what inverse kinematics needs.
+    Each telescope becomes a part of the link before it. Inverse kinematics needs the fields
+    `turns`, `slides`, `link_length`, `joint_min` and `joint_max`. Only these belong to the shorter
+    chain. All other fields keep the shape of the whole chain.
+
+    Args:
+        m: Machine in its plane.
+        extension: Extension of each telescope in joint order, float64[telescopes], [m].
+
+    Returns:
+        Machine arrays of the shorter chain.
     """
     length, turning = np.array(m.link_length), np.flatnonzero(~m.slides)
     length[m.slides] += extension
@@ -101,10 +153,16 @@ def with_extensions_held(m: MachineArrays, extension: FloatArray) -> MachineArra
     )
 
 
-def extension_samples(m: MachineArrays, held: IntArray, samples: int) -> FloatArray:
-    """Even samples of the telescopes at joints `held`, limits included [m].
+def sample_extensions(m: MachineArrays, held: IntArray, samples: int) -> FloatArray:
+    """Return all combinations of evenly spaced extensions of the given telescopes.
 
-    float64[samples ** telescopes, telescopes]
+    Args:
+        m: Machine with the joint limits.
+        held: Indices of the telescopes, int64[telescopes].
+        samples: Number of extensions of each telescope, limits included.
+
+    Returns:
+        float64[samples ** telescopes, telescopes], [m]; one empty row if there is no telescope.
     """
     ends = zip(m.joint_min[held], m.joint_max[held], strict=True)
     grids = np.meshgrid(*(np.linspace(*each, samples) for each in ends), indexing="ij")

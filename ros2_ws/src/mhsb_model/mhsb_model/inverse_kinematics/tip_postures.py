@@ -1,15 +1,20 @@
-"""Postures with the tip at a point, of planar chains with three or more joints.
+"""Postures with the tip at a point, for planar chains with three or more joints.
 
-The tip leaves n − 2 joints free. Where all joints turn, the free angles are
+A tip position leaves n − 2 degrees of freedom. If all joints are revolute, the free variables are
+the angles of the inner joints and the end-link angle:
 
     free = (q₁ … q₍ₙ₋₃₎, ψ),  ψ = Σ q
 
-the angles of the inner joints and that of the end link: the inner links held, the last three joints
-are an arm of their own, in closed form (`closed_form_3r`), with two elbow branches.
+With the inner joints held, the last three joints have a closed-form solution with two elbow
+branches (`closed_form_3r`).
 
-Seen otherwise, two joints close the chain while all others are held (`close_chain`); which two is
-free to choose, so that every posture at a joint's limit is among those with this joint held. Where
-telescopes are in the chain, what is free are all joints but the last two that turn, which close it.
+In general, two joints close the chain while all others are held (`close_chain`). Any two joints can
+be chosen, so a posture with a joint at its limit is found with this joint held. With telescopes in
+the chain, the last two revolute joints close it, and the free variables are the positions of all
+other joints.
+
+All functions work in the arm's plane, with the origin at its first joint. For an arm that slews,
+they take the arrays of `Machine.planar_arm`, which leave out the slew.
 """
 
 from __future__ import annotations
@@ -19,28 +24,47 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits, wrap_near
+from mhsb_model.inverse_kinematics.closed_form_3r import (
+    is_within_limits,
+    solve_last_three_joints,
+    wrap_near,
+)
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import extended, turned
+from mhsb_model.kinematics import add_extension, get_turn_angle
 from mhsb_model.types import FloatArray
 
 LEAST_JOINTS = 3
-"""Fewer leave no angle free at a tip position, which is what all planners choose."""
+"""Least number of joints; with fewer, a tip position leaves planners no angle to choose."""
 
 INNER_SAMPLES = 24
-"""Angles of each inner joint, and extensions of a telescope, for which postures are looked for."""
+"""Number of samples of each inner joint's angle and of each held telescope's extension."""
 
-TANGENT = 1e-12
-"""A cosine beyond ±1 by no more than this is a touching triangle, computed with rounding."""
+COSINE_TOLERANCE = 1e-12
+"""Excess of a cosine over ±1 that counts as rounding of a triangle that is stretched out."""
 
 
 @kernel
-def outer_tip(
+def transform_tip_to_outer_frame(
     link_length: FloatArray, x: float, z: float, q: FloatArray
 ) -> tuple[float, float, float]:
-    """The tip (x, z) m as the last three joints see it, and how far their frame is turned [rad].
+    """Transform the tip position into the frame of the link before the last three joints.
 
-    p = Σ Lᵢ(cos θᵢ, sin θᵢ) over the inner links, θ = Σ qᵢ: the tip less p, turned by −θ.
+    The inner links have the directions θᵢ = q₁ + … + qᵢ and end at p:
+
+        p = Σ Lᵢ(cos θᵢ, sin θᵢ),   i = 1 … n − 3
+
+    The result is the tip less p, turned back by the direction of the last inner link.
+
+    Args:
+        link_length: Length of each link, float64[n], [m].
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        q: Posture of a chain of revolute joints, float64[n]; only the first n − 3 angles are
+            read [rad].
+
+    Returns:
+        Tip position relative to the end of the last inner link, along and across this link [m], and
+        the direction of this link [rad]. With three joints: x, z and 0.
     """
     heading = 0.0
     inner = len(q) - 3
@@ -55,38 +79,71 @@ def outer_tip(
 
 
 @kernel(borrows=True)
-def posture_at(
+def solve_posture(
     m: MachineArrays, x: float, z: float, free: FloatArray, elbow: int, q: FloatArray
 ) -> bool:
-    """Whether there is a posture within limits at (x, z) m with these free joints; to q[n].
+    """Compute the posture for a tip position and given free variables, and check its limits.
 
-    free   float64[n - 2], as above [rad or m]
-    elbow  ∓1, the sign of q₍ₙ₋₁₎; of chains with telescopes the side of `close_chain`
+    Args:
+        m: Machine in its plane, with n joints.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        free: Free variables, float64[n - 2], [rad or m]. Without telescopes: the first n − 3 joint
+            angles and the end-link angle ψ. With telescopes: the positions, in joint order, of all
+            joints but the last two revolute ones, which close the chain.
+        elbow: Branch. Without telescopes: the sign of the second-last joint's angle, −1 or 1. With
+            telescopes: `side` of `close_chain`.
+        q: Posture, float64[n], written in place [rad or m]; partly overwritten if there is none.
+
+    Returns:
+        True if there is such a posture and it is within the joint limits.
     """
-    if slides_anywhere(m):
-        i, j = closing_joints(m)
-        return posture_with(m, x, z, i, j, free, elbow, q)
+    if has_prismatic_joint(m):
+        i, j = find_closing_joints(m)
+        return solve_posture_with_held_joints(m, x, z, i, j, free, elbow, q)
     inner = len(q) - 3
     for i in range(inner):
         q[i] = free[i]
-    ahead, up, heading = outer_tip(m.link_length, x, z, q)
-    return joint_angles(m, ahead, up, free[inner] - heading, elbow, q) and within_limits(m, q)
+    ahead, up, heading = transform_tip_to_outer_frame(m.link_length, x, z, q)
+    return solve_last_three_joints(
+        m, ahead, up, free[inner] - heading, elbow, q
+    ) and is_within_limits(m, q)
 
 
 @kernel(borrows=True)
-def inner_angles(m: MachineArrays, number: int, samples: int, q: FloatArray) -> None:
-    """Put angles of the inner joints into q: `number` counts their even samples, ends included."""
+def write_inner_angles(m: MachineArrays, combination: int, samples: int, q: FloatArray) -> None:
+    """Write one sample of the inner joints' angles into a posture.
+
+    The samples of each of the first n − 3 joints are evenly spaced from limit to limit.
+    `combination` counts their combinations; the first joint changes fastest.
+
+    Args:
+        m: Machine with the joint limits.
+        combination: Index of the combination, 0 … samples^(n − 3) − 1.
+        samples: Number of angles of each inner joint, at least 2.
+        q: Posture, float64[n]; the first n − 3 angles are written in place [rad].
+    """
     for i in range(len(q) - 3):
-        share = (number % samples) / (samples - 1)
-        number //= samples
+        share = (combination % samples) / (samples - 1)
+        combination //= samples
         q[i] = (1.0 - share) * m.joint_min[i] + share * m.joint_max[i]
 
 
 @kernel
-def postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
-    """Postures within limits at (x, z) m for the end-link angles ψ, float64[found, n].
+def find_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
+    """Find postures within limits with the tip at a point, for given end-link angles.
 
-    All of them with three joints; with more, `INNER_SAMPLES` of each inner joint.
+    The result is exhaustive for three joints. With more, each inner joint has INNER_SAMPLES evenly
+    spaced angles.
+
+    Args:
+        m: Machine in its plane, with n revolute joints.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        psi: End-link angles ψ to look at, float64[k], [rad].
+
+    Returns:
+        Postures in the order of `psi`, float64[found, n], [rad]; each ψ can have none or several.
     """
     n = len(m.link_length)
     inner = INNER_SAMPLES ** (n - 3)
@@ -95,24 +152,41 @@ def postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArra
     q = np.empty(n)
     for angle in psi:
         for number in range(inner):
-            inner_angles(m, number, INNER_SAMPLES, q)
-            ahead, up, heading = outer_tip(m.link_length, x, z, q)
+            write_inner_angles(m, number, INNER_SAMPLES, q)
+            ahead, up, heading = transform_tip_to_outer_frame(m.link_length, x, z, q)
             for elbow in (-1, 1):
-                if joint_angles(m, ahead, up, angle - heading, elbow, q) and within_limits(m, q):
+                if solve_last_three_joints(
+                    m, ahead, up, angle - heading, elbow, q
+                ) and is_within_limits(m, q):
                     found[count] = q
                     count += 1
     return found[:count]
 
 
 @kernel(borrows=True)
-def _rigid(m: MachineArrays, q: FloatArray, first: int, last: int) -> tuple[float, float, float]:
-    """Links first … last − 1 as one: its length [m], its direction, and by how much the last link
-    is turned [rad], both from the first link."""
+def _combine_links(
+    m: MachineArrays, q: FloatArray, first: int, last: int
+) -> tuple[float, float, float]:
+    """Compute the straight line from the beginning of a link to the end of a later link.
+
+    All joints between both links are held at q. Directions are relative to link `first`, so the
+    angle of joint `first` has no influence.
+
+    Args:
+        m: Machine in its plane.
+        q: Posture, float64[n], [rad or m].
+        first: Index of the first link.
+        last: Index after the last link.
+
+    Returns:
+        Length of the line [m], its direction [rad], and the direction of the last link, which has
+        the index `last` − 1 [rad].
+    """
     heading, ahead, across = 0.0, 0.0, 0.0
     for k in range(first, last):
         if k > first:
-            heading += turned(m.turns, q, k)
-        length = extended(m.slides, m.link_length, q, k)
+            heading += get_turn_angle(m.turns, q, k)
+        length = add_extension(m.slides, m.link_length, q, k)
         ahead += length * math.cos(heading)
         across += length * math.sin(heading)
     return math.hypot(ahead, across), math.atan2(across, ahead), heading
@@ -122,38 +196,68 @@ def _rigid(m: MachineArrays, q: FloatArray, first: int, last: int) -> tuple[floa
 def close_chain(
     m: MachineArrays, x: float, z: float, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Positions of joints i < j that put the tip at (x, z) m while all others are held; into q[n].
+    """Move joints i < j so that the tip is at a point while all other joints are held.
 
-    Whether there is such a posture; limits are not looked at, angles are those nearest to the
-    middle of a joint's range. There may be two, which `side` tells apart; of two joints that slide
-    there is one, on side +1. Oracle: SciPy's root finder on the forward kinematics.
+    There are up to two solutions; `side` selects one. Joint limits are not checked. Whole turns are
+    added to an angle so that it is as near as possible to the middle of its joint's range.
+
+    Test oracle: SciPy's root finder on the forward kinematics.
+
+    Args:
+        m: Machine in its plane.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        i: Index of the first joint that moves.
+        j: Index of the second joint that moves, j > i.
+        side: Solution, −1 or 1, by the sign that `find_closure_side` returns. If both joints
+            slide, the only solution has side 1.
+        q: Posture, float64[n], [rad or m]; q[i] and q[j] are written in place and may be
+            overwritten without a solution.
+
+    Returns:
+        True if there is a solution.
     """
     heading = 0.0
     for k in range(i):
-        heading += turned(m.turns, q, k)
-        length = extended(m.slides, m.link_length, q, k)
+        heading += get_turn_angle(m.turns, q, k)
+        length = add_extension(m.slides, m.link_length, q, k)
         x -= length * math.cos(heading)
         z -= length * math.sin(heading)
     if not m.slides[i] and not m.slides[j]:
-        return _close_by_turns(m, x, z, heading, i, j, side, q)
-    return _close_by_slides(m, x, z, heading, i, j, side, q)
+        return _close_with_revolute_joints(m, x, z, heading, i, j, side, q)
+    return _close_with_prismatic_joints(m, x, z, heading, i, j, side, q)
 
 
 @kernel(borrows=True)
-def _close_by_turns(
+def _close_with_revolute_joints(
     m: MachineArrays, x: float, z: float, heading: float, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """`close_chain` of two joints that turn, with the tip (x, z) m seen from joint i.
+    """Close the chain with two revolute joints, see `close_chain`.
 
-    The links from i to j, and from j to the tip, are rigid, D₁ and D₂ long. With t from joint i to
-    the tip: cos γ = (t² − D₁² − D₂²)/(2 D₁ D₂), γ = ±acos the angle between them (`side`).
+    The links from joint i to j, and from j to the tip, are rigid with lengths D₁ and D₂. With the
+    distance t from joint i to the tip, the angle γ between the two follows from
+
+        cos γ = (t² − D₁² − D₂²)/(2 D₁ D₂),   γ = side · acos(cos γ)
+
+    Args:
+        m: Machine in its plane.
+        x: Tip position forward of joint i, in the base frame [m].
+        z: Tip position above joint i [m].
+        heading: Direction of the link before joint i [rad].
+        i: Index of the first joint that moves.
+        j: Index of the second joint that moves.
+        side: Solution, −1 or 1: the sign of γ.
+        q: Posture, float64[n]; q[i] and q[j] are written in place if there is a solution [rad].
+
+    Returns:
+        False if the point is out of reach, or D₁ or D₂ is 0.
     """
-    d1, beta1, turn = _rigid(m, q, i, j)
-    d2, beta2, _ = _rigid(m, q, j, len(q))
+    d1, beta1, turn = _combine_links(m, q, i, j)
+    d2, beta2, _ = _combine_links(m, q, j, len(q))
     if d1 == 0.0 or d2 == 0.0:
         return False
     cosine = (x * x + z * z - d1 * d1 - d2 * d2) / (2.0 * d1 * d2)
-    if abs(cosine) > 1.0 + TANGENT:
+    if abs(cosine) > 1.0 + COSINE_TOLERANCE:
         return False
     gamma = side * math.acos(min(1.0, max(-1.0, cosine)))
     qi = math.atan2(z, x) - math.atan2(d2 * math.sin(gamma), d1 + d2 * math.cos(gamma))
@@ -163,35 +267,52 @@ def _close_by_turns(
 
 
 @kernel(borrows=True)
-def _close_by_slides(
+def _close_with_prismatic_joints(
     m: MachineArrays, x: float, z: float, heading: float, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """`close_chain` where joint i, or j, or both slide, with the tip (x, z) m seen from joint i.
+    """Close the chain with two joints of which one or both slide, see `close_chain`.
 
-    With both joints at 0: a from joint i to joint j, b from there to the tip, e and f the
-    directions in which they slide, t the tip.
+    All vectors are in the base frame. With qᵢ = qⱼ = 0, the vector a leads from joint i to joint j,
+    and b from joint j to the tip. e and f are the directions in which the joints slide. t is
+    the vector from joint i to the point:
 
-        j slides, i turns   |a + b + qⱼ f| = |t|, then qᵢ turns the one to the other
+        j slides, i turns   |a + b + qⱼ f| = |t|, then qᵢ turns that vector to t
         i slides, j turns   |t − a − qᵢ e| = |b|, then qⱼ turns b
         both slide          qᵢ e + qⱼ f = t − a − b
+
+    A joint that turns gets the angle nearest to the middle of its range.
+
+    Args:
+        m: Machine in its plane.
+        x: Tip position forward of joint i, in the base frame [m].
+        z: Tip position above joint i [m].
+        heading: Direction of the link before joint i [rad].
+        i: Index of the first joint that moves.
+        j: Index of the second joint that moves.
+        side: Solution, −1 or 1; only 1 if both joints slide.
+        q: Posture, float64[n], [rad or m]; q[i] and q[j] are overwritten in place, even without a
+            solution.
+
+    Returns:
+        False if there is no solution, or if both joints slide along the same line.
     """
     q[i] = q[j] = 0.0
-    ax, az, ahead = _offset(m, q, i, j, heading)
-    bx, bz, _ = _offset(m, q, j, len(q), ahead)
+    ax, az, ahead = _compute_offset(m, q, i, j, heading)
+    bx, bz, _ = _compute_offset(m, q, j, len(q), ahead)
     ex, ez, fx, fz = math.cos(heading), math.sin(heading), math.cos(ahead), math.sin(ahead)
     if m.slides[i] and m.slides[j]:
         across, wx, wz = ex * fz - ez * fx, x - ax - bx, z - az - bz
-        if side < 0 or abs(across) < TANGENT:
+        if side < 0 or abs(across) < COSINE_TOLERANCE:
             return False
         q[i], q[j] = (wx * fz - wz * fx) / across, (ex * wz - ez * wx) / across
         return True
     if m.slides[i]:
-        found, slid = on_circle(x - ax, z - az, -ex, -ez, bx * bx + bz * bz, side)
+        found, slid = intersect_line_with_circle(x - ax, z - az, -ex, -ez, bx * bx + bz * bz, side)
         wx, wz = x - ax - slid * ex, z - az - slid * ez
         turning, turn = j, math.atan2(wz, wx) - math.atan2(bz, bx)
         q[i] = slid
     else:
-        found, slid = on_circle(ax + bx, az + bz, fx, fz, x * x + z * z, side)
+        found, slid = intersect_line_with_circle(ax + bx, az + bz, fx, fz, x * x + z * z, side)
         wx, wz = ax + bx + slid * fx, az + bz + slid * fz
         turning, turn = i, math.atan2(z, x) - math.atan2(wz, wx)
         q[j] = slid
@@ -200,44 +321,77 @@ def _close_by_slides(
 
 
 @kernel(borrows=True)
-def _offset(
+def _compute_offset(
     m: MachineArrays, q: FloatArray, first: int, last: int, heading: float
 ) -> tuple[float, float, float]:
-    """From joint `first` to joint `last` (x, z) [m], and the direction of the link before that.
+    """Compute the vector from one joint to another, and the direction of the last link in between.
 
-    heading  direction of the link before the first [rad]
+    Args:
+        m: Machine in its plane.
+        q: Posture, float64[n], [rad or m].
+        first: Index of the first joint.
+        last: Index of the second joint; n for the tip.
+        heading: Direction of the link before the first joint [rad].
+
+    Returns:
+        Offset (x, z) in the base frame [m], and the direction of the link before joint
+        `last` [rad].
     """
     x, z = 0.0, 0.0
     for k in range(first, last):
-        heading += turned(m.turns, q, k)
-        length = extended(m.slides, m.link_length, q, k)
+        heading += get_turn_angle(m.turns, q, k)
+        length = add_extension(m.slides, m.link_length, q, k)
         x += length * math.cos(heading)
         z += length * math.sin(heading)
     return x, z, heading
 
 
 @kernel(borrows=True)
-def on_circle(
-    px: float, pz: float, ex: float, ez: float, square: float, side: int
+def intersect_line_with_circle(
+    px: float, pz: float, ex: float, ez: float, squared_radius: float, side: int
 ) -> tuple[bool, float]:
-    """Whether p + s e, |e| = 1, meets the circle of radius √square about 0, and s [m].
+    """Intersect a straight line with a circle around the origin.
 
-    s = −p·e ± √(square − (p × e)²): the sign is `side`, and that of (p + s e)·e.
+    The line is p + s e with |e| = 1, and R is the circle's radius:
+
+        s = −p·e ± √(R² − (p × e)²)
+
+    Args:
+        px: Point p of the line, first coordinate [m].
+        pz: Point p of the line, second coordinate [m].
+        ex: Direction e, first coordinate.
+        ez: Direction e, second coordinate.
+        squared_radius: Squared radius of the circle [m²].
+        side: Sign of the root, −1 or 1.
+
+    Returns:
+        Whether the line meets the circle, and s of the selected intersection [m]. Without an
+        intersection, s belongs to the point of the line that is nearest to the origin.
     """
     across = px * ez - pz * ex
-    under = square - across * across
-    return under >= -TANGENT, side * math.sqrt(max(0.0, under)) - (px * ex + pz * ez)
+    under = squared_radius - across * across
+    return under >= -COSINE_TOLERANCE, side * math.sqrt(max(0.0, under)) - (px * ex + pz * ez)
 
 
 @kernel(borrows=True)
-def slides_anywhere(m: MachineArrays) -> bool:
-    """Whether a joint slides."""
+def has_prismatic_joint(m: MachineArrays) -> bool:
+    """Return whether a joint of the machine slides."""
     return bool(m.slides.any())
 
 
 @kernel(borrows=True)
-def closing_joints(m: MachineArrays) -> tuple[int, int]:
-    """The last two joints that turn: all links between them, and beyond, lie in two lines."""
+def find_closing_joints(m: MachineArrays) -> tuple[int, int]:
+    """Return the indices of the last two revolute joints, which close a chain with telescopes.
+
+    All joints between these two, and all joints beyond the second one, are prismatic. So the links
+    between them form one straight line, and the links beyond the second one another.
+
+    Args:
+        m: Machine in its plane.
+
+    Returns:
+        Indices i < j; −1 for a joint that does not exist.
+    """
     i = j = -1
     for k in range(len(m.slides)):
         if not m.slides[k]:
@@ -245,43 +399,65 @@ def closing_joints(m: MachineArrays) -> tuple[int, int]:
     return i, j
 
 
-@kernel(inline="always", borrows=True)  # called in a loop, it costs less than handing over `m`
-def posture_with(
+@kernel(inline="always", borrows=True)  # inlined, since passing `m` costs more than the call
+def solve_posture_with_held_joints(
     m: MachineArrays,
     x: float,
     z: float,
     i: int,
     j: int,
-    held: FloatArray,
+    held_positions: FloatArray,
     side: int,
     q: FloatArray,
 ) -> bool:
-    """Whether there is a posture within limits at (x, z) m with all joints but i < j held; to q[n].
+    """Compute the posture for a tip position with all joints but two held, and check its limits.
 
-    held  float64[n - 2], in order [rad or m]
-    side  of `close_chain`
+    Args:
+        m: Machine in its plane, with n joints.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        i: Index of the first joint that moves.
+        j: Index of the second joint that moves, j > i.
+        held_positions: Positions of all other joints in joint order, float64[n - 2], [rad or m].
+        side: Solution, −1 or 1, see `close_chain`.
+        q: Posture, float64[n], overwritten in place [rad or m].
+
+    Returns:
+        True if there is such a posture and it is within the joint limits.
     """
     at = 0
     for k in range(len(q)):
         if k not in (i, j):
-            q[k] = held[at]
+            q[k] = held_positions[at]
             at += 1
-    return close_chain(m, x, z, i, j, side, q) and within_limits(m, q)
+    return close_chain(m, x, z, i, j, side, q) and is_within_limits(m, q)
 
 
 @kernel(borrows=True)
-def side_of(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
-    """The `side` of `close_chain` on which joints i < j close the chain in posture q[n].
+def find_closure_side(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
+    """Return on which side of `close_chain` joints i and j close the chain in a posture.
 
-    Of two that turn +1 where γ > 0: where the tip is to the left of the line from joint i to j.
-    Where j slides +1 where the tip is ahead of joint i, where i slides where it is behind joint j,
-    seen along what slides.
+    The result is 1 in these cases, else −1:
+
+    - Both turn: the tip is to the left of the line from joint i to joint j.
+    - Only j slides: the tip is ahead of joint i, seen along the direction in which j slides.
+    - Only i slides: the tip is behind joint j, seen along the direction in which i slides.
+    - Both slide: always.
+
+    Args:
+        m: Machine in its plane.
+        q: Posture, float64[n], [rad or m].
+        i: Index of the first joint.
+        j: Index of the second joint, j > i.
+
+    Returns:
+        −1 or 1.
     """
     heading, x, z, ahead, up = 0.0, 0.0, 0.0, 0.0, 0.0
     ex = ez = fx = fz = 0.0
     for k in range(len(q)):
-        heading += turned(m.turns, q, k)
-        length = extended(m.slides, m.link_length, q, k)
+        heading += get_turn_angle(m.turns, q, k)
+        length = add_extension(m.slides, m.link_length, q, k)
         along, across = math.cos(heading), math.sin(heading)
         if k == i:
             ex, ez = along, across
@@ -303,11 +479,24 @@ def side_of(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
 
 
 @kernel
-def nearest_posture(m: MachineArrays, x: float, z: float, near: FloatArray, q: FloatArray) -> bool:
-    """The posture within limits at (x, z) m of those next to `near`, with two joints moved, to q.
+def find_nearest_posture(
+    m: MachineArrays, x: float, z: float, given: FloatArray, q: FloatArray
+) -> bool:
+    """Find a posture with the tip at a point by moving two joints of a given posture.
 
-    All pairs of joints are tried with the others held, each put within its limits; of what is
-    possible the least change of any joint counts. False where nothing is.
+    All pairs of joints are tried. All other joints stay at their given positions, limited to their
+    ranges. A solution is judged by the largest change of any of its joints from the given posture,
+    in which a metre counts as a radian. The solution with the smallest value is taken.
+
+    Args:
+        m: Machine in its plane.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+        given: Given posture, which may exceed the limits, float64[n], [rad or m].
+        q: Result within the limits, float64[n], written in place if there is one [rad or m].
+
+    Returns:
+        False if no pair of joints has a solution within the limits.
     """
     n, least = len(q), math.inf
     trial = np.empty(n)
@@ -315,11 +504,11 @@ def nearest_posture(m: MachineArrays, x: float, z: float, near: FloatArray, q: F
         for j in range(i + 1, n):
             for side in (-1, 1):
                 for k in range(n):
-                    trial[k] = min(max(near[k], m.joint_min[k]), m.joint_max[k])
-                if close_chain(m, x, z, i, j, side, trial) and within_limits(m, trial):
+                    trial[k] = min(max(given[k], m.joint_min[k]), m.joint_max[k])
+                if close_chain(m, x, z, i, j, side, trial) and is_within_limits(m, trial):
                     change = 0.0
                     for k in range(n):
-                        change = max(change, abs(trial[k] - near[k]))
+                        change = max(change, abs(trial[k] - given[k]))
                     if change < least:
                         least = change
                         q[:] = trial

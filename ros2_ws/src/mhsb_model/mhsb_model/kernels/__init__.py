@@ -1,1 +1,1 @@
-"""Compiled functions: the decorator, where they are kept, and how all are compiled at once."""
+"""Compiled functions: the decorator, the cache of compiled code, and compilation ahead of use."""

@@ -1,9 +1,8 @@
-"""Where compiled kernels are kept, so that what is found there was compiled from these sources.
+"""Folder of the compiled kernels, whose name depends on the sources that they are compiled from.
 
-Numba looks only at the file that a kernel is in: after a change to a kernel that it calls in
-another file, or to a constant, it would silently go on with the old one. So the folder's name is
-a fingerprint of all files with kernels, of those that their constants come from, in all packages
-of the suite, and of how they are compiled.
+Numba checks only the file that a kernel is in. After a change to a constant, or to a called kernel
+in another file, it would silently use the old machine code. So the folder's name is a fingerprint
+of all files of the suite that contain kernels, constants for them, or the decorator.
 """
 
 from __future__ import annotations
@@ -22,122 +21,223 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGES = ("mhsb_model", "mhsb_planner", "mhsb_sim")
-VARIABLE = "NUMBA_CACHE_DIR"
-DECORATOR = frozenset({"mhsb_model.kernels.kernel", "mhsb_model.kernels.compiled"})
-MARK = re.compile(rb"^@kernel\b", re.MULTILINE)
-IMPORT = re.compile(rb"^from (mhsb_[\w.]+) import (?:\(([^)]*)\)|(.*))", re.MULTILINE)
-CONSTANT = re.compile(rb"\b[A-Z][A-Z0-9_]*\b")
-KEPT = 3
-"""How many fingerprints' folders are kept; another checkout or version may use them."""
+KERNEL_PACKAGES = ("mhsb_model", "mhsb_control", "mhsb_planner", "mhsb_sim", "mhsb_tools")
+"""Packages of the suite that are searched for kernels."""
+
+CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+"""Environment variable by which numba and child processes find the cache folder."""
+
+LOGGED_VARIABLE = "MHSB_KERNELS_ARE_NOT_KEPT"
+"""Environment variable that is set once a process has logged that kernels cannot be kept."""
+
+DECORATOR_MODULES = frozenset({"mhsb_model.kernels.kernel", "mhsb_model.kernels.compiled"})
+"""Modules that determine how kernels are compiled."""
+
+KERNEL_PATTERN = re.compile(rb"^@kernel\b", re.MULTILINE)
+"""Decorator by which a source file with kernels is recognized."""
+
+IMPORT_PATTERN = re.compile(rb"^from (mhsb_[\w.]+) import (?:\(([^)]*)\)|(.*))", re.MULTILINE)
+"""Import of names from a module of the suite: the module, and the names in or without brackets."""
+
+CONSTANT_PATTERN = re.compile(rb"\b[A-Z][A-Z0-9_]*\b")
+"""Name in capitals, by which an imported constant is recognized."""
+
+FOLDER_CAPACITY = 3
+"""Number of newest cache folders that are kept; other checkouts or versions may use them."""
 
 IN_USE = 86400.0
-"""Folders used within so many seconds are kept too: whoever compiles into them still runs."""
+"""Time since its last use after which a cache folder may be deleted [s].
+
+A process that compiles into a folder used since then may still be running."""
+
+MIN_FREE_SPACE = 64 * 2**20
+"""Free disk space required for the cache [B]; all kernels of one checkout take 32 MiB."""
+
+PROBE_BYTES = b"\0" * 2**20
+"""Content of the file that is written as a test; larger than any compiled kernel."""
 
 _log = logging.getLogger(__name__)
 
 
-def use_kernel_cache() -> None:
-    """Make numba keep its kernels there; to be called before the first kernel is defined.
+def set_kernel_cache_folder() -> None:
+    """Choose the folder in which numba keeps compiled kernels, and set NUMBA_CACHE_DIR to it.
 
-    NUMBA_CACHE_DIR, where it is set, is somebody's own decision. Where nothing can be written,
-    kernels are kept in the folder for temporary files, which is said.
+    It must be called before the first kernel is defined. The folder is the one that
+    NUMBA_CACHE_DIR already names. If that is not set, it is `kernel_cache_folder()`, and old
+    folders beside it are deleted. If the folder cannot be written, kernels are kept in a folder
+    among the temporary files, or not at all. A warning about this is logged once for a process and
+    its children.
     """
-    chosen = os.environ.get(VARIABLE)
+    chosen = os.environ.get(CACHE_VARIABLE)
     folder = Path(chosen) if chosen else kernel_cache_folder()
-    if trouble := _trouble_writing(folder):
-        spare = _spare_folder(folder.name)
+    if (trouble := find_write_problem(folder)) and not os.environ.get(LOGGED_VARIABLE):
+        spare = _create_spare_folder(folder)
+        if find_write_problem(spare):
+            spare_is, slower = "cannot be kept anywhere else", "every start compiles them"
+        else:
+            spare_is, slower = f"are kept in {spare}", "starts may take a minute longer"
         _log.warning(
-            "compiled kernels cannot be kept in %s (%s) and are kept in %s: starts may take a "
-            "minute longer; make the folder writable, or name another one in %s",
-            folder, trouble, spare, VARIABLE,
+            "compiled kernels cannot be kept in %s (%s) and %s: %s; make %d MiB of room there, or "
+            "name another folder in %s",
+            folder, trouble, spare_is, slower, MIN_FREE_SPACE // 2**20, CACHE_VARIABLE,
         )  # fmt: skip
-        folder = spare
-    os.environ[VARIABLE] = str(folder)
-    if "numba" in sys.modules:  # it has read its settings already
+        folder, os.environ[LOGGED_VARIABLE] = spare, "1"
+    os.environ[CACHE_VARIABLE] = str(folder)
+    if "numba" in sys.modules:  # numba has already read the environment
         sys.modules["numba"].config.CACHE_DIR = str(folder)
     if not chosen:
-        _drop_old(folder)
+        _delete_old_folders(folder)
 
 
 def kernel_cache_folder() -> Path:
-    """$XDG_CACHE_HOME/mhsb/kernels/FINGERPRINT, else below ~/.cache; one for each NumPy."""
+    """Return the cache folder that belongs to the present sources and NumPy version.
+
+    It is `mhsb/kernels/FINGERPRINT-NUMPY` in $XDG_CACHE_HOME, or in ~/.cache if that is not set or
+    not absolute.
+
+    Returns:
+        Path of the folder, which need not exist.
+    """
     base = os.environ.get("XDG_CACHE_HOME")
     cache = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
     return cache / "mhsb" / "kernels" / f"{fingerprint(kernel_sources())}-{version('numpy')}"
 
 
 def kernel_sources() -> list[Path]:
-    """All sources of the suite with kernels, constants for them or their decorator, in order."""
+    """List all source files of the suite on which compiled kernels depend.
+
+    These contain kernels, constants that files with kernels import, or the decorator. Packages that
+    are not installed are skipped.
+
+    Returns:
+        Paths in the order of their module names.
+    """
     files = {}
-    for package in PACKAGES:
+    for package in KERNEL_PACKAGES:
         found = importlib.util.find_spec(package)
         if found is not None and found.origin is not None:
             root = Path(found.origin).parent
             for file in root.rglob("*.py"):
                 name = ".".join((package, *file.relative_to(root).with_suffix("").parts))
                 files[name] = file
-    kernels = {name: text for name, file in files.items() if MARK.search(text := file.read_bytes())}
-    constants = {name for text in kernels.values() for name in constants_from(text)}
-    wanted = kernels.keys() | constants | DECORATOR
+    kernels = {
+        name: text
+        for name, file in files.items()
+        if KERNEL_PATTERN.search(text := file.read_bytes())
+    }
+    constants = {name for text in kernels.values() for name in find_constant_modules(text)}
+    wanted = kernels.keys() | constants | DECORATOR_MODULES
     return [files[name] for name in sorted(files.keys() & wanted)]
 
 
-def constants_from(source: bytes) -> set[str]:
-    """Modules of the suite from which a source imports constants."""
+def find_constant_modules(source: bytes) -> set[str]:
+    """Return the names of the suite's modules from which a source file imports constants.
+
+    Args:
+        source: Content of a Python file.
+
+    Returns:
+        Dotted module names. A name in capitals counts as a constant.
+    """
     return {
         module.decode()
-        for module, several, one in IMPORT.findall(source)
-        if CONSTANT.search(several or one)
+        for module, several, one in IMPORT_PATTERN.findall(source)
+        if CONSTANT_PATTERN.search(several or one)
     }
 
 
 def fingerprint(files: list[Path]) -> str:
-    """Hash of the contents of files."""
+    """Return a hash of the contents of files, as 16 hexadecimal digits.
+
+    Args:
+        files: Files to read; their order matters, their paths do not.
+
+    Returns:
+        The first 16 digits of a SHA-256 hash.
+    """
     digest = hashlib.sha256()
     for file in files:
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()[:16]
 
 
-def _trouble_writing(folder: Path) -> str | None:
-    """Why nothing can be written into a folder, which is made where it is missing."""
+def find_write_problem(folder: Path) -> str | None:
+    """Return why kernels cannot be written into a folder; create the folder if it is missing.
+
+    As a test, a temporary file is written and removed. Free space must be at least MIN_FREE_SPACE,
+    unless the folder has a marker file `complete-…`: then at least some kernels are already there.
+
+    Args:
+        folder: Cache folder.
+
+    Returns:
+        Reason in a few words; None if the folder can be used.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        if shutil.disk_usage(folder).free < MIN_FREE_SPACE and not any(folder.glob("complete-*")):
+            return "the disk is full"
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(PROBE_BYTES)
             return None
     except OSError as error:
         return error.strerror or str(error)
 
 
-def _spare_folder(name: str) -> Path:
-    """Among temporary files, kept for the next start, and nobody else's: code is run from it."""
-    folder = Path(tempfile.gettempdir()) / f"mhsb-{os.getuid()}"
+def _create_spare_folder(wanted: Path) -> Path:
+    """Create a folder for compiled kernels among the temporary files.
+
+    Processes load and run code from it, so it must belong to the user and be closed to others. If
+    possible it is `mhsb-UID/NAME`, which the next start finds again. Otherwise it is a new folder
+    with a random name.
+
+    Args:
+        wanted: Cache folder that cannot be written. Its last part is NAME.
+
+    Returns:
+        The spare folder; `wanted` if no folder can be created.
+    """
+    name = wanted.name
     try:
+        folder = Path(tempfile.gettempdir()) / f"mhsb-{os.getuid()}"
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
         private = stat.S_ISDIR(status.st_mode) and not stat.S_IMODE(status.st_mode) & 0o077
-        if private and status.st_uid == os.getuid() and not _trouble_writing(folder / name):
+        if private and status.st_uid == os.getuid() and not find_write_problem(folder / name):
             return folder / name
         return Path(tempfile.mkdtemp(prefix="mhsb-"))
     except OSError:
-        return folder / name  # cannot be written either: every process compiles for itself
+        return wanted
 
 
-def _drop_old(current: Path) -> None:
-    """Keep the newest folders beside the current one; losing one costs a compilation only."""
+def _delete_old_folders(current: Path) -> None:
+    """Mark a cache folder as used, and delete old folders beside it.
+
+    The newest FOLDER_CAPACITY folders and those used within IN_USE are kept. A deleted folder only
+    costs a compilation.
+
+    Args:
+        current: Cache folder that this process uses.
+    """
     try:
         os.utime(current)
         folders = sorted(current.parent.iterdir(), key=lambda folder: folder.stat().st_mtime)
     except OSError:
         return
-    for old in folders[:-KEPT]:
-        if time.time() - _last_use(old) > IN_USE:
+    for old in folders[:-FOLDER_CAPACITY]:
+        if time.time() - _find_last_use(old) > IN_USE:
             shutil.rmtree(old, ignore_errors=True)
 
 
-def _last_use(folder: Path) -> float:
-    """When a process last began to use a folder; infinite where it is gone [s]."""
+def _find_last_use(folder: Path) -> float:
+    """Return when a process last began to use a folder.
+
+    Args:
+        folder: Cache folder.
+
+    Returns:
+        Modification time since the epoch [s]; inf if the folder does not exist.
+    """
     try:
         return folder.stat().st_mtime
     except OSError:

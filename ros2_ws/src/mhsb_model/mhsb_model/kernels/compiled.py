@@ -1,10 +1,12 @@
-"""numba's side of a kernel: what `kernel` has in its place until it is first called.
+"""Compilation of kernels by numba, imported when a kernel is first called.
 
-It is numba's `njit`, of which it fixes the options: kernels release the interpreter, divide as
-NumPy does, and are kept for the next process. (To look for a divisor of 0, as Python does, more
-than doubles the time of a loop that divides.) And it compiles them in less time: numba makes each
-kernel ready to be called from Python and from C, and optimizes it fully, though most are only
-called by other kernels, into which they are linked and there optimized once more.
+It corresponds to `numba.njit` with fixed options: kernels release the interpreter lock, divide as
+NumPy does, and are cached on disk. Checking each divisor for 0, as Python does, more than doubles
+the time of a loop that divides.
+
+It also shortens compilation. Numba makes each kernel callable from Python and from C and optimizes
+it fully. Most kernels are only called by other kernels, into which they are linked and optimized
+again. So these calls use a lightly optimized version without the wrappers.
 """
 
 from __future__ import annotations
@@ -14,11 +16,11 @@ from contextlib import contextmanager, suppress
 from functools import cached_property
 from typing import Any
 
-from mhsb_model.kernels.cache_folder import use_kernel_cache
+from mhsb_model.kernels.cache_folder import set_kernel_cache_folder
 
-use_kernel_cache()
+set_kernel_cache_folder()
 
-# Below and not at the top (E402): numba reads its settings when it is imported.
+# Numba reads its settings when it is imported, hence the import here (E402).
 from numba import config, types  # noqa: E402
 from numba.core.registry import CPUDispatcher  # noqa: E402
 
@@ -26,39 +28,55 @@ from mhsb_model.kernels.shared_cache import SharedCache, SharedInnerCache  # noq
 
 
 class CompiledKernel(CPUDispatcher):
-    """A compiled function; for other kernels that call it, another one of the same source."""
+    """Numba dispatcher of a kernel, with a second dispatcher for calls by other kernels."""
 
     @cached_property
     def _inner(self) -> CPUDispatcher:
-        """What other kernels call: without a way in from Python, lightly optimized."""
+        """Dispatcher of the version that other kernels call, without a Python wrapper."""
         options = self.targetoptions | {"no_cpython_wrapper": True}
         inner = CPUDispatcher(self.py_func, targetoptions=options)
-        _keep(inner, SharedInnerCache)
+        _enable_disk_cache(inner, SharedInnerCache)
         return inner
 
     def get_call_template(self, args: tuple, kws: dict) -> tuple:
-        """For a call by another kernel; one compilation serves all constants that it may give."""
+        """Resolve a call by another kernel to the inner, lightly optimized version (numba's hook).
+
+        Constants among the arguments are replaced by their types, so that one compilation serves
+        all values.
+
+        Args:
+            args: Numba types of the positional arguments.
+            kws: Numba types of the keyword arguments, by name.
+
+        Returns:
+            Numba's call template, in the form that `CPUDispatcher.get_call_template` returns.
+        """
         plain = {name: types.unliteral(kind) for name, kind in kws.items()}
         with _light_optimization():
             return self._inner.get_call_template(tuple(map(types.unliteral, args)), plain)
 
     def get_overload(self, signature: Any) -> Any:
-        """What such a call leads to."""
+        """Return the entry point of the inner version that a call by another kernel resolves to."""
         return self._inner.get_overload(signature)
 
     def enable_caching(self) -> None:
-        """Keep what is compiled, where there is a place to."""
-        _keep(self, SharedCache)
+        """Cache compiled versions of this kernel on disk, if numba finds a folder."""
+        _enable_disk_cache(self, SharedCache)
 
 
-def compiled(function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
-    """A function as numba compiles it when it is called; the function where numba is told not to.
+def create_dispatcher(function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
+    """Create the numba dispatcher of a function, which compiles it at its first call.
 
-    options  as of `numba.njit`
+    Args:
+        function: Python function.
+        options: Options of `numba.njit` besides the fixed ones.
+
+    Returns:
+        Dispatcher; the function itself if NUMBA_DISABLE_JIT is set.
     """
     if config.DISABLE_JIT:
         return function
-    # Nobody takes a kernel as a C function, which numba would wrap each as.
+    # Without `no_cfunc_wrapper`, numba would also compile a C function for each kernel.
     fixed = {"nopython": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
     made = CompiledKernel(function, targetoptions={**options, **fixed})
     made.enable_caching()
@@ -67,7 +85,10 @@ def compiled(function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
 
 @contextmanager
 def _light_optimization() -> Iterator[None]:
-    """Of what is compiled in the block; without any, LLVM would not look into it later either."""
+    """Context manager that limits numba's optimization level to 1.
+
+    Level 0 would also keep LLVM from optimizing the code after it is linked into another kernel.
+    """
     full = config.OPT
     config.OPT = type(full)(min(1, full))
     try:
@@ -76,7 +97,12 @@ def _light_optimization() -> Iterator[None]:
         config.OPT = full
 
 
-def _keep(dispatcher: Any, kind: type) -> None:
-    """Keep what a dispatcher compiles, unless numba finds no place for it."""
+def _enable_disk_cache(dispatcher: Any, kind: type) -> None:
+    """Cache on disk what a dispatcher compiles, unless numba finds no folder for it.
+
+    Args:
+        dispatcher: Numba dispatcher, changed in place.
+        kind: Class of the cache, `SharedCache` or `SharedInnerCache`.
+    """
     with suppress(RuntimeError):
         dispatcher._cache = kind(dispatcher.py_func)

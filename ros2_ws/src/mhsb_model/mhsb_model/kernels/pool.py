@@ -1,8 +1,9 @@
-"""All kernels compiled ahead, by one process for each processor, and told as it goes on.
+"""Compilation of all kernels ahead of their use, in one process for each processor.
 
-What needs kernels lists functions that call them, the parts: `MODULE:FUNCTION`, without arguments.
-The processes take them in turn, and share what they compile through the cache; where two need the
-same kernel, one of them waits (`shared_cache`). So nodes that start together compile once for all.
+The caller lists functions without arguments that call the kernels, as `MODULE:FUNCTION`. Each is a
+part of the work. The processes take one part after the other and share compiled kernels through the
+cache. If two processes need the same kernel, one of them waits (`shared_cache`). So nodes that
+start together compile each kernel only once.
 """
 
 from __future__ import annotations
@@ -21,95 +22,136 @@ from pathlib import Path
 from tqdm import tqdm
 
 from mhsb_model.kernels import cache_folder
-from mhsb_model.process import signals_kept
+from mhsb_model.process import signals_blocked
 
 _log = logging.getLogger(__name__)
 
 
-def compile_ahead(parts: Sequence[str], say: Callable[[str], None] | None = None) -> None:
-    """See to it that all that these functions compile is in the cache; quick where it is.
+def compile_ahead(
+    parts: Sequence[str], report_progress: Callable[[str], None] | None = None
+) -> None:
+    """Compile all kernels that the given functions call and that are not yet in the cache.
 
-    `say` is told how far it is, a line at a time; without it a progress bar tells. What cannot be
-    compiled, or kept, is logged: whoever needs it compiles it again and sees why.
+    The functions are called in worker processes. A marker file in the cache records each part that
+    is complete, so repeated calls return quickly. If the cache cannot be written, nothing is done,
+    and each process compiles what it calls. Parts that fail are logged; a process that needs them
+    compiles them again and reports the error.
+
+    Args:
+        parts: Functions that call the kernels, as `MODULE:FUNCTION`.
+        report_progress: Called with a line of progress at the start and after each part; None shows
+            a progress bar.
     """
-    cache_folder.use_kernel_cache()
-    marks = _marks(parts)
+    cache_folder.set_kernel_cache_folder()
+    if cache_folder.find_write_problem(Path(os.environ[cache_folder.CACHE_VARIABLE])):
+        return
+    marks = _find_marker_files(parts)
     missing = [part for part in parts if not marks[part].exists()]
     if not missing:
         return
-    progress = _Lines(say, len(missing)) if say else _Bar(len(missing))
-    progress.tell(0)
-    for done, (part, trouble) in enumerate(_called_by_workers(missing), start=1):
+    progress = (
+        _LineProgress(report_progress, len(missing))
+        if report_progress
+        else _BarProgress(len(missing))
+    )
+    progress.update(0)
+    for done, (part, trouble) in enumerate(_call_in_workers(missing), start=1):
         if trouble:
             _log.warning("kernels of %s were not compiled ahead: %s", part, trouble)
         else:
-            with suppress(OSError):  # said when the folder was chosen
+            with suppress(OSError):  # a warning was logged when the folder was chosen
                 marks[part].touch()
-        progress.tell(done)
+        progress.update(done)
 
 
-class _Lines:
-    """Progress for a log."""
+class _LineProgress:
+    """Progress display that passes a line of text to a function."""
 
     def __init__(self, say: Callable[[str], None], total: int) -> None:
         self._say, self._total = say, total
 
-    def tell(self, done: int) -> None:
+    def update(self, done: int) -> None:
+        """Report the number of parts that are done."""
         self._say(f"compiling kernels, which happens once: {done} of {self._total} parts")
 
 
-class _Bar:
-    """Progress for a terminal; nothing elsewhere."""
+class _BarProgress:
+    """Progress bar on a terminal; without a terminal it shows nothing."""
 
     def __init__(self, total: int) -> None:
         self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
 
-    def tell(self, done: int) -> None:
+    def update(self, done: int) -> None:
+        """Set the bar to the number of parts that are done, and close it after the last.
+
+        Args:
+            done: Number of parts that are done.
+        """
         self._bar.update(done - self._bar.n)
         if done == self._bar.total:
             self._bar.close()
 
 
-def _marks(parts: Sequence[str]) -> dict[str, Path]:
-    """The file of each part that is there when it is complete, for these kernels and processor.
+def _find_marker_files(parts: Sequence[str]) -> dict[str, Path]:
+    """Return the marker file of each part; it exists once the part is in the cache.
 
-    And for the place of their sources, by which numba keeps them: another checkout of the same
-    sources has its own.
+    Its name is a hash of the part, all kernel sources, their folder, the Python version and the
+    processor. The folder matters since numba also identifies kernels by it.
+
+    Args:
+        parts: Functions as `MODULE:FUNCTION`.
+
+    Returns:
+        Path of the marker file by part.
     """
     from llvmlite import binding
 
-    folder = Path(os.environ[cache_folder.VARIABLE])
+    folder = Path(os.environ[cache_folder.CACHE_VARIABLE])
     sources = cache_folder.fingerprint(cache_folder.kernel_sources())
 
-    def mark(part: str) -> Path:
+    def marker_file(part: str) -> Path:
+        """Return the marker file of one part in the cache folder."""
         words = (part, sources, __file__, sys.version, binding.get_host_cpu_name())
         return folder / f"complete-{hashlib.sha256(repr(words).encode()).hexdigest()[:16]}"
 
-    return {part: mark(part) for part in parts}
+    return {part: marker_file(part) for part in parts}
 
 
-def _called_by_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Parts as they are done, each with what went wrong."""
+def _call_in_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Call functions in parallel worker processes, one for each available processor.
+
+    Args:
+        parts: Functions as `MODULE:FUNCTION`.
+
+    Yields:
+        Each part as it is done, and the error message; empty if it succeeded.
+    """
     waiting: queue.SimpleQueue[str] = queue.SimpleQueue()
     done: queue.SimpleQueue[tuple[str, str]] = queue.SimpleQueue()
     for part in parts:
         waiting.put(part)
     for _ in range(min(len(parts), len(os.sched_getaffinity(0)))):
-        threading.Thread(target=_feed, args=(waiting, done), daemon=True).start()
+        threading.Thread(target=_serve_queue, args=(waiting, done), daemon=True).start()
     for _ in parts:
         yield done.get()
 
 
-def _feed(
-    waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[str, str]]
-) -> None:
-    """Give one part after the other to a worker, and to another one where that has died."""
+def _serve_queue(waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[str, str]]) -> None:
+    """Pass functions to a worker process one by one until none is left; runs in a thread.
+
+    The worker is started for the first function. If the worker dies, the present function counts as
+    failed, and the next function gets a new worker. At the end the worker is stopped.
+
+    Args:
+        waiting: Functions that are not started yet, as `MODULE:FUNCTION`; shared by all threads.
+        done: Receives each function and its error message; the message is empty if it succeeded.
+    """
     worker = None
     with suppress(queue.Empty):
         while True:
             part = waiting.get_nowait()
-            worker = worker or _worker()
-            answer = _answer(worker, part)
+            worker = worker or _start_worker()
+            answer = _call_in_worker(worker, part)
             done.put((part, answer.strip() if answer else "its process has ended"))
             if not answer:
                 worker.kill()
@@ -119,9 +161,13 @@ def _feed(
         worker.communicate()
 
 
-def _worker() -> subprocess.Popen[str]:
-    """A process of `worker`. It hears no signals: it ends with its input, and so with us."""
-    with signals_kept():
+def _start_worker() -> subprocess.Popen[str]:
+    """Start a worker process, connected by pipes.
+
+    The signals that end a process stay blocked in the worker. It ends when its input is closed, and
+    so with this process.
+    """
+    with signals_blocked():
         return subprocess.Popen(
             [sys.executable, "-m", "mhsb_model.kernels.worker"],
             stdin=subprocess.PIPE,
@@ -130,8 +176,17 @@ def _worker() -> subprocess.Popen[str]:
         )
 
 
-def _answer(worker: subprocess.Popen[str], part: str) -> str:
-    """A line; empty where there is nobody to give it."""
+def _call_in_worker(worker: subprocess.Popen[str], part: str) -> str:
+    """Pass one function to a worker and wait for its answer.
+
+    Args:
+        worker: Worker process.
+        part: Function as `MODULE:FUNCTION`.
+
+    Returns:
+        Answer with its line end: a single line end for success, else an error message. Empty if the
+        worker has died.
+    """
     assert worker.stdin is not None
     assert worker.stdout is not None
     try:

@@ -1,7 +1,7 @@
-"""A process that has kernels compiled for another one: `python -m mhsb_model.kernels.worker`.
+"""Process that compiles kernels for another one: `python -m mhsb_model.kernels.worker`.
 
-It reads names of functions, `MODULE:FUNCTION` a line, calls each, and answers each with a line:
-empty, or what went wrong. It ends with whoever started it, at once.
+It reads one function per line from its input, as `MODULE:FUNCTION`, and calls it. The answer is one
+line: empty, or an error message. The process ends as soon as its input ends.
 """
 
 from __future__ import annotations
@@ -14,31 +14,50 @@ import threading
 
 
 def main() -> None:
-    """Serve until the input ends."""
+    """Call the functions named on the input and answer each, until the input ends.
+
+    An answer is one line: empty for success, else an error message. Whatever the functions print
+    goes to stderr. At the end of the input, or if the parent process has ended, the process exits
+    with code 0.
+    """
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever a function prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # prints of the functions go to stderr
     names: queue.Queue[str] = queue.Queue()
-    threading.Thread(target=_read, args=(names,), daemon=True).start()
+    threading.Thread(target=_read_input, args=(names,), daemon=True).start()
     while True:
-        answer = _called(names.get())
+        answer = _call_function(names.get())
         try:
             print(answer, file=answers, flush=True)
-        except BrokenPipeError:  # nobody listens any more
+        except BrokenPipeError:  # the parent process has ended
             os._exit(0)
 
 
-def _read(names: queue.Queue[str]) -> None:
-    """In a thread of its own: the main one may be compiling when the input ends."""
+def _read_input(names: queue.Queue[str]) -> None:
+    """Pass lines of the input to a queue, and exit the process at its end.
+
+    It runs in its own thread, because the main thread may be compiling when the input ends.
+
+    Args:
+        names: Receives each line without its line end.
+    """
     for line in sys.stdin:
         names.put(line.strip())
     os._exit(0)
 
 
-def _called(name: str) -> str:
+def _call_function(name: str) -> str:
+    """Import and call a function without arguments.
+
+    Args:
+        name: Function as `MODULE:FUNCTION`.
+
+    Returns:
+        Error type and message in one line; empty if it succeeded.
+    """
     module, function = name.split(":")
     try:
         getattr(importlib.import_module(module), function)()
-    except Exception as error:  # told to whoever waits, and raised again where it is needed
+    except Exception as error:  # reported to the parent; a later caller sees it again
         return f"{type(error).__name__}: {' '.join(str(error).split())}"
     return ""
 

@@ -1,1 +1,1 @@
-"""Linkages between cylinder and joint: length and moment arm over the joint angle."""
+"""Linkages between cylinder and joint: cylinder length and moment arm over the joint angle."""

@@ -10,10 +10,13 @@ numbers and × for the plane's cross product:
     ω = dφ/dq = (C × P) / ((P − R) × (P − C))         rocker's turn per joint's turn
     L = |P − K|,  r = dL/dq = ω ((P − R) × (P − K)) / L
 
-ω says that the coupler keeps its length: (P − C)·(Ṗ − Ċ) = 0. Source: loop closure, R. L. Norton,
-Design of Machinery, Sections 4.5, 4.10 (transmission angle) and 6.7 (velocities).
-A row of its numbers holds, behind the kind of linkage, R, K as x, z [m], a, b [m], σ, and C at
-q = 0 as x, z [m].
+The equation of ω follows from the constant length of the coupler: (P − C)·(Ṗ − Ċ) = 0.
+
+Kernels take a linkage as a row of numbers. Element 0 is the kind of linkage, 1 and 2 are R (x, z)
+[m], 3 and 4 are K (x, z) [m], 5 is a [m], 6 is b [m], 7 is σ, 8 and 9 are C (x, z) at q = 0 [m].
+
+Source: loop closure, R. L. Norton, Design of Machinery, Sections 4.5, 4.10 (transmission angle) and
+6.7 (velocities).
 """
 
 from __future__ import annotations
@@ -26,33 +29,52 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.schema import FourBar, Pin
 from mhsb_model.types import FloatArray
 
-SIDE = {"left": 1.0, "right": -1.0}
+SIDE_SIGNS = {"left": 1.0, "right": -1.0}
+"""Sign σ by the side of the line R → C on which the rocker tip P lies."""
 
 SMALLEST_SINE = 1e-3
+"""Lower bound on |sin μ|, so that results stay finite where the linkage cannot be assembled."""
+
 SMALLEST_DISTANCE = 1e-6
-"""sin μ and distances [m] are taken to be at least this, so that all stays finite where no
-linkage can be."""
+"""Lower bound on distances [m], so that results stay finite in singular positions."""
 
 
-def numbers(linkage: FourBar) -> list[float]:
-    """What a row holds behind the kind of linkage."""
+def list_row_numbers(linkage: FourBar) -> list[float]:
+    """Return the numbers of a four-bar for its row, without the kind of linkage.
+
+    Args:
+        linkage: Four-bar of a machine file.
+
+    Returns:
+        R, K (x, z each) [m], a, b [m], σ, and C at q = 0 (x, z) [m], with the symbols of the
+        module.
+    """
     return [
         *_cartesian(linkage.rocker_pivot),
         *_cartesian(linkage.parent_pin),
         linkage.rocker_length,
         linkage.coupler_length,
-        SIDE[linkage.rocker_side],
+        SIDE_SIGNS[linkage.rocker_side],
         *_cartesian(linkage.child_pin),
     ]
 
 
 def _cartesian(pin: Pin) -> tuple[float, float]:
+    """Return the coordinates (x, z) of a pin [m]."""
     return pin.radius * math.cos(pin.angle), pin.radius * math.sin(pin.angle)
 
 
 @kernel
 def cos_transmission_angle(row: FloatArray, q: float) -> float:
-    """cos μ at the joint angle q [rad]; outside of [−1, 1] the linkage cannot be assembled."""
+    """Compute the cosine of the transmission angle μ between rocker and coupler.
+
+    Args:
+        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        q: Joint angle [rad].
+
+    Returns:
+        cos μ; the linkage cannot be assembled if it is outside [−1, 1].
+    """
     a, b = row[5], row[6]
     cx, cz = _child_pin(row, math.cos(q), math.sin(q))
     dx, dz = cx - row[1], cz - row[2]
@@ -61,7 +83,15 @@ def cos_transmission_angle(row: FloatArray, q: float) -> float:
 
 @kernel
 def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
-    """cos μ at each of the joint angles float64[k] [rad], float64[k]."""
+    """Compute the cosine of the transmission angle μ at several joint angles.
+
+    Args:
+        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        angles: Joint angles, float64[k], [rad].
+
+    Returns:
+        cos μ at each angle, float64[k]; outside [−1, 1] if the linkage cannot be assembled there.
+    """
     found = np.empty(len(angles))
     for k in range(len(angles)):
         found[k] = cos_transmission_angle(row, angles[k])
@@ -70,20 +100,42 @@ def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
 
 @kernel(inline="always")
 def _child_pin(row: FloatArray, cosine: float, sine: float) -> tuple[float, float]:
-    """C as x, z [m], turned by the joint angle of this cosine and sine."""
+    """Return the child pin C, turned by the joint angle q.
+
+    Args:
+        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        cosine: cos q.
+        sine: sin q.
+
+    Returns:
+        C as (x, z) in the parent link's frame [m].
+    """
     return row[8] * cosine - row[9] * sine, row[8] * sine + row[9] * cosine
 
 
 @kernel(inline="always")
-def motion(
+def evaluate_four_bar(
     row: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float, float, float]:
-    """Rocker P − R as x, z [m], L [m], r = dL/dq [m] and dr/dq [m/rad] at cos q and sin q.
+    """Compute rocker, cylinder length, moment arm and its slope at a joint angle.
 
-    With W = P − R and W×V = σ a b sin μ for V = P − C, the derivatives in q are W′ = iωW, C′ = iC,
+    See the module for the symbols. With W = P − R, V = P − C and U = P − K:
 
-        ω′ = (ω C·W − C·P − ω (W×V)′) / (W×V),  (W×V)′ = ω W·(W − V) − W·C
-        r′ = (ω′ W×U + ω² W·(K − R)) / L − r²/L  for U = P − K
+        W×V = σ a b sin μ
+        W′ = iωW,   C′ = iC
+        (W×V)′ = ω W·(W − V) − W·C
+        ω′ = (ω C·W − C·P − ω (W×V)′) / (W×V)
+        r′ = (ω′ W×U + ω² W·(K − R)) / L − r²/L
+
+    A prime is a derivative with respect to q.
+
+    Args:
+        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        cosine: cos q.
+        sine: sin q.
+
+    Returns:
+        Rocker W as x and z [m], cylinder length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
     """
     rx, rz, kx, kz, a, b, side = row[1], row[2], row[3], row[4], row[5], row[6], row[7]
     cx, cz = _child_pin(row, cosine, sine)

@@ -1,10 +1,11 @@
 """Linkages: cylinder length and moment arm as functions of the joint angle.
 
-A linkage is one row of `LINKAGE_WIDTH` numbers, its kind first, so that kernels can take the
-linkages of all joints as one array. Sign convention: r = dL/dq, so that τ = r F and the piston's
-speed is r q̇; r is negative where extension turns the joint negatively. The equations of the
-kinds are in `slider_crank` and `four_bar`. What is `EVEN` has L = L₀ + r q: a direct cylinder along
-a telescope, with q [m] in place of an angle and r = 1, and what slews, with r its pitch radius.
+A linkage is one row of `LINKAGE_WIDTH` numbers with its kind first, so that kernels can take the
+linkages of all joints as one array. The moment arm is r = dL/dq, so τ = r F and the piston speed is
+r q̇. It is negative if extension turns the joint in the negative direction.
+
+The equations are in `slider_crank` and `four_bar`. A `LINEAR_LINKAGE` has L = L₀ + r q. It stands
+for the cylinder of a telescope, with q in m and r = 1, and for a slew, with its pitch radius r.
 """
 
 from __future__ import annotations
@@ -20,91 +21,144 @@ from mhsb_model.types import FloatArray
 
 SLIDER_CRANK = 0.0
 FOUR_BAR = 1.0
-EVEN = 2.0
+LINEAR_LINKAGE = 2.0
+"""Kinds of linkages, the first number of a row."""
+
 LINKAGE_WIDTH = 10
-"""The kind, then the numbers of the longer kind; the shorter one leaves the last at zero."""
+"""Length of a row: the kind and the numbers of a four-bar; other kinds leave the rest at zero."""
 
 LAST_STEP = 1e-7
-"""Newton's method has converged once a step is shorter than this [rad]."""
+"""Step length below which Newton's method has converged [rad or m]."""
 
 
-def linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
-    """Numbers of a linkage as the kernels take them, float64[LINKAGE_WIDTH].
+def build_linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
+    """Return the numbers of a linkage in the form in which kernels take them.
 
-    lower  limit [rad] of what slews, where it is at 0 m
+    Args:
+        linkage: Linkage of a machine file.
+        lower: Lower limit of a slew [rad], at which its cylinder length counts as 0 m. Other
+            linkages ignore it.
+
+    Returns:
+        float64[LINKAGE_WIDTH]: the kind of linkage, then its numbers, filled up with zeros.
     """
     if isinstance(linkage, SliderCrank):
-        numbers = [SLIDER_CRANK, *slider_crank.numbers(linkage)]
+        numbers = [SLIDER_CRANK, *slider_crank.list_row_numbers(linkage)]
     elif isinstance(linkage, FourBar):
-        numbers = [FOUR_BAR, *four_bar.numbers(linkage)]
+        numbers = [FOUR_BAR, *four_bar.list_row_numbers(linkage)]
     elif isinstance(linkage, Direct):
-        numbers = [EVEN, linkage.retracted_length, 1.0]
+        numbers = [LINEAR_LINKAGE, linkage.retracted_length, 1.0]
     else:
         radius = linkage.pitch_radius
-        numbers = [EVEN, -radius * lower, radius]
+        numbers = [LINEAR_LINKAGE, -radius * lower, radius]
     row = np.zeros(LINKAGE_WIDTH)
     row[: len(numbers)] = numbers
     return row
 
 
 @kernel(inline="always")
-def motion(linkage: FloatArray, q: float) -> tuple[float, float, float]:
-    """L(q) [m], r = dL/dq [m] and dr/dq [m/rad] at the joint angle q [rad]."""
-    if linkage[0] == EVEN:
+def evaluate_linkage(linkage: FloatArray, q: float) -> tuple[float, float, float]:
+    """Compute cylinder length, moment arm and its slope at a joint angle.
+
+    Args:
+        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
+        q: Joint angle [rad], or extension of a telescope [m].
+
+    Returns:
+        Length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
+    """
+    if linkage[0] == LINEAR_LINKAGE:
         return linkage[1] + linkage[2] * q, linkage[2], 0.0
-    return motion_at(linkage, math.cos(q), math.sin(q))
+    return evaluate_linkage_at_cosine(linkage, math.cos(q), math.sin(q))
 
 
 @kernel(inline="always")
-def motion_at(linkage: FloatArray, cosine: float, sine: float) -> tuple[float, float, float]:
-    """The same at cos q and sin q, where they are known; not for what is even."""
+def evaluate_linkage_at_cosine(
+    linkage: FloatArray, cosine: float, sine: float
+) -> tuple[float, float, float]:
+    """Compute length, moment arm and its slope from the cosine and sine of the joint angle.
+
+    It is for callers that already know these. A LINEAR_LINKAGE is not allowed.
+
+    Args:
+        linkage: Row of a slider-crank or four-bar, float64[LINKAGE_WIDTH].
+        cosine: cos q.
+        sine: sin q.
+
+    Returns:
+        Length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
+    """
     if linkage[0] == FOUR_BAR:
-        _, _, length, arm, slope = four_bar.motion(linkage, cosine, sine)
+        _, _, length, arm, slope = four_bar.evaluate_four_bar(linkage, cosine, sine)
         return length, arm, slope
-    return slider_crank.motion(linkage, cosine, sine)
+    return slider_crank.evaluate_slider_crank(linkage, cosine, sine)
 
 
 @kernel
 def cylinder_length(linkage: FloatArray, q: float) -> float:
-    """L(q) [m]: distance between the cylinder's pins at the joint angle q [rad]."""
-    return motion(linkage, q)[0]
+    """Return the cylinder length L between the pins [m] at a joint position q [rad or m]."""
+    return evaluate_linkage(linkage, q)[0]
 
 
 @kernel
 def moment_arm(linkage: FloatArray, q: float) -> float:
-    """r = dL/dq [m]."""
-    return motion(linkage, q)[1]
+    """Return the moment arm r = dL/dq [m] at a joint position q [rad or m]; 1 for a telescope."""
+    return evaluate_linkage(linkage, q)[1]
 
 
 @kernel
 def moment_arm_slope(linkage: FloatArray, q: float) -> float:
-    """dr/dq [m/rad]; piston acceleration is r q̈ + dr/dq q̇²."""
-    return motion(linkage, q)[2]
+    """Return dr/dq [m/rad] at a joint position q [rad or m]; 0 for a telescope or a slew.
+
+    The piston acceleration is r q̈ + dr/dq q̇².
+    """
+    return evaluate_linkage(linkage, q)[2]
 
 
 @kernel
-def motions(linkage: FloatArray, angles: FloatArray) -> FloatArray:
-    """`motion` at each of the joint angles float64[k] [rad], float64[k, 3]."""
+def evaluate_linkage_at_angles(linkage: FloatArray, angles: FloatArray) -> FloatArray:
+    """Compute cylinder length, moment arm and its slope at several joint angles.
+
+    Args:
+        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
+        angles: Joint angles [rad], or extensions of a telescope [m], float64[k].
+
+    Returns:
+        float64[k, 3] with the columns L [m], r = dL/dq [m], dr/dq [m/rad].
+    """
     found = np.empty((len(angles), 3))
     for k in range(len(angles)):
-        found[k, 0], found[k, 1], found[k, 2] = motion(linkage, angles[k])
+        found[k, 0], found[k, 1], found[k, 2] = evaluate_linkage(linkage, angles[k])
     return found
 
 
 @kernel
-def joint_angle(
+def find_joint_angle(
     linkage: FloatArray, length: float, lower: float, upper: float, guess: float
 ) -> float:
-    """q with L(q) = `length` [m], between the limits [rad], by Newton's method from `guess` [rad].
+    """Find the joint angle at which the cylinder has a given length.
 
-    The moment arm keeps its sign between the limits, so there is one such angle; lengths beyond
-    the limits give the nearer limit. Where a step leaves the interval in which the angle is known
-    to be, the interval is halved. A last step of d leaves an error of d² r′/2r.
+    The moment arm keeps its sign between the limits, so there is at most one such angle. Newton's
+    method starts from `guess`. If a step leaves the interval in which the angle must lie, the
+    interval is halved instead. After a last step of length d < LAST_STEP the error is about d²
+    r′/(2r), with the moment arm r and its slope r′. For a telescope, the extension [m] takes the
+    place of the angle.
+
+    Args:
+        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
+        length: Cylinder length [m].
+        lower: Lower limit of the angle [rad].
+        upper: Upper limit of the angle [rad].
+        guess: First estimate of the angle, limited to lower … upper [rad].
+
+    Returns:
+        Joint angle [rad]. If no angle within the limits has this length, it is the limit whose
+        length is nearer.
     """
     q = min(upper, max(lower, guess))
     below, above = lower - 1.0, upper + 1.0
     for _ in range(100):
-        reached, arm, _ = motion(linkage, q)
+        reached, arm, _ = evaluate_linkage(linkage, q)
         step = (length - reached) / arm
         moved = min(upper, max(lower, q + step))
         if abs(moved - q) < LAST_STEP:
@@ -120,11 +174,28 @@ def joint_angle(
 
 
 def moment_arm_range(linkage: FloatArray, lower: float, upper: float) -> tuple[float, float]:
-    """Least and largest signed moment arm over [lower, upper] rad, on a 0.1° grid [m]."""
-    arms = motions(linkage, angle_grid(lower, upper))[:, 1]
+    """Return the least and the largest signed moment arm within the joint limits.
+
+    Args:
+        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
+        lower: Lower limit of the joint angle [rad].
+        upper: Upper limit of the joint angle [rad].
+
+    Returns:
+        Least and largest moment arm on a grid of angles at most 0.1° apart [m].
+    """
+    arms = evaluate_linkage_at_angles(linkage, angle_grid(lower, upper))[:, 1]
     return float(arms.min()), float(arms.max())
 
 
 def angle_grid(lower: float, upper: float) -> FloatArray:
-    """Angles from `lower` to `upper`, both included, at most 0.1° apart [rad]."""
+    """Return evenly spaced angles between two limits, both included, at most 0.1° apart.
+
+    Args:
+        lower: First angle [rad].
+        upper: Last angle [rad].
+
+    Returns:
+        float64[k] with k ≥ 2 [rad].
+    """
     return np.linspace(lower, upper, max(2, math.ceil(math.degrees(upper - lower) * 10) + 1))

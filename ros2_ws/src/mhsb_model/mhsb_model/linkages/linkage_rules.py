@@ -1,6 +1,6 @@
-"""Within which limits a linkage can be used: every broken rule is one sentence.
+"""Rules that a linkage must keep within its joint's limits; every broken rule is one sentence.
 
-The angle range of a joint is looked at on a 0.1° grid.
+Linkages are evaluated on a 0.1° grid of the joint angle.
 """
 
 from __future__ import annotations
@@ -14,19 +14,30 @@ from mhsb_model.schema import AnyJoint, FourBar, MachineConfig, unit_of
 from mhsb_model.types import FloatArray
 
 SMALLEST_ARM_RATIO = 0.25
-"""A joint's limits must keep its moment arm above this share of the largest one: the velocity
-polytope grows without bound as the arm vanishes, and would draw postures there."""
+"""Least ratio of the smallest to the largest moment arm within a joint's limits.
+
+The velocity polytope grows without bound as the arm vanishes, which would draw postures there."""
 
 SMALLEST_TRANSMISSION_ANGLE = math.radians(20.0)
-"""Least angle between the lines of rocker and coupler: at zero the four-bar locks, and can change
-over from one way of being assembled to the other."""
+"""Least angle between the lines of rocker and coupler [rad].
+
+At zero the four-bar locks and can change from one assembly mode to the other."""
 
 
 def linkage_problems(config: MachineConfig) -> list[str]:
-    """Every rule about linkages and limits that a configuration breaks, as `path: sentence`."""
+    """Check the linkages of all joints against the rules for assembly, moment arm and stroke.
+
+    A linkage that cannot be assembled is not checked further. Slews have no rules.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each broken rule; empty if none is broken.
+    """
     problems = []
     for index, joint in enumerate(config.joints):
-        if joint.kind == "slew":  # its lever is the same everywhere
+        if joint.kind == "slew":  # its moment arm is constant
             continue
         path = f"joints.{index}"
         assembly = _assembly_problems(path, joint)
@@ -35,13 +46,25 @@ def linkage_problems(config: MachineConfig) -> list[str]:
 
 
 def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
-    """A four-bar must close, well away from where rocker and coupler are in line."""
+    """Check that a four-bar can be assembled and stays away from its locking position.
+
+    Only the joint angle at which the transmission angle is nearest to 0 or π is judged. There the
+    lines of rocker and coupler must be at least SMALLEST_TRANSMISSION_ANGLE apart. Linkages of
+    other kinds have no such rule.
+
+    Args:
+        path: Path of the joint in the file, such as `joints.0`.
+        joint: Joint section of the file.
+
+    Returns:
+        One string `path: sentence`, or an empty list.
+    """
     if not isinstance(joint.linkage, FourBar):
         return []
-    row, angles = linkage.linkage_row(joint.linkage), _angles(joint)
+    row, angles = linkage.build_linkage_row(joint.linkage), _list_angles_within_limits(joint)
     cosine = four_bar.cos_transmission_angles(row, angles)
     worst = int(np.argmax(np.abs(cosine)))
-    at = f"at {angles[worst]:.4g} rad within {_range(joint)}"
+    at = f"at {angles[worst]:.4g} rad within {_format_limits(joint)}"
     if abs(cosine[worst]) > 1.0:
         a, b = joint.linkage.rocker_length, joint.linkage.coupler_length
         distance = math.sqrt(a * a + b * b - 2.0 * a * b * cosine[worst])
@@ -61,35 +84,59 @@ def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
 
 
 def _moment_arm_problems(path: str, joint: AnyJoint) -> list[str]:
-    row = linkage.linkage_row(joint.linkage)
+    """Check that the moment arm keeps its sign and does not become too small.
+
+    Its smallest magnitude within the joint's limits must be at least SMALLEST_ARM_RATIO times its
+    largest magnitude.
+
+    Args:
+        path: Path of the joint in the file, such as `joints.0`.
+        joint: Joint section of the file.
+
+    Returns:
+        One string `path: sentence`, or an empty list.
+    """
+    row = linkage.build_linkage_row(joint.linkage)
     least, largest = linkage.moment_arm_range(row, joint.limits.lower, joint.limits.upper)
     weakest = 0.0 if least * largest <= 0 else min(abs(least), abs(largest))
     needed = SMALLEST_ARM_RATIO * max(abs(least), abs(largest))
     if weakest >= needed:
         return []
     return [
-        f"{path}.limits: the moment arm falls to {weakest:.4g} m within {_range(joint)}, "
+        f"{path}.limits: the moment arm falls to {weakest:.4g} m within {_format_limits(joint)}, "
         f"it must stay above {needed:.4g} m: narrow the limits or move the pins"
     ]
 
 
 def _stroke_problems(path: str, joint: AnyJoint) -> list[str]:
-    """The barrel takes in the whole stroke, so a cylinder at most doubles its length."""
-    row = linkage.linkage_row(joint.linkage)
-    lengths = linkage.motions(row, _angles(joint))[:, 0]
+    """Check that the cylinder is always shorter than twice its shortest length.
+
+    The barrel holds the whole stroke, so a cylinder can at most double its length.
+
+    Args:
+        path: Path of the joint in the file, such as `joints.0`.
+        joint: Joint section of the file.
+
+    Returns:
+        One string `path: sentence`, or an empty list.
+    """
+    row = linkage.build_linkage_row(joint.linkage)
+    lengths = linkage.evaluate_linkage_at_angles(row, _list_angles_within_limits(joint))[:, 0]
     shortest, longest = lengths.min(), lengths.max()
     if longest < 2.0 * shortest:
         return []
     return [
         f"{path}.linkage: the cylinder goes from {shortest:.4g} m to {longest:.4g} m within "
-        f"{_range(joint)}, it must stay below twice its shortest length: "
+        f"{_format_limits(joint)}, it must stay below twice its shortest length: "
         "narrow the limits or move the parent pin away"
     ]
 
 
-def _angles(joint: AnyJoint) -> FloatArray:
+def _list_angles_within_limits(joint: AnyJoint) -> FloatArray:
+    """Return the grid of joint angles between a joint's limits."""
     return linkage.angle_grid(joint.limits.lower, joint.limits.upper)
 
 
-def _range(joint: AnyJoint) -> str:
+def _format_limits(joint: AnyJoint) -> str:
+    """Format a joint's limits with their unit, such as `[-1, 2] rad`."""
     return f"[{joint.limits.lower:g}, {joint.limits.upper:g}] {unit_of(joint)}"

@@ -2,9 +2,11 @@
 
     L = √(u² + v² − 2 u v cos θ),  θ = θ₀ + q
 
-with the pins' distances u, v from the joint's axis and the angle θ from the parent link's pin to
-the child link's. A row of its numbers holds u² + v², u v cos θ₀ and u v sin θ₀ [m²] behind the kind
-of linkage.
+u and v are the distances of the pins from the joint's axis. θ is the angle from the parent link's
+pin to the child link's pin, and θ₀ its value at q = 0.
+
+Kernels take a linkage as a row of numbers. Element 0 is the kind of linkage, 1 is u² + v², 2 is
+u v cos θ₀ and 3 is u v sin θ₀ [m²].
 """
 
 from __future__ import annotations
@@ -16,21 +18,38 @@ from mhsb_model.schema import SliderCrank
 from mhsb_model.types import FloatArray
 
 SMALLEST_LENGTH = 1e-9
-"""L is taken to be at least this [m], so that all stays finite where no cylinder can be."""
+"""Lower bound on the cylinder length [m], so that results stay finite where the pins coincide."""
 
 
-def numbers(linkage: SliderCrank) -> list[float]:
-    """What a row holds behind the kind of linkage."""
+def list_row_numbers(linkage: SliderCrank) -> list[float]:
+    """Return the numbers of a slider-crank for its row, without the kind of linkage.
+
+    Args:
+        linkage: Slider-crank of a machine file.
+
+    Returns:
+        u² + v², u v cos θ₀ and u v sin θ₀ [m²], with the symbols of the module.
+    """
     u, v = linkage.parent_pin.radius, linkage.child_pin.radius
     ahead = linkage.child_pin.angle - linkage.parent_pin.angle
     return [u * u + v * v, u * v * math.cos(ahead), u * v * math.sin(ahead)]
 
 
 @kernel(inline="always")
-def motion(row: FloatArray, cosine: float, sine: float) -> tuple[float, float, float]:
-    """L [m], r = dL/dq [m] and dr/dq [m/rad] at cos q and sin q of the joint angle q.
+def evaluate_slider_crank(
+    row: FloatArray, cosine: float, sine: float
+) -> tuple[float, float, float]:
+    """Compute cylinder length, moment arm and its slope at a joint angle.
 
-    r = u v sin θ / L, dr/dq = (u v cos θ − r²) / L
+        r = u v sin θ / L,   dr/dq = (u v cos θ − r²) / L
+
+    Args:
+        row: Numbers of the slider-crank, float64[LINKAGE_WIDTH].
+        cosine: cos q.
+        sine: sin q.
+
+    Returns:
+        Length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
     """
     along, across = row[2] * cosine - row[3] * sine, row[3] * cosine + row[2] * sine
     length = math.sqrt(max(row[1] - 2.0 * along, SMALLEST_LENGTH * SMALLEST_LENGTH))

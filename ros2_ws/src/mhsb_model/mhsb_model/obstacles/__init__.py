@@ -1,1 +1,1 @@
-"""What the arm keeps clear of, and how far it is from it."""
+"""Obstacles that the arm must keep clear of, and its distance from them."""

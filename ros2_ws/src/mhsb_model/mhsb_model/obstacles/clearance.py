@@ -1,19 +1,24 @@
-"""How far the arm is from everything that it keeps clear of.
+"""Distance of the arm from the obstacles that it must keep clear of.
 
 A link is a capsule: all points within its radius of the line between its joints. The clearance of
-an obstacle is the least signed distance, negative by the depth of the deepest point: for a box
-max(x_min − x, x − x_max, z_min − z, z − z_max) inside, for a circle |p − c| − R, less the link's
-radius. It changes by no more than the arm's points move, so that clearances at both ends of a move
-bound those in between:
+an obstacle is the least signed distance of the link's line from it, less the link's radius. Inside
+an obstacle the signed distance is negative: max(x_min − x, x − x_max, z_min − z, z − z_max) for a
+box, |p − c| − R for a circle.
+
+The clearance changes by no more than the arm's points move. So the clearances at both ends of a
+move bound the clearance in between:
 
     clearance ≥ (c_start + c_end − D) / 2,   D = Σ_k L_k |Σ_{j ≤ k} Δq_j|
 
-where all joints move in proportion, and with Σ_{j ≤ k} |Δq_j| where they do not but none turns
-back. A joint that slides turns nothing and adds |Δq_k| to D; its L_k is the longer one. One that
-slews adds (a + Σ_k L_k) |Δq_1|, with joint 2 at a ahead of its axis. Source: Lipschitz bound of the
-distance function, as in conservative advancement (Mirtich, 1996).
+This holds if all joints move in proportion. If they do not, but none reverses, Σ_{j ≤ k} |Δq_j|
+takes the place of |Σ_{j ≤ k} Δq_j|. A joint k that slides turns nothing and adds |Δq_k| to D, and
+L_k is its longer length. A slew adds (a + Σ_k L_k) |Δq_1|, with joint 2 at a distance a ahead of
+its axis.
 
-Zones in space are seen from `base_link`, everything else from the plane that joint 1 turns.
+Zones in space are given in `base_link`, all other obstacles in the arm's plane, which joint 1 turns
+if it slews. Obstacles are rows of numbers; `zones` describes the columns.
+
+Source: Lipschitz bound of the distance function, as in conservative advancement (Mirtich, 1996).
 """
 
 from __future__ import annotations
@@ -24,36 +29,50 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import farthest_move, joint_positions, turned
-from mhsb_model.linkages.linkage import cylinder_length, joint_angle
-from mhsb_model.obstacles.distances_in_space import line_in_space, point_in_space
+from mhsb_model.kinematics import bound_displacement, get_turn_angle, joint_positions
+from mhsb_model.linkages.linkage import cylinder_length, find_joint_angle
+from mhsb_model.obstacles.distances_in_space import compute_line_distance, compute_point_distance
 from mhsb_model.obstacles.zones import (
-    BOX,
-    BOX_IN_SPACE,
-    CIRCLE,
-    KIND,
-    LINK,
-    PART,
-    RADIUS,
-    SHAPE,
+    BOX_KIND,
+    CIRCLE_KIND,
+    KIND_COLUMN,
+    LINK_COLUMN,
+    LINK_KIND,
+    RADIUS_COLUMN,
+    SHAPE_COLUMN,
+    SPACE_BOX_KIND,
 )
 from mhsb_model.types import FloatArray, IntArray
 
-FINEST = 1e-3
-"""Parts of a move within which no point moves farther are not divided any more [m]: there the
-clearance falls short of that at the ends by half as much at most."""
+MIN_PART_TRAVEL = 1e-3
+"""Travel below which a part of a move is not divided further [m].
 
-DEEPEST = 32
-"""Times that a move is halved, at most."""
+Within such a part the clearance is at most half of this less than at its ends."""
 
-ROUNDING = 1e-9  # m
+MAX_HALVINGS = 32
+"""Largest number of times that a part of a move is halved."""
+
+CLEARANCE_ROUNDING = 1e-9
+"""Negative clearance that counts as rounding [m]."""
 
 
 @kernel
 def _point_to_box(
     x: float, z: float, x_min: float, z_min: float, x_max: float, z_max: float
 ) -> float:
-    """Signed distance of a point to a box [m]."""
+    """Compute the signed distance of a point from a box.
+
+    Args:
+        x: Point, forward [m].
+        z: Point, up [m].
+        x_min: Least x of the box [m].
+        z_min: Least z of the box [m].
+        x_max: Greatest x of the box [m].
+        z_max: Greatest z of the box [m].
+
+    Returns:
+        Distance [m]; inside the box, the negative distance from the nearest face.
+    """
     dx, dz = max(x_min - x, x - x_max), max(z_min - z, z - z_max)
     if dx > 0.0 and dz > 0.0:
         return math.hypot(dx, dz)
@@ -61,10 +80,20 @@ def _point_to_box(
 
 
 @kernel
-def _point_to_segment(
-    x: float, z: float, ax: float, az: float, bx: float, bz: float
-) -> float:
-    """Distance of a point to the segment from a to b [m]."""
+def _point_to_segment(x: float, z: float, ax: float, az: float, bx: float, bz: float) -> float:
+    """Compute the distance of a point from the segment from a to b.
+
+    Args:
+        x: Point, forward [m].
+        z: Point, up [m].
+        ax: First end of the segment, forward [m].
+        az: First end of the segment, up [m].
+        bx: Second end of the segment, forward [m].
+        bz: Second end of the segment, up [m].
+
+    Returns:
+        Distance ≥ 0 [m].
+    """
     ux, uz = bx - ax, bz - az
     square = ux * ux + uz * uz
     share = 0.0
@@ -78,10 +107,25 @@ def _depth_in_box(
     ax: float, az: float, bx: float, bz: float,
     x_min: float, z_min: float, x_max: float, z_max: float,
 ) -> float:  # fmt: skip
-    """Least value along a segment of the largest of x_min − x, x − x_max, z_min − z, z − z_max.
+    """Compute how deep the deepest point of a segment lies in a box.
 
-    These are linear along the segment, so the least is met at an end or where two of them are
-    equal. Negative where the segment meets the inside of the box.
+    A point's signed distances from the four faces are x_min − x, x − x_max, z_min − z and
+    z − z_max; let d be the largest of them. The result is the least d along the segment. All four
+    are linear along the segment, so the least d is at an end, or where two of them are equal.
+
+    Args:
+        ax: First end of the segment, forward [m].
+        az: First end of the segment, up [m].
+        bx: Second end of the segment, forward [m].
+        bz: Second end of the segment, up [m].
+        x_min: Least x of the box [m].
+        z_min: Least z of the box [m].
+        x_max: Greatest x of the box [m].
+        z_max: Greatest z of the box [m].
+
+    Returns:
+        Least d [m]. If the segment enters the box, it is the negative depth of its deepest point.
+        Otherwise it is not negative, and only a lower bound on the distance.
     """
     at_a = (x_min - ax, ax - x_max, z_min - az, az - z_max)
     at_b = (x_min - bx, bx - x_max, z_min - bz, bz - z_max)
@@ -105,7 +149,22 @@ def segment_to_box(
     ax: float, az: float, bx: float, bz: float,
     x_min: float, z_min: float, x_max: float, z_max: float,
 ) -> float:  # fmt: skip
-    """Signed distance of the segment from a to b to a box [m]."""
+    """Compute the signed distance of a segment from a box.
+
+    Args:
+        ax: First end of the segment, forward [m].
+        az: First end of the segment, up [m].
+        bx: Second end of the segment, forward [m].
+        bz: Second end of the segment, up [m].
+        x_min: Least x of the box [m].
+        z_min: Least z of the box [m].
+        x_max: Greatest x of the box [m].
+        z_max: Greatest z of the box [m].
+
+    Returns:
+        Distance [m]. If the segment enters the box, it is the negative depth of the segment's
+        deepest point, which is that point's distance from the nearest face.
+    """
     aside = (
         min(ax, bx) >= x_max or max(ax, bx) <= x_min or min(az, bz) >= z_max or max(az, bz) <= z_min
     )
@@ -124,8 +183,22 @@ def segment_to_box(
 
 
 @kernel
-def _side(px: float, pz: float, ax: float, az: float, bx: float, bz: float) -> float:
-    """On which side of the line from a to b a point lies, by its sign."""
+def _compute_side_of_line(
+    px: float, pz: float, ax: float, az: float, bx: float, bz: float
+) -> float:
+    """Return a number whose sign says on which side of the line from a to b a point lies.
+
+    Args:
+        px: Point, forward [m].
+        pz: Point, up [m].
+        ax: First point of the line, forward [m].
+        az: First point of the line, up [m].
+        bx: Second point of the line, forward [m].
+        bz: Second point of the line, up [m].
+
+    Returns:
+        Cross product (b − a) × (p − a) [m²]; positive on the left, 0 on the line.
+    """
     return (bx - ax) * (pz - az) - (bz - az) * (px - ax)
 
 
@@ -133,9 +206,27 @@ def _side(px: float, pz: float, ax: float, az: float, bx: float, bz: float) -> f
 def segment_to_segment(
     ax: float, az: float, bx: float, bz: float, cx: float, cz: float, dx: float, dz: float
 ) -> float:
-    """Distance between the segments a–b and c–d, 0 where they cross [m]."""
-    c_and_d = _side(cx, cz, ax, az, bx, bz) * _side(dx, dz, ax, az, bx, bz)
-    a_and_b = _side(ax, az, cx, cz, dx, dz) * _side(bx, bz, cx, cz, dx, dz)
+    """Compute the distance between the segments from a to b and from c to d.
+
+    Args:
+        ax: First end of the first segment, forward [m].
+        az: First end of the first segment, up [m].
+        bx: Second end of the first segment, forward [m].
+        bz: Second end of the first segment, up [m].
+        cx: First end of the second segment, forward [m].
+        cz: First end of the second segment, up [m].
+        dx: Second end of the second segment, forward [m].
+        dz: Second end of the second segment, up [m].
+
+    Returns:
+        Distance [m]; 0 if the segments cross.
+    """
+    c_and_d = _compute_side_of_line(cx, cz, ax, az, bx, bz) * _compute_side_of_line(
+        dx, dz, ax, az, bx, bz
+    )
+    a_and_b = _compute_side_of_line(ax, az, cx, cz, dx, dz) * _compute_side_of_line(
+        bx, bz, cx, cz, dx, dz
+    )
     if c_and_d < 0.0 and a_and_b < 0.0:
         return 0.0
     return min(
@@ -148,26 +239,38 @@ def segment_to_segment(
 def row_clearance(
     m: MachineArrays, rows: FloatArray, k: int, q: FloatArray, joint: FloatArray
 ) -> float:
-    """Clearance of row k in the posture q[n], with joints and tip at joint[n + 1, 2] [m]."""
-    part = int(rows[k, PART])
-    if rows[k, KIND] >= BOX_IN_SPACE:
+    """Compute the clearance between one obstacle and the link, or the tip, that its row names.
+
+    Args:
+        m: Machine with n joints.
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        k: Index of the row.
+        q: Posture, float64[n], [rad or m]; only the slew's angle q[0] is used, for zones in space.
+        joint: Positions (x, z) of all joints and the tip in this posture, float64[n + 1, 2], [m],
+            from `kinematics.joint_positions`.
+
+    Returns:
+        Clearance [m]; negative if the link is in the obstacle.
+    """
+    part = int(rows[k, LINK_COLUMN])
+    if rows[k, KIND_COLUMN] >= SPACE_BOX_KIND:
         last, ahead = min(part + 1, len(joint) - 1), m.slew_offset
-        return line_in_space(
+        return compute_line_distance(
             rows, k, q[0],
             ahead + joint[part, 0], joint[part, 1], ahead + joint[last, 0], joint[last, 1],
-        ) - rows[k, RADIUS]  # fmt: skip
+        ) - rows[k, RADIUS_COLUMN]  # fmt: skip
     if part == len(joint) - 1:
         return point_clearance(rows, k, joint[part, 0], joint[part, 1])
     ax, az, bx, bz = joint[part, 0], joint[part, 1], joint[part + 1, 0], joint[part + 1, 1]
-    kind, radius = rows[k, KIND], rows[k, RADIUS]
-    if kind == BOX:
+    kind, radius = rows[k, KIND_COLUMN], rows[k, RADIUS_COLUMN]
+    if kind == BOX_KIND:
         return segment_to_box(
             ax, az, bx, bz, rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
         ) - radius  # fmt: skip
-    if kind == CIRCLE:
+    if kind == CIRCLE_KIND:
         distance = _point_to_segment(rows[k, 2], rows[k, 3], ax, az, bx, bz)
         return distance - rows[k, 4] - radius
-    o = int(rows[k, SHAPE])
+    o = int(rows[k, SHAPE_COLUMN])
     return segment_to_segment(
         ax, az, bx, bz, joint[o, 0], joint[o, 1], joint[o + 1, 0], joint[o + 1, 1]
     ) - radius  # fmt: skip
@@ -175,23 +278,51 @@ def row_clearance(
 
 @kernel
 def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
-    """Clearance of row k, of a box or a circle, if the arm were but a point [m]."""
-    if rows[k, KIND] == CIRCLE:
+    """Compute the clearance of a point in the arm's plane from one obstacle.
+
+    The point counts as a disc with the radius of the link that the row names.
+
+    Args:
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        k: Index of the row, of a box or a circle in the plane.
+        x: Point, forward [m].
+        z: Point, up [m].
+
+    Returns:
+        Signed distance less the radius of the row's link [m].
+    """
+    if rows[k, KIND_COLUMN] == CIRCLE_KIND:
         distance = math.hypot(x - rows[k, 2], z - rows[k, 3]) - rows[k, 4]
     else:
         distance = _point_to_box(x, z, rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5])
-    return distance - rows[k, RADIUS]
+    return distance - rows[k, RADIUS_COLUMN]
 
 
 @kernel
 def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[float, int]:
-    """Least clearance of the end of the last link at (x, z) m, and of which row; inf, −1.
+    """Compute the least clearance of the tip from boxes and circles in the plane.
 
-    No posture with the tip there has more. Zones in space are not looked at.
+    It is an upper bound on the clearance of every posture with the tip at this point. Only those
+    rows count that the last link, or the tip alone, must keep clear of. Zones in space are skipped.
+
+    Args:
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        links: Number of links of the arm, equal to the number of its joints.
+        x: Tip, forward in the arm's plane [m].
+        z: Tip, up [m].
+
+    Returns:
+        Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
+        the signed distance of the point from the obstacle less the radius of the row
+        (RADIUS_COLUMN), which is 0 for the tip alone.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):
-        if rows[k, KIND] == LINK or rows[k, KIND] >= BOX_IN_SPACE or rows[k, PART] < links - 1:
+        if (
+            rows[k, KIND_COLUMN] == LINK_KIND
+            or rows[k, KIND_COLUMN] >= SPACE_BOX_KIND
+            or rows[k, LINK_COLUMN] < links - 1
+        ):
             continue
         distance = point_clearance(rows, k, x, z)
         if distance < least:
@@ -203,12 +334,29 @@ def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[flo
 def tip_clearance_in_space(
     rows: FloatArray, links: int, x: float, y: float, z: float
 ) -> tuple[float, int]:
-    """The same of zones in space, with the tip at (x, y, z) m in `base_link`."""
+    """Compute the least clearance of the tip from zones in space.
+
+    It is an upper bound on the clearance of every posture with the tip at this point. Only those
+    rows count that the last link, or the tip alone, must keep clear of.
+
+    Args:
+        rows: Obstacles, float64[rows, ROW_WIDTH]; those in the plane are skipped.
+        links: Number of links of the arm, equal to the number of its joints.
+        x: Tip in `base_link`, forward [m].
+        y: Tip in `base_link`, to the left [m].
+        z: Tip in `base_link`, up [m].
+
+    Returns:
+        Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
+        the signed distance of the point from the zone less the radius of the row (RADIUS_COLUMN).
+        In `Obstacles.path_rows` the radius includes the margin. In `Obstacles.rows` it is 0 for the
+        tip alone.
+    """
     least, nearest = math.inf, -1
     for k in range(len(rows)):
-        if rows[k, KIND] < BOX_IN_SPACE or rows[k, PART] < links - 1:
+        if rows[k, KIND_COLUMN] < SPACE_BOX_KIND or rows[k, LINK_COLUMN] < links - 1:
             continue
-        distance = point_in_space(rows, k, x, y, z) - rows[k, RADIUS]
+        distance = compute_point_distance(rows, k, x, y, z) - rows[k, RADIUS_COLUMN]
         if distance < least:
             least, nearest = distance, k
     return least, nearest
@@ -218,9 +366,17 @@ def tip_clearance_in_space(
 def clearance(
     m: MachineArrays, rows: FloatArray, q: FloatArray, leeway: FloatArray
 ) -> tuple[float, int]:
-    """Least clearance [m] in the posture q[n] [rad], and of which row; inf, −1 without any.
+    """Compute the least clearance of the arm in a posture over all obstacles.
 
-    leeway  float64[rows], added to each clearance [m]
+    Args:
+        m: Machine with n joints.
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        q: Posture, float64[n], [rad or m].
+        leeway: Distance that is added to the clearance of each row, float64[rows]; usually 0 [m].
+
+    Returns:
+        Least clearance with its leeway, negative in an obstacle [m], and the index of its row; inf
+        and −1 without obstacles.
     """
     joint = joint_positions(m, q)
     least, nearest = math.inf, -1
@@ -235,7 +391,17 @@ def clearance(
 def clearances(
     m: MachineArrays, rows: FloatArray, posture: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Of many postures float64[count, n]: least clearance [m], and of which row."""
+    """Compute the least clearance of the arm in each of several postures.
+
+    Args:
+        m: Machine with n joints.
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        posture: Postures, float64[count, n], [rad or m].
+
+    Returns:
+        Clearance of each posture, float64[count], [m], and the index of its row, int64[count]; inf
+        and −1 without obstacles.
+    """
     least, nearest = np.empty(len(posture)), np.empty(len(posture), dtype=np.int64)
     none = np.zeros(len(rows))
     for i in range(len(posture)):
@@ -244,18 +410,46 @@ def clearances(
 
 
 @kernel
-def leeway_from(m: MachineArrays, rows: FloatArray, q: FloatArray, kept: float) -> FloatArray:
-    """What each row's clearance in the posture q[n] lacks to `kept` m, float64[rows]."""
+def compute_leeway(
+    m: MachineArrays, rows: FloatArray, q: FloatArray, required: float
+) -> FloatArray:
+    """Compute by how much each row's clearance in a posture falls short of a required clearance.
+
+    If this leeway is added to later clearances, an arm that starts in an obstacle can leave it.
+
+    Args:
+        m: Machine with n joints.
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        q: Posture, float64[n], [rad or m].
+        required: Clearance to reach [m].
+
+    Returns:
+        max(0, required − clearance) of each row, float64[rows], [m].
+    """
     joint = joint_positions(m, q)
     leeway = np.empty(len(rows))
     for k in range(len(rows)):
-        leeway[k] = max(0.0, kept - row_clearance(m, rows, k, q, joint))
+        leeway[k] = max(0.0, required - row_clearance(m, rows, k, q, joint))
     return leeway
 
 
 @kernel(borrows=True)
-def longest_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
-    """No point of an arm that slews is farther from the slew's axis between two postures [m]."""
+def bound_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
+    """Return an upper bound on the distance of the links' lines from the slew's axis in a move.
+
+        |a| + Σ_k (L_k + max(q_start,k, q_end,k))    the q only for joints that slide
+
+    a is the distance of joint 2 from the axis, and L_k the length of link k at q = 0 [m]. The bound
+    holds if no joint leaves the range between its two ends. The links' radii are not included.
+
+    Args:
+        m: Machine that slews.
+        start: Posture at the start of the move, float64[n], [rad or m].
+        end: Posture at its end, float64[n], [rad or m].
+
+    Returns:
+        Upper bound [m].
+    """
     reach = abs(m.slew_offset)
     for k in range(len(start)):
         reach += m.link_length[k]
@@ -265,72 +459,105 @@ def longest_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float
 
 
 @kernel(borrows=True)
-def travel(m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool) -> float:
-    """Farther than this no point of the arm moves between two postures [m]; D above."""
+def bound_travel(
+    m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool
+) -> float:
+    """Return an upper bound D on the distance that any point of the arm moves between two postures.
+
+    The module's docstring has the equation. The points are those on the links' lines.
+
+    Args:
+        m: Machine with n joints.
+        start: Posture at the start of the move, float64[n], [rad or m].
+        end: Posture at its end, float64[n], [rad or m].
+        along_cylinders: Whether the move is straight in cylinder lengths. Joints then do not move
+            in proportion, and the bound is larger. False means that it is straight in joint angles.
+
+    Returns:
+        Distance D [m].
+    """
     turn, farthest = 0.0, 0.0
     if m.slews:
-        farthest = longest_reach(m, start, end) * abs(end[0] - start[0])
+        farthest = bound_reach(m, start, end) * abs(end[0] - start[0])
     for k in range(len(start)):
-        more = turned(m.turns, end, k) - turned(m.turns, start, k)
+        more = get_turn_angle(m.turns, end, k) - get_turn_angle(m.turns, start, k)
         turn += abs(more) if along_cylinders else more
-        farthest += farthest_move(m, start, end, turn, k)
+        farthest += bound_displacement(m, start, end, turn, k)
     return farthest
 
 
 @kernel(borrows=True)
-def _half_way(
+def _write_midpoint(
     m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool, middle: FloatArray
 ) -> None:
-    """The posture half-way between two, in joint angles or in cylinder lengths, to middle[n]."""
+    """Write the posture half-way between two postures.
+
+    Args:
+        m: Machine with n joints.
+        start: First posture, float64[n], [rad or m].
+        end: Second posture, float64[n], [rad or m].
+        along_cylinders: Whether each cylinder gets the mean of its two lengths, instead of each
+            joint the mean of its two positions.
+        middle: Result, float64[n], written in place [rad or m].
+    """
     for j in range(len(start)):
         middle[j] = 0.5 * (start[j] + end[j])
         if along_cylinders:
             linkage = m.linkage[j]
             length = cylinder_length(linkage, start[j]) + cylinder_length(linkage, end[j])
             low, high = min(start[j], end[j]), max(start[j], end[j])
-            middle[j] = joint_angle(linkage, 0.5 * length, low, high, middle[j])
+            middle[j] = find_joint_angle(linkage, 0.5 * length, low, high, middle[j])
 
 
 @kernel
 def move_is_clear(
     m: MachineArrays, rows: FloatArray, start: FloatArray, end: FloatArray, along_cylinders: bool
 ) -> bool:
-    """Whether a move between two postures [rad] keeps clear of all obstacles.
+    """Return whether the arm keeps clear of all obstacles during a move.
 
-    rows             of the obstacles, `Obstacles.path_rows` for a discrete path
-    along_cylinders  straight in cylinder lengths; otherwise in joint angles
+    The move is halved until the bound in the module's docstring proves each part clear. A part is
+    not halved further if its ends are clear and no point of the arm moves more than MIN_PART_TRAVEL
+    in it. So an accepted move enters no obstacle by more than MIN_PART_TRAVEL/2. An arm that starts
+    in an obstacle may leave it, but not move deeper into it.
 
-    A start in an obstacle may be left, but no deeper into it. Never true of a move that gets into
-    one by more than FINEST/2.
+    Args:
+        m: Machine with n joints.
+        rows: Obstacles, float64[rows, ROW_WIDTH]; `Obstacles.path_rows` for discrete paths.
+        start: Posture at the start of the move, float64[n], [rad or m].
+        end: Posture at its end, float64[n], [rad or m].
+        along_cylinders: Whether the move is straight in cylinder lengths; False for joint angles.
+
+    Returns:
+        True if the move is clear; False also if MAX_HALVINGS do not suffice to prove it.
     """
     if len(rows) == 0:
         return True
     leeway = np.zeros(len(rows))
     left = clearance(m, rows, start, leeway)[0]
     if left < 0.0:
-        leeway = leeway_from(m, rows, start, 0.0)
+        leeway = compute_leeway(m, rows, start, 0.0)
         left = 0.0
-    if left >= travel(m, start, end, along_cylinders):
+    if left >= bound_travel(m, start, end, along_cylinders):
         return True
     n = len(start)
     here = np.empty(n)
-    ends, clear = np.empty((DEEPEST, n)), np.empty(DEEPEST)
+    ends, clear = np.empty((MAX_HALVINGS, n)), np.empty(MAX_HALVINGS)
     here[:] = start
     ends[0], clear[0] = end, clearance(m, rows, end, leeway)[0]
-    waiting = 1  # parts of the move that are left, the next one last
+    waiting = 1  # number of parts on the stack, the next one last
     while waiting > 0:
         right = clear[waiting - 1]
-        if right < -ROUNDING:
+        if right < -CLEARANCE_ROUNDING:
             return False
-        apart = travel(m, here, ends[waiting - 1], along_cylinders)
-        if apart <= FINEST or left + right >= apart:
+        apart = bound_travel(m, here, ends[waiting - 1], along_cylinders)
+        if apart <= MIN_PART_TRAVEL or left + right >= apart:
             here[:] = ends[waiting - 1]
             left = right
             waiting -= 1
             continue
-        if waiting == DEEPEST:
+        if waiting == MAX_HALVINGS:
             return False
-        _half_way(m, here, ends[waiting - 1], along_cylinders, ends[waiting])
+        _write_midpoint(m, here, ends[waiting - 1], along_cylinders, ends[waiting])
         clear[waiting] = clearance(m, rows, ends[waiting], leeway)[0]
         waiting += 1
     return True

@@ -1,9 +1,11 @@
-"""Signed distances in space: of points, and of a link's line, to upright boxes, cylinders, spheres.
+"""Signed distances of points and of a link's line from upright boxes, cylinders and spheres.
 
-The signed distance of a point to a convex body, negative inside it, is a convex function of the
-point: for a sphere |p − c| − R, for a box and an upright cylinder, with dᵢ how far the point is
-beyond each of its faces, the norm of those that are positive, or the greatest where none is. Along
-a line it is convex as well, so that its least value is found by golden sections.
+The signed distance of a point from a convex body is negative inside. It is |p − c| − R for a
+sphere. For a box or an upright cylinder let dᵢ be how far the point is beyond each face: the
+distance is the norm of the positive dᵢ, or the greatest dᵢ if none is positive.
+
+It is a convex function of the point, and so along a line, too. Golden-section search finds its
+least value.
 """
 
 from __future__ import annotations
@@ -11,72 +13,98 @@ from __future__ import annotations
 import math
 
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.obstacles.zones import BOX_IN_SPACE, CYLINDER, KIND, SHAPE
+from mhsb_model.obstacles.zones import CYLINDER_KIND, KIND_COLUMN, SHAPE_COLUMN, SPACE_BOX_KIND
 from mhsb_model.types import FloatArray
 
-GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Factor by which each step shortens the interval, 0.618."""
 
-SECTIONS = 26
-"""Of a line: 4 parts in a million of its length are left then, and no distance is off by more."""
+SECTION_STEPS = 26
+"""Number of steps of the golden-section search.
+
+They leave 4e-6 of the line's length, and no distance is wrong by more than that."""
 
 
 @kernel(borrows=True)
-def point_in_space(rows: FloatArray, k: int, x: float, y: float, z: float) -> float:
-    """Signed distance of a point in `base_link` to the zone of row k [m]."""
-    kind = rows[k, KIND]
-    if kind == BOX_IN_SPACE:
-        dx = max(rows[k, SHAPE] - x, x - rows[k, SHAPE + 3])
-        dy = max(rows[k, SHAPE + 1] - y, y - rows[k, SHAPE + 4])
-        dz = max(rows[k, SHAPE + 2] - z, z - rows[k, SHAPE + 5])
+def compute_point_distance(rows: FloatArray, k: int, x: float, y: float, z: float) -> float:
+    """Compute the signed distance of a point from a zone in space.
+
+    Args:
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        k: Index of the row, of a box, cylinder or sphere in space.
+        x: Point in `base_link`, forward [m].
+        y: Point in `base_link`, to the left [m].
+        z: Point in `base_link`, up [m].
+
+    Returns:
+        Distance, negative inside the zone [m].
+    """
+    kind = rows[k, KIND_COLUMN]
+    if kind == SPACE_BOX_KIND:
+        dx = max(rows[k, SHAPE_COLUMN] - x, x - rows[k, SHAPE_COLUMN + 3])
+        dy = max(rows[k, SHAPE_COLUMN + 1] - y, y - rows[k, SHAPE_COLUMN + 4])
+        dz = max(rows[k, SHAPE_COLUMN + 2] - z, z - rows[k, SHAPE_COLUMN + 5])
         deepest = max(dx, max(dy, dz))
         if deepest <= 0.0:
             return deepest
         dx, dy, dz = max(0.0, dx), max(0.0, dy), max(0.0, dz)
         return math.sqrt(dx * dx + dy * dy + dz * dz)
-    aside = math.hypot(x - rows[k, SHAPE], y - rows[k, SHAPE + 1])
-    if kind == CYLINDER:
-        dr = aside - rows[k, SHAPE + 4]
-        dz = max(rows[k, SHAPE + 2] - z, z - rows[k, SHAPE + 3])
+    aside = math.hypot(x - rows[k, SHAPE_COLUMN], y - rows[k, SHAPE_COLUMN + 1])
+    if kind == CYLINDER_KIND:
+        dr = aside - rows[k, SHAPE_COLUMN + 4]
+        dz = max(rows[k, SHAPE_COLUMN + 2] - z, z - rows[k, SHAPE_COLUMN + 3])
         return math.hypot(dr, dz) if dr > 0.0 and dz > 0.0 else max(dr, dz)
-    return math.hypot(aside, z - rows[k, SHAPE + 2]) - rows[k, SHAPE + 3]
+    return math.hypot(aside, z - rows[k, SHAPE_COLUMN + 2]) - rows[k, SHAPE_COLUMN + 3]
 
 
 @kernel(borrows=True)
-def line_in_space(
+def compute_line_distance(
     rows: FloatArray, k: int, slew: float, ra: float, za: float, rb: float, zb: float
 ) -> float:
-    """Least signed distance of a link's line to the zone of row k [m].
+    """Compute the least signed distance of a link's line from a zone in space.
 
-    slew  the plane's angle about the vertical [rad]; in it the line leads from the distance ra of
-          the slew's axis and the height za to rb and zb [m]
+    The line from a to b is in the arm's plane, which is turned about the vertical axis of the slew.
+    The distance is convex along the line, so a golden-section search finds the least value.
 
-    Oracle: SciPy's bounded minimisation, and points along the line.
+    Test oracles: SciPy's bounded minimisation, and points along the line.
+
+    Args:
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        k: Index of the row, of a box, cylinder or sphere in space.
+        slew: Angle of the arm's plane about the vertical [rad].
+        ra: Distance of the first end from the slew's axis, negative behind it [m].
+        za: Height of the first end [m].
+        rb: Distance of the second end from the slew's axis, negative behind it [m].
+        zb: Height of the second end [m].
+
+    Returns:
+        Distance of the line without the link's radius, negative inside the zone [m].
     """
     cosine, sine = math.cos(slew), math.sin(slew)
     low, high = 0.0, 1.0
-    one, other = 1.0 - GOLDEN, GOLDEN
+    one, other = 1.0 - GOLDEN_RATIO, GOLDEN_RATIO
     r, z = ra + one * (rb - ra), za + one * (zb - za)
-    at_one = point_in_space(rows, k, r * cosine, r * sine, z)
+    at_one = compute_point_distance(rows, k, r * cosine, r * sine, z)
     r, z = ra + other * (rb - ra), za + other * (zb - za)
-    at_other = point_in_space(rows, k, r * cosine, r * sine, z)
+    at_other = compute_point_distance(rows, k, r * cosine, r * sine, z)
     least = min(
         min(at_one, at_other),
         min(
-            point_in_space(rows, k, ra * cosine, ra * sine, za),
-            point_in_space(rows, k, rb * cosine, rb * sine, zb),
+            compute_point_distance(rows, k, ra * cosine, ra * sine, za),
+            compute_point_distance(rows, k, rb * cosine, rb * sine, zb),
         ),
     )
-    for _ in range(SECTIONS):
+    for _ in range(SECTION_STEPS):
         if at_one <= at_other:
             high, other, at_other = other, one, at_one
-            one = high - GOLDEN * (high - low)
+            one = high - GOLDEN_RATIO * (high - low)
             r, z = ra + one * (rb - ra), za + one * (zb - za)
-            at_one = point_in_space(rows, k, r * cosine, r * sine, z)
+            at_one = compute_point_distance(rows, k, r * cosine, r * sine, z)
             least = min(least, at_one)
         else:
             low, one, at_one = one, other, at_other
-            other = low + GOLDEN * (high - low)
+            other = low + GOLDEN_RATIO * (high - low)
             r, z = ra + other * (rb - ra), za + other * (zb - za)
-            at_other = point_in_space(rows, k, r * cosine, r * sine, z)
+            at_other = compute_point_distance(rows, k, r * cosine, r * sine, z)
             least = min(least, at_other)
     return least

@@ -1,16 +1,19 @@
-"""Zones in space as the arm's plane meets them while it turns: their shadows.
+"""Shadows: projections of zones in space into the arm's plane while the slew turns it.
 
-A shadow is what of the plane a zone takes, at any of the slew's angles between two, in the plane's
-own coordinates: of a sphere of radius R around (x, y, z) the circle of radius R around (ρ − a, z),
-of a box or a cylinder the rectangle of its heights and of its distances from the slew's axis in
-the sector that is turned through, with ρ = √(x² + y²) and joint 2 at a ahead of that axis.
+A shadow covers the part of the plane that a zone takes at any slew angle between two given ones, in
+the plane's own coordinates. Joint 2 is at a distance a ahead of the slew's axis, and a point (x, y)
+is at ρ = √(x² + y²) from it.
 
-A link of radius c keeps clear of what lies beside its plane, too: the sector is taken wider by
-asin(c/ρ₀) on both sides, with ρ₀ the zone's least distance from the axis. What is beyond that is
-farther than ρ₀ sin(asin(c/ρ₀)) = c from the whole plane. What lies within has, at (ρ, z), a point
-of the shadow, and is no nearer to a point (r, z') of the plane than √((r − ρ)² + (z' − z)²). So a
-posture that keeps c from a shadow keeps c from its zone. What of the plane is behind the axis meets
-the zones of the opposite sector, mirrored.
+- The shadow of a sphere of radius R around (x, y, z) is the circle of radius R around (ρ − a, z).
+- The shadow of a box or cylinder is a rectangle: its heights, and its distances from the slew's
+  axis within the sector through which the plane turns.
+
+A link of radius c must also keep clear of what lies beside its plane. So the sector is widened by
+asin(c/ρ₀) on both sides, with the zone's least distance ρ₀ from the axis. A point outside the
+sector is farther than ρ₀ sin(asin(c/ρ₀)) = c from the plane. A point inside has its image (ρ, z) in
+the shadow. Its distance from a point (r, z') of the plane is at least √((r − ρ)² + (z' − z)²). So a
+posture that keeps c from a shadow keeps c from its zone. The part of the plane behind the axis
+meets the zones of the opposite sector, mirrored.
 """
 
 from __future__ import annotations
@@ -20,119 +23,185 @@ import math
 import numpy as np
 
 from mhsb_model.obstacles.zones import (
-    BOX,
-    BOX_IN_SPACE,
-    CIRCLE,
-    CYLINDER,
-    KIND,
-    NUMBER,
-    PART,
-    RADIUS,
+    BOX_KIND,
+    CIRCLE_KIND,
+    COLUMN_COUNT,
+    CYLINDER_KIND,
+    KIND_COLUMN,
+    LINK_COLUMN,
+    RADIUS_COLUMN,
     ROW_WIDTH,
-    SHAPE,
-    SPHERE,
+    SHAPE_COLUMN,
+    SPACE_BOX_KIND,
+    SPHERE_KIND,
     Obstacles,
 )
 from mhsb_model.types import FloatArray, frozen
 
 WHOLE_TURN = 2.0 * math.pi
+"""Whole turn [rad]."""
 
 AT_AXIS = 1e-6
-"""A zone that is nearer than this to the axis stands in every plane [m]."""
+"""Distance from the axis below which a zone reaches the arm's plane at every slew angle [m]."""
 
 
-def shadows_between(zones: Obstacles, offset: float, began: float, ended: float) -> Obstacles:
-    """Shadows of all zones in space, for an arm's plane, between two angles of the slew [rad].
+def compute_shadows(
+    zones: Obstacles, offset: float, start_angle: float, end_angle: float
+) -> Obstacles:
+    """Compute the shadows of all zones in space between two slew angles.
 
-    zones   obstacles of the whole arm
-    offset  of joint 2 ahead of the slew's axis [m]
+    A zone has up to two shadows, ahead of the axis and behind it, and none if the plane does not
+    reach it. The sector is widened for the links' radii including the margin of discrete paths,
+    both for `rows` and `path_rows`.
+
+    Args:
+        zones: Obstacles of the whole arm; those in its plane are ignored.
+        offset: Distance of joint 2 ahead of the slew's axis [m].
+        start_angle: Slew angle at one end of the turn [rad].
+        end_angle: Slew angle at the other end [rad].
+
+    Returns:
+        Obstacles for `Machine.planar_arm`, in the arm's plane. `names` are all names of `zones`,
+        also of zones without a shadow; there are no rows if no zone has a shadow.
     """
     rows, path_rows = [], []
-    low, high = min(began, ended), max(began, ended)
-    for k in np.flatnonzero(zones.in_space):
+    low, high = min(start_angle, end_angle), max(start_angle, end_angle)
+    for k in np.flatnonzero(zones.is_in_space):
         own, grown = zones.rows[k], zones.path_rows[k]
-        wider = _beside(grown)
+        wider = _compute_sector_margin(grown)
         for side, turn in ((1.0, 0.0), (-1.0, math.pi)):
-            between = distances_between(grown, low - wider + turn, high + wider + turn)
+            between = compute_distance_range(grown, low - wider + turn, high + wider + turn)
             if between is None:
                 continue
-            rows.append(_in_plane(own, offset, side, between))
+            rows.append(_project_zone(own, offset, side, between))
             path_rows.append(rows[-1].copy())
-            path_rows[-1][RADIUS] = grown[RADIUS]
+            path_rows[-1][RADIUS_COLUMN] = grown[RADIUS_COLUMN]
     shape = (-1, ROW_WIDTH)
     of_links, of_paths = (frozen(np.array(each).reshape(shape)) for each in (rows, path_rows))
     return Obstacles(of_links, of_paths, zones.names)
 
 
-def _beside(row: FloatArray) -> float:
-    """By how much an angle may differ from a zone's for a link to get near to it [rad]."""
-    nearest = distances_between(row, 0.0, WHOLE_TURN)
-    if nearest is None or nearest[0] <= max(row[RADIUS], AT_AXIS):
+def _compute_sector_margin(row: FloatArray) -> float:
+    """Return the angle by which the sector is widened so that a link beside a zone counts.
+
+    With the link's radius c and the zone's least distance ρ₀ from the axis, it is asin(c/ρ₀).
+
+    Args:
+        row: Zone in space, float64[ROW_WIDTH], with the radius c in RADIUS_COLUMN.
+
+    Returns:
+        Angle on each side [rad]; π if ρ₀ is at most c or AT_AXIS.
+    """
+    nearest = compute_distance_range(row, 0.0, WHOLE_TURN)
+    if nearest is None or nearest[0] <= max(row[RADIUS_COLUMN], AT_AXIS):
         return math.pi
-    return math.asin(row[RADIUS] / nearest[0])
+    return math.asin(row[RADIUS_COLUMN] / nearest[0])
 
 
-def _in_plane(
-    row: FloatArray, offset: float, side: float, between: tuple[float, float]
+def _project_zone(
+    row: FloatArray, offset: float, side: float, distances: tuple[float, float]
 ) -> FloatArray:
-    """The row of a shadow: of the zone of `row`, at such distances from the axis [m].
+    """Compute the obstacle row of a zone's shadow.
 
-    side  1 ahead of the axis, −1 behind it
+    Args:
+        row: Zone in space, float64[ROW_WIDTH].
+        offset: Distance of joint 2 ahead of the slew's axis [m].
+        side: 1 for the part of the plane ahead of the axis, −1 behind it.
+        distances: Least and greatest distance from the axis of the zone's part in the sector [m];
+            not used for a sphere.
+
+    Returns:
+        Circle or box in the plane, float64[ROW_WIDTH]. Its link is numbered without the slew.
     """
     shadow = np.zeros_like(row)
-    shadow[[KIND, PART]] = BOX, row[PART] - 1
-    shadow[[RADIUS, NUMBER]] = row[[RADIUS, NUMBER]]
-    if row[KIND] == SPHERE:
-        x, y, z, radius = row[SHAPE:SHAPE + 4]
-        shadow[KIND] = CIRCLE
-        shadow[SHAPE:SHAPE + 3] = side * math.hypot(x, y) - offset, z, radius
+    shadow[[KIND_COLUMN, LINK_COLUMN]] = BOX_KIND, row[LINK_COLUMN] - 1
+    shadow[[RADIUS_COLUMN, COLUMN_COUNT]] = row[[RADIUS_COLUMN, COLUMN_COUNT]]
+    if row[KIND_COLUMN] == SPHERE_KIND:
+        x, y, z, radius = row[SHAPE_COLUMN : SHAPE_COLUMN + 4]
+        shadow[KIND_COLUMN] = CIRCLE_KIND
+        shadow[SHAPE_COLUMN : SHAPE_COLUMN + 3] = side * math.hypot(x, y) - offset, z, radius
         return shadow
-    heights = SHAPE + 2, SHAPE + (5 if row[KIND] == BOX_IN_SPACE else 3)
-    near, far = sorted(side * distance - offset for distance in between)
-    shadow[SHAPE:SHAPE + 4] = near, row[heights[0]], far, row[heights[1]]
+    heights = SHAPE_COLUMN + 2, SHAPE_COLUMN + (5 if row[KIND_COLUMN] == SPACE_BOX_KIND else 3)
+    near, far = sorted(side * distance - offset for distance in distances)
+    shadow[SHAPE_COLUMN : SHAPE_COLUMN + 4] = near, row[heights[0]], far, row[heights[1]]
     return shadow
 
 
-def distances_between(row: FloatArray, low: float, high: float) -> tuple[float, float] | None:
-    """A zone's least and greatest distance from the axis [m] in a sector [rad]; None: it is
-    elsewhere.
+def compute_distance_range(row: FloatArray, low: float, high: float) -> tuple[float, float] | None:
+    """Compute the least and the greatest distance of a zone from the axis in a sector.
 
-    Along a face the distance of a ray's hit is d/cos(θ − θₙ), along a circle it grows from the
-    centre's angle to both tangents: what is least or greatest lies at the sector's ends, at
-    corners, normals, the centre or tangents.
+    Distances are horizontal, from the slew's axis. A ray at the angle θ hits a face at the distance
+    d/cos(θ − θₙ), with the distance d and the normal θₙ of the face. Along a circle the distance
+    has its extrema at the centre's angle and at both tangents. So only the ends of the sector and
+    the angles of `_special_angles` within it are tried.
+
+    Args:
+        row: Zone in space, float64[ROW_WIDTH].
+        low: Start of the sector [rad].
+        high: End of the sector, at least `low`, counter-clockwise from it [rad].
+
+    Returns:
+        Least and greatest distance of the part of the zone in the sector [m]; None if no part of
+        the zone is in the sector.
     """
     angles = [low, high]
     for special in _special_angles(row):
         first = special + math.ceil((low - special) / WHOLE_TURN) * WHOLE_TURN
         if first <= high:
             angles.append(first)
-    hits = [hit for angle in angles if (hit := _hit(row, angle)) is not None]
+    hits = [hit for angle in angles if (hit := _intersect_ray(row, angle)) is not None]
     if not hits:
         return None
     return min(near for near, _ in hits), max(far for _, far in hits)
 
 
 def _special_angles(row: FloatArray) -> list[float]:
-    if row[KIND] == BOX_IN_SPACE:
-        across, along = row[[SHAPE, SHAPE + 3]], row[[SHAPE + 1, SHAPE + 4]]
+    """Return the angles at which the distance of a zone from the axis can have an extremum.
+
+    Args:
+        row: Zone in space, float64[ROW_WIDTH].
+
+    Returns:
+        For a box, the angles of its corners and of its faces' normals [rad]. For a cylinder or
+        sphere, seen from above as a circle, its centre's angle and the angles of both tangents. If
+        the axis is inside the circle, centre ± π/2 takes the place of the tangents.
+    """
+    if row[KIND_COLUMN] == SPACE_BOX_KIND:
+        across, along = (
+            row[[SHAPE_COLUMN, SHAPE_COLUMN + 3]],
+            row[[SHAPE_COLUMN + 1, SHAPE_COLUMN + 4]],
+        )
         corners = [math.atan2(y, x) for y in along for x in across]
         return [*corners, 0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi]
     x, y, radius = _circle(row)
     center, distance = math.atan2(y, x), math.hypot(x, y)
-    # just inside the tangents, where a ray still meets the circle
+    # Slightly inside the tangents, so that rounding cannot make a ray miss the circle.
     aside = math.asin(radius / distance) * (1.0 - 1e-9) if distance > radius else 0.5 * math.pi
     return [center - aside, center, center + aside]
 
 
 def _circle(row: FloatArray) -> tuple[float, float, float]:
-    """x, y and radius of a cylinder or a sphere seen from above [m]."""
-    return row[SHAPE], row[SHAPE + 1], row[SHAPE + (4 if row[KIND] == CYLINDER else 3)]
+    """Return centre x, y and radius of a cylinder or sphere seen from above [m]."""
+    return (
+        row[SHAPE_COLUMN],
+        row[SHAPE_COLUMN + 1],
+        row[SHAPE_COLUMN + (4 if row[KIND_COLUMN] == CYLINDER_KIND else 3)],
+    )
 
 
-def _hit(row: FloatArray, angle: float) -> tuple[float, float] | None:
-    """Distances at which a ray from the axis enters and leaves a zone seen from above [m]."""
+def _intersect_ray(row: FloatArray, angle: float) -> tuple[float, float] | None:
+    """Intersect a ray from the axis with a zone seen from above.
+
+    Args:
+        row: Zone in space, float64[ROW_WIDTH].
+        angle: Direction of the ray [rad].
+
+    Returns:
+        Distances from the axis at which the ray enters and leaves the zone [m]. The first is 0 if
+        the axis is in the zone. None if the ray misses the zone.
+    """
     cosine, sine = math.cos(angle), math.sin(angle)
-    if row[KIND] != BOX_IN_SPACE:
+    if row[KIND_COLUMN] != SPACE_BOX_KIND:
         x, y, radius = _circle(row)
         along, across = x * cosine + y * sine, y * cosine - x * sine
         half = radius * radius - across * across
@@ -141,7 +210,7 @@ def _hit(row: FloatArray, angle: float) -> tuple[float, float] | None:
         return max(0.0, along - math.sqrt(half)), along + math.sqrt(half)
     near, far = 0.0, math.inf
     for axis, slope in ((0, cosine), (1, sine)):
-        low, high = row[SHAPE + axis], row[SHAPE + 3 + axis]
+        low, high = row[SHAPE_COLUMN + axis], row[SHAPE_COLUMN + 3 + axis]
         if abs(slope) < 1e-12:
             if not low <= 0.0 <= high:
                 return None

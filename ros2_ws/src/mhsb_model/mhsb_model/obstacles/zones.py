@@ -1,8 +1,8 @@
-"""Keep-out zones as a user gives them, and everything to keep clear of as rows for the kernels.
+"""Keep-out zones as a user gives them, and all obstacles as rows of numbers for the kernels.
 
 The arm keeps clear of zones, the ground, the base and itself. Zones are boxes and circles in the
-arm's plane or, where joint 1 slews, upright boxes, upright cylinders and spheres in space. Each
-holds for the whole arm or for its tip alone.
+arm's plane. If joint 1 slews, they are upright boxes, upright cylinders and spheres in space. Each
+zone holds for the whole arm or for its tip alone.
 """
 
 from __future__ import annotations
@@ -25,23 +25,36 @@ from mhsb_model.schema import (
 )
 from mhsb_model.types import FloatArray, frozen
 
-BOX, CIRCLE, LINK, BOX_IN_SPACE, CYLINDER, SPHERE = range(6)
-"""Kinds of obstacles; from BOX_IN_SPACE on they are in `base_link`, not in the arm's plane."""
+BOX_KIND, CIRCLE_KIND, LINK_KIND, SPACE_BOX_KIND, CYLINDER_KIND, SPHERE_KIND = range(6)
+"""Kinds of obstacles; from SPACE_BOX_KIND on they are in `base_link`, else in the arm's plane."""
 
-KIND, PART, SHAPE, RADIUS, NUMBER = 0, 1, 2, 8, 9
-"""Columns of a row: what an obstacle is; the link that keeps clear of it, n for the tip alone; its
-shape, up to six numbers [m]: x_min, z_min, x_max, z_max of a box, x, z, radius of a circle, an
-earlier link; in space x_min, y_min, z_min, x_max, y_max, z_max of a box, x, y, z_min, z_max, radius
-of a cylinder, x, y, z, radius of a sphere; the link's radius, of both where the obstacle is a link;
-which obstacle it is."""
+KIND_COLUMN, LINK_COLUMN, SHAPE_COLUMN, RADIUS_COLUMN, COLUMN_COUNT = 0, 1, 2, 8, 9
+"""Columns of an obstacle row.
+
+KIND_COLUMN is the kind of obstacle. LINK_COLUMN is the index of the link that keeps clear of it, n
+for the tip alone. RADIUS_COLUMN is that link's radius [m]; if the obstacle is a link, too, the sum
+of both radii. COLUMN_COUNT holds the number of the obstacle, an index into `Obstacles.names`.
+
+SHAPE_COLUMN is the first of up to six columns that give the shape [m]:
+
+- BOX_KIND: x_min, z_min, x_max, z_max
+- CIRCLE_KIND: x, z, radius
+- LINK_KIND: index of an earlier link
+- SPACE_BOX_KIND: x_min, y_min, z_min, x_max, y_max, z_max
+- CYLINDER_KIND: x, y, z_min, z_max, radius
+- SPHERE_KIND: x, y, z, radius"""
 
 ROW_WIDTH = 10
+"""Number of columns of an obstacle row."""
 
-FAR = 1e3
-"""The ground is a box that extends so far to all sides and down [m]."""
+GROUND_EXTENT = 1e3
+"""Extent of the ground, a box, to both sides and downwards [m]."""
 
 Numbers = tuple[float, ...]
+"""Numbers that give a zone [m], in the order of `IN_PLANE` or `IN_SPACE`."""
+
 Zone = BoxZone | CircleZone | CylinderZone | SphereZone
+"""Keep-out zone of a machine file."""
 
 IN_PLANE: Mapping[str, tuple[str, ...]] = {
     "boxes": ("x_min", "z_min", "x_max", "z_max"),
@@ -52,79 +65,158 @@ IN_SPACE: Mapping[str, tuple[str, ...]] = {
     "cylinders": ("x", "y", "z_min", "z_max", "radius"),
     "spheres": ("x", "y", "z", "radius"),
 }
-"""Zones of arms that move in a plane, and of those that slew: their numbers, by their names in a
-machine file, in the order in which they are given [m]."""
+"""Kinds of zones of an arm that moves in a plane, and of an arm that slews.
+
+Keys are the names of the lists in a machine file. Values are the fields of each zone in the file,
+in the order of its numbers [m]."""
 
 
 def zone_numbers(slews: bool) -> Mapping[str, tuple[str, ...]]:
-    """Kinds of zones that an arm keeps out of, and what each is given by."""
+    """Return the kinds of zones that an arm can have, and the numbers that give each kind.
+
+    Args:
+        slews: Whether joint 1 of the arm slews.
+
+    Returns:
+        `IN_SPACE` or `IN_PLANE`.
+    """
     return IN_SPACE if slews else IN_PLANE
 
 
 @dataclass(frozen=True)
 class Zones:
-    """Keep-out zones as plain numbers [m], those of `IN_PLANE` or of `IN_SPACE`.
+    """Keep-out zones as plain numbers [m], in the order of `IN_PLANE` or `IN_SPACE`.
 
-    boxes         two opposite corners each, for the whole arm
-    circles       centre and radius
-    cylinders     x, y of the axis, two heights, radius
-    spheres       centre and radius
-    tip_boxes …   for the tip alone
+    Fields that begin with `tip_` hold for the tip alone, the others for the whole arm.
     """
 
     boxes: tuple[Numbers, ...] = ()
+    """Boxes, each by two opposite corners in any order."""
+
     circles: tuple[Numbers, ...] = ()
+    """Circles in the arm's plane, each by its centre (x, z) and radius."""
+
     cylinders: tuple[Numbers, ...] = ()
+    """Upright cylinders, each by x and y of its axis, two heights and its radius."""
+
     spheres: tuple[Numbers, ...] = ()
+    """Spheres, each by its centre (x, y, z) and radius."""
+
     tip_boxes: tuple[Numbers, ...] = ()
+    """Boxes for the tip alone."""
+
     tip_circles: tuple[Numbers, ...] = ()
+    """Circles for the tip alone."""
+
     tip_cylinders: tuple[Numbers, ...] = ()
+    """Upright cylinders for the tip alone."""
+
     tip_spheres: tuple[Numbers, ...] = ()
+    """Spheres for the tip alone."""
 
     @classmethod
-    def of(cls, keep_out: KeepOut) -> Zones:
-        """Those of a machine file."""
+    def from_keep_out(cls, keep_out: KeepOut) -> Zones:
+        """Return the keep-out zones of a machine file.
 
-        def numbers(field: str) -> tuple[Numbers, ...]:
-            holds_for, kind = _kind_of(field)
+        Args:
+            keep_out: Section `keep_out` of the file. Ground, base, margin and self-collision are
+                left out.
+
+        Returns:
+            Zones as plain numbers.
+        """
+
+        def collect_numbers(field: str) -> tuple[Numbers, ...]:
+            """Return the zones of `keep_out` that belong to one field of `Zones`.
+
+            Args:
+                field: Name of the field, such as `tip_boxes`.
+
+            Returns:
+                Numbers of each zone.
+            """
+            holds_for, kind = _split_field_name(field)
             zones = [zone for zone in getattr(keep_out, kind) if zone.holds_for == holds_for]
             return tuple(
-                tuple(getattr(zone, name) for name in _names(kind, zone)) for zone in zones
+                tuple(getattr(zone, name) for name in _list_number_fields(kind, zone))
+                for zone in zones
             )
 
-        return cls(**{field.name: numbers(field.name) for field in fields(cls)})
+        return cls(**{field.name: collect_numbers(field.name) for field in fields(cls)})
 
-    def with_more(self, **more: Iterable[Sequence[float]]) -> Zones:
-        """These and others, by the names of the fields."""
+    def with_added(self, **more: Iterable[Sequence[float]]) -> Zones:
+        """Return these zones and further ones.
+
+        Args:
+            **more: Further zones by the name of their field, such as `boxes`. Other names are
+                ignored.
+
+        Returns:
+            New zones, in which the further ones come last.
+        """
         own = {field.name: getattr(self, field.name) for field in fields(self)}
         both = {name: (*zones, *map(tuple, more.get(name, ()))) for name, zones in own.items()}
         return Zones(**both)
 
     def content(self) -> dict[str, list[dict[str, Any]]]:
-        """As they stand in a machine file."""
+        """Return the zones in the form in which a machine file lists them.
+
+        The corners of boxes and the heights of cylinders are sorted, so that each `_min` is below
+        its `_max`.
+
+        Returns:
+            Lists of sections by the names `boxes`, `circles`, `cylinders` and `spheres`.
+        """
         content: dict[str, list[dict[str, Any]]] = {}
         for field in fields(self):
-            holds_for, kind = _kind_of(field.name)
-            zones = [_content(kind, zone, holds_for) for zone in getattr(self, field.name)]
+            holds_for, kind = _split_field_name(field.name)
+            zones = [
+                _describe_zone_section(kind, zone, holds_for) for zone in getattr(self, field.name)
+            ]
             content.setdefault(kind, []).extend(zones)
         return content
 
 
-def _kind_of(field: str) -> tuple[HoldsFor, str]:
-    """For what the zones of a field of `Zones` hold, and their kind."""
+def _split_field_name(field: str) -> tuple[HoldsFor, str]:
+    """Split the name of a field of `Zones` into what its zones hold for and their kind.
+
+    For example, `tip_boxes` becomes `("tip", "boxes")`, and `boxes` becomes `("arm", "boxes")`.
+    """
     return ("tip", field.removeprefix("tip_")) if field.startswith("tip_") else ("arm", field)
 
 
-def _names(kind: str, zone: Section) -> tuple[str, ...]:
-    """By which numbers a zone of a machine file is given."""
+def _list_number_fields(kind: str, zone: Section) -> tuple[str, ...]:
+    """Return the fields of a machine file's zone that give its numbers, in order.
+
+    A box without `y_min` is in the arm's plane.
+
+    Args:
+        kind: Kind of the zone, such as `boxes`.
+        zone: Section of the machine file.
+
+    Returns:
+        Names such as `x_min`.
+    """
     planar = kind == "circles" or getattr(zone, "y_min", 0.0) is None
     return zone_numbers(not planar)[kind]
 
 
-def _content(kind: str, numbers: Numbers, holds_for: HoldsFor) -> dict[str, Any]:
+def _describe_zone_section(kind: str, numbers: Numbers, holds_for: HoldsFor) -> dict[str, Any]:
+    """Return one zone in the form in which a machine file lists it.
+
+    Its corners or heights are sorted, so that each `_min` is below its `_max`.
+
+    Args:
+        kind: Kind of the zone, such as `boxes`.
+        numbers: Its numbers [m]; a box with four is in the arm's plane.
+        holds_for: "arm" or "tip".
+
+    Returns:
+        Section of the machine file.
+    """
     planar = kind == "circles" or (kind == "boxes" and len(numbers) == len(IN_PLANE["boxes"]))
     content = dict(zip(zone_numbers(not planar)[kind], numbers, strict=True))
-    for axis in ("x", "y", "z"):  # of two opposite corners, or heights, in any order
+    for axis in ("x", "y", "z"):  # corners and heights may be given in any order
         ends = f"{axis}_min", f"{axis}_max"
         if ends[0] in content:
             values = sorted(content[end] for end in ends)
@@ -134,29 +226,40 @@ def _content(kind: str, numbers: Numbers, holds_for: HoldsFor) -> dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """Everything that an arm of n links keeps clear of.
-
-    rows       float64[rows, ROW_WIDTH], one for each part of the arm that an obstacle holds for
-    path_rows  the same, the margin of discrete paths added to the radii
-    names      of the obstacles
-    """
+    """All obstacles that an arm of n links keeps clear of."""
 
     rows: FloatArray
+    """One row for each pair of obstacle and link (or tip) that must keep clear of it.
+
+    Shape (rows, ROW_WIDTH); the module describes the columns."""
+
     path_rows: FloatArray
+    """`rows` with the margin of discrete paths added to the radii."""
+
     names: tuple[str, ...]
+    """Names of the obstacles for messages, indexed by column COLUMN_COUNT."""
 
     def name(self, row: int) -> str:
-        """Of the obstacle that a row belongs to; "" for −1."""
-        return self.names[int(self.rows[row, NUMBER])] if row >= 0 else ""
+        """Return the name of the obstacle to which a row belongs; empty for row −1."""
+        return self.names[int(self.rows[row, COLUMN_COUNT])] if row >= 0 else ""
 
     @property
-    def in_space(self) -> np.ndarray:
-        """Which rows are of zones in space, bool[rows]."""
-        return self.rows[:, KIND] >= BOX_IN_SPACE
+    def is_in_space(self) -> np.ndarray:
+        """Mask of the rows that belong to zones in space, bool[rows]."""
+        return self.rows[:, KIND_COLUMN] >= SPACE_BOX_KIND
 
-    def and_also(self, others: Obstacles) -> Obstacles:
-        """These and others."""
-        shift = len(self.names) * (np.arange(ROW_WIDTH) == NUMBER)
+    def combined_with(self, others: Obstacles) -> Obstacles:
+        """Return these obstacles followed by others.
+
+        The names of both are joined to one list. The numbers of the others are shifted accordingly.
+
+        Args:
+            others: Obstacles of the same arm.
+
+        Returns:
+            New obstacles with all rows and names.
+        """
+        shift = len(self.names) * (np.arange(ROW_WIDTH) == COLUMN_COUNT)
         return Obstacles(
             frozen(np.vstack([self.rows, others.rows + shift])),
             frozen(np.vstack([self.path_rows, others.path_rows + shift])),
@@ -167,75 +270,127 @@ class Obstacles:
 NO_OBSTACLES = Obstacles(frozen(np.empty((0, ROW_WIDTH))), frozen(np.empty((0, ROW_WIDTH))), ())
 
 
-def obstacles_of(keep_out: KeepOut, joints: int, beneath: int = 0) -> Obstacles:
-    """The obstacles of a machine file for an arm of so many joints, so many of them not in its
-    plane."""
-    links = joints - beneath
+def build_obstacles(keep_out: KeepOut, joints: int, joints_before_plane: int = 0) -> Obstacles:
+    """Convert the obstacles of a machine file into rows for the kernels.
+
+    An obstacle for the whole arm has a row for each link in the plane; an obstacle for the tip
+    alone has one row. The base has no row for the first link in the plane. Self-collision has a row
+    for each pair of links that are not neighbours.
+
+    Args:
+        keep_out: Section `keep_out` of the machine file.
+        joints: Number of joints n.
+        joints_before_plane: Number of joints before the arm's plane: 1 if joint 1 slews, else 0.
+
+    Returns:
+        Obstacles with rows in the order of the obstacles: zones, ground, base, self-collision.
+        `path_rows` has the file's margin added to the radii.
+    """
+    links = joints - joints_before_plane
     radius = (*(keep_out.link_radii or links * (0.0,)), 0.0)
     rows, names = [], []
-    for number, (name, (kind, first, *shape)) in enumerate(_described(keep_out, links, beneath)):
+    for number, (name, (kind, first, *shape)) in enumerate(
+        _list_obstacles(keep_out, links, joints_before_plane)
+    ):
         names.append(name)
-        last = first if kind == LINK or first == links else links - 1
+        last = first if kind == LINK_KIND or first == links else links - 1
         for part in range(int(first), int(last) + 1):
             row = np.zeros(ROW_WIDTH)
-            row[[KIND, PART, RADIUS, NUMBER]] = kind, part + beneath, radius[part], number
-            row[SHAPE:SHAPE + len(shape)] = shape
-            if kind == LINK:
+            row[[KIND_COLUMN, LINK_COLUMN, RADIUS_COLUMN, COLUMN_COUNT]] = (
+                kind,
+                part + joints_before_plane,
+                radius[part],
+                number,
+            )
+            row[SHAPE_COLUMN : SHAPE_COLUMN + len(shape)] = shape
+            if kind == LINK_KIND:
                 other = int(shape[0])
-                row[SHAPE], row[RADIUS] = other + beneath, radius[part] + radius[other]
+                row[SHAPE_COLUMN], row[RADIUS_COLUMN] = (
+                    other + joints_before_plane,
+                    radius[part] + radius[other],
+                )
             rows.append(row)
     all_rows = np.array(rows).reshape(-1, ROW_WIDTH)
-    grown = all_rows + keep_out.margin * (np.arange(ROW_WIDTH) == RADIUS)
+    grown = all_rows + keep_out.margin * (np.arange(ROW_WIDTH) == RADIUS_COLUMN)
     return Obstacles(frozen(all_rows), frozen(grown), tuple(names))
 
 
-def _described(keep_out: KeepOut, links: int, beneath: int) -> list[tuple[str, list[float]]]:
-    """Name of each obstacle; its kind, the first part of the arm that it holds for, its shape."""
+def _list_obstacles(
+    keep_out: KeepOut, links: int, joints_before_plane: int
+) -> list[tuple[str, list[float]]]:
+    """List the obstacles of a machine file with their names and shapes.
+
+    Args:
+        keep_out: Section `keep_out` of the machine file.
+        links: Number of links in the arm's plane.
+        joints_before_plane: Number of joints before the plane: 1 if joint 1 slews, else 0.
+
+    Returns:
+        For each obstacle its name, and a list: kind, first link in the plane for which it holds
+        (from 0; `links` means the tip alone), numbers of its shape.
+    """
     found: list[tuple[str, list[float]]] = []
-    named = 1 + beneath  # number of the first link in the plane
+    named = 1 + joints_before_plane  # number of the first link in the plane
     zones: list[Zone] = [*keep_out.boxes, *keep_out.circles]
     for zone in [*zones, *keep_out.cylinders, *keep_out.spheres]:
-        name, (kind, *shape) = _shape(zone)
+        name, (kind, *shape) = _describe_zone(zone)
         first = 0 if zone.holds_for == "arm" else links
         found.append((f"the keep-out {name}", [kind, first, *shape]))
     if keep_out.ground is not None:
         name = f"the ground at z = {keep_out.ground:g} m"
-        found.append((name, [BOX, 0, -FAR, -FAR, FAR, keep_out.ground]))
+        found.append(
+            (name, [BOX_KIND, 0, -GROUND_EXTENT, -GROUND_EXTENT, GROUND_EXTENT, keep_out.ground])
+        )
     if keep_out.base is not None:
-        name, (kind, *shape) = _box(keep_out.base)
+        name, (kind, *shape) = _describe_box(keep_out.base)
         found.append((f"the base, a {name}", [kind, 1, *shape]))
     if keep_out.self_collision:
         found += [
-            (f"itself, link {later} to link {earlier}", [LINK, later - named, earlier - named])
+            (f"itself, link {later} to link {earlier}", [LINK_KIND, later - named, earlier - named])
             for later in range(2 + named, links + named)
             for earlier in range(named, later - 1)
         ]
     return found
 
 
-def _shape(zone: Zone) -> tuple[str, list[float]]:
-    """What a zone is called; its kind and shape."""
+def _describe_zone(zone: Zone) -> tuple[str, list[float]]:
+    """Return the name of a zone for messages, and its kind followed by the numbers of its shape.
+
+    Args:
+        zone: Zone of a machine file.
+
+    Returns:
+        Name with dimensions in m, and the list of kind and numbers [m].
+    """
     if isinstance(zone, CircleZone):
         name = f"circle of {zone.radius:g} m around ({zone.x:g}, {zone.z:g}) m"
-        return name, [CIRCLE, zone.x, zone.z, zone.radius]
+        return name, [CIRCLE_KIND, zone.x, zone.z, zone.radius]
     if isinstance(zone, CylinderZone):
         name = (
             f"cylinder of {zone.radius:g} m around ({zone.x:g}, {zone.y:g}) m, "
             f"z = {zone.z_min:g} … {zone.z_max:g} m"
         )
-        return name, [CYLINDER, zone.x, zone.y, zone.z_min, zone.z_max, zone.radius]
+        return name, [CYLINDER_KIND, zone.x, zone.y, zone.z_min, zone.z_max, zone.radius]
     if isinstance(zone, SphereZone):
         name = f"sphere of {zone.radius:g} m around ({zone.x:g}, {zone.y:g}, {zone.z:g}) m"
-        return name, [SPHERE, zone.x, zone.y, zone.z, zone.radius]
-    return _box(zone)
+        return name, [SPHERE_KIND, zone.x, zone.y, zone.z, zone.radius]
+    return _describe_box(zone)
 
 
-def _box(box: Box) -> tuple[str, list[float]]:
+def _describe_box(box: Box) -> tuple[str, list[float]]:
+    """Return the name of a box for messages, and its kind followed by its two corners.
+
+    Args:
+        box: Box of a machine file; it is in space if it has limits of y.
+
+    Returns:
+        Name with the corners in m, and the list of kind, low corner and high corner [m].
+    """
     low, high = [box.x_min, box.z_min], [box.x_max, box.z_max]
-    kind = BOX
+    kind = BOX_KIND
     if isinstance(box, BoxZone) and box.y_min is not None and box.y_max is not None:
         low.insert(1, box.y_min)
         high.insert(1, box.y_max)
-        kind = BOX_IN_SPACE
+        kind = SPACE_BOX_KIND
     corners = (", ".join(f"{value:g}" for value in corner) for corner in (low, high))
     return "box ({}) … ({}) m".format(*corners), [kind, *low, *high]

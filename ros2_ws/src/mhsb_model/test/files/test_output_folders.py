@@ -3,14 +3,14 @@ from pathlib import Path
 import pytest
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.files.output_folders import make_output_folder, make_room_for
+from mhsb_model.files.output_folders import make_output_folder, make_parent_folder
 
 
 def test_a_folder_is_made_with_all_above_it_and_may_be_there_already(tmp_path: Path) -> None:
     wanted = tmp_path / "a" / "b"
     assert make_output_folder(wanted, "the run") == wanted
     assert make_output_folder(wanted, "the run").is_dir()
-    assert make_room_for(tmp_path / "c" / "page.png", "the picture").parent.is_dir()
+    assert make_parent_folder(tmp_path / "c" / "page.png", "the picture").parent.is_dir()
 
 
 @pytest.mark.parametrize("below", ["", "deeper"])
@@ -20,6 +20,6 @@ def test_where_something_else_has_the_name_a_sentence_says_so(tmp_path: Path, be
     with pytest.raises(MhsbError, match="is not a folder; name one for the run"):
         make_output_folder(file / below, "the run")
     with pytest.raises(MhsbError, match="is not a folder; name one for the picture"):
-        make_room_for(file / below / "page.png", "the picture")
+        make_parent_folder(file / below / "page.png", "the picture")
     with pytest.raises(MhsbError, match="is a folder; name a file for the picture"):
-        make_room_for(tmp_path, "the picture")
+        make_parent_folder(tmp_path, "the picture")

@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from mhsb_model.files.value_paths import ValuePathError, set_value, value_at
+from mhsb_model.files.value_paths import ValuePathError, get_value, set_value
 
 
 def content() -> dict[str, Any]:
@@ -11,7 +11,7 @@ def content() -> dict[str, Any]:
 
 def test_a_value_is_found_and_set_by_its_path() -> None:
     given = content()
-    assert value_at(given, "a.b.1.c") == 2.0
+    assert get_value(given, "a.b.1.c") == 2.0
     set_value(given, "a.b.1.c", 3.0)
     set_value(given, "a.b.0", 5.0)
     assert given["a"]["b"] == [5.0, {"c": 3.0}]
@@ -35,5 +35,5 @@ def test_a_section_that_was_left_out_begins_with_its_first_value() -> None:
 )
 def test_a_path_that_leads_nowhere_tells_where_it_goes_wrong(path: str, sentence: str) -> None:
     with pytest.raises(ValuePathError) as error:
-        value_at(content(), path)
+        get_value(content(), path)
     assert sentence in str(error.value)

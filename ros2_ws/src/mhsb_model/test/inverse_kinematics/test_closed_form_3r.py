@@ -14,7 +14,7 @@ from mhsb_model.inverse_kinematics import closed_form_3r
 @given(st.floats(0, 1), st.floats(-1, 1), st.floats(-math.pi, math.pi), st.sampled_from([-1, 1]))
 def test_every_solution_reaches_the_tip_with_the_asked_end_link_angle(machine, x, z, psi, elbow):
     q = np.empty(3)
-    if not closed_form_3r.joint_angles(machine.arrays, x, z, psi, elbow, q):
+    if not closed_form_3r.solve_last_three_joints(machine.arrays, x, z, psi, elbow, q):
         wrist = np.array([x, z]) - 0.179 * np.array([math.cos(psi), math.sin(psi)])
         assert not 0.05 < np.linalg.norm(wrist) < 0.85
         return

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from mhsb_model import kinematics
 from mhsb_model.inverse_kinematics.telescope_postures import (
-    extension_samples,
-    telescope_postures,
-    with_extensions_held,
+    find_telescope_postures,
+    hold_extensions,
+    sample_extensions,
 )
-from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
+from mhsb_model.inverse_kinematics.tip_postures import close_chain, find_closure_side
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
 
@@ -64,7 +64,7 @@ def test_postures_at_a_tip_are_within_limits_and_put_the_tip_there(telescope_mac
 
 
 def test_extensions_are_sampled_from_end_to_end(telescope_machine):
-    samples = extension_samples(telescope_machine.arrays, np.array([2]), 5)
+    samples = sample_extensions(telescope_machine.arrays, np.array([2]), 5)
     assert samples[:, 0] == pytest.approx([0.0, 0.0625, 0.125, 0.1875, 0.25])
 
 
@@ -82,7 +82,7 @@ def test_a_posture_is_among_those_with_its_end_link_angle(telescope_machine, kin
     for q in random.uniform(arrays.joint_min, arrays.joint_max, (50, len(kinds))):
         q[slides] = np.clip(np.round(q[slides], 2), 0.01, 0.22)  # extensions that are sampled
         psi = np.array([kinematics.end_link_angle(arrays, q)])
-        found = telescope_postures(arrays, *kinematics.tip_position(arrays, q), psi)
+        found = find_telescope_postures(arrays, *kinematics.tip_position(arrays, q), psi)
         assert np.abs(found - q).max(axis=1).min() < 1e-6
 
 
@@ -90,7 +90,7 @@ def test_a_telescope_between_turning_joints_lengthens_the_link_before(telescope_
     arrays = telescope_machine.arrays._replace(
         turns=np.array([True, False, True]), slides=np.array([False, True, False])
     )
-    held = with_extensions_held(arrays, np.array([0.1]))
+    held = hold_extensions(arrays, np.array([0.1]))
     l1, l2, l3 = telescope_machine.arrays.link_length
     assert held.link_length == pytest.approx([l1 + l2 + 0.1, l3])
     assert held.slides.tolist() == [False, False]
@@ -114,7 +114,7 @@ def test_any_two_joints_close_the_chain_on_the_side_on_which_they_did(chain, i, 
     random = np.random.default_rng(5)
     for q in random.uniform(chain.joint_min, chain.joint_max, (200, 5)):
         x, z = kinematics.tip_position(chain, q)
-        side = side_of(chain, q, i, j)
+        side = find_closure_side(chain, q, i, j)
         found = q.copy()
         found[[i, j]] = 0.17
         assert close_chain(chain, x, z, i, j, side, found)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.inverse_kinematics import tip_postures
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_model.machine import load_machine
 
 PAIRS = [(i, j) for i in range(4) for j in range(i + 1, 4)]
@@ -17,7 +17,7 @@ PAIRS = [(i, j) for i in range(4) for j in range(i + 1, 4)]
 
 @pytest.fixture(scope="module")
 def arm():
-    return load_machine(config_file("mhsb_arm4.yaml"))
+    return load_machine(find_config_file("mhsb_arm4.yaml"))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_every_posture_found_has_its_tip_at_the_point_and_its_end_link_as_asked(
     assert len(found) > 200
     for q in found:
         assert tip_in_mujoco(chain, q) == pytest.approx((0.7, 0.2), abs=1e-12)
-        assert within_limits(arm.arrays, q)
+        assert is_within_limits(arm.arrays, q)
         assert np.abs(np.angle(np.exp(1j * (q.sum() - psi)))).min() < 1e-9
 
 
@@ -62,7 +62,7 @@ def test_the_free_angles_of_any_posture_lead_back_to_it(arm, chain):
         x, z = tip_in_mujoco(chain, posture)
         free = np.array([posture[0], posture.sum()])
         elbow = 1 if posture[2] > 0.0 else -1
-        assert tip_postures.posture_at(arm.arrays, x, z, free, elbow, q)
+        assert tip_postures.solve_posture(arm.arrays, x, z, free, elbow, q)
         assert q == pytest.approx(posture, abs=1e-7)
 
 
@@ -70,7 +70,7 @@ def test_the_free_angles_of_any_posture_lead_back_to_it(arm, chain):
 def test_two_joints_close_the_chain_as_a_root_finder_has_it(arm, i, j):
     for posture in random_postures(arm, 25, seed=2):
         x, z = arm.tip_position(posture)
-        side = tip_postures.side_of(arm.arrays, posture, i, j)
+        side = tip_postures.find_closure_side(arm.arrays, posture, i, j)
         found = posture.copy()
         found[[i, j]] = 0.0
         assert tip_postures.close_chain(arm.arrays, x, z, i, j, side, found)
@@ -100,11 +100,11 @@ def test_a_posture_moved_a_little_is_led_back_to_the_point_and_within_limits(arm
     for posture in random_postures(arm, 100, seed=4):
         x, z = tip_in_mujoco(chain, posture)
         near = posture + random.uniform(-1e-3, 1e-3, 4)
-        assert tip_postures.nearest_posture(arm.arrays, x, z, near, q)
-        assert within_limits(arm.arrays, q)
+        assert tip_postures.find_nearest_posture(arm.arrays, x, z, near, q)
+        assert is_within_limits(arm.arrays, q)
         assert tip_in_mujoco(chain, q) == pytest.approx((x, z), abs=1e-9)
         assert np.abs(q - near).max() < 0.2
 
 
 def test_where_nothing_reaches_nothing_is_nearest(arm):
-    assert not tip_postures.nearest_posture(arm.arrays, 1.3, 0.0, np.zeros(4), np.empty(4))
+    assert not tip_postures.find_nearest_posture(arm.arrays, 1.3, 0.0, np.zeros(4), np.empty(4))

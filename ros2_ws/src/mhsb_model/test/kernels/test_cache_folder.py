@@ -1,18 +1,24 @@
 """Compiled kernels are found again only where no source has changed, and where they can be kept."""
 
 import os
+import shutil
 import stat
 
 import pytest
 
 from mhsb_model.kernels import cache_folder
-from mhsb_model.kernels.cache_folder import VARIABLE, use_kernel_cache
+from mhsb_model.kernels.cache_folder import (
+    CACHE_VARIABLE,
+    LOGGED_VARIABLE,
+    MIN_FREE_SPACE,
+    set_kernel_cache_folder,
+)
 
 
 @pytest.fixture
 def caches(monkeypatch, tmp_path):
     """Nobody has chosen a folder; caches are below this one."""
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(CACHE_VARIABLE, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("numba.config.CACHE_DIR", "")
     return tmp_path / "mhsb" / "kernels"
@@ -51,16 +57,16 @@ from mhsb_planner.search.s2_step import (
 )
 from numpy import NAN
 """
-    assert cache_folder.constants_from(source) == {
+    assert cache_folder.find_constant_modules(source) == {
         "mhsb_model.modes", "mhsb_planner.search.s2_step"
     }  # fmt: skip
 
 
 def test_a_folder_chosen_by_the_user_is_left_alone(monkeypatch, tmp_path):
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setattr("numba.config.CACHE_DIR", "")
-    use_kernel_cache()
-    assert os.environ[VARIABLE] == str(tmp_path)
+    set_kernel_cache_folder()
+    assert os.environ[CACHE_VARIABLE] == str(tmp_path)
 
 
 def test_old_folders_are_dropped_and_the_newest_kept(caches):
@@ -68,7 +74,7 @@ def test_old_folders_are_dropped_and_the_newest_kept(caches):
         folder = caches / f"old{age}"
         folder.mkdir(parents=True)
         os.utime(folder, (1000.0 - age, 1000.0 - age))
-    use_kernel_cache()
+    set_kernel_cache_folder()
     kept = {folder.name for folder in caches.iterdir()}
     assert kept == {"old0", "old1", cache_folder.kernel_cache_folder().name}
 
@@ -76,29 +82,48 @@ def test_old_folders_are_dropped_and_the_newest_kept(caches):
 def test_folders_that_somebody_may_be_using_are_kept(caches):
     for number in range(5):
         (caches / f"used{number}").mkdir(parents=True)
-    use_kernel_cache()
+    set_kernel_cache_folder()
     assert len(list(caches.iterdir())) == 6
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_replaced(
     monkeypatch, caplog, tmp_path, read_only
 ):
-    monkeypatch.setenv(VARIABLE, str(read_only))
+    monkeypatch.setenv(CACHE_VARIABLE, str(read_only))
     monkeypatch.setattr("numba.config.CACHE_DIR", "")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    use_kernel_cache()
+    set_kernel_cache_folder()
     spare = tmp_path / f"mhsb-{os.getuid()}" / "kernels"
-    assert os.environ[VARIABLE] == str(spare)
+    assert os.environ[CACHE_VARIABLE] == str(spare)
     assert stat.S_IMODE(spare.parent.stat().st_mode) == 0o700
     assert f"cannot be kept in {read_only} (Not a directory)" in caplog.text
-    assert "make the folder writable" in caplog.text
+    assert "name another folder" in caplog.text
+
+
+def test_a_full_disk_is_logged_once_and_a_folder_that_has_kernels_is_kept(
+    monkeypatch, caplog, tmp_path
+):
+    monkeypatch.setattr("numba.config.CACHE_DIR", "")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    usage = shutil.disk_usage(tmp_path)._replace(free=MIN_FREE_SPACE - 1)
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: usage)
+    monkeypatch.delenv(LOGGED_VARIABLE, raising=False)
+    for name in ("empty", "full"):
+        folder = tmp_path / name
+        folder.mkdir()
+        monkeypatch.setenv(CACHE_VARIABLE, str(folder))
+        if name == "full":
+            (folder / "complete-1").touch()
+        set_kernel_cache_folder()
+        set_kernel_cache_folder()
+    assert os.environ[CACHE_VARIABLE] == str(tmp_path / "full")
+    [record] = caplog.records
+    assert "(the disk is full) and cannot be kept anywhere else" in record.message
 
 
 @pytest.mark.parametrize("trap", ["open to all", "a link"])
-def test_code_is_not_run_from_a_temporary_folder_of_others(
-    monkeypatch, tmp_path, read_only, trap
-):
-    monkeypatch.setenv(VARIABLE, str(read_only))
+def test_code_is_not_run_from_a_temporary_folder_of_others(monkeypatch, tmp_path, read_only, trap):
+    monkeypatch.setenv(CACHE_VARIABLE, str(read_only))
     monkeypatch.setattr("numba.config.CACHE_DIR", "")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     trapped = tmp_path / f"mhsb-{os.getuid()}"
@@ -108,5 +133,5 @@ def test_code_is_not_run_from_a_temporary_folder_of_others(
     else:
         trapped.mkdir()
         trapped.chmod(0o777)
-    use_kernel_cache()
-    assert not os.environ[VARIABLE].startswith(f"{trapped}/")
+    set_kernel_cache_folder()
+    assert not os.environ[CACHE_VARIABLE].startswith(f"{trapped}/")

@@ -38,10 +38,10 @@ def endless():
 """
 PROGRAM = """
 import logging, sys
-from mhsb_model.kernels.cache_folder import use_kernel_cache
+from mhsb_model.kernels.cache_folder import set_kernel_cache_folder
 from mhsb_model.kernels.pool import compile_ahead
 logging.basicConfig(format="%(message)s", stream=sys.stdout)
-use_kernel_cache()
+set_kernel_cache_folder()
 compile_ahead(sys.argv[1:], lambda line: print(line, flush=True))
 print("ready", flush=True)
 """

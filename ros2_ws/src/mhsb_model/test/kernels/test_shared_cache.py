@@ -1,12 +1,15 @@
 """Kernels kept on disk: shared by processes that need them at once, and not trusted blindly."""
 
 import os
+import resource
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from mhsb_model.kernels.cache_folder import LOGGED_VARIABLE
 
 MODULE = """
 import time
@@ -56,7 +59,9 @@ print(four_times(3.0))
 """
 
 
-def started(source: Path, cache: Path, program: str = CALL) -> subprocess.Popen[str]:
+def started(
+    source: Path, cache: Path, program: str = CALL, **options: object
+) -> subprocess.Popen[str]:
     """A process that calls a kernel and tells what it compiled."""
     environment = {
         **os.environ,
@@ -69,6 +74,7 @@ def started(source: Path, cache: Path, program: str = CALL) -> subprocess.Popen[
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        **options,
     )
 
 
@@ -154,3 +160,21 @@ def test_a_process_that_dies_while_it_compiles_keeps_nobody_waiting(start, tmp_p
     output, errors = start().communicate()
     assert output.startswith("20.0")
     assert errors == ""
+
+
+@pytest.mark.parametrize("limit", [0, 64], ids=["nothing", "no kernel"])
+def test_where_kernels_cannot_be_kept_one_line_says_so_and_each_is_compiled(
+    source, tmp_path, monkeypatch, limit
+):
+    """Files of a process may have so many KiB, as on a disk that is nearly full."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.delenv(LOGGED_VARIABLE, raising=False)
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024 * limit, 1024 * limit))
+
+    process = started(source, tmp_path / "cache", preexec_fn=limited)
+    output, log = process.communicate()
+    assert output == ALL
+    assert len(log.splitlines()) == 1
+    assert "cannot be kept" in log

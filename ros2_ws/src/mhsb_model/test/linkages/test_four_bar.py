@@ -41,7 +41,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> float:
 
 def assembled(linkage_: FourBar, q: float) -> np.ndarray:
     """Row of the four-bar, of which only those are looked at that close well and have a length."""
-    row = linkage.linkage_row(linkage_)
+    row = linkage.build_linkage_row(linkage_)
     assume(abs(four_bar.cos_transmission_angle(row, q)) < math.cos(SMALLEST_TRANSMISSION_ANGLE))
     assume(linkage.cylinder_length(row, q) > 0.05)
     return row
@@ -51,7 +51,7 @@ def assembled(linkage_: FourBar, q: float) -> np.ndarray:
 def test_rocker_and_coupler_keep_their_lengths_and_the_tip_its_side(bars, q):
     row = assembled(bars, q)
     pivot, child = place(bars.rocker_pivot), place(bars.child_pin, q)
-    x, z, length, *_ = four_bar.motion(row, math.cos(q), math.sin(q))
+    x, z, length, *_ = four_bar.evaluate_four_bar(row, math.cos(q), math.sin(q))
     tip = pivot + np.array([x, z])
     assert np.linalg.norm(tip - pivot) == pytest.approx(bars.rocker_length, rel=1e-12)
     assert np.linalg.norm(tip - child) == pytest.approx(bars.coupler_length, rel=1e-9)
@@ -97,7 +97,7 @@ def test_a_mirrored_four_bar_has_the_opposite_arm(bars, q):
     def mirrored(pin: Pin) -> Pin:
         return Pin(radius=pin.radius, angle=-pin.angle)
 
-    other = linkage.linkage_row(
+    other = linkage.build_linkage_row(
         bars.model_copy(
             update={
                 "rocker_pivot": mirrored(bars.rocker_pivot),
@@ -123,7 +123,7 @@ def test_a_parallelogram_passes_the_joints_turn_on_unchanged():
         child_pin=Pin(radius=a, angle=0.0),
         parent_pin=Pin(radius=0.3, angle=-0.5),
     )
-    row = linkage.linkage_row(bars)
+    row = linkage.build_linkage_row(bars)
     base = place(bars.parent_pin) - [pivot, 0.0]
     for q in (0.7, 1.2, 1.9):
         tip = a * np.array([math.cos(q), math.sin(q)])
@@ -135,8 +135,10 @@ def test_a_parallelogram_passes_the_joints_turn_on_unchanged():
 
 @given(four_bars, st.floats(-7.0, 7.0))
 def test_kernels_stay_finite_where_no_linkage_can_be(bars, q):
-    row = linkage.linkage_row(bars)
-    assert all(math.isfinite(value) for value in four_bar.motion(row, math.cos(q), math.sin(q)))
+    row = linkage.build_linkage_row(bars)
+    assert all(
+        math.isfinite(value) for value in four_bar.evaluate_four_bar(row, math.cos(q), math.sin(q))
+    )
 
 
 def test_the_joint_angle_of_a_length_is_found_from_either_end(four_bar_machine):
@@ -145,7 +147,7 @@ def test_the_joint_angle_of_a_length_is_found_from_either_end(four_bar_machine):
         for guess in (lower, upper):
             for q in np.linspace(lower, upper, 23):
                 length = linkage.cylinder_length(row, q)
-                found = linkage.joint_angle(row, length, lower, upper, guess)
+                found = linkage.find_joint_angle(row, length, lower, upper, guess)
                 assert found == pytest.approx(q, abs=1e-12)
 
 

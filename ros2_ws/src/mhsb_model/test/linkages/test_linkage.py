@@ -24,7 +24,7 @@ def crank(u: float, parent_angle: float, v: float, child_angle: float) -> Slider
 
 @given(radii, angles, radii, angles, angles)
 def test_length_is_the_distance_between_the_pins(u, parent_angle, v, child_angle, q):
-    row = linkage.linkage_row(crank(u, parent_angle, v, child_angle))
+    row = linkage.build_linkage_row(crank(u, parent_angle, v, child_angle))
     parent = u * np.array([math.cos(parent_angle), math.sin(parent_angle)])
     child = v * np.array([math.cos(child_angle + q), math.sin(child_angle + q)])
     distance = float(np.linalg.norm(child - parent))
@@ -34,7 +34,7 @@ def test_length_is_the_distance_between_the_pins(u, parent_angle, v, child_angle
 @pytest.mark.parametrize("child_angle", [1.2, -1.2])
 @pytest.mark.parametrize("q", [-0.9, -0.3, 0.0, 0.4, 0.9])
 def test_moment_arm_and_its_slope_are_derivatives_of_the_length(child_angle, q):
-    row = linkage.linkage_row(crank(0.25, 0.1, 0.05, child_angle + 0.1))
+    row = linkage.build_linkage_row(crank(0.25, 0.1, 0.05, child_angle + 0.1))
     h = 1e-5
     length = [linkage.cylinder_length(row, q + d) for d in (-h, 0.0, h)]
     arm = linkage.moment_arm(row, q)
@@ -44,14 +44,14 @@ def test_moment_arm_and_its_slope_are_derivatives_of_the_length(child_angle, q):
 
 
 def test_extension_turns_the_joint_positively_only_where_the_child_pin_is_ahead():
-    ahead = linkage.linkage_row(crank(0.25, -0.5, 0.05, 0.8))
-    behind = linkage.linkage_row(crank(0.25, 0.8, 0.05, -0.5))
+    ahead = linkage.build_linkage_row(crank(0.25, -0.5, 0.05, 0.8))
+    behind = linkage.build_linkage_row(crank(0.25, 0.8, 0.05, -0.5))
     assert linkage.moment_arm(ahead, 0.0) > 0.0
     assert linkage.moment_arm(behind, 0.0) < 0.0
 
 
 def test_moment_arm_range_spans_the_arms_between_the_limits():
-    row = linkage.linkage_row(crank(0.25, -1.57, 0.05, -0.26))
+    row = linkage.build_linkage_row(crank(0.25, -1.57, 0.05, -0.26))
     least, largest = linkage.moment_arm_range(row, -0.84, 1.52)
     sampled = [linkage.moment_arm(row, q) for q in np.linspace(-0.84, 1.52, 7777)]
     assert least == pytest.approx(min(sampled), abs=1e-7)
@@ -61,33 +61,35 @@ def test_moment_arm_range_spans_the_arms_between_the_limits():
 @pytest.mark.parametrize("child_angle", [1.2, -1.2])
 @pytest.mark.parametrize("guess", [-0.9, 0.9])
 def test_the_joint_angle_of_a_length_is_found_from_either_end(child_angle, guess):
-    row = linkage.linkage_row(crank(0.25, 0.1, 0.05, child_angle + 0.1))
+    row = linkage.build_linkage_row(crank(0.25, 0.1, 0.05, child_angle + 0.1))
     for q in np.linspace(-0.9, 0.9, 19):
         length = linkage.cylinder_length(row, q)
-        assert linkage.joint_angle(row, length, -0.9, 0.9, guess) == pytest.approx(q, abs=1e-12)
+        assert linkage.find_joint_angle(row, length, -0.9, 0.9, guess) == pytest.approx(
+            q, abs=1e-12
+        )
 
 
 def test_the_joint_angle_of_a_length_beyond_the_limits_is_the_limit():
-    row = linkage.linkage_row(crank(0.25, 0.1, 0.05, 1.3))
+    row = linkage.build_linkage_row(crank(0.25, 0.1, 0.05, 1.3))
     too_long = linkage.cylinder_length(row, 0.9) + 1e-3
-    assert linkage.joint_angle(row, too_long, -0.9, 0.9, 0.0) == 0.9
+    assert linkage.find_joint_angle(row, too_long, -0.9, 0.9, 0.0) == 0.9
 
 
 def test_the_joint_angle_is_found_where_the_moment_arm_changes_much():
     """Newton's steps alone would jump to and fro between the flanks."""
-    row = linkage.linkage_row(crank(0.25, -1.57, 0.05, -0.26))
+    row = linkage.build_linkage_row(crank(0.25, -1.57, 0.05, -0.26))
     lower, upper = -1.25, 1.75
     for q in np.linspace(lower, upper, 41):
         for guess in (lower, 0.0, upper):
             length = linkage.cylinder_length(row, q)
-            found = linkage.joint_angle(row, length, lower, upper, guess)
+            found = linkage.find_joint_angle(row, length, lower, upper, guess)
             assert linkage.cylinder_length(row, found) == pytest.approx(length, abs=1e-14)
 
 
 def test_a_direct_cylinder_is_as_much_longer_as_its_joint_is_extended():
-    row = linkage.linkage_row(Direct(kind="direct", retracted_length=0.33))
+    row = linkage.build_linkage_row(Direct(kind="direct", retracted_length=0.33))
     extension = np.linspace(0.0, 0.25, 11)
-    found = linkage.motions(row, extension)
+    found = linkage.evaluate_linkage_at_angles(row, extension)
     assert found[:, 0].tolist() == (0.33 + extension).tolist()
     assert found[:, 1:].tolist() == [[1.0, 0.0]] * 11
-    assert linkage.joint_angle(row, 0.43, 0.0, 0.25, 0.2) == pytest.approx(0.1, abs=1e-15)
+    assert linkage.find_joint_angle(row, 0.43, 0.0, 0.25, 0.2) == pytest.approx(0.1, abs=1e-15)

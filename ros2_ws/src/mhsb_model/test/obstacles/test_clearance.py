@@ -11,7 +11,12 @@ from hypothesis import strategies as st
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles import clearance
-from mhsb_model.obstacles.clearance import FINEST, move_is_clear, segment_to_box, segment_to_segment
+from mhsb_model.obstacles.clearance import (
+    MIN_PART_TRAVEL,
+    move_is_clear,
+    segment_to_box,
+    segment_to_segment,
+)
 from mhsb_model.obstacles.zones import Zones
 
 coordinates = st.floats(-1.0, 1.0)
@@ -155,7 +160,9 @@ def test_moves_are_clear_where_no_posture_on_the_way_comes_near(crowded, along_c
         way = way_between(crowded, start, end, along_cylinders)
         least = clearance.clearances(crowded.arrays, crowded.obstacles.rows, way)[0].min()
         if is_clear(crowded, start, end, along_cylinders):
-            assert least >= margin - FINEST / 2 - 1e-3 * along_cylinders  # interpolated angles
+            assert (
+                least >= margin - MIN_PART_TRAVEL / 2 - 1e-3 * along_cylinders
+            )  # interpolated angles
             clear += 1
         else:
             assert least < margin + 2e-3  # of 300 looks
@@ -193,7 +200,7 @@ def test_no_point_moves_farther_than_the_bound(arm, seed, along_cylinders):
     shares = np.linspace(0, 1, 50)[:, None] ** ([1.0, 2.0, 0.5] if along_cylinders else 1.0)
     way = np.array([joints_in(arm, q) for q in start + shares * (end - start)])
     moved = np.hypot(*np.moveaxis(np.diff(way, axis=0), -1, 0)).sum(axis=0)
-    bound = clearance.travel(arm.arrays, start, end, along_cylinders)
+    bound = clearance.bound_travel(arm.arrays, start, end, along_cylinders)
     assert moved.max() <= bound + 1e-12
 
 

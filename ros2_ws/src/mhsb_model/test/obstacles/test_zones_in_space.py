@@ -11,12 +11,12 @@ from scipy.optimize import minimize_scalar
 
 from mhsb_model.errors import MachineFileError
 from mhsb_model.obstacles.clearance import (
+    bound_travel,
     clearances,
     move_is_clear,
     tip_clearance_in_space,
-    travel,
 )
-from mhsb_model.obstacles.shadows import shadows_between
+from mhsb_model.obstacles.shadows import compute_shadows
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import frozen
 
@@ -24,9 +24,7 @@ BOX = (0.4, 0.2, -0.3, 0.6, 0.5, 0.2)
 CYLINDER = (0.5, -0.4, -0.6, 0.5, 0.08)
 SPHERE = (0.3, 0.3, 0.6, 0.15)
 TIP_SPHERE = (0.7, 0.1, 0.2, 0.2)
-ZONES = Zones(
-    boxes=(BOX,), cylinders=(CYLINDER,), spheres=(SPHERE,), tip_spheres=(TIP_SPHERE,)
-)
+ZONES = Zones(boxes=(BOX,), cylinders=(CYLINDER,), spheres=(SPHERE,), tip_spheres=(TIP_SPHERE,))
 RADII = (0.04, 0.03, 0.02)
 
 
@@ -107,7 +105,7 @@ def test_no_point_of_the_arm_moves_farther_than_travel_says(crowded):
     for start, end in itertools.pairwise(postures):
         way = joints_in_space(crowded, end) - joints_in_space(crowded, start)
         moved = np.linalg.norm(way, axis=1)
-        assert moved.max() <= travel(crowded.arrays, start, end, False) + 1e-12
+        assert moved.max() <= bound_travel(crowded.arrays, start, end, False) + 1e-12
 
 
 def test_a_move_that_is_clear_meets_nothing_on_its_way(crowded):
@@ -130,7 +128,7 @@ slews = st.floats(-1.9, 1.9)
 @given(slews, slews, st.floats(0.0, 1.0), st.integers(0, 2**32 - 1))
 @settings(max_examples=300)
 def test_what_keeps_clear_of_all_shadows_keeps_clear_of_the_zones(crowded, one, other, share, seed):
-    plane = crowded.plane_among(one, other)
+    plane = crowded.make_planar_arm_with_shadows(one, other)
     q = random_postures(crowded, 1, seed)[0]
     q[0] = one + share * (other - one)
     if plane.clearance(q[1:])[0] >= 0.0:
@@ -142,8 +140,8 @@ def test_a_shadow_is_no_larger_than_what_its_zone_takes_while_the_plane_turns(cr
     # thickness: as many as lie in its shadow, but for those at its edges
     thin = crowded.with_values({"keep_out.link_radii": [], "keep_out.margin": 0.0})
     began, ended = 0.3, 0.9
-    shadows = shadows_between(thin.obstacles, thin.arrays.slew_offset, began, ended)
-    plane = thin.plane_among(began, ended)
+    shadows = compute_shadows(thin.obstacles, thin.arrays.slew_offset, began, ended)
+    plane = thin.make_planar_arm_with_shadows(began, ended)
     assert len(shadows.rows) == len(plane.obstacles.rows) > 0
     rng, turns = np.random.default_rng(5), np.linspace(began, ended, 400)
     shadowed = met = 0
@@ -164,16 +162,20 @@ def _holds(shadow, x, z):
 
 
 def test_where_the_plane_does_not_get_to_there_is_no_shadow(crowded):
-    assert crowded.plane_among(1.5, 1.8).obstacles.names[-1].startswith("the keep-out sphere")
-    assert len(crowded.plane_among(-1.8, -1.5).obstacles.rows) == 0
-    assert len(crowded.plane.obstacles.rows) == 0
+    assert (
+        crowded.make_planar_arm_with_shadows(1.5, 1.8)
+        .obstacles.names[-1]
+        .startswith("the keep-out sphere")
+    )
+    assert len(crowded.make_planar_arm_with_shadows(-1.8, -1.5).obstacles.rows) == 0
+    assert len(crowded.planar_arm.obstacles.rows) == 0
 
 
 def test_zones_come_back_from_a_machine_file_as_they_were_given(crowded):
     assert crowded.zones == ZONES
     turned = Zones(boxes=((0.6, 0.5, 0.2, 0.4, 0.2, -0.3),))  # corners in any order
     assert crowded.changed(zones=turned).zones == Zones(boxes=(BOX,))
-    more = ZONES.with_more(spheres=[TIP_SPHERE])
+    more = ZONES.with_added(spheres=[TIP_SPHERE])
     assert more.spheres == (SPHERE, TIP_SPHERE)
     assert more.boxes == ZONES.boxes
 

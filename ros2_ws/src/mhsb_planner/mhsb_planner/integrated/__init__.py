@@ -1,12 +1,14 @@
-"""Path, posture and modes decided together, in the space of the cylinders' lengths.
+"""Planner that decides path, posture and modes together, in the space of cylinder lengths.
 
-There joint limits are a box, and where no cylinder needs boost a motion costs the oil it takes,
-a weighted sum of strokes: every way that never turns back is as cheap as the lower bound. A route
-is a polygon of cylinder lengths; the pipeline in `integrated_search`:
+In this space the joint limits form a box. If no cylinder needs boost, the energy of a motion is a
+weighted sum of piston strokes. Every path on which no piston turns back then costs as little as the
+lower bound. A cylinder path is a polyline of cylinder lengths, and its corners are the waypoints.
 
-    goal_postures   the goal's posture set, sampled along ψ
-    route           what a route costs, with the best modes along it
-    lattice         A* over lattice points and mode patterns
-    refinement      corners taken out and moved, the goal's ψ turned
-    certificate     what no plan between these end points undercuts
+`integrated_search` runs the pipeline over these modules:
+
+    goal_postures   the postures in which a motion may end, sampled along the end-link angle ψ
+    cylinder_path   cost of a cylinder path with the best mode combinations along it
+    lattice         A* over lattice points of cylinder lengths and mode combinations
+    refinement      removal and displacement of waypoints, change of the goal posture
+    lower_bound     lower bound on the cost of every plan between the same end points
 """

@@ -1,9 +1,9 @@
-"""The postures in which a motion may end: at one or several tip positions, with ψ as asked for.
+"""Sampled postures in which a motion may end, at one or several tip positions.
 
-The arm with three joints has one degree of freedom left there, the end link's angle ψ, on two
-elbow branches (`s1_psi_intervals_3r`). Longer chains have the inner joints' angles beside: of these
-even samples are taken, and of each the intervals of ψ. Where joints slide, even samples of all
-joints are taken but of the two that close the chain, or, where ψ is given, of ψ.
+An arm of three joints has one degree of freedom left there: the end-link angle ψ, on two elbow
+branches (`s1_psi_intervals_3r`). For longer chains the inner joints' angles are sampled evenly, and
+the intervals of ψ are found for each sample. If joints slide, all joints but the two that close the
+chain are sampled evenly. If joints slide and ψ is given, ψ is sampled instead.
 """
 
 from __future__ import annotations
@@ -17,38 +17,46 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.inverse_kinematics.closed_form_3r import ELBOW_BRANCHES
 from mhsb_model.inverse_kinematics.tip_postures import (
-    closing_joints,
-    inner_angles,
-    outer_tip,
-    posture_at,
-    side_of,
+    find_closing_joints,
+    find_closure_side,
+    solve_posture,
+    transform_tip_to_outer_frame,
+    write_inner_angles,
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
-from mhsb_planner.goal_region import Angle, Region, angle_range, tips
-from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
-from mhsb_planner.search.goal_clearance import check_tip, clear_postures
-from mhsb_planner.search.s2_step import Postures, describe
+from mhsb_planner.goal_region import Angle, Region, angle_range, tip_positions
+from mhsb_planner.posture.s1_psi_intervals_3r import (
+    MAX_INTERVALS,
+    find_feasible_intervals,
+    solve_posture_at_psi,
+)
+from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_postures
+from mhsb_planner.search.s2_step import Postures, describe_postures
 
 PSI_SPACING = math.radians(1.0)
-FEWEST = 8
-"""Samples of an interval of ψ, at least; with more free angles so many of all together."""
+"""Default spacing of the samples of ψ [rad]."""
+MIN_INTERVAL_SAMPLES = 8
+"""Smallest number of samples of an interval of ψ; with m free coordinates its m-th root."""
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPostures:
-    """Postures with the tip where it may end.
+    """Sampled postures with the tip at an admissible end position.
 
-    tip       (x, z) m, the goal itself
-    tips      float64[count, 2] m, where each posture has its tip
-    postures  the samples, with their cylinders' lengths and forces
-    elbow     int64[count], ∓1, the branch of each
-    free      float64[count, n - 2], of each what `tip_postures` has as free [rad or m]
-    turns     float64[n - 2], by how much of each that may be changed for a radian [rad or m]; 0
-              where it stays
-    between   rad, the least and the greatest ψ asked for; None where all will do
+    Attributes:
+        tip: Goal (x, z) [m].
+        tips: Tip position of each posture, shape (count, 2) [m].
+        postures: The postures, with cylinder lengths and piston forces.
+        elbow: Elbow branch of each posture, ∓1, shape (count,); with telescopes the side of
+            `close_chain`.
+        free: Free joint coordinates of each posture as in `tip_postures`, shape (count, n - 2) [rad
+            or m].
+        free_units: Change of each free coordinate that counts as one radian, shape (n - 2,) [rad or
+            m]; 0 if the coordinate must not change.
+        psi_range: Least and greatest admissible ψ [rad]; None if ψ is free.
     """
 
     tip: tuple[float, float]
@@ -56,11 +64,11 @@ class GoalPostures:
     postures: Postures
     elbow: IntArray
     free: FloatArray
-    turns: FloatArray
-    between: tuple[float, float] | None
+    free_units: FloatArray
+    psi_range: tuple[float, float] | None
 
 
-def goal_postures(
+def sample_goal_postures(
     machine: Machine,
     x: float,
     z: float,
@@ -68,18 +76,36 @@ def goal_postures(
     spacing: float = PSI_SPACING,
     region: Region | None = None,
 ) -> GoalPostures:
-    """Postures at (x, z) m, every `spacing` rad of ψ or less and at the ends of its intervals.
+    """Sample the postures at a goal and at the other tip positions of its region.
 
-    Of m > 1 free angles the samples lie farther apart, spacing^1/m, so that they are not many
-    more. Those that keep clear of obstacles, with ψ as asked for. With a region also at its other
-    points where these are possible, ψ being sampled the more sparsely the more points there are.
-    Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError where there are none.
+    For three joints, samples lie at most `spacing` apart in ψ and include the ends of each
+    interval. With m free coordinates the m-th root of `spacing` is used, to limit the number of
+    samples. With several tip positions, `spacing` is first multiplied by their number. Postures
+    that come too near to obstacles are left out, and so are tip positions without any posture.
+
+    Args:
+        machine: The arm in its plane.
+        x: Goal position of the tip, forward [m].
+        z: Goal position of the tip, upward [m].
+        psi: Admissible end-link angle or range of angles [rad]; None leaves it free.
+        spacing: Largest distance of two samples of ψ for three joints and one tip position [rad].
+        region: Other admissible tip positions; None: only the goal.
+
+    Returns:
+        The postures, at least one.
+
+    Raises:
+        OutOfWorkspaceError: No tip position has a posture, and the first is outside the workspace.
+        InfeasibleGoalError: No tip position has a posture, and none is within limits at the first.
+        ZoneError: No tip position has a posture, and obstacles prevent all at the first.
     """
-    points, between, refused = tips((x, z), region), angle_range(psi), None
+    points, between, refused = tip_positions((x, z), region), angle_range(psi), None
     found = []
     for point in points.tolist():
         try:
-            found.append(_at(machine, point[0], point[1], between, spacing * len(points)))
+            found.append(
+                _sample_at_tip(machine, point[0], point[1], between, spacing * len(points))
+            )
         except MhsbError as error:
             refused = refused or error
     if refused is not None and not found:
@@ -88,18 +114,30 @@ def goal_postures(
     return GoalPostures(
         (x, z),
         frozen(tip),
-        describe(machine.arrays, postures),
+        describe_postures(machine.arrays, postures),
         frozen(elbow),
         frozen(free),
-        frozen(_turns(machine, between)),
+        frozen(_free_coordinate_units(machine, between)),
         between,
     )
 
 
-def _turns(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
-    """See `GoalPostures`: where ψ is asked for, what it depends on stays."""
+def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
+    """Return the change of each free coordinate that counts as one radian.
+
+    It is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means that
+    the coordinate must not change. If `between` is given, this holds for ψ, the last coordinate.
+    With telescopes it then holds for all coordinates, because each of them would change ψ.
+
+    Args:
+        machine: The arm in its plane.
+        between: Least and greatest admissible ψ [rad]; None if ψ is free.
+
+    Returns:
+        Changes, shape (n - 2,) [rad or m].
+    """
     if machine.has_telescope:
-        unit = machine.radians[held_joints(machine)]
+        unit = machine.radian_equivalents[held_joints(machine)]
         return unit if between is None else np.zeros(len(unit))
     turns = np.ones(machine.joint_count - 2)
     turns[-1] = 1.0 if between is None else 0.0
@@ -107,97 +145,173 @@ def _turns(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
 
 
 def held_joints(machine: Machine) -> IntArray:
-    """Joints of a chain with telescopes that are held while the others close it, in order."""
-    return np.delete(np.arange(machine.joint_count), closing_joints(machine.arrays))
+    """Return the indices of the joints that do not close the chain, for a chain with telescopes."""
+    return np.delete(np.arange(machine.joint_count), find_closing_joints(machine.arrays))
 
 
-def _at(
+def _sample_at_tip(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
-    """Tips, postures, branches and what is free at one point; raises as `goal_postures`."""
+    """Sample the postures at one tip position and drop those too near to obstacles.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        between: Least and greatest admissible ψ [rad], equal for one angle; None if ψ is free.
+        spacing: Largest distance of two samples if one coordinate is sampled [rad]. If m are
+            sampled, its m-th root is used, to limit the number of samples.
+
+    Returns:
+        Tip positions, all equal, shape (count, 2) [m]; postures, shape (count, n) [rad or m]; elbow
+        branches, ∓1, or sides of `close_chain` with telescopes, shape (count,); free coordinates,
+        shape (count, n - 2) [rad or m]: q₁ … q₍ₙ₋₃₎ and ψ, or with telescopes the positions of the
+        joints that do not close the chain.
+
+    Raises:
+        OutOfWorkspaceError: The tip position is outside the workspace.
+        InfeasibleGoalError: No posture is within limits.
+        ZoneError: The tip, or the arm in every posture, would be too near to an obstacle.
+    """
     machine.check_in_workspace((x, z))
-    check_tip(machine, (x, z))
-    sampled = _with_telescopes if machine.has_telescope else _turning
+    check_tip_clearance(machine, (x, z))
+    sampled = _sample_telescopic_chain if machine.has_telescope else _sample_turning_chain
     posture, elbow, free = sampled(machine, x, z, between, spacing)
     if len(posture) == 0:
         raise InfeasibleGoalError(x, z, between)
-    kept = clear_postures(machine, x, z, posture)
+    kept = find_clear_postures(machine, x, z, posture)
     tip = np.tile([x, z], (int(kept.sum()), 1))
     return tip, posture[kept], elbow[kept], free[kept]
 
 
-def _with_telescopes(
+def _sample_telescopic_chain(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Postures, branches and what is free of a chain in which joints slide."""
+    """Sample the postures of a chain with telescopes at one tip position.
+
+    If `between` is given, ψ is sampled over it. Otherwise the joints that do not close the chain
+    are sampled over their ranges.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        between: Least and greatest admissible ψ [rad]; None if ψ is free.
+        spacing: Largest distance of two samples of ψ [rad]. If the m joints are sampled, its m-th
+            root is used.
+
+    Returns:
+        Postures within limits, shape (count, n) [rad or m]; sides of `close_chain`, ∓1, shape
+        (count,); and positions of the joints that do not close the chain, shape (count, n - 2)
+        [rad or m].
+    """
     a, held = machine.arrays, held_joints(machine)
-    i, j = closing_joints(a)
+    i, j = find_closing_joints(a)
     if between is not None:
         count = math.ceil((between[1] - between[0]) / spacing) + 1
         posture = machine.postures(x, z, np.linspace(*between, count))
-        elbow = np.array([side_of(a, q, i, j) for q in posture], dtype=np.int64)
+        elbow = np.array([find_closure_side(a, q, i, j) for q in posture], dtype=np.int64)
         return posture, elbow, posture[:, held]
-    apart = spacing ** (1.0 / len(held)) * machine.radians[held]
+    apart = spacing ** (1.0 / len(held)) * machine.radian_equivalents[held]
     counts = np.ceil((a.joint_max - a.joint_min)[held] / apart).astype(int) + 1
     ends = zip(a.joint_min[held], a.joint_max[held], counts, strict=True)
     grids = np.meshgrid(*(np.linspace(*each) for each in ends), indexing="ij")
     free = np.repeat(np.stack([grid.ravel() for grid in grids], axis=-1), 2, axis=0)
     elbow = np.tile(np.array(ELBOW_BRANCHES, dtype=np.int64), len(free) // 2)
     posture = np.empty((len(free), machine.joint_count))
-    kept = _closed(a, x, z, free, elbow, posture)
+    kept = _compute_postures(a, x, z, free, elbow, posture)
     return posture[kept], elbow[kept], free[kept]
 
 
 @kernel
-def _closed(
+def _compute_postures(
     m: MachineArrays, x: float, z: float, free: FloatArray, elbow: IntArray, posture: FloatArray
 ) -> np.ndarray:
-    """Which of these lead to a posture within limits; those are written to posture[count, n]."""
+    """Compute the postures with given free joint coordinates at a tip position.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        free: Free joint coordinates, shape (count, n - 2) [rad or m].
+        elbow: Elbow branches, shape (count,).
+        posture: Written in place, shape (count, n) [rad or m]; rows without a posture are
+            undefined.
+
+    Returns:
+        Whether there is a posture within limits, bool, shape (count,).
+    """
     within = np.empty(len(free), dtype=np.bool_)
     for k in range(len(free)):
-        within[k] = posture_at(m, x, z, free[k], elbow[k], posture[k])
+        within[k] = solve_posture(m, x, z, free[k], elbow[k], posture[k])
     return within
 
 
-def _turning(
+def _sample_turning_chain(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Postures, branches and free angles of a chain in which all joints turn."""
+    """Sample the postures of a chain of turning joints at one tip position.
+
+    The inner joints, the first n − 3, are sampled on a grid. The intervals of ψ are sampled for
+    each grid point.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        between: Least and greatest admissible ψ [rad]; None if ψ is free.
+        spacing: Largest distance of two samples of ψ with three joints [rad]; with m free
+            coordinates the m-th root is used, also for the grid.
+
+    Returns:
+        Postures within limits, shape (count, n) [rad]; elbow branches, ∓1, shape (count,); and
+        inner joints' angles and ψ, shape (count, n - 2) [rad].
+    """
     a, n = machine.arrays, machine.joint_count
     given = between is not None and between[0] == between[1]
     apart = spacing ** (1.0 / max(1, n - 3 if given else n - 2))
     widest = max((a.joint_max - a.joint_min)[: n - 3], default=0.0)
     samples = math.ceil(widest / apart) + 1
     numbers = np.arange(samples ** (n - 3))
-    if n > 3 and not given:  # most reach nothing, and are sooner left out than tried
-        numbers = _in_reach(a, x, z, samples)
+    if n > 3 and not given:  # leaving out what reaches nothing is faster than trying it
+        numbers = _reachable_inner_samples(a, x, z, samples)
         if len(numbers) == 0:
             return np.empty((0, n)), np.empty(0, dtype=np.int64), np.empty((0, n - 2))
     found = []
     for number in numbers:
         q = np.empty(n)
-        inner_angles(a, number, samples, q)
-        found.append(_with_inner(machine, x, z, q, between, apart))
+        write_inner_angles(a, number, samples, q)
+        found.append(_sample_outer_joints(machine, x, z, q, between, apart))
     posture, elbow, angle = (np.concatenate(part) for part in zip(*found, strict=True))
     return posture, elbow, np.column_stack([posture[:, : n - 3], angle])
 
 
 @kernel
-def _in_reach(m: MachineArrays, x: float, z: float, samples: int) -> IntArray:
-    """Numbers of the inner joints' samples with which the others reach the tip in some ψ."""
+def _reachable_inner_samples(m: MachineArrays, x: float, z: float, samples: int) -> IntArray:
+    """List the grid points of the inner joints from which the outer three reach the tip.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        samples: Number of samples of each inner joint.
+
+    Returns:
+        Numbers of the grid points, as `write_inner_angles` counts them, in ascending order.
+    """
     n, count = len(m.link_length), 0
     q, interval = np.empty(n), np.empty((MAX_INTERVALS, 3))
     numbers = np.empty(samples ** (n - 3), dtype=np.int64)
     for number in range(len(numbers)):
-        inner_angles(m, number, samples, q)
-        ahead, up, _ = outer_tip(m.link_length, x, z, q)
-        if feasible_intervals(m, ahead, up, interval) > 0:
+        write_inner_angles(m, number, samples, q)
+        ahead, up, _ = transform_tip_to_outer_frame(m.link_length, x, z, q)
+        if find_feasible_intervals(m, ahead, up, interval) > 0:
             numbers[count] = number
             count += 1
     return numbers[:count]
 
 
-def _with_inner(
+def _sample_outer_joints(
     machine: Machine,
     x: float,
     z: float,
@@ -205,20 +319,34 @@ def _with_inner(
     between: tuple[float, float] | None,
     spacing: float,
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Postures within limits with the inner joints as in q, their branches and ψ."""
-    ahead, up, heading = outer_tip(machine.arrays.link_length, x, z, q)
+    """Sample the postures of a turning chain at one tip position with the inner joints fixed.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        q: Posture that gives the inner joints' angles, shape (n,) [rad]; the last three are
+            ignored.
+        between: Least and greatest admissible ψ [rad]; None if ψ is free.
+        spacing: Largest distance of two samples of ψ [rad].
+
+    Returns:
+        Postures within limits, shape (count, n) [rad]; elbow branches, ∓1, shape (count,); and
+        ψ, shape (count,) [rad].
+    """
+    ahead, up, heading = transform_tip_to_outer_frame(machine.arrays.link_length, x, z, q)
     seen = None if between is None else (between[0] - heading, between[1] - heading)
     if seen is not None and seen[0] == seen[1]:
-        elbow, angle = _with(seen[0])
+        elbow, angle = _both_elbows(seen[0])
     else:
-        elbow, angle = _all(machine, ahead, up, spacing, seen)
+        elbow, angle = _sample_psi_intervals(machine, ahead, up, spacing, seen)
     postures = np.tile(q, (len(angle), 1))
-    kept = _feasible(machine.arrays, ahead, up, elbow, angle, postures)
+    kept = _solve_outer_joints(machine.arrays, ahead, up, elbow, angle, postures)
     return postures[kept], elbow[kept], angle[kept] + heading
 
 
 @kernel
-def _feasible(
+def _solve_outer_joints(
     m: MachineArrays,
     x: float,
     z: float,
@@ -226,33 +354,65 @@ def _feasible(
     angle: FloatArray,
     posture: FloatArray,
 ) -> np.ndarray:
-    """Which of the branches and angles [rad] are within limits; the last three of posture[count, n]
-    are written. Point and angles as the last three joints see them."""
+    """Solve the last three joints for given elbow branches and end-link angles.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward in the frame of the last three joints [m].
+        z: Tip position upward in the frame of the last three joints [m].
+        elbow: Elbow branches, ∓1, shape (count,).
+        angle: End-link angles in the frame of the last three joints, shape (count,) [rad].
+        posture: Postures, shape (count, n) [rad]. The last three columns are written in place; the
+            others must be set.
+
+    Returns:
+        Whether the posture exists within limits, bool, shape (count,).
+    """
     within = np.empty(len(angle), dtype=np.bool_)
     for i in range(len(angle)):
-        within[i] = feasible(m, x, z, angle[i], elbow[i], posture[i])
+        within[i] = solve_posture_at_psi(m, x, z, angle[i], elbow[i], posture[i])
     return within
 
 
-def _all(
+def _sample_psi_intervals(
     machine: Machine, x: float, z: float, spacing: float, between: tuple[float, float] | None
 ) -> tuple[IntArray, FloatArray]:
-    """Samples of all intervals of ψ: branch, int64[count], and angle, float64[count] rad."""
+    """Sample all feasible intervals of ψ on both elbow branches.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward in the frame of the last three joints [m].
+        z: Tip position upward in the frame of the last three joints [m].
+        spacing: Largest distance of two samples [rad].
+        between: Least and greatest admissible ψ in the same frame [rad]; None if ψ is free.
+
+    Returns:
+        Elbow branches, ∓1, shape (count,), and angles ψ, shape (count,) [rad].
+    """
     interval = np.empty((MAX_INTERVALS, 3))
-    fewest = max(2, round(FEWEST ** (1.0 / (machine.joint_count - 2))))
+    fewest = max(2, round(MIN_INTERVAL_SAMPLES ** (1.0 / (machine.joint_count - 2))))
     elbows, angles = [np.empty(0, dtype=np.int64)], [np.empty(0)]
-    for elbow, least, most in interval[: feasible_intervals(machine.arrays, x, z, interval)]:
-        for low, high in _parts(least, most, between):
+    for elbow, least, most in interval[: find_feasible_intervals(machine.arrays, x, z, interval)]:
+        for low, high in _intersect_psi_range(least, most, between):
             count = max(fewest, math.ceil((high - low) / spacing) + 1)
             elbows.append(np.full(count, int(elbow)))
             angles.append(np.linspace(low, high, count))
     return np.concatenate(elbows), np.concatenate(angles)
 
 
-def _parts(
+def _intersect_psi_range(
     low: float, high: float, between: tuple[float, float] | None
 ) -> list[tuple[float, float]]:
-    """The parts of an interval of ψ that lie in a range, taken by whole turns [rad]."""
+    """Intersect an interval of ψ with a range of angles, modulo whole turns.
+
+    Args:
+        low: Lower end of the interval [rad].
+        high: Upper end of the interval [rad].
+        between: Range, shifted by −2 to 2 turns for the intersection [rad]; None: no restriction.
+
+    Returns:
+        Lower and upper end of each part [rad]; empty if there is none.
+    """
     if between is None:
         return [(low, high)]
     turns = 2.0 * math.pi * np.arange(-2, 3)
@@ -260,6 +420,6 @@ def _parts(
     return [(a, b) for a, b in parts if a <= b]
 
 
-def _with(psi: float) -> tuple[IntArray, FloatArray]:
-    """Both branches with one ψ [rad]."""
+def _both_elbows(psi: float) -> tuple[IntArray, FloatArray]:
+    """Return both elbow branches, ∓1, each with the same end-link angle ψ [rad]."""
     return np.array(ELBOW_BRANCHES, dtype=np.int64), np.full(len(ELBOW_BRANCHES), psi)

@@ -1,11 +1,11 @@
-"""From a start posture to a goal point: a first route soon, then cheaper ones while there is time.
+"""Integrated search from a start posture to a goal point: a first path early, then cheaper ones.
 
-1. straight lines to the goal's postures, those of the least lower bound first;
-2. where these leave room, A* over ever finer lattices for what is cheaper than the best so far,
-3. and corners taken out and moved, the goal's ψ turned, in ever smaller strides, after each.
+1. Straight lines to the goal postures, in the order of their lower bounds. 2. A* over lattices of
+decreasing spacing, if a cheaper path is still possible. 3. After each lattice, local changes:
+waypoints are removed and moved, and the goal posture is changed.
 
-The first straight line that is possible is handed out at once, later routes as they are found
-(`stages`). All work is limited, so that the answer depends on the clock only where there is a
+The first admissible straight line is yielded at once, later paths as they are found
+(`anytime_search`). All work is limited, so that the result depends on the clock only if there is a
 deadline.
 """
 
@@ -19,28 +19,39 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.goal_region import Angle, Region, is_met
-from mhsb_planner.integrated import goals_near, stages
-from mhsb_planner.integrated.certificate import least_cost_to
-from mhsb_planner.integrated.goal_postures import goal_postures
-from mhsb_planner.integrated.route import path_of, patient, price_route, terms
-from mhsb_planner.integrated.stages import Work
-from mhsb_planner.integrated.task import WITH_AREA, Effort, Route, Task, cells_within
-from mhsb_planner.search.area_shortfall import WITHOUT_AREA, AreaTerm
+from mhsb_planner.deadline import NO_DEADLINE, Deadline, SearchTime
+from mhsb_planner.goal_region import Angle, Region, is_goal_met
+from mhsb_planner.integrated import anytime_search, ik_near_start
+from mhsb_planner.integrated.anytime_search import SearchWork
+from mhsb_planner.integrated.cylinder_path import (
+    cost_model,
+    price_path,
+    to_discrete_path,
+    without_leakage_cost,
+)
+from mhsb_planner.integrated.goal_postures import sample_goal_postures
+from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
+from mhsb_planner.integrated.search_problem import (
+    WITH_AREA,
+    CylinderPath,
+    SearchLimits,
+    SearchProblem,
+    max_bound_cells,
+)
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.search.lower_bound import ENERGY_ALONE, with_others
-from mhsb_planner.search.s2_search import SAME_POINT, SEARCHING, Weights
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm
+from mhsb_planner.search.s2_search import SAME_POINT, SEARCH_TASK, Weights
 from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading
-from mhsb_planner.search.search_time import SearchTime
 
-__all__ = ["Effort", "IntegratedSearch", "Route", "Task", "search"]
+__all__ = ["CylinderPath", "IntegratedSearch", "SearchLimits", "SearchProblem", "search"]
 
 
 class IntegratedSearch:
-    """A search under way.
+    """An integrated search for one request.
 
-    lower_bound  J, no plan to any posture at the goal takes less energy
+    Attributes:
+        lower_bound: Lower bound on the energy of every plan to any posture at the goal [J].
     """
 
     def __init__(
@@ -54,34 +65,50 @@ class IntegratedSearch:
         *,
         goal_psi: Angle = None,
         goal_region: Region | None = None,
-        certified_from: FloatArray | None = None,
+        bound_from: FloatArray | None = None,
         area: AreaTerm = WITHOUT_AREA,
-        others: tuple[float, float] = (0.0, 0.0),
-        leaks: bool = True,
+        slew_demand: tuple[float, float] = (0.0, 0.0),
+        counts_leakage: bool = True,
         time: SearchTime | None = None,
-        effort: Effort | None = None,
+        limits: SearchLimits | None = None,
     ) -> None:
-        """From a posture [rad] and the modes in force to a tip position [m].
+        """Prepare the search: sample the goal postures and compute the lower bounds.
 
-        goal_psi        end-link angle asked for at the goal [rad]; None: whichever costs least
-        goal_region     where else the tip may end
-        certified_from  posture from which the lower bound counts; the start where left out [rad]
-        area            weight of the polytope's area, and the area that counts as full
-        others          oil [m³] and least time [s] of what moves meanwhile, for the lower bound
-        leaks           whether routes are chosen by what leaks while they last; what paths cost is
-                        told with it either way
-        time            when to end, and whether there is a motion along one of the paths
+        Args:
+            machine: The arm in its plane.
+            start_posture: Posture from which the path begins, shape (n,) [rad or m].
+            start_modes: Modes in force at the start, shape (n,).
+            goal_xz: Goal position of the tip (x, z) [m].
+            weights: Weights of energy, time and mode switches.
+            energy_reading: Formula by which energy is priced.
+            goal_psi: Admissible end-link angle or range of angles at the goal [rad]; None leaves it
+                free.
+            goal_region: Other admissible tip positions; None: only the goal.
+            bound_from: Posture from which the lower bound on the energy holds, shape (n,)
+                [rad or m]; None: the start.
+            area: Weight of the area shortfall and the reference area.
+            slew_demand: Oil [m³] and least time [s] of what moves beside these joints, for the
+                lower bound on the energy.
+            counts_leakage: Whether leakage counts when paths are compared. The costs of the paths
+                yielded include it in any case.
+            time: Time limit, shared with the caller; None: no limit.
+            limits: Limits on the effort for an arm of the paper's size; None: defaults, larger with
+                an area weight.
 
-        Raises OutOfWorkspaceError, InfeasibleGoalError, ZoneError, DeadlineError.
+        Raises:
+            OutOfWorkspaceError: The goal is outside the workspace.
+            InfeasibleGoalError: No posture within limits reaches the goal.
+            ZoneError: The arm would be too near to an obstacle in every goal posture.
+            DeadlineError: The time was up before the search could begin.
         """
         self._began, time = perf_counter(), time or SearchTime()
-        effort = effort or (WITH_AREA if area.weight > 0.0 else Effort())
-        effort = effort.for_size(machine.scale)
-        time.until.check(SEARCHING)
+        limits = limits or (WITH_AREA if area.weight > 0.0 else SearchLimits())
+        limits = limits.scaled(machine.relative_size)
+        time.search_deadline.check(SEARCH_TASK)
         posture = np.array(start_posture, dtype=np.float64)
         self._modes = np.array(start_modes, dtype=np.uint8)
-        goals = goal_postures(machine, *goal_xz, goal_psi, effort.psi_spacing, goal_region)
-        self._standing = is_met(
+        goals = sample_goal_postures(machine, *goal_xz, goal_psi, limits.psi_spacing, goal_region)
+        self._standing = is_goal_met(
             goal_xz,
             goal_region,
             goal_psi,
@@ -90,76 +117,123 @@ class IntegratedSearch:
             SAME_POINT,
             SAME_POINT,
         )
-        time.until.check(SEARCHING)
+        time.search_deadline.check(SEARCH_TASK)
         weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
-        self._terms = terms(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
-        priced_by = self._terms if leaks else patient(self._terms)
-        goals = goals_near.with_those_near(machine, goals, posture, priced_by.circuit, weight)
-        self._task = Task.of(machine, posture, priced_by, goals, time, effort)
-        time.until.check(SEARCHING)
-        origin = posture if certified_from is None else certified_from
-        self.lower_bound = self._least_energy(origin, others)
+        self._terms = cost_model(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
+        priced_by = self._terms if counts_leakage else without_leakage_cost(self._terms)
+        goals = ik_near_start.add_postures_near_start(
+            machine, goals, posture, priced_by.circuit, weight
+        )
+        self._task = SearchProblem.create(machine, posture, priced_by, goals, time, limits)
+        time.search_deadline.check(SEARCH_TASK)
+        origin = posture if bound_from is None else bound_from
+        self.lower_bound = self._compute_lower_bound(origin, slew_demand)
 
-    def _least_energy(self, posture: FloatArray, others: tuple[float, float]) -> float:
-        """No plan from a posture takes less [J]."""
+    def _compute_lower_bound(self, posture: FloatArray, others: tuple[float, float]) -> float:
+        """Return a lower bound on the energy of every plan from a posture to the goal.
+
+        The search problem's own bound is reused if it counts energy alone, starts from the same
+        posture, and nothing else moves.
+
+        Args:
+            posture: The posture, shape (n,) [rad or m].
+            others: Oil [m³] and least time [s] of what moves beside these joints.
+
+        Returns:
+            The bound [J].
+        """
         task, (energy, time) = self._task, self._terms.weight[:2]
-        own = task.terms is self._terms and not any(others)
+        own = task.cost_model is self._terms and not any(others)
         if energy > 0.0 and time == 0.0 and own and np.array_equal(posture, task.start):
-            return task.bound / float(energy)
+            return task.lower_bound / float(energy)
         origin = task.machine.cylinder_lengths(posture)
-        circuit = with_others(self._terms.circuit, *others)
-        cells = cells_within(task.time)
-        return least_cost_to(task.machine, circuit, origin, task.goals, ENERGY_ALONE, cells)
+        circuit = add_other_motion(self._terms.circuit, *others)
+        cells = max_bound_cells(task.time)
+        return lower_bound_to_goals(task.machine, circuit, origin, task.goals, ENERGY_ALONE, cells)
 
     def paths(self) -> Iterator[DiscretePath | None]:
-        """Ever cheaper paths; None where what follows may take long: others may be quicker now.
+        """Yield ever cheaper discrete paths.
 
-        A start at the goal gives a path without steps. Raises, at its end, NoPathError where there
-        is no path, DeadlineError where none was found in time.
+        A start at the goal gives one path without steps.
+
+        Yields:
+            A path, or None before work that may take long, so that the caller can try something
+            else.
+
+        Raises:
+            NoPathError: The search has ended without any path.
+            DeadlineError: The time was up before there was a path.
         """
         task = self._task
         if self._standing:
             tip = task.machine.tip_position(task.start)
-            yield DiscretePath.standing(tip, task.start, self._modes, self._seconds)
+            yield DiscretePath.create_without_steps(tip, task.start, self._modes, self._elapsed)
             return
-        work = Work()
-        for best in stages.routes(task, work):
-            yield None if best is None else self._path(best, work)
+        work = SearchWork()
+        for best in anytime_search.yield_paths(task, work):
+            yield None if best is None else self._to_discrete_path(best, work)
 
-    def last(self) -> DiscretePath:
-        """The cheapest path that is found; raises as `paths`."""
+    def best_path(self) -> DiscretePath:
+        """Run the search to its end and return the cheapest path.
+
+        Raises:
+            NoPathError: There is no path.
+            DeadlineError: The time was up before there was a path.
+        """
         return [path for path in self.paths() if path is not None][-1]
 
-    def along(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
-        """See `improved`."""
+    def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
+        """Improve a cylinder path that was found elsewhere by local changes.
+
+        Args:
+            via: Waypoints from the start to the goal, shape (points, n) [m]. The path counts as one
+                to the goal posture nearest to the last waypoint.
+            spacings: Lattice spacings to which the changes are proportional, in the order of use
+                [m].
+
+        Returns:
+            The improved path, or the given one if nothing improves it; None if the given path is
+            inadmissible.
+        """
         task = self._task
         off = np.abs(task.goals.postures.length - via[-1]).max(axis=1)
-        route = task.to_goal(via, int(np.argmin(off)), task.price(via))
+        route = task.path_to_goal(via, int(np.argmin(off)), task.price(via))
         if route.cost == math.inf:
             return None
         for spacing in spacings:
-            route = stages.refined(task, route, spacing, task.effort.sweeps)
-        return self._path(route, Work())
+            route = anytime_search.refine(task, route, spacing, task.limits.max_sweeps)
+        return self._to_discrete_path(route, SearchWork())
 
     @property
-    def _seconds(self) -> float:
-        """Since the search began [s]."""
+    def _elapsed(self) -> float:
+        """Time since the search was created [s]."""
         return perf_counter() - self._began
 
-    def _path(self, best: Route, work: Work) -> DiscretePath:
+    def _to_discrete_path(self, best: CylinderPath, work: SearchWork) -> DiscretePath:
+        """Convert a cylinder path to a discrete path, priced with leakage.
+
+        Args:
+            best: The cylinder path.
+            work: Work done so far, for the statistics.
+
+        Returns:
+            The discrete path with the lower bound and the statistics of the search.
+        """
         task, cost = self._task, best.cost
-        if task.terms is not self._terms:
-            cost = float(price_route(self._terms, task.memory, best.via, task.start, math.inf))
-        return path_of(
+        if task.cost_model is not self._terms:
+            cost = float(
+                price_path(self._terms, task.buffers, best.waypoints, task.start, math.inf)
+            )
+        return to_discrete_path(
             self._terms,
-            task.memory,
-            best.via,
+            task.buffers,
+            best.waypoints,
             cost,
             task.start,
             self._modes,
             self.lower_bound,
             SearchStatistics(
-                work.expanded, work.priced, self._seconds, task.time.until.passed
+                work.expanded, work.priced, self._elapsed, task.time.search_deadline.has_passed
             ),
         )
 
@@ -175,10 +249,35 @@ def search(
     goal_psi: Angle = None,
     goal_region: Region | None = None,
     area: AreaTerm = WITHOUT_AREA,
-    deadline: Deadline = NEVER,
-    effort: Effort | None = None,
+    deadline: Deadline = NO_DEADLINE,
+    effort: SearchLimits | None = None,
 ) -> DiscretePath:
-    """The cheapest path until the deadline; arguments and errors as of `IntegratedSearch`."""
+    """Run an integrated search to its end and return the cheapest path.
+
+    Args:
+        machine: The arm in its plane.
+        start_posture: Posture from which the path begins, shape (n,) [rad or m].
+        start_modes: Modes in force at the start, shape (n,).
+        goal_xz: Goal position of the tip (x, z) [m].
+        weights: Weights of energy, time and mode switches.
+        energy_reading: Formula by which energy is priced.
+        goal_psi: Admissible end-link angle or range of angles at the goal [rad]; None leaves it
+            free.
+        goal_region: Other admissible tip positions; None: only the goal.
+        area: Weight of the area shortfall and the reference area.
+        deadline: Instant at which the search ends with the cheapest path so far.
+        effort: Limits on the effort for an arm of the paper's size; None: defaults.
+
+    Returns:
+        The path; without steps if the start is at the goal.
+
+    Raises:
+        OutOfWorkspaceError: The goal is outside the workspace.
+        InfeasibleGoalError: No posture within limits reaches the goal.
+        ZoneError: The arm would be too near to an obstacle in every goal posture.
+        NoPathError: There is no path.
+        DeadlineError: The time was up before there was a path.
+    """
     under_way = IntegratedSearch(
         machine,
         start_posture,
@@ -190,12 +289,12 @@ def search(
         goal_region=goal_region,
         area=area,
         time=SearchTime(deadline),
-        effort=effort,
+        limits=effort,
     )
-    return under_way.last()
+    return under_way.best_path()
 
 
-def improved(
+def improve_path(
     machine: Machine,
     start_posture: FloatArray,
     start_modes: ModeArray,
@@ -205,72 +304,116 @@ def improved(
     *,
     via: FloatArray,
     spacings: tuple[float, ...],
-    effort: Effort,
+    effort: SearchLimits,
 ) -> DiscretePath | None:
-    """The path of a route that was found elsewhere, improved by small changes; None: there is none.
+    """Improve a cylinder path that was found elsewhere by local changes.
 
-    via       float64[points, n] m, cylinder lengths, the last those of one of the goal's postures
-    spacings  m, to which the changes are in proportion
+    Args:
+        machine: The arm in its plane.
+        start_posture: Posture from which the path begins, shape (n,) [rad or m].
+        start_modes: Modes in force at the start, shape (n,).
+        goal_xz: Goal position of the tip (x, z) [m].
+        weights: Weights of energy, time and mode switches.
+        energy_reading: Formula by which energy is priced.
+        via: Waypoints from the start to the goal, shape (points, n) [m]; the last has the cylinder
+            lengths of a goal posture.
+        spacings: Lattice spacings to which the changes are proportional, in the order of use [m].
+        effort: Limits on the effort for an arm of the paper's size.
+
+    Returns:
+        The improved path, or the given one if nothing improves it; None if the given path is
+        inadmissible.
     """
     under_way = IntegratedSearch(
-        machine, start_posture, start_modes, goal_xz, weights, energy_reading, effort=effort
+        machine, start_posture, start_modes, goal_xz, weights, energy_reading, limits=effort
     )
-    return under_way.along(via, spacings)
+    return under_way.improve_path(via, spacings)
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile everything that a search can run through, whatever the stages of this one need."""
-    task = _example(machine)
+    """Compile all kernels of the integrated search, whichever stages a request needs.
+
+    Args:
+        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+    """
+    task = _example_problem(machine)
     x, z = task.goals.tip
     modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
     psi = machine.end_link_angle(task.goals.postures.posture[0])
-    search(machine, task.start, modes, (x, z), weights, goal_psi=psi, effort=task.effort)
-    goal_postures(machine, x, z, None, task.effort.psi_spacing)
+    search(machine, task.start, modes, (x, z), weights, goal_psi=psi, effort=task.limits)
+    sample_goal_postures(machine, x, z, None, task.limits.psi_spacing)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
         part(machine)
 
 
 def warm_up_pricing(machine: Machine) -> None:
-    """Compile what a route's cost takes."""
-    task = _example(machine)
-    task.price(_line(task))
-    goals_near.warm_up(machine, task.start, task.terms.circuit)
+    """Compile the kernels that price a cylinder path or find goal postures near the start.
+
+    Args:
+        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+    """
+    task = _example_problem(machine)
+    task.price(_straight_line(task))
+    ik_near_start.warm_up(machine, task.start, task.cost_model.circuit)
 
 
 def warm_up_paths(machine: Machine) -> None:
-    """Compile what becomes of the cheapest route."""
-    task = _example(machine)
+    """Compile the kernels that convert a cylinder path to a discrete path.
+
+    Args:
+        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+    """
+    task = _example_problem(machine)
     modes, statistics = np.zeros(machine.joint_count, dtype=np.uint8), SearchStatistics(0, 0, 0.0)
-    path_of(task.terms, task.memory, _line(task), 0.0, task.start, modes, 0.0, statistics)
+    to_discrete_path(
+        task.cost_model, task.buffers, _straight_line(task), 0.0, task.start, modes, 0.0, statistics
+    )
 
 
 def warm_up_lattice(machine: Machine) -> None:
-    """Compile the search over the lattice."""
-    task = _example(machine)
-    lattice = stages.lattice(task, task.terms, np.array([0]), task.effort.coarsest)
-    lattice.search(math.inf, task.effort.expansions)
+    """Compile the kernels of the lattice search.
+
+    Args:
+        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+    """
+    task = _example_problem(machine)
+    lattice = anytime_search.create_lattice_search(
+        task, task.cost_model, np.array([0]), task.limits.max_first_spacing
+    )
+    lattice.search(math.inf, task.limits.max_expansions)
 
 
 def warm_up_refinement(machine: Machine) -> None:
-    """Compile what improves a route."""
-    task = _example(machine)
-    stages.refined(task, task.to_goal(_line(task), 0, math.inf), task.effort.coarsest)
+    """Compile the kernels of the local changes."""
+    task = _example_problem(machine)
+    anytime_search.refine(
+        task, task.path_to_goal(_straight_line(task), 0, math.inf), task.limits.max_first_spacing
+    )
 
 
-def _line(task: Task) -> FloatArray:
-    """The straight route to the first goal posture."""
-    return np.array([task.lengths, task.goals.postures.length[0]])
+def _straight_line(task: SearchProblem) -> FloatArray:
+    """Return the waypoints of the straight line to the first goal posture, shape (2, n) [m]."""
+    return np.array([task.start_lengths, task.goals.postures.length[0]])
 
 
-def _example(machine: Machine) -> Task:
-    """A short way in the middle of the joints' ranges, with nothing in its way."""
+def _example_problem(machine: Machine) -> SearchProblem:
+    """Create a short, easy search problem for compiling kernels.
+
+    It starts in the middle of the joint ranges, has no obstacles, and its effort is very small.
+
+    Args:
+        machine: The arm in its plane.
+
+    Returns:
+        The problem, with weights of 1 for all terms of the cost.
+    """
     machine = machine.without_obstacles()
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     start, end = low + 0.5 * (high - low), low + 0.52 * (high - low)
-    effort = Effort(psi_spacing=0.02, expansions=2, sweeps=1)
+    effort = SearchLimits(psi_spacing=0.02, max_expansions=2, max_sweeps=1)
     x, z = machine.tip_position(end)
     psi = machine.end_link_angle(end)
-    goals = goal_postures(machine, float(x), float(z), psi, effort.psi_spacing)
+    goals = sample_goal_postures(machine, float(x), float(z), psi, effort.psi_spacing)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)
-    priced_by = terms(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
-    return Task.of(machine, start, priced_by, goals, SearchTime(), effort)
+    priced_by = cost_model(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
+    return SearchProblem.create(machine, start, priced_by, goals, SearchTime(), effort)

@@ -1,7 +1,7 @@
-"""Interval arithmetic of planar chains: what distances, directions and lengths may be.
+"""Interval arithmetic of planar chains: ranges of distances, directions and cylinder lengths.
 
-Every function encloses the range of what it is named for: no value lies outside, some inside may
-never be met.
+Every function returns an enclosure: no value lies outside the range, but parts of the range may
+never occur.
 """
 
 from __future__ import annotations
@@ -13,14 +13,24 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.types import FloatArray
 
-ROUNDING = 1e-9
+INTERVAL_ROUNDING = 1e-9
+"""Rounding error by which intervals are widened [rad or m] and cosines may pass ±1."""
 
 Interval = tuple[float, float]
+"""Lower and upper end of a range."""
 
 
 @kernel
-def cosine_over(low: float, high: float) -> Interval:
-    """Range of cos over [low, high] rad."""
+def cosine_range(low: float, high: float) -> Interval:
+    """Return the range of the cosine over an interval of angles.
+
+    Args:
+        low: Lower end of the interval [rad].
+        high: Upper end of the interval [rad].
+
+    Returns:
+        Least and greatest cosine.
+    """
     a, b = math.cos(low), math.cos(high)
     least, most = min(a, b), max(a, b)
     turn = 2.0 * math.pi
@@ -32,13 +42,30 @@ def cosine_over(low: float, high: float) -> Interval:
 
 
 @kernel
-def _wrist_direction(low: float, high: float, radius: float, link: float) -> Interval:
-    """Range of α over u ∈ [low, high] rad; where R ≤ L₃, u in the first turn or beyond it.
+def _wrist_direction_range(low: float, high: float, radius: float, link: float) -> Interval:
+    """Return the range of α at one distance R, for link directions in an interval.
 
-    For R > L₃ it turns where cos u = L₃/R; otherwise the wrist goes round the origin with u.
+    α is the direction of the wrist relative to the direction of the tip. The link from wrist to tip
+    has the direction u relative to the tip's:
+
+        α = atan2(−L sin u, R − L cos u)
+
+    For R > L, α has its extremes ±asin(L/R) at cos u = L/R. Otherwise the wrist goes round the
+    origin with u.
+
+    Args:
+        low: Lower end of u [rad]; for R ≤ L it must not be negative.
+        high: Upper end of u [rad].
+        radius: Distance R of the tip [m].
+        link: Length L of the link [m].
+
+    Returns:
+        Least and greatest α [rad].
     """
     if radius <= link:
-        return _around_origin(low, radius, link), _around_origin(high, radius, link)
+        return _unwrapped_wrist_direction(low, radius, link), _unwrapped_wrist_direction(
+            high, radius, link
+        )
     a = math.atan2(-link * math.sin(low), radius - link * math.cos(low))
     b = math.atan2(-link * math.sin(high), radius - link * math.cos(high))
     least, most = min(a, b), max(a, b)
@@ -53,8 +80,21 @@ def _wrist_direction(low: float, high: float, radius: float, link: float) -> Int
 
 
 @kernel
-def _around_origin(u: float, radius: float, link: float) -> float:
-    """α where R ≤ L₃, continuous and growing with u ≥ 0, −π at u = 0 and 2π more every turn."""
+def _unwrapped_wrist_direction(u: float, radius: float, link: float) -> float:
+    """Return the wrist's direction α for R ≤ L, continued over whole turns.
+
+    α = atan2(−L sin u, R − L cos u) grows with u. For R < L it is −π at u = 0 and grows by 2π with
+    every turn. For R = L it jumps from π/2 to 3π/2 at a whole turn, where the wrist is at the
+    origin; the caller excludes that.
+
+    Args:
+        u: Direction of the link relative to the tip's direction [rad].
+        radius: Distance R of the tip [m].
+        link: Length L of the link [m].
+
+    Returns:
+        Direction α of the wrist relative to the tip's direction [rad].
+    """
     turns = math.floor(u / (2.0 * math.pi))
     w = min(math.pi, max(-math.pi, u - (2.0 * turns + 1.0) * math.pi))
     around = math.atan2(link * math.sin(w), radius + link * math.cos(w))
@@ -62,65 +102,114 @@ def _around_origin(u: float, radius: float, link: float) -> float:
 
 
 @kernel
-def _within(low: float, high: float, least: float, most: float) -> Interval:
-    """The part of an interval of angles, taken by whole turns, that lies within [least, most]."""
+def _intersect_modulo_turns(low: float, high: float, least: float, most: float) -> Interval:
+    """Intersect an interval of angles, shifted by whole turns, with a range of angles.
+
+    Args:
+        low: Lower end of the interval [rad].
+        high: Upper end of the interval [rad].
+        least: Lower end of the range [rad].
+        most: Upper end of the range [rad].
+
+    Returns:
+        Enclosure of all intersections for shifts by −2 to 2 turns [rad]; (inf, −inf) if there is
+        none.
+    """
     found_low, found_high = math.inf, -math.inf
     for turns in range(-2, 3):
         a = max(low + 2.0 * math.pi * turns, least)
         b = min(high + 2.0 * math.pi * turns, most)
-        if a <= b + ROUNDING:
+        if a <= b + INTERVAL_ROUNDING:
             found_low, found_high = min(found_low, a), max(found_high, b)
     return found_low, found_high
 
 
 @kernel
-def without_link(
+def tip_relative_to_link_end(
     radius: Interval, direction: Interval, link: float, low: float, high: float
 ) -> tuple[Interval, Interval]:
-    """Distances and directions of the tip as the end of a link sees it that points to [low, high].
+    """Return the polar coordinates of the tip relative to the end of a link, as intervals.
 
-    D² = R² + L² − 2 R L cos u, direction φ + α(u), u the link's angle less φ: as of the wrist.
+    The link begins at the origin. With the tip at distance R in direction φ, the link of length L
+    in direction θ, and u = θ − φ:
+
+        D² = R² + L² − 2 R L cos u
+        direction = φ + α(u),  α = atan2(−L sin u, R − L cos u)
+
+    Args:
+        radius: Range of the tip's distance R from the origin [m].
+        direction: Range of the tip's direction φ [rad].
+        link: Length L of the link [m].
+        low: Lower end of the link's direction θ [rad].
+        high: Upper end of the link's direction θ [rad].
+
+    Returns:
+        Range of the distance D [m], and range of the direction [rad], measured from the same axis
+        as θ and φ.
     """
-    cosine = cosine_over(low - direction[1], high - direction[0])
+    cosine = cosine_range(low - direction[1], high - direction[0])
     nearest = min(max(link * cosine[1], radius[0]), radius[1])
     least = nearest * nearest + link * link - 2.0 * nearest * link * cosine[1]
     most = 0.0
     for r in radius:
         most = max(most, r * r + link * link - 2.0 * r * link * cosine[0])
-    alpha = directions(low - direction[1], high - direction[0], radius, link)
+    alpha = wrist_direction_range(low - direction[1], high - direction[0], radius, link)
     distances = math.sqrt(max(0.0, least)), math.sqrt(most)
     return distances, (direction[0] + alpha[0], direction[1] + alpha[1])
 
 
 @kernel
-def directions(low: float, high: float, radius: Interval, link: float) -> Interval:
-    """Range of α over u ∈ [low, high] rad and distances in `radius`: α is monotone in these.
+def wrist_direction_range(low: float, high: float, radius: Interval, link: float) -> Interval:
+    """Return the range of α over link directions and tip distances.
 
-    Any, where the wrist may be at the origin: R = L₃ and u = 0.
+    α = atan2(−L sin u, R − L cos u) is monotone in R, so both ends of the distances suffice. If the
+    wrist may lie at the origin (R = L, u = 0), the result is (−π, π).
+
+    Args:
+        low: Lower end of u, the link's direction relative to the tip's [rad].
+        high: Upper end of u [rad].
+        radius: Range of the tip's distance R [m].
+        link: Length L of the link [m].
+
+    Returns:
+        Least and greatest α [rad].
     """
-    if radius[0] - ROUNDING < link:
+    if radius[0] - INTERVAL_ROUNDING < link:
         turn = 2.0 * math.pi
         shift = turn * math.floor(low / turn)
         low, high = low - shift, high - shift
-        if link < radius[1] + ROUNDING and (low < ROUNDING or high > turn - ROUNDING):
+        if link < radius[1] + INTERVAL_ROUNDING and (
+            low < INTERVAL_ROUNDING or high > turn - INTERVAL_ROUNDING
+        ):
             return -math.pi, math.pi
-    one = _wrist_direction(low, high, radius[0], link)
-    other = _wrist_direction(low, high, radius[1], link)
+    one = _wrist_direction_range(low, high, radius[0], link)
+    other = _wrist_direction_range(low, high, radius[1], link)
     return min(one[0], other[0]), max(one[1], other[1])
 
 
 @kernel
-def enclose_lengths(
-    m: MachineArrays, j: int, low: float, high: float, box: FloatArray
-) -> bool:
-    """Lengths of cylinder j with its joint in [low, high] rad or m, angles by whole turns, to
-    box[:, j] [m]; False where none is within limits."""
-    low, high = low - ROUNDING, high + ROUNDING
+def enclose_lengths(m: MachineArrays, j: int, low: float, high: float, box: FloatArray) -> bool:
+    """Enclose the length of cylinder j for an interval of its joint's positions.
+
+    The interval is clipped to the joint limits. For a turning joint it is also tried shifted by −2
+    to 2 whole turns.
+
+    Args:
+        m: Numeric description of the machine.
+        j: Index of the joint.
+        low: Lower end of the interval [rad or m].
+        high: Upper end of the interval [rad or m].
+        box: Written in place, shape (2, n): box[0, j] shortest and box[1, j] longest length [m].
+
+    Returns:
+        False if no position of the interval is within the joint limits; `box` is then unchanged.
+    """
+    low, high = low - INTERVAL_ROUNDING, high + INTERVAL_ROUNDING
     if m.slides[j]:
         inside = max(low, m.joint_min[j]), min(high, m.joint_max[j])
     else:
-        inside = _within(low, high, m.joint_min[j], m.joint_max[j])
-    if inside[0] > inside[1] + ROUNDING:
+        inside = _intersect_modulo_turns(low, high, m.joint_min[j], m.joint_max[j])
+    if inside[0] > inside[1] + INTERVAL_ROUNDING:
         return False
     a = cylinder_length(m.linkage[j], inside[0])
     b = cylinder_length(m.linkage[j], inside[1])

@@ -1,17 +1,20 @@
-"""A* over lattice points in the space of cylinder lengths and mode patterns, edges priced lazily.
+"""A* over lattice points in the space of cylinder lengths and mode combinations.
 
-The lattice covers the joints' whole ranges, the start is among its points, and a step leads to one
-of the 3ⁿ − 1 points around; to a goal posture it leads from the points around that. With one
-spacing for all cylinders strokes and durations in N add up to those of a straight move, as the
-steps run along the axes and all diagonals: the lattice itself then costs nothing where no cylinder
-needs boost. Among obstacles it is the joints that turn evenly, the first ones by less, so that the
-arm moves about as far with each step: a millimetre of one cylinder may move the tip by 40.
+The lattice covers the whole ranges of the joints, and the start is one of its points. A step leads
+to one of the 3ⁿ − 1 neighbours. A goal posture is reached from the lattice points around it. Steps
+are priced only when the search looks at them.
 
-A state is a point and the pattern in which it was reached. The estimate of the cost that remains,
-`lower_bound.least_cost` to the nearest goal posture, is consistent.
+With one spacing for all cylinders, strokes and durations in mode N add up to those of a straight
+move, because steps run along the axes and all diagonals. The lattice then adds no cost if no
+cylinder needs boost. With obstacles the lattice is even in the joint positions instead, with
+smaller angles for inner joints. The arm then moves about equally far with each step. With equal
+spacing in lengths it would not: one millimetre of some cylinders moves the tip by 40 mm.
 
-Only points that are met take memory, each a row of its own, so that a lattice is laid out at once
-however many points it has; rows are added as the search asks for them.
+A state is a lattice point and the mode combination in which it was reached. The heuristic is the
+lower bound `least_move_cost` to the goal posture for which it is least. It is consistent.
+
+Memory is used only by lattice points that have been reached: each gets a row of its own. More rows
+are added on demand, so a lattice of any size is created at once.
 """
 
 from __future__ import annotations
@@ -23,87 +26,131 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import cylinder_length, joint_angle
+from mhsb_model.linkages.linkage import cylinder_length, find_joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.integrated.route import (
-    Memory,
-    Terms,
-    least_step,
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
+from mhsb_planner.integrated.cylinder_path import (
+    PathCostBuffers,
+    PathCostModel,
+    count_switches_to_hold,
+    least_move_cost,
     price_piece,
-    switches_to_hold,
 )
-from mhsb_planner.search.frontier import (
-    EXHAUSTED,
-    EXPANDED,
-    FOUND,
-    FULL,
-    GENERATED,
-    NOWHERE,
-    PAUSED,
-    Frontier,
-    empty_frontier,
-    enlarged,
-    reach,
-    take_first,
-    way_to_goal,
+from mhsb_planner.search.open_list import (
+    ARRAYS_FULL,
+    EXPANDED_COUNT,
+    GENERATED_COUNT,
+    GOAL_FOUND,
+    NO_STATE,
+    SEARCH_EXHAUSTED,
+    SEARCH_PAUSED,
+    OpenList,
+    create_open_list,
+    enlarge_open_list,
+    pop_first_state,
+    record_path_to,
+    trace_path_to_goal,
 )
-from mhsb_planner.search.s2_step import DURATION, INADMISSIBLE, Postures
+from mhsb_planner.search.s2_step import DURATION_COLUMN, STEP_INADMISSIBLE, Postures
 
-FIRST_PORTION, PORTION = 4, 50
-"""States to expand before the first look at the clock, and between two at most."""
+FIRST_EXPANSION_BATCH, MAX_EXPANSION_BATCH = 4, 50
+"""Number of states to expand before the first look at the clock, and largest number between two
+looks.
+"""
 
-ROUNDING = 1e-9  # m
+LENGTH_ROUNDING = 1e-9
+"""Rounding error allowed when a goal's cylinder length is compared with lattice lengths [m]."""
 
-CLOSE = 0.05
-"""Share of the spacing by which the last point may miss the end of a joint's range."""
+END_POINT_TOLERANCE = 0.05
+"""Distance by which the last lattice point may miss the end of a joint's range, as a share of the
+spacing.
+"""
 
 FIRST_ROWS = 1000
-"""Points for which there is room before a search asks for more; then twice as many each time."""
+"""Number of lattice points with memory at first; it doubles each time that the search needs more.
+"""
 
 
 class Lattice(NamedTuple):
-    """Points at all combinations of some lengths of each cylinder, numbered row by row."""
+    """Points at all combinations of given lengths of each cylinder, numbered in row-major order.
 
-    shape: IntArray  # [n] points along each cylinder's length
-    stride: IntArray  # [n]
+    Attributes:
+        shape: Number of lengths of each cylinder, shape (n,).
+        stride: Difference of two point numbers for one step along each cylinder, shape (n,).
+        start: Number of the start point.
+        length: Lattice lengths of each cylinder, shape (n, longest) [m]; shorter rows are padded
+            with 0.
+        angle: Position of the joint at each lattice length, shape (n, longest) [rad or m].
+        moves: Steps to the neighbours in lattice indices −1, 0 and 1, shape (3ⁿ − 1, n).
+    """
+
+    shape: IntArray
+    stride: IntArray
     start: int
-    length: FloatArray  # [n, longest] m, along each cylinder
-    angle: FloatArray  # [n, longest] rad, of its joint
-    moves: IntArray  # [3ⁿ − 1, n] −1, 0, 1
+    length: FloatArray
+    angle: FloatArray
+    moves: IntArray
 
 
-def evenly_long(machine: Machine, posture: FloatArray, spacing: float) -> Lattice:
-    """Lattice around a posture [rad] with a point every `spacing` m of all cylinders."""
+def lattice_even_in_lengths(machine: Machine, posture: FloatArray, spacing: float) -> Lattice:
+    """Create a lattice with equal spacing in the lengths of all cylinders.
+
+    The ends of the joint ranges are lattice points, too.
+
+    Args:
+        machine: The arm in its plane.
+        posture: Start posture, which becomes a lattice point, shape (n,) [rad or m].
+        spacing: Distance of two lattice lengths [m].
+
+    Returns:
+        The lattice.
+    """
     axes = []
     for j, angle in enumerate(posture):
-        linkage, low, high = machine.arrays.linkage[j], *_limits(machine, j)
+        linkage, low, high = machine.arrays.linkage[j], *_joint_limits(machine, j)
         one, other = cylinder_length(linkage, low), cylinder_length(linkage, high)
         here = cylinder_length(linkage, angle)
-        length, first = _every(here, min(one, other), max(one, other), spacing)
-        axes.append((length, _angles(linkage, length, low, high, first, angle), first))
-    return _lattice(axes)
+        length, first = _evenly_spaced(here, min(one, other), max(one, other), spacing)
+        axes.append((length, _invert_lengths(linkage, length, low, high, first, angle), first))
+    return _assemble_lattice(axes)
 
 
-def evenly_turned(machine: Machine, posture: FloatArray, reach: float) -> Lattice:
-    """Lattice around a posture [rad] whose joints turn by what moves no part farther than reach m.
+def lattice_even_in_angles(machine: Machine, posture: FloatArray, reach: float) -> Lattice:
+    """Create a lattice with equal spacing in the joint positions, smaller for inner joints.
 
-    Each joint by itself, the arm being stretched out beyond it.
+    The spacing of a turning joint is `reach` over the length of the stretched arm beyond it [rad].
+    For a telescope it is `reach` itself [m].
+
+    Args:
+        machine: The arm in its plane.
+        posture: Start posture, which becomes a lattice point, shape (n,) [rad or m].
+        reach: Largest distance that any part of the arm moves if one joint makes one step [m].
+
+    Returns:
+        The lattice.
     """
     a = machine.arrays
     longest = a.link_length + np.where(a.slides, a.joint_max, 0.0)
     axes, beyond = [], np.where(a.slides, 1.0, np.cumsum(longest[::-1])[::-1])
     for j, angle in enumerate(posture):
-        angles, first = _every(angle, *_limits(machine, j), reach / beyond[j])
+        angles, first = _evenly_spaced(angle, *_joint_limits(machine, j), reach / beyond[j])
         linkage = machine.arrays.linkage[j]
         axes.append((np.array([cylinder_length(linkage, q) for q in angles]), angles, first))
-    return _lattice(axes)
+    return _assemble_lattice(axes)
 
 
-def _lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice:
-    """Of each cylinder's lengths [m], its joint's angles [rad], and which of them is the start."""
+def _assemble_lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice:
+    """Assemble a lattice from the points along each axis.
+
+    Args:
+        axes: For each cylinder its lattice lengths [m], the joint positions [rad or m], and the
+            index of the start among them.
+
+    Returns:
+        The lattice.
+    """
     lengths, angles, first = zip(*axes, strict=True)
     shape = np.array([len(length) for length in lengths])
     stride = np.append(np.cumprod(shape[:0:-1])[::-1], 1)
@@ -112,92 +159,159 @@ def _lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice:
         frozen(shape),
         frozen(stride),
         int(stride @ np.array(first)),
-        _rows(lengths),
-        _rows(angles),
+        _stack_padded(lengths),
+        _stack_padded(angles),
         frozen(np.array(moves)),
     )
 
 
-def _every(here: float, low: float, high: float, spacing: float) -> tuple[FloatArray, int]:
-    """Numbers every `spacing` from `here` on to both ends, these included, and where it is."""
+def _evenly_spaced(here: float, low: float, high: float, spacing: float) -> tuple[FloatArray, int]:
+    """Return numbers at equal spacing around a value, with both ends of a range added.
+
+    An end is left out if it lies within END_POINT_TOLERANCE of the last number.
+
+    Args:
+        here: Value that is one of the numbers.
+        low: Lower end of the range.
+        high: Upper end of the range.
+        spacing: Distance between two numbers.
+
+    Returns:
+        The numbers in ascending order, and the index of `here`.
+    """
     below = max(0, math.floor((here - low) / spacing))
     above = max(0, math.floor((high - here) / spacing))
     numbers: FloatArray = here + spacing * np.arange(-below, above + 1, dtype=np.float64)
-    if numbers[0] > low + CLOSE * spacing:
+    if numbers[0] > low + END_POINT_TOLERANCE * spacing:
         numbers, below = np.append(low, numbers), below + 1
-    if numbers[-1] < high - CLOSE * spacing:
+    if numbers[-1] < high - END_POINT_TOLERANCE * spacing:
         numbers = np.append(numbers, high)
     return numbers, below
 
 
 @kernel
-def _angles(
+def _invert_lengths(
     linkage: FloatArray, length: FloatArray, low: float, high: float, first: int, angle: float
 ) -> FloatArray:
-    """Angles [rad] of a joint at its cylinder's lengths [m], that at `first` being known."""
+    """Compute the joint positions that belong to lattice lengths of one cylinder.
+
+    The inversion walks outwards from a known position, so that each result starts the next.
+
+    Args:
+        linkage: Numeric description of the joint's linkage.
+        length: Cylinder lengths in sequence [m].
+        low: Lower joint limit [rad or m].
+        high: Upper joint limit [rad or m].
+        first: Index of the length whose joint position is known.
+        angle: Joint position at `first` [rad or m].
+
+    Returns:
+        Joint position at each length [rad or m].
+    """
     angles = np.empty(len(length))
     angles[first] = angle
     for i in range(first + 1, len(length)):
-        angles[i] = joint_angle(linkage, length[i], low, high, angles[i - 1])
+        angles[i] = find_joint_angle(linkage, length[i], low, high, angles[i - 1])
     for i in range(first - 1, -1, -1):
-        angles[i] = joint_angle(linkage, length[i], low, high, angles[i + 1])
+        angles[i] = find_joint_angle(linkage, length[i], low, high, angles[i + 1])
     return angles
 
 
-def _limits(machine: Machine, j: int) -> tuple[float, float]:
+def _joint_limits(machine: Machine, j: int) -> tuple[float, float]:
+    """Return the lower and upper limit of joint j [rad or m]."""
     return float(machine.arrays.joint_min[j]), float(machine.arrays.joint_max[j])
 
 
-def _rows(rows: tuple[FloatArray, ...]) -> FloatArray:
-    """Rows of different lengths as one array, filled up at their ends."""
+def _stack_padded(rows: tuple[FloatArray, ...]) -> FloatArray:
+    """Stack arrays of different lengths as rows of one array, padded with 0.
+
+    Args:
+        rows: One-dimensional arrays.
+
+    Returns:
+        Read-only array, shape (number of rows, length of the longest).
+    """
     filled = np.zeros((len(rows), max(len(row) for row in rows)))
     for i, row in enumerate(rows):
         filled[i, : len(row)] = row
     return frozen(filled)
 
 
-class Known(NamedTuple):
-    """What this search notes beside its frontier, of the points that it has met, one a row.
+class LatticePointData(NamedTuple):
+    """Data of the lattice points that the search has reached, one row for each point.
 
-    The states of the point in row r are numbers r · patterns and following.
+    The states of the point in row r have the numbers r · patterns to (r + 1) · patterns − 1.
+
+    Attributes:
+        row: One more than the row of each lattice point, 0 if it has not been reached, shape
+            (points,).
+        rows: Number of rows in use, shape (1,).
+        point: Number of the lattice point of each row.
+        remaining: Lower bound on the cost from each row's point to the cheapest goal posture.
+        force: Piston forces at each row's point, shape (rows, n) [N]; NaN until they are computed.
+        best: Cheapest state of each row's point so far, NO_STATE if there is none.
+        reached: Index of the goal posture at the end of the best path so far, shape (1,).
     """
 
-    row: IntArray  # [points] one more than the row of each, 0 where it has not been met
-    rows: IntArray  # [1] points met
-    point: IntArray  # [rows] which it is
-    remaining: FloatArray  # [rows] least cost to the goal
-    force: FloatArray  # [rows, n] of the cylinders [N], NaN where not yet computed
-    best: IntArray  # [rows] the cheapest state so far, NOWHERE where none
-    reached: IntArray  # [1] goal posture at the end of the path to the goal
+    row: IntArray
+    rows: IntArray
+    point: IntArray
+    remaining: FloatArray
+    force: FloatArray
+    best: IntArray
+    reached: IntArray
 
 
-def nothing_known(lattice: Lattice, rows: int) -> Known:
-    """What is noted before a search, with room for so many points."""
-    return Known(
+def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
+    """Create the data of reached lattice points for a search that has reached none.
+
+    Args:
+        lattice: The lattice.
+        rows: Number of lattice points for which memory is allocated.
+
+    Returns:
+        Data with `rows` rows, none of them in use.
+    """
+    return LatticePointData(
         row=np.zeros(int(np.prod(lattice.shape)), dtype=np.int64),
         rows=np.zeros(1, dtype=np.int64),
         point=np.empty(rows, dtype=np.int64),
         remaining=np.empty(rows),
         force=np.full((rows, len(lattice.shape)), np.nan),
-        best=np.full(rows, NOWHERE),
-        reached=np.full(1, NOWHERE),
+        best=np.full(rows, NO_STATE),
+        reached=np.full(1, NO_STATE),
     )
 
 
-def _with_more_rows(known: Known) -> Known:
-    """The same with twice as many rows."""
+def _with_more_rows(known: LatticePointData) -> LatticePointData:
+    """Return the data of reached points with twice as many rows.
+
+    The old rows keep their contents.
+    """
     more = len(known.point)
     return known._replace(
         point=np.append(known.point, np.empty(more, dtype=np.int64)),
         remaining=np.append(known.remaining, np.empty(more)),
         force=np.vstack([known.force, np.full((more, known.force.shape[1]), np.nan)]),
-        best=np.append(known.best, np.full(more, NOWHERE)),
+        best=np.append(known.best, np.full(more, NO_STATE)),
     )
 
 
 @kernel(borrows=True)
-def _put(known: Known, lattice: Lattice, row: int, points: Postures, i: int) -> None:
-    """Put the lattice point of a row at points[i]; its forces are those of `_load`."""
+def _load_point(
+    known: LatticePointData, lattice: Lattice, row: int, points: Postures, i: int
+) -> None:
+    """Write cylinder lengths and joint positions of a row's lattice point to points[i].
+
+    The piston forces are left to `_load_forces`.
+
+    Args:
+        known: Data of the lattice points reached.
+        lattice: The lattice.
+        row: Row of the point.
+        points: Postures, changed in place.
+        i: Index of the posture to write.
+    """
     rest = known.point[row]
     for j in range(len(lattice.shape)):
         at = rest // lattice.stride[j]
@@ -207,16 +321,37 @@ def _put(known: Known, lattice: Lattice, row: int, points: Postures, i: int) -> 
 
 
 @kernel
-def _load(t: Terms, known: Known, row: int, points: Postures, i: int) -> None:
-    """Put the cylinders' forces at the point of a row, computed once, at points[i]."""
+def _load_forces(
+    t: PathCostModel, known: LatticePointData, row: int, points: Postures, i: int
+) -> None:
+    """Write the piston forces of a row's lattice point to points[i].
+
+    They are computed the first time and stored in known.force. The posture must be in points[i]
+    already.
+
+    Args:
+        t: Cost model of the cylinder path.
+        known: Data of the lattice points reached.
+        row: Row of the point.
+        points: Postures, changed in place.
+        i: Index of the posture to write.
+    """
     if math.isnan(known.force[row, 0]):
         piston_forces(t.machine, points.posture[i], known.force[row])
     points.force[i] = known.force[row]
 
 
 @kernel(borrows=True)
-def _meet(known: Known, point: int) -> int:
-    """A new row for a point that has not been met."""
+def _add_row(known: LatticePointData, point: int) -> int:
+    """Assign the next free row to a lattice point that has not been reached before.
+
+    Args:
+        known: Data of the lattice points reached, changed in place.
+        point: Number of the lattice point.
+
+    Returns:
+        The row.
+    """
     row = known.rows[0]
     known.rows[0] += 1
     known.row[point] = row + 1
@@ -225,46 +360,91 @@ def _meet(known: Known, point: int) -> int:
 
 
 @kernel(borrows=True)
-def _remaining(t: Terms, length: FloatArray, goals: FloatArray) -> float:
+def _least_cost_to_goals(t: PathCostModel, length: FloatArray, goals: FloatArray) -> float:
+    """Return the least lower bound on the cost from cylinder lengths to any goal posture.
+
+    Args:
+        t: Cost model of the cylinder path.
+        length: Cylinder lengths, shape (n,) [m].
+        goals: Cylinder lengths of the goal postures, shape (goals, n) [m].
+
+    Returns:
+        The least of the bounds; inf if there is no goal.
+    """
     least = math.inf
     for k in range(len(goals)):
-        least = min(least, least_step(t, length, goals[k]))
+        least = min(least, least_move_cost(t, length, goals[k]))
     return least
 
 
 @kernel(borrows=True)
 def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
-    """Whether the goal lies between the points next to the one with the indices at[n]."""
+    """Return whether a goal lies between the neighbours of a lattice point, in every cylinder.
+
+    Args:
+        lattice: The lattice.
+        at: Lattice indices of the point, shape (n,).
+        goal: Cylinder lengths of the goal posture, shape (n,) [m].
+
+    Returns:
+        True if the goal may be reached from the point in one step.
+    """
     for j in range(len(at)):
         one = lattice.length[j, max(0, at[j] - 1)]
         other = lattice.length[j, min(lattice.shape[j] - 1, at[j] + 1)]
-        if not min(one, other) - ROUNDING <= goal[j] <= max(one, other) + ROUNDING:
+        if not min(one, other) - LENGTH_ROUNDING <= goal[j] <= max(one, other) + LENGTH_ROUNDING:
             return False
     return True
 
 
-class Origin(NamedTuple):
-    """The state that is being expanded, from which steps lead."""
+class ExpandedState(NamedTuple):
+    """The state that is being expanded.
 
-    state: int  # NOWHERE for the start
-    pattern: int  # in which it was reached; the modes in force are one more, the last
-    cost: float  # so far
+    Attributes:
+        state: Number of the state; NO_STATE for the start.
+        pattern: Index of the mode combination of arrival; len(patterns) stands for the modes in
+            force.
+        cost: Cost from the start.
+    """
+
+    state: int
+    pattern: int
+    cost: float
 
 
 @kernel(borrows=True)
-def _relax(
-    t: Terms, f: Frontier, known: Known, state: int, target: int, cost: float, least: float
+def _relax_step(
+    t: PathCostModel,
+    f: OpenList,
+    known: LatticePointData,
+    state: int,
+    target: int,
+    cost: float,
+    least: float,
 ) -> bool:
-    """Note that the target is reached from a state at this cost, where that is cheaper.
+    """Record a step to a state if it is cheaper than the step known so far.
 
-    Not where the cheapest state of the same point, with the switches from its pattern to the
-    target's, costs no more: whatever follows can follow that one.
+    A step is dropped if another state of the same point, with the mode switches between the two,
+    costs no more. Otherwise the target gets cost and parent and is put into the open list, or moved
+    there.
+
+    Args:
+        t: Cost model of the cylinder path.
+        f: Open list and state records, changed in place.
+        known: Data of the lattice points reached; known.best is updated.
+        state: State from which the step leads; NO_STATE for the start.
+        target: State that is reached; the last state is the goal.
+        cost: Cost of the path to the target.
+        least: Estimated cost from the target to the goal, heuristic weight included.
+
+    Returns:
+        True if the step was recorded.
     """
     patterns = len(t.patterns)
     row, p = target // patterns, target % patterns
     if target < len(f.states) - 1:
         best = known.best[row]
-        if best == NOWHERE:
+        if best == NO_STATE:
             known.best[row] = target
         elif cost >= f.states[best].cost + t.weight[2] * t.switches[best % patterns, p]:
             return False
@@ -272,66 +452,109 @@ def _relax(
             known.best[row] = target
     if cost >= f.states[target].cost:
         return False
-    reach(f, target, state, 1 if state == NOWHERE else f.states[state].depth + 1, cost, least)
+    record_path_to(
+        f, target, state, 1 if state == NO_STATE else f.states[state].depth + 1, cost, least
+    )
     return True
 
 
 @kernel(borrows=True)
-def _take(
-    t: Terms,
-    w: Memory,
-    f: Frontier,
-    known: Known,
-    origin: Origin,
+def _relax_all_patterns(
+    t: PathCostModel,
+    w: PathCostBuffers,
+    f: OpenList,
+    known: LatticePointData,
+    origin: ExpandedState,
     admitted: int,
     first: int,
-    apart: int,
-    after: IntArray,
+    state_stride: int,
+    holding_switches: IntArray,
     least: float,
-    enough: float,
-    haste: float,
+    cost_limit: float,
+    heuristic_weight: float,
 ) -> bool:
-    """Take the step priced in w.scratch in all patterns admitted; whether it gained anything.
+    """Record the step that was priced last in every admissible mode combination.
 
-    Pattern p leads from the origin to the state first + p · apart, from which `least` is left to
-    the goal; after[p] actuators change their mode there.
+    The priced step is in w.scratch and w.shortfall.
+
+    Steps whose cost and remaining lower bound reach `cost_limit` are dropped.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory with the priced step.
+        f: Open list and state records, changed in place.
+        known: Data of the lattice points reached, changed in place.
+        origin: State from which the step leads.
+        admitted: Value of w.scratch.status in the combinations that may be used, as `price_piece`
+            returns it.
+        first: State reached in combination 0.
+        state_stride: Difference between the states of successive combinations; 0 if all reach the
+            goal.
+        holding_switches: Additional switches after the step for each combination, shape
+            (patterns,).
+        least: Lower bound on the cost from the target to the goal.
+        cost_limit: Paths of this cost or more are dropped.
+        heuristic_weight: Heuristic weight.
+
+    Returns:
+        True if the step was recorded in any combination.
     """
     cost, gained = w.scratch.cost, False
     for p in range(len(t.patterns)):
         if w.scratch.status[p] == admitted:
-            there = origin.cost + t.weight[0] * cost[p, t.column] + t.weight[1] * cost[p, DURATION]
-            switches = t.switches[origin.pattern, p] + after[p]
+            there = (
+                origin.cost
+                + t.weight[0] * cost[p, t.energy_column]
+                + t.weight[1] * cost[p, DURATION_COLUMN]
+            )
+            switches = t.switches[origin.pattern, p] + holding_switches[p]
             there += t.weight[2] * switches + w.shortfall[p]
-            if there + least < enough:
-                target = first + p * apart
-                left = haste * least
-                gained = _relax(t, f, known, origin.state, target, there, left) or gained
+            if there + least < cost_limit:
+                target = first + p * state_stride
+                left = heuristic_weight * least
+                gained = _relax_step(t, f, known, origin.state, target, there, left) or gained
     return gained
 
 
 @kernel
 def expand(
-    t: Terms,
-    w: Memory,
-    f: Frontier,
-    known: Known,
+    t: PathCostModel,
+    w: PathCostBuffers,
+    f: OpenList,
+    known: LatticePointData,
     lattice: Lattice,
     goals: Postures,
-    enough: float,
-    haste: float,
-    once: bool,
+    cost_limit: float,
+    heuristic_weight: float,
+    reachability_only: bool,
     limit: int,
 ) -> int:
-    """Expand up to `limit` states; PAUSED, FOUND, EXHAUSTED, or FULL where rows are to be added.
+    """Expand up to `limit` states of the A* search; call again to continue.
 
-    goals   the postures in which the path may end
-    enough  paths that cost as much or more are not wanted
-    haste   factor on what is estimated to remain: with 1 the path found is the cheapest, with
-            more it costs at most so many times as much and is found sooner
-    once    whether a point that has been reached is looked at no more: whether there is a path is
-            found out soonest, not the cheapest
+    The first call expands the start. Neighbours are priced on the spot. From points next to a goal
+    posture a step to it is tried, which includes the switches to the holding modes.
 
-    Oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
+    Test oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, overwritten.
+        f: Open list and state records, changed in place; the last state is the goal.
+        known: Data of the lattice points reached, changed in place.
+        lattice: The lattice.
+        goals: Goal postures in which the path may end.
+        cost_limit: Paths of this cost or more are dropped.
+        heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
+            cheapest one; a larger w finds it earlier.
+        reachability_only: If true, points with a state are not looked at again. This answers
+            fastest whether there is any path, but not which is cheapest.
+        limit: Largest number of states to take from the open list in this call. States that another
+            state of their point dominates are taken, but not expanded.
+
+    Returns:
+        SEARCH_PAUSED after `limit` states, GOAL_FOUND, SEARCH_EXHAUSTED if there is no path below
+        `cost_limit`. ARRAYS_FULL means that `known` has too few rows for the neighbours of the next
+        state: the caller must add rows and call again.
     """
     patterns, w_switch = len(t.patterns), t.weight[2]
     sink = len(f.states) - 1
@@ -340,24 +563,24 @@ def expand(
     none, after = np.zeros(patterns, dtype=np.int64), np.empty(patterns, dtype=np.int64)
     for _ in range(limit):
         if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
-            return FULL
-        if f.counts[EXPANDED] == 0:
-            state, own, so_far = NOWHERE, patterns, 0.0
-            here = _meet(known, lattice.start)
+            return ARRAYS_FULL
+        if f.counts[EXPANDED_COUNT] == 0:
+            state, own, so_far = NO_STATE, patterns, 0.0
+            here = _add_row(known, lattice.start)
         else:
-            state = take_first(f)
-            if state == NOWHERE:
-                return EXHAUSTED
+            state = pop_first_state(f)
+            if state == NO_STATE:
+                return SEARCH_EXHAUSTED
             if state == sink:
-                return FOUND
+                return GOAL_FOUND
             here, own, so_far = state // patterns, state % patterns, f.states[state].cost
             best = known.best[here]
             if so_far > f.states[best].cost + w_switch * t.switches[best % patterns, own]:
                 continue
-        origin = Origin(state, own, so_far)
-        f.counts[EXPANDED] += 1
-        _put(known, lattice, here, w.points, 0)
-        _load(t, known, here, w.points, 0)
+        origin = ExpandedState(state, own, so_far)
+        f.counts[EXPANDED_COUNT] += 1
+        _load_point(known, lattice, here, w.points, 0)
+        _load_forces(t, known, here, w.points, 0)
         rest = known.point[here]
         for j in range(n):
             at[j] = rest // lattice.stride[j]
@@ -371,28 +594,41 @@ def expand(
             if not inside:
                 continue
             target = known.row[point] - 1
-            if once and target != NOWHERE and known.best[target] != NOWHERE:
+            if reachability_only and target != NO_STATE and known.best[target] != NO_STATE:
                 continue
-            if target == NOWHERE:
-                target = _meet(known, point)
-                _put(known, lattice, target, w.points, 1)
-                known.remaining[target] = _remaining(t, w.points.length[1], goals.length)
+            if target == NO_STATE:
+                target = _add_row(known, point)
+                _load_point(known, lattice, target, w.points, 1)
+                known.remaining[target] = _least_cost_to_goals(t, w.points.length[1], goals.length)
             else:
-                _put(known, lattice, target, w.points, 1)
+                _load_point(known, lattice, target, w.points, 1)
             least = known.remaining[target]
-            there = so_far + least_step(t, w.points.length[0], w.points.length[1])
-            if there + least >= enough:
+            there = so_far + least_move_cost(t, w.points.length[0], w.points.length[1])
+            if there + least >= cost_limit:
                 continue
             best = known.best[target]
-            if best != NOWHERE and there >= f.states[best].cost + w_switch * n:
+            if best != NO_STATE and there >= f.states[best].cost + w_switch * n:
                 continue
-            _load(t, known, target, w.points, 1)
-            f.counts[GENERATED] += 1
+            _load_forces(t, known, target, w.points, 1)
+            f.counts[GENERATED_COUNT] += 1
             admitted = price_piece(t, w, 0)
-            if admitted == INADMISSIBLE:
+            if admitted == STEP_INADMISSIBLE:
                 continue
             first = target * patterns
-            _take(t, w, f, known, origin, admitted, first, 1, none, least, enough, haste)
+            _relax_all_patterns(
+                t,
+                w,
+                f,
+                known,
+                origin,
+                admitted,
+                first,
+                1,
+                none,
+                least,
+                cost_limit,
+                heuristic_weight,
+            )
         for k in range(len(goals.length)):
             if not _is_around(lattice, at, goals.length[k]):
                 continue
@@ -401,71 +637,94 @@ def expand(
                 w.points.length[1, j] = goals.length[k, j]
                 w.points.force[1, j] = goals.force[k, j]
             admitted = price_piece(t, w, 0)
-            if admitted == INADMISSIBLE:
+            if admitted == STEP_INADMISSIBLE:
                 continue
             for p in range(patterns):
-                after[p] = switches_to_hold(t.machine, w.points.force[1], t.patterns[p])
-            if _take(t, w, f, known, origin, admitted, sink, 0, after, 0.0, enough, haste):
+                after[p] = count_switches_to_hold(t.machine, w.points.force[1], t.patterns[p])
+            if _relax_all_patterns(
+                t, w, f, known, origin, admitted, sink, 0, after, 0.0, cost_limit, heuristic_weight
+            ):
                 known.reached[0] = k
-    return PAUSED
+    return SEARCH_PAUSED
 
 
 class LatticeSearch:
-    """A search over a lattice from its start to goal postures.
+    """Resumable A* search over a lattice from its start to goal postures.
 
-    exhausted  whether it has ended because no route costs less than enough
+    Attributes:
+        exhausted: True if the last call ended because no path costs less than its limit.
     """
 
     exhausted = False
 
     def __init__(
         self,
-        t: Terms,
-        memory: Memory,
+        t: PathCostModel,
+        memory: PathCostBuffers,
         lattice: Lattice,
         goals: Postures,
     ) -> None:
+        """Prepare the search; nothing is expanded yet.
+
+        Args:
+            t: Cost model by which steps are priced.
+            memory: Working memory of the thread.
+            lattice: The lattice.
+            goals: Goal postures in which the path may end.
+        """
         self._terms, self._memory, self._lattice, self._goals = t, memory, lattice, goals
         rows = max(FIRST_ROWS, len(self._lattice.moves) + 1)
-        self._frontier = empty_frontier(rows * len(t.patterns))
-        self._known = nothing_known(self._lattice, rows)
+        self._frontier = create_open_list(rows * len(t.patterns))
+        self._known = empty_labels(self._lattice, rows)
 
     @property
-    def expanded(self) -> int:
-        """States expanded so far."""
-        return int(self._frontier.counts[EXPANDED])
+    def expanded_count(self) -> int:
+        """Number of states expanded so far."""
+        return int(self._frontier.counts[EXPANDED_COUNT])
 
     @property
-    def met(self) -> int:
-        """Points met so far."""
+    def reached_count(self) -> int:
+        """Number of lattice points reached so far."""
         return int(self._known.rows[0])
 
     @property
-    def priced(self) -> int:
-        """Steps priced so far."""
-        return int(self._frontier.counts[GENERATED])
+    def priced_count(self) -> int:
+        """Number of lattice steps priced so far."""
+        return int(self._frontier.counts[GENERATED_COUNT])
 
     @property
     def cost(self) -> float:
-        """Cost of the route found."""
+        """Cost of the path found; inf before."""
         return self._frontier.goal_cost
 
     def search(
         self,
-        enough: float,
-        expansions: int,
-        deadline: Deadline = NEVER,
-        haste: float = 1.0,
-        once: bool = False,
+        cost_limit: float,
+        max_expansions: int,
+        deadline: Deadline = NO_DEADLINE,
+        heuristic_weight: float = 1.0,
+        reachability_only: bool = False,
     ) -> tuple[FloatArray, int] | None:
-        """Corners of the cheapest route, float64[points, n] m, and the goal it ends in.
+        """Search for a path below a cost limit, or continue an earlier search.
 
-        With haste above 1, of one that costs at most so many times as much; once: of any. None
-        where no route costs less than `enough`, or none was found with so many expansions or before
-        the deadline.
+        Sets `exhausted` and enlarges the search's memory as needed.
+
+        Args:
+            cost_limit: Paths of this cost or more are dropped.
+            max_expansions: Largest number of states to expand in all calls together.
+            deadline: Instant after which the search pauses.
+            heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
+                cheapest one.
+            reachability_only: If true, any path will do, and points with a state are not looked at
+                again.
+
+        Returns:
+            Waypoints of the path from the start to the goal posture, shape (points, n) [m], and the
+            index of that goal posture. None if there is no path below `cost_limit`, or none was
+            found within the limits.
         """
-        status = PAUSED
-        for portion in deadline.portions(FIRST_PORTION, PORTION):
+        status = SEARCH_PAUSED
+        for portion in deadline.portions(FIRST_EXPANSION_BATCH, MAX_EXPANSION_BATCH):
             status = expand(
                 self._terms,
                 self._memory,
@@ -473,21 +732,27 @@ class LatticeSearch:
                 self._known,
                 self._lattice,
                 self._goals,
-                enough,
-                haste,
-                once,
-                min(portion, expansions - self.expanded),
+                cost_limit,
+                heuristic_weight,
+                reachability_only,
+                min(portion, max_expansions - self.expanded_count),
             )
-            if status == FULL:
-                self._frontier = enlarged(self._frontier)
+            if status == ARRAYS_FULL:
+                self._frontier = enlarge_open_list(self._frontier)
                 self._known = _with_more_rows(self._known)
-            elif status != PAUSED or self.expanded >= expansions:
+            elif status != SEARCH_PAUSED or self.expanded_count >= max_expansions:
                 break
-        self.exhausted = status == EXHAUSTED
-        return self._found() if status == FOUND else None
+        self.exhausted = status == SEARCH_EXHAUSTED
+        return self._read_path() if status == GOAL_FOUND else None
 
-    def _found(self) -> tuple[FloatArray, int]:
-        lattice, way = self._lattice, way_to_goal(self._frontier)
+    def _read_path(self) -> tuple[FloatArray, int]:
+        """Read the path found from the state records.
+
+        Returns:
+            Waypoints, shape (points, n) [m], the start first and the goal posture last, and the
+            index of the goal posture.
+        """
+        lattice, way = self._lattice, trace_path_to_goal(self._frontier)
         rows = way[:-1] // len(self._terms.patterns)
         points = np.append(lattice.start, self._known.point[rows])
         index = (points[:, None] // lattice.stride) % lattice.shape

@@ -1,7 +1,7 @@
-"""Local improvement of a route: corners taken out, corners moved, the goal's free angles turned.
+"""Local improvement of a cylinder path: remove waypoints, move waypoints, change the goal posture.
 
-Every change is kept only where the whole route then costs less, so a route never gets worse, and
-work can end after any of them.
+A change is kept only if it makes the whole path cheaper. The path therefore never gets worse, and
+the work can end after any change.
 """
 
 from __future__ import annotations
@@ -11,37 +11,48 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.tip_postures import posture_at
+from mhsb_model.inverse_kinematics.tip_postures import solve_posture
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.types import FloatArray
-from mhsb_planner.deadline import NEVER, Deadline
-from mhsb_planner.integrated.route import (
-    Memory,
-    Terms,
-    begin_route,
-    continue_route,
-    costs_ahead,
-    price_route,
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
+from mhsb_planner.integrated.cylinder_path import (
+    PathCostBuffers,
+    PathCostModel,
+    begin_path,
+    compute_costs_to_go,
+    continue_path,
+    price_path,
 )
 
 
-def shortcut(
-    t: Terms,
-    w: Memory,
+def remove_waypoints(
+    t: PathCostModel,
+    w: PathCostBuffers,
     via: FloatArray,
     start: FloatArray,
     cost: float,
-    deadline: Deadline = NEVER,
+    deadline: Deadline = NO_DEADLINE,
 ) -> tuple[FloatArray, float]:
-    """The route with every corner taken out whose absence makes it no dearer, and its cost.
+    """Remove every waypoint whose removal makes the path no more expensive.
 
-    After the deadline the rest of the corners stay.
+    Tries the waypoints in order, each once. After the deadline the remaining ones stay.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, overwritten.
+        via: Waypoints, shape (points, n) [m]; not changed.
+        start: Joint positions at via[0], shape (n,) [rad or m].
+        cost: Cost of the path.
+        deadline: Instant after which no more waypoints are tried.
+
+    Returns:
+        The remaining waypoints, and the cost of the path through them.
     """
     i = 1
-    while i < len(via) - 1 and not deadline.passed:
+    while i < len(via) - 1 and not deadline.has_passed:
         without = np.delete(via, i, axis=0)
-        shorter = price_route(t, w, without, start, cost * (1.0 + 1e-9))
+        shorter = price_path(t, w, without, start, cost * (1.0 + 1e-9))
         if shorter < math.inf:
             via, cost = without, min(cost, shorter)
         else:
@@ -49,9 +60,9 @@ def shortcut(
     return via, cost
 
 
-def sweep(
-    t: Terms,
-    w: Memory,
+def sweep_waypoints(
+    t: PathCostModel,
+    w: PathCostBuffers,
     via: FloatArray,
     start: FloatArray,
     cost: float,
@@ -60,31 +71,61 @@ def sweep(
     free: FloatArray,
     stroke: float,
     turn: FloatArray,
-    deadline: Deadline = NEVER,
+    deadline: Deadline = NO_DEADLINE,
 ) -> float:
-    """One round of a compass search, `sweep_corner` by corner; returns the cost.
+    """Run one sweep of a compass search over all waypoints after the start.
 
-    A route that is not possible, of infinite cost, stays as it is, and after the deadline the rest
-    of the corners do.
+    Each waypoint is tried by `sweep_waypoint`. Inadmissible paths (cost inf) stay as they are.
+    After the deadline the remaining waypoints stay.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, overwritten.
+        via: Waypoints, shape (points, n) [m]; changed in place.
+        start: Joint positions at via[0], shape (n,) [rad or m].
+        cost: Cost of the path.
+        tip: Tip position (x, z) at the end [m].
+        elbow: Elbow branch of the posture at the end, ∓1.
+        free: Free joint coordinates of the posture at the end, shape (n - 2,); changed in place.
+        stroke: Stride of a waypoint along each cylinder [m].
+        turn: Stride of each free coordinate, shape (n - 2,) [rad or m]; 0 keeps the coordinate.
+        deadline: Instant after which no more waypoints are tried.
+
+    Returns:
+        Cost of the changed path, at most `cost`.
     """
     if cost == math.inf:
         return cost
-    ahead = costs_ahead(t, w, via, start)
+    ahead = compute_costs_to_go(t, w, via, start)
     for i in range(1, len(via)):
-        if deadline.passed:
+        if deadline.has_passed:
             break
-        cost = sweep_corner(t, w, via, start, cost, tip, elbow, free, stroke, turn, i, ahead)
+        cost = sweep_waypoint(t, w, via, start, cost, tip, elbow, free, stroke, turn, i, ahead)
     return cost
 
 
 @kernel
-def goal_lengths(
-    t: Terms, tip: tuple[float, float], elbow: int, free: FloatArray, length: FloatArray
+def compute_goal_lengths(
+    t: PathCostModel, tip: tuple[float, float], elbow: int, free: FloatArray, length: FloatArray
 ) -> bool:
-    """Cylinder lengths [m] with the tip at the goal; False where they are not within limits."""
+    """Compute the cylinder lengths of the posture with given free coordinates at the goal.
+
+    Args:
+        t: Cost model of the cylinder path.
+        tip: Tip position (x, z) at the goal [m].
+        elbow: Elbow branch: sign of the second-last joint's angle, −1 or 1; with telescopes the
+            side of `close_chain`.
+        free: Free coordinates as in `solve_posture`, shape (n - 2,) [rad or m]: the first n − 3
+            joint angles and ψ. With telescopes: the positions of all joints but the two that close
+            the chain.
+        length: Written in place, shape (n,) [m]; unchanged if there is no posture.
+
+    Returns:
+        False if there is no posture within the joint limits.
+    """
     m = t.machine
     q = np.empty(len(length))
-    if not posture_at(m, tip[0], tip[1], free, elbow, q):
+    if not solve_posture(m, tip[0], tip[1], free, elbow, q):
         return False
     for j in range(len(length)):
         length[j] = cylinder_length(m.linkage[j], q[j])
@@ -92,9 +133,9 @@ def goal_lengths(
 
 
 @kernel
-def sweep_corner(
-    t: Terms,
-    w: Memory,
+def sweep_waypoint(
+    t: PathCostModel,
+    w: PathCostBuffers,
     via: FloatArray,
     start: FloatArray,
     cost: float,
@@ -106,26 +147,40 @@ def sweep_corner(
     i: int,
     ahead: FloatArray,
 ) -> float:
-    """One corner's part of a round of a compass search; returns the cost.
+    """Try to move one waypoint of a path in a compass search.
 
-    The corner is moved along each cylinder, or, at the route's end, each free angle there, both
-    ways. Corners are taken from i = 1 on, one after the other: w keeps what is known where the
-    one before was. What follows the next corner does not change, and is priced once a round.
+    An inner waypoint is moved by `stroke` along each cylinder, both ways. The last waypoint is
+    moved by changing each free joint coordinate of the goal posture, both ways. A cheaper path is
+    kept at once. Call it for i = 1, 2, … in sequence: the working memory carries the costs up to
+    the previous waypoint. The costs beyond the next waypoint come from `ahead`, which stays
+    valid during a sweep.
 
-    via     float64[points, n] m, changed in place
-    stroke  m, by which the corner is moved
-    free    float64[n - 2] rad, of the posture at the end, changed in place
-    turn    float64[n - 2] rad, by which they are turned; 0 leaves one
-    ahead   of `route.costs_ahead`, before the round began
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, left by the previous waypoint's call; changed in place.
+        via: Waypoints, shape (points, n) [m]; row i is changed in place.
+        start: Joint positions at via[0], shape (n,) [rad or m].
+        cost: Cost of the path.
+        tip: Tip position (x, z) at the end [m].
+        elbow: Elbow branch of the posture at the end, ∓1.
+        free: Free joint coordinates of the posture at the end, shape (n - 2,) [rad or m]; changed
+            in place if i is the last waypoint.
+        stroke: Stride of the waypoint along each cylinder [m].
+        turn: Stride of each free coordinate, shape (n - 2,) [rad or m]; 0 keeps the coordinate.
+        i: Index of the waypoint, at least 1.
+        ahead: Result of `compute_costs_to_go` from before the sweep, shape (points, patterns).
+
+    Returns:
+        Cost of the changed path, at most `cost`.
     """
     m, points = t.machine, w.points
     n = via.shape[1]
     parent = np.empty((1, len(t.patterns)), dtype=np.int64)
     if i == 1:
-        begin_route(t, w, via[0], start)
+        begin_path(t, w, via[0], start)
     else:
-        continue_route(t, w, via[i - 2 : i], math.inf, parent, False)
-    # What is known at the corner before the one that is moved: trials begin there.
+        continue_path(t, w, via[i - 2 : i], math.inf, parent, False)
+    # State of the dynamic programming at the previous waypoint, from which every trial begins.
     value, posture, force = w.value[0].copy(), points.posture[0].copy(), points.force[0].copy()
     kept = np.empty(n)
     last = i == len(via) - 1
@@ -136,15 +191,15 @@ def sweep_corner(
             kept[:] = via[i]
             if last:
                 free[k] = before + sign * turn[k]
-                moved = turn[k] > 0.0 and goal_lengths(t, tip, elbow, free, via[i])
+                moved = turn[k] > 0.0 and compute_goal_lengths(t, tip, elbow, free, via[i])
             else:
-                moved = _move(m, via[i], k, sign * stroke)
+                moved = _move_waypoint(m, via[i], k, sign * stroke)
             if moved:
                 points.posture[0] = posture
                 points.length[0] = via[i - 1]
                 points.force[0] = force
                 w.value[0] = value
-                trial = continue_route(t, w, via[i - 1 : i + 2], cost - left, parent, last)
+                trial = continue_path(t, w, via[i - 1 : i + 2], cost - left, parent, last)
                 if trial < math.inf and not last:
                     trial = np.min(w.value[0, :-1] + ahead[i + 1])
                 if trial < cost:
@@ -161,8 +216,18 @@ def sweep_corner(
 
 
 @kernel(borrows=True)
-def _move(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
-    """Move a corner along cylinder j [m] as far as its limits allow; False where it stays."""
+def _move_waypoint(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
+    """Move a waypoint along cylinder j, clipped to the range of its length.
+
+    Args:
+        m: Numeric description of the machine.
+        corner: Waypoint, shape (n,) [m]; changed in place.
+        j: Index of the cylinder.
+        stroke: Signed stride [m].
+
+    Returns:
+        False if the waypoint stays because the cylinder is at the end of its range.
+    """
     one = cylinder_length(m.linkage[j], m.joint_min[j])
     other = cylinder_length(m.linkage[j], m.joint_max[j])
     before = corner[j]

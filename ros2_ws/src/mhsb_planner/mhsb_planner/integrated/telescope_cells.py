@@ -1,16 +1,16 @@
 """Boxes of cylinder lengths that enclose the goal postures of a chain with telescopes.
 
-The last two joints that turn, i < j, close the chain; a cell holds intervals of all others. No
-joint turns between i and j, nor beyond j: the links there lie in two lines, D₁ and D₂ long. With
-the tip at distance R from joint i, in direction φ, the cosine rule gives
+The last two turning joints, i < j, close the chain; a cell holds intervals of all other joints. No
+joint turns between i and j, nor beyond j. The links there lie on two lines of the lengths D₁ and
+D₂. With the tip at distance R from joint i, in direction φ, the cosine rule gives
 
     cos|qⱼ| = (R² − D₁² − D₂²)/(2 D₁ D₂)      cos β = (R² + D₁² − D₂²)/(2 R D₁)
     θᵢ = φ − sgn(qⱼ) β
 
-θᵢ the direction of link i. Intervals of D₁ and D₂ come from those of the extensions, R and φ from
-the links before joint i (`intervals.without_link`): a link that is longer or shorter by h than its
-middle length puts its end no farther than h from where that would have it, so that R changes by h
-at most, and φ by asin(h/R).
+with θᵢ the direction of link i. Intervals of D₁ and D₂ follow from those of the extensions.
+Intervals of R and φ follow from the links before joint i (`intervals.tip_relative_to_link_end`). If
+a link is longer or shorter by h than its middle length, its end moves by at most h. R then changes
+by at most h, and φ by at most asin(h/R).
 """
 
 from __future__ import annotations
@@ -18,25 +18,40 @@ from __future__ import annotations
 import math
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.tip_postures import closing_joints
+from mhsb_model.inverse_kinematics.tip_postures import find_closing_joints
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
-from mhsb_planner.integrated.intervals import ROUNDING, Interval, enclose_lengths, without_link
+from mhsb_planner.integrated.intervals import (
+    INTERVAL_ROUNDING,
+    Interval,
+    enclose_lengths,
+    tip_relative_to_link_end,
+)
 
-LEAST = 1e-12
-"""Denominators below this are taken for this: the angle may then be any."""
+MIN_DENOMINATOR = 1e-12
+"""Smallest denominator of a cosine [m²]; a smaller one is replaced by it, so that any angle is
+enclosed.
+"""
 
 
 @kernel
 def enclose_with_telescopes(
     m: MachineArrays, tip: tuple[float, float], side: int, cell: FloatArray, box: FloatArray
 ) -> bool:
-    """`certificate.enclose` of a chain with telescopes.
+    """Enclose all cylinder lengths of a cell of a chain with telescopes.
 
-    side  of `tip_postures.close_chain`
-    cell  float64[n - 2, 2], from and to, of all joints but the two that close the chain
+    Args:
+        m: Numeric description of the machine.
+        tip: Tip position (x, z) [m].
+        side: Sign of the closing joint's angle, as in `tip_postures.close_chain`.
+        cell: Lower and upper end for each joint that does not close the chain, shape (n - 2, 2)
+            [rad or m].
+        box: Written in place, shape (2, n): shortest and longest length of each cylinder [m].
+
+    Returns:
+        False if the cell holds no posture within the limits; `box` is then incomplete.
     """
-    i, j = closing_joints(m)
+    i, j = find_closing_joints(m)
     distance, phi = math.hypot(tip[0], tip[1]), math.atan2(tip[1], tip[0])
     radius, direction, heading = (distance, distance), (phi, phi), (0.0, 0.0)
     line = ((0.0, 0.0), (0.0, 0.0))  # D₁, D₂
@@ -53,12 +68,15 @@ def enclose_with_telescopes(
             else:
                 heading = heading[0] + low, heading[1] + high
         if k < i:
-            radius, direction = _without_telescope(radius, direction, length, heading)
+            radius, direction = _tip_relative_to_telescope_end(radius, direction, length, heading)
         elif k < j:
             line = ((line[0][0] + length[0], line[0][1] + length[1]), line[1])
         else:
             line = (line[0], (line[1][0] + length[0], line[1][1] + length[1]))
-    bend, beta = _bend(radius, line[0], line[1]), _beside(radius, line[0], line[1])
+    bend, beta = (
+        _elbow_angle_range(radius, line[0], line[1]),
+        _shoulder_angle_range(radius, line[0], line[1]),
+    )
     if bend[0] > bend[1]:
         return False
     if side > 0:
@@ -70,12 +88,22 @@ def enclose_with_telescopes(
 
 
 @kernel
-def _without_telescope(
+def _tip_relative_to_telescope_end(
     radius: Interval, direction: Interval, length: Interval, heading: Interval
 ) -> tuple[Interval, Interval]:
-    """`without_link` of a link whose length is an interval [m]."""
+    """Return the polar coordinates of the tip relative to the end of a link of uncertain length.
+
+    Args:
+        radius: Range of the tip's distance from the link's begin [m].
+        direction: Range of the tip's direction [rad].
+        length: Range of the link's length [m].
+        heading: Range of the link's direction [rad].
+
+    Returns:
+        Range of the distance [m] and range of the direction [rad], both seen from the link's end.
+    """
     middle, half = 0.5 * (length[0] + length[1]), 0.5 * (length[1] - length[0])
-    radius, direction = without_link(radius, direction, middle, heading[0], heading[1])
+    radius, direction = tip_relative_to_link_end(radius, direction, middle, heading[0], heading[1])
     if half == 0.0:
         return radius, direction
     off = math.pi if half >= radius[0] else math.asin(half / radius[0])
@@ -84,27 +112,53 @@ def _without_telescope(
 
 
 @kernel
-def _bend(radius: Interval, d1: Interval, d2: Interval) -> Interval:
-    """Range of |qⱼ| [rad]; from above to below where there is none."""
+def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
+    """Return the range of |qⱼ| [rad] from the cosine rule (see the module).
+
+    Args:
+        radius: Range of the distance R between joint i and the tip [m].
+        d1: Range of D₁ [m].
+        d2: Range of D₂ [m].
+
+    Returns:
+        Range of the angle; (π, 0), an empty range, if no triangle is possible.
+    """
     above = radius[1] ** 2 - d1[0] ** 2 - d2[0] ** 2
     below = radius[0] ** 2 - d1[1] ** 2 - d2[1] ** 2
-    return _arc_cosines((below, above), (2.0 * d1[0] * d2[0], 2.0 * d1[1] * d2[1]))
+    return _arc_cosine_range((below, above), (2.0 * d1[0] * d2[0], 2.0 * d1[1] * d2[1]))
 
 
 @kernel
-def _beside(radius: Interval, d1: Interval, d2: Interval) -> Interval:
-    """Range of β [rad]."""
+def _shoulder_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
+    """Return the range of β [rad], the angle at joint i between D₁ and the line to the tip.
+
+    Args:
+        radius: Range of the distance R between joint i and the tip [m].
+        d1: Range of D₁ [m].
+        d2: Range of D₂ [m].
+
+    Returns:
+        Range of the angle; (π, 0), an empty range, if no triangle is possible.
+    """
     above = radius[1] ** 2 + d1[1] ** 2 - d2[0] ** 2
     below = radius[0] ** 2 + d1[0] ** 2 - d2[1] ** 2
-    return _arc_cosines((below, above), (2.0 * radius[0] * d1[0], 2.0 * radius[1] * d1[1]))
+    return _arc_cosine_range((below, above), (2.0 * radius[0] * d1[0], 2.0 * radius[1] * d1[1]))
 
 
 @kernel
-def _arc_cosines(over: Interval, under: Interval) -> Interval:
-    """Range of acos(over/under), under > 0 [rad]; π, 0 where no such cosine is within ±1."""
-    small, large = max(LEAST, under[0]), max(LEAST, under[1])
-    low = over[0] / (small if over[0] < 0.0 else large) - ROUNDING
-    high = over[1] / (large if over[1] < 0.0 else small) + ROUNDING
+def _arc_cosine_range(over: Interval, under: Interval) -> Interval:
+    """Return the range of acos(over / under).
+
+    Args:
+        over: Range of the numerator.
+        under: Range of the denominator, not negative; ends below MIN_DENOMINATOR are raised to it.
+
+    Returns:
+        Range of the angle [rad]; (π, 0), an empty range, if no quotient lies within ±1.
+    """
+    small, large = max(MIN_DENOMINATOR, under[0]), max(MIN_DENOMINATOR, under[1])
+    low = over[0] / (small if over[0] < 0.0 else large) - INTERVAL_ROUNDING
+    high = over[1] / (large if over[1] < 0.0 else small) + INTERVAL_ROUNDING
     if low > 1.0 or high < -1.0:
         return math.pi, 0.0
     return math.acos(min(1.0, high)), math.acos(max(-1.0, low))

@@ -1,10 +1,13 @@
-"""Loads that empty inlet chambers (`mhsb_model.cavitation`) along motions and discrete paths."""
+"""Detection of overrunning loads that cavitate a cylinder's inlet, for motions and discrete paths.
+
+The criterion is in `mhsb_model.feasibility.cavitation`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mhsb_model.cavitation import Cavitation, cavitating, cavitations
+from mhsb_model.feasibility.cavitation import Cavitation, find_cavitating, summarize_cavitation
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_planner.motion.motion_profile import motion_profile
@@ -12,22 +15,41 @@ from mhsb_planner.motion.s3_limits import DEAD_BAND
 from mhsb_planner.search.discrete_path import DiscretePath
 
 
-def cavitations_of(machine: Machine, motion: Trajectory) -> tuple[Cavitation, ...]:
-    """Of a motion under its static loads, at its points; one for each actuator that has any."""
+def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, ...]:
+    """Find the actuators that cavitate during a trajectory.
+
+    The loads are gravity forces without inertia. They are checked at the trajectory's points only.
+
+    Args:
+        machine: Machine with its payload and hydraulics.
+        motion: Joint trajectory.
+
+    Returns:
+        One entry for each actuator that cavitates; empty if none does. Times count from the start
+        of the trajectory [s].
+    """
     profile = motion_profile(machine, motion.position, motion.velocity)
     time = motion.offset_ns / SECOND_NS
-    return cavitations(machine, time, profile.force, profile.speed, DEAD_BAND)
+    return summarize_cavitation(machine, time, profile.force, profile.speed, DEAD_BAND)
 
 
-def cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
-    """In which of a path's k steps which actuator's inlet empties, bool[k, n].
+def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
+    """Find the steps of a discrete path in which an actuator cavitates.
 
-    Looked at in the start, the middle and the end of every step in joint space.
+    Each step is checked at its start, middle and end in joint space, under gravity.
+
+    Args:
+        machine: Machine with its payload and hydraulics.
+        path: Discrete path of k steps.
+
+    Returns:
+        Boolean array of shape (k, n): True if the actuator's inlet cavitates at one of these three
+        places of the step.
     """
     start, end = path.posture[:-1], path.posture[1:]
     velocity = (end - start) / path.duration[:, None]
     empty = np.zeros(start.shape, dtype=bool)
     for share in (0.0, 0.5, 1.0):
         profile = motion_profile(machine, start + share * (end - start), velocity)
-        empty |= cavitating(machine, profile.force, profile.speed, DEAD_BAND)
+        empty |= find_cavitating(machine, profile.force, profile.speed, DEAD_BAND)
     return empty

@@ -1,80 +1,119 @@
-"""What servo pumps take to charge lines before boosts begin.
+"""Energy that servo pumps need to charge lines before boosts begin.
 
-A line that is to be boosted is brought from P_S to its supply pressure p, and is there a while
-before its cylinder needs it, since pumps take time and may be slower than is known. Its servo pump
-gives for that
+A line to be boosted is raised from P_S to its supply pressure p. It reaches p some time before its
+cylinder needs it, since pumps take time and may be slower than is known. For this its servo pump
+delivers
 
     E = [½ V/β (p − P_S)² + (A_dir |v| + leakage) (p − P_S) T] / η,   T = CHARGED_AHEAD · preview
 
-with V the oil of the line, in shared boost that of the rail as well where nobody draws on it yet:
-the oil's compression, and what the cylinder and its valve take meanwhile.
+V is the volume of the line. In shared boost the volume of the rail is added, divided among the
+actuators that join it, if no actuator was on the rail before. The first term compresses
+the oil. The second is the flow that cylinder and valve take during T.
 """
 
 from __future__ import annotations
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.hydraulics import boosted_supply, inlet_area, leakage, oil_of
+from mhsb_model.hydraulics import (
+    boosted_supply,
+    compute_valve_leakage,
+    get_shared_hydraulics,
+    inlet_area,
+)
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.modes import BOOSTED, ON_RAIL
+from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.types import FloatArray, ModeArray
 
 CHARGED_AHEAD = 0.4
-"""Share of the servo's preview for which a line is at its pressure before the boost begins;
-measured, 0.40 on 22 boosts of the simulated arm."""
+"""Share of the servo's preview during which a line is at its pressure before the boost begins [-].
+
+Measured: 0.40 on 22 boosts of the simulated arm."""
 
 
 def charging_energy(
     machine: Machine, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> float:
-    """Shaft work [J] that charges lines before the boosts that begin after the first row.
+    """Compute the shaft work that charges lines before boosts.
 
-    speed, force  float64[k, n] m/s, N, at the beginning of each row
-    modes         uint8[k, n]
+    A boost begins in a row whose mode is boosted after a row whose mode is not. A boost that is in
+    force in the first row costs nothing.
+
+    Args:
+        machine: Machine with its circuit and servo settings.
+        speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
+            ignored.
+        force: Piston forces at the beginning of each row, shape (k, n) [N].
+        modes: Mode codes of each row, shape (k, n).
+
+    Returns:
+        Shaft work of the servo pumps [J].
     """
     m, circuit = machine.arrays, machine.config.circuit
     ahead = CHARGED_AHEAD * machine.config.servo.coordinated.preview
     volumes = circuit.line_volume, circuit.rail_volume
-    work = _work(m, *volumes, circuit.bulk_modulus, ahead, speed, force, modes)
+    work = _compute_charging_work(m, *volumes, circuit.bulk_modulus, ahead, speed, force, modes)
     return float(work / m.servo_pump_efficiency)
 
 
 @kernel(borrows=True)
-def _work(
+def _compute_charging_work(
     m: MachineArrays,
     line_volume: float,
     rail_volume: float,
     bulk_modulus: float,
-    ahead: float,
+    charged_time: float,
     speed: FloatArray,
     force: FloatArray,
     modes: ModeArray,
 ) -> float:
-    """What reaches the oil [J], of lines of these volumes [m³].
+    """Compute the hydraulic work that charges lines before boosts, without pump losses.
 
-    It is called for motions without a boost, too: the first one with a boost is then as fast as
-    others. Oracle: sums done by hand.
+    The caller also calls it for motions without boost, so that it is compiled before the first
+    boost. Test oracle: sums computed by hand.
+
+    Args:
+        m: Arrays of the machine.
+        line_volume: Oil volume of each actuator's line [m³].
+        rail_volume: Oil volume of the shared boost line [m³].
+        bulk_modulus: Bulk modulus β of the oil [Pa].
+        charged_time: Time T for which a line is at its pressure before the boost begins [s].
+        speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
+            ignored.
+        force: Piston forces at the beginning of each row, shape (k, n) [N].
+        modes: Mode codes of each row, shape (k, n).
+
+    Returns:
+        Work that reaches the oil [J].
     """
-    oil, work = oil_of(m), 0.0
+    oil, work = get_shared_hydraulics(m), 0.0
     for k in range(1, len(modes)):
         for j in range(modes.shape[1]):
-            if not BOOSTED[modes[k, j]] or BOOSTED[modes[k - 1, j]]:
+            if not BOOSTED_MODES[modes[k, j]] or BOOSTED_MODES[modes[k - 1, j]]:
                 continue
             v, cap, rod, volume = speed[k, j], m.cap_area[j], m.rod_area[j], line_volume
-            if ON_RAIL[modes[k, j]] and _on_rail(modes, k - 1) == 0:
-                volume += rail_volume / _on_rail(modes, k)
+            if RAIL_MODES[modes[k, j]] and _count_on_rail(modes, k - 1) == 0:
+                volume += rail_volume / _count_on_rail(modes, k)
             supply = boosted_supply(oil, m.valve_coefficient[j], cap, rod, force[k, j], v)
             rise = supply - oil.supply_pressure
-            drawn = inlet_area(cap, rod, v) * abs(v) + leakage(oil, supply)
-            work += 0.5 * volume / bulk_modulus * rise * rise + drawn * rise * ahead
+            drawn = inlet_area(cap, rod, v) * abs(v) + compute_valve_leakage(oil, supply)
+            work += 0.5 * volume / bulk_modulus * rise * rise + drawn * rise * charged_time
     return work
 
 
 @kernel(borrows=True)
-def _on_rail(modes: ModeArray, k: int) -> int:
-    """How many actuators draw on the rail in row k."""
+def _count_on_rail(modes: ModeArray, k: int) -> int:
+    """Count the actuators whose mode in row k joins them to the rail.
+
+    Args:
+        modes: Mode codes, shape (rows, n).
+        k: Index of the row.
+
+    Returns:
+        Number of actuators on the rail.
+    """
     count = 0
     for j in range(modes.shape[1]):
-        if ON_RAIL[modes[k, j]]:
+        if RAIL_MODES[modes[k, j]]:
             count += 1
     return count

@@ -1,12 +1,16 @@
-"""Energy of a time trajectory with its mode schedule, in both readings, and where it goes.
+"""Energy of a trajectory with its mode schedule, in both energy readings, and its losses.
 
-E = Σ_j ∫ price_j (A_dir|v_j| + q_leak) dt. In N the price is P_S, whatever the load. Boosted it is
-p_L/η as the paper writes it (never less than P_S), or P_S + (p_supply − P_S)/η, as main pump and
-servo pump work in series, with p_supply of `hydraulics.boosted_supply`, in SB the rail's. Within
-the dead band a cylinder is held. With pumps in series valves leak by that pressure
-(`hydraulics.leakage`), lines are charged before boosts begin (`charging`), and a boosted cylinder
-that accelerates its load gets max(p_supply, p_L(F + inertia) + m(v) + margin/2), as the servo sees
-to it; in the paper's reading, whose flows know neither pressure nor time, none of that counts.
+    E = Σ_j ∫ price_j (A_dir |v_j| + q_leak) dt
+
+In N the price is P_S, whatever the load. Boosted, the price in the reading `paper` is p_L/η, at
+least P_S. In the reading `series`, with main pump and servo pump in series, it is
+P_S + (p_supply − P_S)/η. There p_supply is that of `hydraulics.boosted_supply`; in SB it is the
+rail's. A cylinder within the dead band counts as held.
+
+Three effects count in the reading `series` only, since the flows of the reading `paper` depend on
+neither pressure nor time. Valves leak by p_supply (`hydraulics.compute_valve_leakage`). Lines are
+charged before boosts begin (`charging`). A boosted cylinder that accelerates its load gets at least
+p_L(F + inertia) + m(v) + margin/2, because the servo raises its pressure.
 """
 
 from __future__ import annotations
@@ -17,39 +21,40 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
-    Oil,
+    SharedHydraulics,
     boosted_supply,
+    compute_inertia_margin,
+    compute_pressure_with_margin,
+    compute_valve_leakage,
+    get_shared_hydraulics,
     inlet_area,
-    leakage,
     load_pressure,
-    oil_of,
-    pressure_to_move,
     rail_pressure,
-    spared_margin,
-    supply_in,
+    select_supply_pressure,
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import BOOSTED
-from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, Trajectory
+from mhsb_model.modes import BOOSTED_MODES
+from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.motion.charging import charging_energy
 from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats
+from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats_previous_row
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Energy of a motion [J].
+    """Energy of a motion and its distribution [J]. All fields but `paper` are with pumps in series.
 
-    paper              as the paper prices boost
-    main_pump          delivered by it; this and the following with pumps in series
-    servo_pumps        shaft work
-    servo_pump_losses  the part of that which does not reach the oil
-    leakage            through the valves to the tank
-    piston_work        done against the static loads; negative where they are lowered
-    return_oil         left in the oil that goes to the tank
+    Attributes:
+        paper: Energy in the reading `paper`.
+        main_pump: Energy that the main pump delivers.
+        servo_pumps: Shaft work of the servo pumps.
+        servo_pump_losses: Part of the shaft work that does not reach the oil.
+        leakage: Energy lost through the valves to the tank.
+        piston_work: Work against the gravity loads, negative if they are lowered.
+        return_oil: Energy left in the oil that flows to the tank.
     """
 
     paper: float
@@ -62,38 +67,52 @@ class Energy:
 
     @property
     def series(self) -> float:
-        """Delivered by pumps in series."""
+        """Energy in the reading `series`: main pump plus servo pumps [J]."""
         return self.main_pump + self.servo_pumps
 
     @property
     def servo_valves(self) -> float:
-        """Lost in the metering edges of the servo valves: what remains of `series`."""
+        """Energy lost in the metering edges of the servo valves: the remainder of `series` [J]."""
         used = self.servo_pump_losses + self.leakage + self.piston_work + self.return_oil
         return self.series - used
 
 
-FIELDS = len(fields(Energy))
-NOTHING = Energy(*[0.0] * FIELDS)
+ENERGY_FIELD_COUNT = len(fields(Energy))
+ZERO_ENERGY = Energy(*[0.0] * ENERGY_FIELD_COUNT)
 
 
 def motion_energy(
     machine: Machine,
     trajectory: Trajectory,
     schedule: ModeSchedule,
-    known: Profiles | None = None,
+    profiles: Profiles | None = None,
 ) -> Energy:
-    """Energy from the trajectory's first to its last point, leakage included.
+    """Compute the energy from the trajectory's first to its last point, leakage included.
 
-    By the trapezoidal rule over halves of intervals: power jumps where a boosted load begins to
-    move, and a rule of higher order gains nothing there.
+    Power is integrated by the trapezoidal rule over half intervals. It jumps when a boosted load
+    begins to move, so a rule of higher order gains nothing.
 
-    known  the trajectory's profiles at its points, at which alone modes then change
+    Args:
+        machine: Machine with its payload and hydraulics.
+        trajectory: Joint trajectory.
+        schedule: Modes over time.
+        profiles: Profiles at the trajectory's points and middles, and the modes between the points.
+            The modes then change at these points only. None computes the profiles, also at the
+            times of mode changes between the points.
+
+    Returns:
+        Energy of the motion and its distribution [J], including the charging of lines before
+        boosts; all zero if there is only one point.
     """
-    edges = trajectory.offset_ns if known is not None else _edges(trajectory, schedule)
+    edges = (
+        trajectory.offset_ns
+        if profiles is not None
+        else _find_interval_limits(trajectory, schedule)
+    )
     if len(edges) < 2:
-        return NOTHING
-    points, middles, modes = known or _profiles(machine, trajectory, schedule, edges)
-    energy = _energy(
+        return ZERO_ENERGY
+    points, middles, modes = profiles or _profiles(machine, trajectory, schedule, edges)
+    energy = _integrate_power(
         machine.arrays,
         (edges[1:] - edges[:-1]) / SECOND_NS,
         points.speed,
@@ -104,13 +123,24 @@ def motion_energy(
         middles.inertia,
         modes,
     )
-    return _with_charging(machine, Energy(*energy.tolist()), points, modes)
+    return _add_charging(machine, Energy(*energy.tolist()), points, modes)
 
 
-def _with_charging(
+def _add_charging(
     machine: Machine, energy: Energy, profile: MotionProfile, modes: ModeArray
 ) -> Energy:
-    """With what charges lines before boosts; rows of modes begin at those of the profile."""
+    """Add the energy that charges lines before boosts.
+
+    Args:
+        machine: Machine with its circuit and servo settings.
+        energy: Energy without charging.
+        profile: Profile with one row for the beginning of each row of `modes`, or more.
+        modes: Mode codes, shape (k, n).
+
+    Returns:
+        Energy whose `servo_pumps` and `servo_pump_losses` are larger by the charging and by its
+        losses [J].
+    """
     charging = charging_energy(machine, profile.speed, profile.force, modes)
     if charging == 0.0:
         return energy
@@ -125,23 +155,42 @@ def _with_charging(
 def _profiles(
     machine: Machine, trajectory: Trajectory, schedule: ModeSchedule, edges: IntArray
 ) -> Profiles:
-    """Of a motion between offsets at which alone modes change."""
+    """Compute the profiles of a motion at given times and at the middles between them.
+
+    Args:
+        machine: Machine with its payload.
+        trajectory: Joint trajectory.
+        schedule: Modes over time.
+        edges: Times at which the modes may change, after the trajectory's stamp, shape (k,) [ns].
+
+    Returns:
+        Piston speeds, forces, inertia forces and tip positions at the k times and at the k - 1
+        middles. The modes of each interval are those in force at its beginning.
+    """
     points, middles = (
-        motion_profile(machine, *trajectory.at_offsets(at))
+        motion_profile(machine, *trajectory.sample_offsets(at))
         for at in (edges, (edges[1:] + edges[:-1]) // 2)
     )
     return Profiles(points, middles, schedule.modes_at_many(trajectory.stamp_ns + edges[:-1]))
 
 
-def _edges(trajectory: Trajectory, schedule: ModeSchedule) -> IntArray:
-    """Offsets between which both are smooth: the points, and what mode changes lie between.
+def _find_interval_limits(trajectory: Trajectory, schedule: ModeSchedule) -> IntArray:
+    """Divide a trajectory into intervals in which motion and modes are smooth.
 
-    Where they are farther apart than a planner's points, others are put between.
+    The limits of the intervals are the trajectory's points and the mode changes between them.
+    Intervals longer than `MAX_POINT_SPACING_NS` are divided into equal parts.
+
+    Args:
+        trajectory: Joint trajectory.
+        schedule: Modes over time.
+
+    Returns:
+        Limits of the intervals in ascending order, after the trajectory's stamp [ns].
     """
     switched = schedule.stamp_ns + schedule.offset_ns - trajectory.stamp_ns
     switched = switched[(switched > 0) & (switched < trajectory.duration_ns)]
     edges = np.union1d(trajectory.offset_ns, switched)
-    parts = np.maximum(1, -(-np.diff(edges) // POINT_SPACING_NS))
+    parts = np.maximum(1, -(-np.diff(edges) // MAX_POINT_SPACING_NS))
     part = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     between = part * np.repeat(np.diff(edges), parts) // np.repeat(parts, parts)
     return np.append(np.repeat(edges[:-1], parts) + between, edges[-1])
@@ -155,15 +204,29 @@ def energy_of_states(
     modes: ModeArray,
     acceleration: FloatArray | None = None,
 ) -> Energy:
-    """Energy of states that last for `span` float64[k] s each; arrays of [k, n] in rad, rad/s and,
-    where inertia counts, rad/s²."""
+    """Compute the energy of a sequence of states of motion, each of which lasts a given time.
+
+    Args:
+        machine: Machine with its payload and hydraulics.
+        span: Duration of each state, shape (k,) [s].
+        position: Joint positions, shape (k, n) [rad or m].
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
+        modes: Mode codes, shape (k, n).
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None leaves inertia out.
+
+    Returns:
+        Energy of all states together and its distribution [J], including the charging of lines
+        before boosts.
+    """
     profile = motion_profile(machine, position, velocity, acceleration)
-    energy = _sum(machine.arrays, span, profile.speed, profile.force, profile.inertia, modes)
-    return _with_charging(machine, Energy(*energy.tolist()), profile, modes)
+    energy = _sum_state_energies(
+        machine.arrays, span, profile.speed, profile.force, profile.inertia, modes
+    )
+    return _add_charging(machine, Energy(*energy.tolist()), profile, modes)
 
 
 @kernel
-def _sum(
+def _sum_state_energies(
     m: MachineArrays,
     span: FloatArray,
     speed: FloatArray,
@@ -171,21 +234,38 @@ def _sum(
     inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Energy of states that last for `span` [s], in the order of `Energy`'s fields."""
-    oil, efficiency = oil_of(m), m.servo_pump_efficiency
+    """Compute the energy of states that last for given times, without charging of lines.
+
+    Args:
+        m: Arrays of the machine.
+        span: Duration of each state, shape (k,) [s].
+        speed: Piston speeds, shape (k, n) [m/s].
+        force: Piston forces under gravity, shape (k, n) [N].
+        inertia: Piston forces from inertia, shape (k, n) [N].
+        modes: Mode codes, shape (k, n).
+
+    Returns:
+        Energies in the order of the fields of `Energy`, shape (7,) [J]: reading `paper`, main pump,
+        shafts of the servo pumps, their losses, leakage, work on the loads, oil to the tank.
+    """
+    oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
-    energy, power, own = np.zeros(FIELDS), np.empty(FIELDS), np.empty(speed.shape[1])
+    energy, power, own = (
+        np.zeros(ENERGY_FIELD_COUNT),
+        np.empty(ENERGY_FIELD_COUNT),
+        np.empty(speed.shape[1]),
+    )
     for k in range(len(span)):
-        _put_power(
+        _compute_powers(
             oil, valve, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, power
         )
-        for i in range(FIELDS):
+        for i in range(ENERGY_FIELD_COUNT):
             energy[i] += span[k] * power[i]
     return energy
 
 
 @kernel
-def _energy(
+def _integrate_power(
     m: MachineArrays,
     span: FloatArray,
     speed: FloatArray,
@@ -196,34 +276,55 @@ def _energy(
     middle_inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Energy of intervals of `span` [s], by trapezoids over halves, in the order of the fields."""
-    oil, efficiency = oil_of(m), m.servo_pump_efficiency
+    """Integrate the power over k intervals by the trapezoidal rule over their halves.
+
+    Args:
+        m: Arrays of the machine.
+        span: Duration of each interval, shape (k,) [s].
+        speed: Piston speeds at the limits of the intervals, shape (k + 1, n) [m/s].
+        force: Piston forces under gravity at the limits, shape (k + 1, n) [N].
+        inertia: Piston forces from inertia at the limits, shape (k + 1, n) [N].
+        middle_speed: Piston speeds at the middles of the intervals, shape (k, n) [m/s].
+        middle_force: Piston forces under gravity at the middles, shape (k, n) [N].
+        middle_inertia: Piston forces from inertia at the middles, shape (k, n) [N].
+        modes: Mode codes of each interval, shape (k, n).
+
+    Returns:
+        Energies in the order of the fields of `Energy`, shape (7,) [J]: reading `paper`, main pump,
+        shafts of the servo pumps, their losses, leakage, work on the loads, oil to the tank. The
+        charging of lines is not included.
+    """
+    oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
-    energy, own = np.zeros(FIELDS), np.empty(speed.shape[1])
-    begin, middle, end = np.empty(FIELDS), np.empty(FIELDS), np.empty(FIELDS)
+    energy, own = np.zeros(ENERGY_FIELD_COUNT), np.empty(speed.shape[1])
+    begin, middle, end = (
+        np.empty(ENERGY_FIELD_COUNT),
+        np.empty(ENERGY_FIELD_COUNT),
+        np.empty(ENERGY_FIELD_COUNT),
+    )
     for k in range(len(span)):
-        if repeats(modes, k):
-            for i in range(FIELDS):
+        if repeats_previous_row(modes, k):
+            for i in range(ENERGY_FIELD_COUNT):
                 begin[i] = end[i]
         else:
-            _put_power(
+            _compute_powers(
                 oil, valve, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, begin
             )
-        _put_power(
+        _compute_powers(
             oil, valve, cap, rod, efficiency, middle_speed, middle_force, middle_inertia, k, modes,
             k, own, middle,
         )  # fmt: skip
-        _put_power(
+        _compute_powers(
             oil, valve, cap, rod, efficiency, speed, force, inertia, k + 1, modes, k, own, end
         )
-        for i in range(FIELDS):
+        for i in range(ENERGY_FIELD_COUNT):
             energy[i] += 0.25 * span[k] * (begin[i] + 2.0 * middle[i] + end[i])
     return energy
 
 
 @kernel(inline="always")
-def _put_power(
-    oil: Oil,
+def _compute_powers(
+    oil: SharedHydraulics,
     valve: FloatArray,
     cap: FloatArray,
     rod: FloatArray,
@@ -237,31 +338,48 @@ def _put_power(
     own: FloatArray,
     power: FloatArray,
 ) -> None:
-    """Write what state i takes in the modes of row k to power[FIELDS] [W], as `Energy`'s fields.
+    """Compute the powers of one state of motion in one row of modes.
 
-    own[n] is working memory. Oracle: a hand calculation.
+    Test oracle: a calculation by hand.
+
+    Args:
+        oil: Hydraulic numbers that all actuators share.
+        valve: Flow coefficients K, shape (n,) [m³/(s √Pa)].
+        cap: Cap-side piston areas A, shape (n,) [m²].
+        rod: Rod-side piston areas a, shape (n,) [m²].
+        efficiency: Efficiency of the servo pumps η [-].
+        speed: Piston speeds, shape (states, n) [m/s].
+        force: Piston forces under gravity, shape (states, n) [N].
+        inertia: Piston forces from inertia, shape (states, n) [N].
+        i: Row of the state in `speed`, `force` and `inertia`.
+        modes: Mode codes, shape (rows, n).
+        k: Row of the modes.
+        own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
+        power: Powers in the order of the fields of `Energy`, shape (7,) [W]. Written in place:
+            reading `paper`, main pump, shafts of the servo pumps, their losses, leakage, work on
+            the loads, oil to the tank.
     """
     normal, tank = oil.supply_pressure, oil.tank_pressure
     at_paper = main_pump = shafts = leaked = work = returned = 0.0
     for j in range(len(own)):
-        if BOOSTED[modes[k, j]]:
+        if BOOSTED_MODES[modes[k, j]]:
             f, v = force[i, j], speed[i, j]
             own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
             if inertia[i, j] != 0.0:
                 load = f + inertia[i, j]
-                pushed = pressure_to_move(oil, valve[j], cap[j], rod[j], load, v)
-                pushed = min(pushed - spared_margin(oil), oil.max_boost_pressure)
+                pushed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
+                pushed = min(pushed - compute_inertia_margin(oil), oil.max_boost_pressure)
                 own[j] = max(own[j], pushed)
     rail = rail_pressure(oil, own, modes[k])
     for j in range(len(own)):
         v, f = speed[i, j], force[i, j]
         stroke = inlet_area(cap[j], rod[j], v) * abs(v)
         paper, supply, leaks, shaft = normal, normal, oil.leakage_flow, 0.0
-        if BOOSTED[modes[k, j]]:
+        if BOOSTED_MODES[modes[k, j]]:
             direction = v if abs(v) > DEAD_BAND else f
             paper = max(paper, load_pressure(cap[j], rod[j], tank, f, direction) / efficiency)
-            supply = supply_in(oil, modes[k, j], own[j], rail)
-            leaks = leakage(oil, supply)
+            supply = select_supply_pressure(oil, modes[k, j], own[j], rail)
+            leaks = compute_valve_leakage(oil, supply)
             shaft = (supply - normal) / efficiency * (stroke + leaks)
         at_paper += paper * (stroke + oil.leakage_flow)
         main_pump += normal * (stroke + leaks)

@@ -1,4 +1,4 @@
-"""What a joint motion asks of the actuators: piston speeds, static forces and the tip's path."""
+"""Actuator quantities along a joint motion: piston speeds and forces, and the tip's path."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import extended
-from mhsb_model.linkages.linkage import motion, motion_at
+from mhsb_model.kinematics import add_extension
+from mhsb_model.linkages.linkage import evaluate_linkage, evaluate_linkage_at_cosine
 from mhsb_model.machine import Machine
-from mhsb_model.statics import INERTIA_WORK, chain_of, gravity_torques, inertia_torques
+from mhsb_model.statics import INERTIA_WORK, chain_gravity_torques, chain_of, inertia_torques
 from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
 
 @dataclass(frozen=True, eq=False)
 class MotionProfile:
-    """Quantities along a motion, one row for each instant.
+    """Actuator quantities along a motion, one row for each of k instants.
 
-    speed    float64[k, n] m/s, v = r(q) q̇ of the pistons, positive extending
-    force    float64[k, n] N, F = τ_g(q)/r(q) under gravity, positive resists extension
-    tip      float64[k, 2] m, (x, z)
-    inertia  float64[k, n] N, (M q̈ + C q̇)/r that comes on top of F, 0 where q̈ is not looked at
+    Attributes:
+        speed: Piston speeds v = r(q) q̇, positive in extension, shape (k, n) [m/s].
+        force: Piston forces under gravity F = τ_g(q)/r(q), positive if they resist extension,
+            shape (k, n) [N].
+        tip: Tip positions (x, z), shape (k, 2) [m].
+        inertia: Piston forces from inertia (M q̈ + C q̇)/r, which add to F, shape (k, n) [N]. All 0
+            if accelerations were not given.
     """
 
     speed: FloatArray
@@ -33,16 +36,24 @@ class MotionProfile:
     inertia: FloatArray
 
     def __getitem__(self, rows: slice) -> MotionProfile:
-        """The profile of some of the instants."""
-        return MotionProfile(
-            self.speed[rows], self.force[rows], self.tip[rows], self.inertia[rows]
-        )
+        """Return the profile of a slice of the instants.
+
+        Args:
+            rows: Slice of instants.
+
+        Returns:
+            Profile whose arrays are views of this profile's arrays.
+        """
+        return MotionProfile(self.speed[rows], self.force[rows], self.tip[rows], self.inertia[rows])
 
 
 class Profiles(NamedTuple):
-    """Profiles of a motion at k instants, and half-way between each of them and the next.
+    """Profiles of a motion at k instants and at the middles between them.
 
-    modes  uint8[k - 1, n], in force between the instants
+    Attributes:
+        points: Profile at the k instants.
+        middles: Profile at the k - 1 middles.
+        modes: Modes in force between the instants, shape (k - 1, n).
     """
 
     points: MotionProfile
@@ -56,18 +67,47 @@ def motion_profile(
     velocity: FloatArray,
     acceleration: FloatArray | None = None,
 ) -> MotionProfile:
-    """Profile of states, float64[k, n]: q [rad], q̇ [rad/s], and q̈ [rad/s²] where inertia counts."""
+    """Compute the piston speeds, piston forces and tip positions of k states of motion.
+
+    Args:
+        machine: Machine with its payload.
+        position: Joint positions, shape (k, n) [rad or m].
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes the inertia
+            forces 0.
+
+    Returns:
+        Profile with k rows: piston speeds [m/s], piston forces under gravity and from inertia [N],
+        and tip positions [m].
+    """
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     return MotionProfile(
-        *profile_of(machine.arrays, as_frozen(position), as_frozen(velocity), as_frozen(qdd))
+        *compute_profile_arrays(
+            machine.arrays, as_frozen(position), as_frozen(velocity), as_frozen(qdd)
+        )
     )
 
 
 @kernel
-def profile_of(
+def compute_profile_arrays(
     m: MachineArrays, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Kernel of `motion_profile`; its oracle in the tests is the Machine's own methods."""
+    """Compute piston speeds, gravity forces, tip positions and inertia forces of k states.
+
+    This is the kernel of `motion_profile`. Test oracle: the methods of `Machine`.
+
+    Args:
+        m: Arrays of the machine, with its payload.
+        position: Joint positions, shape (k, n) [rad or m].
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. An array without rows
+            makes the inertia forces 0.
+
+    Returns:
+        Piston speeds, positive in extension, shape (k, n) [m/s]; piston forces under gravity,
+        positive if they resist extension, shape (k, n) [N]; tip positions (x, z), shape (k, 2) [m];
+        piston forces from inertia, which add to those under gravity, shape (k, n) [N].
+    """
     rows, n = position.shape
     speed, force, tip = np.empty((rows, n)), np.empty((rows, n)), np.zeros((rows, 2))
     inertia = np.zeros((rows, n))
@@ -75,20 +115,20 @@ def profile_of(
     cosine, sine = np.empty(n), np.empty(n)
     arm, weight, push, work = np.empty(n), np.empty(n), np.zeros(n), np.empty((INERTIA_WORK, n))
     for k in range(rows):
-        along, across = 1.0, 0.0  # cosine and sine of the link before
+        along, across = 1.0, 0.0  # direction of the link before
         q = position[k]
         for j in range(n):
             if chain.turns[j]:
                 c, s = math.cos(q[j]), math.sin(q[j])
-                _, arm[j], _ = motion_at(linkage[j], c, s)
+                _, arm[j], _ = evaluate_linkage_at_cosine(linkage[j], c, s)
                 along, across = along * c - across * s, across * c + along * s
             else:
-                _, arm[j], _ = motion(linkage[j], q[j])
+                _, arm[j], _ = evaluate_linkage(linkage[j], q[j])
             cosine[j], sine[j] = along, across
-            length = extended(chain.slides, chain.length, q, j)
+            length = add_extension(chain.slides, chain.length, q, j)
             tip[k, 0] += length * along
             tip[k, 1] += length * across
-        gravity_torques(chain, q, cosine, sine, weight)
+        chain_gravity_torques(chain, q, cosine, sine, weight)
         if moves:
             inertia_torques(chain, q, cosine, sine, velocity[k], acceleration[k], work, push)
         for j in range(n):

@@ -1,8 +1,8 @@
-"""Loads that no boost carries: while its cylinder rests, the closed valve alone holds them.
+"""Loads beyond the highest boost pressure: at rest the closed valve alone holds them.
 
-The search never lifts such a load, but it may begin with one, lower it, or let a cylinder rest
-under it while others move. The highest boost is asked for there all the same, since it leaves
-least for the valve to hold; the servo can correct downwards only, and the load may sag.
+The search never lifts such a load. But a motion may begin with one, lower it, or let a cylinder
+rest under it while others move. The highest boost pressure is still commanded there, since it
+leaves least for the valve to hold. The servo can correct downwards only, and the load may sag.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from mhsb_planner.motion.s3_limits import DEAD_BAND
 
 @dataclass(frozen=True)
 class Overload:
-    """An actuator's rests under loads beyond the highest boost pressure.
+    """Rests of one actuator under loads beyond the highest boost pressure.
 
-    actuator  name
-    duration  s, of all these rests
-    pressure  Pa, the most that holding the load would take, margin included
-    highest   Pa, what boost gives
-    at_end    whether the motion ends with such a rest
+    Attributes:
+        actuator: Name of the actuator.
+        duration: Total duration of these rests [s].
+        pressure: Greatest supply pressure that holding the load would take, with margin [Pa].
+        highest: Highest boost pressure [Pa].
+        at_end: True if the motion ends with such a rest.
     """
 
     actuator: str
@@ -38,7 +39,7 @@ class Overload:
     at_end: bool
 
     def __str__(self) -> str:
-        """One sentence."""
+        """Return one sentence that describes the overload."""
         where = " and then at the goal" if self.at_end else ""
         return (
             f"{self.actuator} rests for {self.duration:.2f} s{where} under a load that takes "
@@ -47,10 +48,25 @@ class Overload:
         )
 
 
-def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tuple[Overload, ...]:
-    """Overloads of a motion with this profile at `time` float64[k] s, one for each actuator."""
+def find_overloads(
+    machine: Machine, time: FloatArray, profile: MotionProfile
+) -> tuple[Overload, ...]:
+    """Find the actuators that rest under loads beyond the highest boost pressure.
+
+    A cylinder rests if its speed is within the dead band. A rest lasts from each resting instant to
+    the next instant; the last instant adds no time.
+
+    Args:
+        machine: Machine with its hydraulics.
+        time: Instants of the profile in ascending order, shape (k,) [s].
+        profile: Profile of the motion with k rows.
+
+    Returns:
+        One overload for each such actuator, with the total duration of its rests [s] and the
+        greatest pressure that holding takes [Pa]. Empty if there is none.
+    """
     highest = machine.arrays.max_boost_pressure
-    if not _are_there_any(machine.arrays, profile.speed, profile.force):
+    if not _has_overload(machine.arrays, profile.speed, profile.force):
         return ()
     pressure = required_pressures(machine.arrays, profile.force, np.zeros(profile.force.shape))
     resting = (pressure > highest) & (np.abs(profile.speed) <= DEAD_BAND)
@@ -69,8 +85,17 @@ def overloads(machine: Machine, time: FloatArray, profile: MotionProfile) -> tup
 
 
 @kernel
-def _are_there_any(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
-    """Whether a cylinder rests under more than the highest boost can carry."""
+def _has_overload(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
+    """Return whether any cylinder rests under a load beyond the highest boost pressure.
+
+    Args:
+        m: Arrays of the machine.
+        speed: Piston speeds, shape (k, n) [m/s].
+        force: Piston forces under gravity, shape (k, n) [N].
+
+    Returns:
+        True if there is such a cylinder at any instant.
+    """
     for k in range(len(speed)):
         for j in range(speed.shape[1]):
             rests = abs(speed[k, j]) <= DEAD_BAND

@@ -1,4 +1,4 @@
-"""Motions of the cylinders and of the joints, from one to the other."""
+"""Conversion between motions of the joints and motions of the pistons."""
 
 from __future__ import annotations
 
@@ -6,16 +6,26 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import cylinder_length, joint_angle, motion
+from mhsb_model.linkages.linkage import cylinder_length, evaluate_linkage, find_joint_angle
 from mhsb_model.types import FloatArray
 
-CLOSE = 1e-5
-"""A step of two terms that is shorter leaves an error below rounding [rad]."""
+MAX_TAYLOR_STEP = 1e-5
+"""Largest second step of a joint angle for which the two-term Taylor series is accepted [rad].
+
+With a smaller step the error is below rounding."""
 
 
 @kernel
-def lengths_of(m: MachineArrays, posture: FloatArray) -> FloatArray:
-    """Cylinder lengths [m] in the postures [k, n]."""
+def compute_cylinder_lengths(m: MachineArrays, posture: FloatArray) -> FloatArray:
+    """Compute the cylinder lengths in k postures.
+
+    Args:
+        m: Arrays of the machine.
+        posture: Joint positions, shape (k, n) [rad or m].
+
+    Returns:
+        Cylinder lengths, shape (k, n) [m].
+    """
     length = np.empty(posture.shape)
     for k in range(len(posture)):
         for j in range(posture.shape[1]):
@@ -24,52 +34,81 @@ def lengths_of(m: MachineArrays, posture: FloatArray) -> FloatArray:
 
 
 @kernel
-def piston_state(
+def convert_to_pistons(
     m: MachineArrays, q: FloatArray, qd: FloatArray, qdd: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Cylinder lengths L(q) [m], v = r q̇ and v̇ = r q̈ + r′ q̇² of a state, float64[n] each."""
+    """Convert one state of the joints to the pistons.
+
+    With the moment arm r = dL/dq and its slope r′ = dr/dq:
+
+        v = r q̇,  v̇ = r q̈ + r′ q̇²
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (n,) [rad or m].
+        qd: Joint velocities, shape (n,) [rad/s or m/s].
+        qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
+
+    Returns:
+        Cylinder lengths [m], piston speeds v [m/s] and piston accelerations v̇ [m/s²], of shape
+        (n,).
+    """
     length, speed, acceleration = np.empty(len(q)), np.empty(len(q)), np.empty(len(q))
     for j in range(len(q)):
-        length[j], arm, slope = motion(m.linkage[j], q[j])
+        length[j], arm, slope = evaluate_linkage(m.linkage[j], q[j])
         speed[j] = arm * qd[j]
         acceleration[j] = arm * qdd[j] + slope * qd[j] ** 2
     return length, speed, acceleration
 
 
 @kernel
-def joint_motion(
+def convert_to_joints(
     m: MachineArrays,
     length: FloatArray,
     speed: FloatArray,
     acceleration: FloatArray,
     start: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joint motion of a piston motion: q = L⁻¹, q̇ = v/r, q̈ = (v̇ − r′ q̇²)/r.
+    """Convert a motion of the pistons to the joints.
 
-    From the instant before, q + Δq (1 − r′Δq/2r) with Δq = ΔL/r leads so close that one more such
-    step ends there; where it is not, Newton's method takes over. Beyond the joint limits the
-    linkage goes on as straight as it is there, so that a motion that passes them shows it.
+        q = L⁻¹(length),  q̇ = v/r,  q̈ = (v̇ − r′ q̇²)/r
+
+    Each position follows from the one before by two steps q + Δq (1 − r′ Δq/2r) with Δq = ΔL/r. If
+    the second step exceeds MAX_TAYLOR_STEP, Newton's method takes over. Beyond the joint limits the
+    linkage is continued as a straight line, so that a motion that passes the limits shows it.
+
+    Args:
+        m: Arrays of the machine.
+        length: Cylinder lengths at k instants in time order, shape (k, n) [m].
+        speed: Piston speeds, shape (k, n) [m/s].
+        acceleration: Piston accelerations, shape (k, n) [m/s²].
+        start: Joint positions near the first instant, where the iteration starts, shape (n,)
+            [rad or m].
+
+    Returns:
+        Joint positions [rad or m], velocities [rad/s or m/s] and accelerations [rad/s² or m/s²], of
+        shape (k, n).
     """
     rows, n = length.shape
     q, qd, qdd = np.empty((rows, n)), np.empty((rows, n)), np.empty((rows, n))
-    state = np.empty((n, 4))  # of each joint: angle, length, moment arm and its slope
+    state = np.empty((n, 4))  # columns: angle, length, moment arm r and its slope r′
     for j in range(n):
         state[j, 0] = start[j]
-        state[j, 1], state[j, 2], state[j, 3] = motion(m.linkage[j], start[j])
+        state[j, 1], state[j, 2], state[j, 3] = evaluate_linkage(m.linkage[j], start[j])
     for k in range(rows):
-        for j in range(n):  # none waits for another: a processor works on all at a time
+        for j in range(n):  # innermost: joints are independent, which the processor uses
             angle, reached, arm, slope = state[j, 0], state[j, 1], state[j, 2], state[j, 3]
             if length[k, j] != reached:
                 linkage, lower, upper = m.linkage[j], m.joint_min[j], m.joint_max[j]
                 step = (length[k, j] - reached) / arm
                 angle += step * (1.0 - 0.5 * step * slope / arm)
-                reached, arm, slope = motion(linkage, angle)
+                reached, arm, slope = evaluate_linkage(linkage, angle)
                 step = (length[k, j] - reached) / arm
                 angle += step * (1.0 - 0.5 * step * slope / arm)
                 arm += slope * step
-                if abs(step) > CLOSE or not lower <= angle <= upper:
-                    angle = joint_angle(linkage, length[k, j], lower, upper, angle)
-                    reached, arm, slope = motion(linkage, angle)
+                if abs(step) > MAX_TAYLOR_STEP or not lower <= angle <= upper:
+                    angle = find_joint_angle(linkage, length[k, j], lower, upper, angle)
+                    reached, arm, slope = evaluate_linkage(linkage, angle)
                     angle += (length[k, j] - reached) / arm
                 state[j, 0], state[j, 1] = angle, length[k, j]
                 state[j, 2], state[j, 3] = arm, slope

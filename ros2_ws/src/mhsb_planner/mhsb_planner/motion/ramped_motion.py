@@ -1,7 +1,11 @@
-"""Pistons whose speeds change by ramps.
+"""Piston motions whose speeds change by ramps.
 
-    L(t) = L₀ + v₀ t + Σᵢ Δvᵢ (R(t − tᵢ) − R(−tᵢ)),   v(t) = v₀ + Σᵢ Δvᵢ ρ(t − tᵢ),
-    v̇(t) = Σᵢ Δvᵢ k(t − tᵢ),   R = ∫ρ dt, ρ and k of a ramp (`s3_ramps`)
+    L(t) = L₀ + v₀ t + Σᵢ Δvᵢ (R(t − tᵢ) − R(−tᵢ))
+    v(t) = v₀ + Σᵢ Δvᵢ ρ(t − tᵢ)
+    v̇(t) = Σᵢ Δvᵢ k(t − tᵢ)
+
+Ramp i begins at tᵢ and changes the speeds by Δvᵢ. ρ rises from 0 to 1 during the ramp (`s3_ramps`),
+k is its derivative and R its integral.
 """
 
 from __future__ import annotations
@@ -14,34 +18,38 @@ import numpy as np
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.motion.piston_motion import joint_motion
-from mhsb_planner.motion.s3_ramps import TICK, ramp_at
+from mhsb_planner.motion.piston_motion import convert_to_joints
+from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP, evaluate_ramp
 
-NEGLIGIBLE = 1e-9
-"""A smaller change of speed is rounding [m/s]."""
+SPEED_ROUNDING = 1e-9
+"""Largest change of speed that counts as rounding [m/s]."""
 
-GENTLE = 1.0 + 1e-6
-"""Accelerations and jerks beyond their limits by less are rounding."""
+LIMIT_ROUNDING_FACTOR = 1.0 + 1e-6
+"""Factor on the limits of acceleration and jerk up to which an excess counts as rounding [-]."""
 
 
 @dataclass(frozen=True, eq=False)
 class RampedMotion:
-    """Pistons whose speeds change by ramps.
+    """Motion of n pistons whose speeds change by c ramps.
 
-    start      float64[n] rad, posture at time 0
-    length     float64[n] m, L at time 0
-    speed      float64[n] m/s, before the first ramp
-    at         float64[c] s, when each ramp begins; some before time 0
-    change     float64[c, n] m/s, the speeds' change
-    rise, blend  float64[c] s, of each ramp (`s3_ramps.Ramp`)
-    node_time  float64[k + 1] s, when the discrete path's nodes are due
+    Attributes:
+        machine: Machine that moves.
+        start: Joint positions at time 0, shape (n,) [rad or m].
+        length: Cylinder lengths at time 0, shape (n,) [m].
+        speed: Piston speeds before the first ramp, shape (n,) [m/s].
+        ramp_begin: Time at which each ramp begins, shape (c,) [s]. Some begin before time 0.
+        change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
+        rise: Time T₁ of each ramp (`s3_ramps.Ramp`), shape (c,) [s].
+        blend: Time T₂ of each ramp, shape (c,) [s].
+        node_time: Time at which the motion is to be at each node of the discrete path, shape (k +
+            1,) [s].
     """
 
     machine: Machine
     start: FloatArray
     length: FloatArray
     speed: FloatArray
-    at: FloatArray
+    ramp_begin: FloatArray
     change: FloatArray
     rise: FloatArray
     blend: FloatArray
@@ -49,50 +57,76 @@ class RampedMotion:
 
     @property
     def end(self) -> float:
-        """When all ramps are over [s]."""
+        """Time at which the last ramp is over [s]."""
         return float(self.breaks[-1])
 
     @cached_property
     def breaks(self) -> FloatArray:
-        """Times from 0 to the end between which the jerk is constant, at least a TICK apart [s].
+        """Times from 0 to the end between which the jerk is constant, shape (m,) [s].
 
-        Ramps that change speeds by no more than rounding do not count.
+        Times less than `RAMP_TIME_STEP` apart are merged. Ramps whose changes of speed are rounding
+        are left out.
         """
-        return _breaks(self.at, self.change, self.rise, self.blend)
+        return _find_breaks(self.ramp_begin, self.change, self.rise, self.blend)
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at ascending times [s], float64[times, n] each."""
-        return joint_motion(self.machine.arrays, *self.pistons(time), self.start)
+        """Compute the joint motion at given times.
 
-    def pistons(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Lengths, piston speeds, accelerations at ascending times [s], float64[times, n] each."""
-        return _pistons(
-            time, self.length, self.speed, self.at, self.change, self.rise, self.blend
+        Args:
+            time: Times in ascending order, shape (k,) [s].
+
+        Returns:
+            Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
+            [rad/s² or m/s²], of shape (k, n).
+        """
+        return convert_to_joints(self.machine.arrays, *self.sample_pistons(time), self.start)
+
+    def sample_pistons(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute the piston motion at given times.
+
+        Args:
+            time: Times in ascending order, shape (k,) [s].
+
+        Returns:
+            Cylinder lengths [m], piston speeds [m/s] and accelerations [m/s²], of shape (k, n).
+        """
+        return _sample_pistons(
+            time, self.length, self.speed, self.ramp_begin, self.change, self.rise, self.blend
         )
 
     @cached_property
     def peaks(self) -> tuple[float, float]:
-        """The largest acceleration and jerk of a piston, as shares of what is allowed.
+        """Largest piston acceleration and jerk as fractions of the machine's limits [-].
 
-        Between breaks the acceleration is linear in time.
+        They are taken from the accelerations at `breaks`, between which acceleration is linear in
+        time.
         """
         m, time = self.machine.arrays, self.breaks
-        acceleration, jerk = _peaks(time, self.pistons(time)[2])
+        acceleration, jerk = _find_peaks(time, self.sample_pistons(time)[2])
         return acceleration / m.max_piston_acceleration, jerk / m.max_piston_jerk
 
     @property
-    def gentle(self) -> bool:
-        """Whether acceleration and jerk are within their limits."""
-        return max(self.peaks) <= GENTLE
+    def keeps_dynamic_limits(self) -> bool:
+        """True if acceleration and jerk of all pistons are within the machine's limits."""
+        return max(self.peaks) <= LIMIT_ROUNDING_FACTOR
 
-    def plus(self, other: RampedMotion) -> RampedMotion:
-        """This motion with another one's ramps, and its nodes."""
+    def superpose(self, other: RampedMotion) -> RampedMotion:
+        """Superpose the ramps of another motion on this one.
+
+        Start posture and cylinder lengths are this motion's. Initial speeds are added.
+
+        Args:
+            other: Motion whose ramps are added and whose node times the result has.
+
+        Returns:
+            The sum of both motions.
+        """
         return RampedMotion(
             self.machine,
             self.start,
             self.length,
             self.speed + other.speed,
-            np.concatenate([self.at, other.at]),
+            np.concatenate([self.ramp_begin, other.ramp_begin]),
             np.vstack([self.change, other.change]),
             np.concatenate([self.rise, other.rise]),
             np.concatenate([self.blend, other.blend]),
@@ -101,20 +135,33 @@ class RampedMotion:
 
 
 @kernel
-def _breaks(
+def _find_breaks(
     at: FloatArray, change: FloatArray, rise: FloatArray, blend: FloatArray
 ) -> FloatArray:
-    """Kernel of `RampedMotion.breaks`."""
-    inner, count, end = np.empty(4 * len(at)), 0, TICK
+    """Compute the times between which the jerk of a ramped motion is constant.
+
+    Ramps that change no speed by more than SPEED_ROUNDING are left out. Of times that are less than
+    RAMP_TIME_STEP apart the first is kept.
+
+    Args:
+        at: Time at which each ramp begins, shape (c,) [s].
+        change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
+        rise: Time T₁ of each ramp, shape (c,) [s].
+        blend: Time T₂ of each ramp, shape (c,) [s].
+
+    Returns:
+        Ascending times from 0 to the end of the last ramp, at least RAMP_TIME_STEP [s].
+    """
+    inner, count, end = np.empty(4 * len(at)), 0, RAMP_TIME_STEP
     for i in range(len(at)):
-        if np.abs(change[i]).max() > NEGLIGIBLE:
+        if np.abs(change[i]).max() > SPEED_ROUNDING:
             for since in (0.0, blend[i], rise[i], rise[i] + blend[i]):
                 inner[count] = at[i] + since
                 count += 1
             end = max(end, at[i] + rise[i] + blend[i])
     inner = inner[:count]
     inner.sort()
-    kept, apart = np.zeros(count + 2), (1.0 - 1e-6) * TICK
+    kept, apart = np.zeros(count + 2), (1.0 - 1e-6) * RAMP_TIME_STEP
     last = 0
     for time in inner:
         if kept[last] + apart <= time <= end - apart:
@@ -125,8 +172,16 @@ def _breaks(
 
 
 @kernel
-def _peaks(time: FloatArray, acceleration: FloatArray) -> tuple[float, float]:
-    """Largest acceleration [m/s²] and jerk [m/s³] of accelerations [k, n] linear between times."""
+def _find_peaks(time: FloatArray, acceleration: FloatArray) -> tuple[float, float]:
+    """Compute the largest acceleration and jerk of piecewise linear piston accelerations.
+
+    Args:
+        time: Times in ascending order, shape (k,) [s].
+        acceleration: Piston accelerations at these times, shape (k, n) [m/s²].
+
+    Returns:
+        Largest absolute acceleration [m/s²] and jerk [m/s³] over all pistons.
+    """
     highest = steepest = 0.0
     for k in range(len(time)):
         for j in range(acceleration.shape[1]):
@@ -138,7 +193,7 @@ def _peaks(time: FloatArray, acceleration: FloatArray) -> tuple[float, float]:
 
 
 @kernel
-def _pistons(
+def _sample_pistons(
     time: FloatArray,
     start: FloatArray,
     speed: FloatArray,
@@ -147,21 +202,35 @@ def _pistons(
     rise: FloatArray,
     blend: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Kernel of `RampedMotion.pistons`, times ascending; oracle: the path convolved numerically.
+    """Compute lengths, speeds and accelerations of the pistons of a ramped motion.
 
-    A ramp that is over leaves a change of speed and a lag behind it, which are summed up.
+    Only times within a ramp evaluate it. A finished ramp contributes a constant change of speed and
+    a constant lag of length; both are accumulated over time. Test oracle: the path convolved
+    numerically.
+
+    Args:
+        time: Times in ascending order, shape (k,) [s].
+        start: Cylinder lengths at time 0, shape (n,) [m].
+        speed: Piston speeds before the first ramp, shape (n,) [m/s].
+        at: Time at which each ramp begins, shape (c,) [s].
+        change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
+        rise: Time T₁ of each ramp, shape (c,) [s].
+        blend: Time T₂ of each ramp, shape (c,) [s].
+
+    Returns:
+        Cylinder lengths [m], piston speeds [m/s] and accelerations [m/s²], of shape (k, n).
     """
     rows, n = len(time), len(start)
     length, velocity = np.zeros((rows, n)), np.zeros((rows, n))
     acceleration, over, lag = np.zeros((rows, n)), np.zeros((rows, n)), np.zeros((rows, n))
     for i in range(len(at)):
-        before, _, _ = ramp_at(rise[i], blend[i], -at[i])
+        before, _, _ = evaluate_ramp(rise[i], blend[i], -at[i])
         duration = rise[i] + blend[i]
         k = 0
         while k < rows and time[k] <= at[i]:
             k += 1
         while k < rows and time[k] < at[i] + duration:
-            way, share, rate = ramp_at(rise[i], blend[i], time[k] - at[i])
+            way, share, rate = evaluate_ramp(rise[i], blend[i], time[k] - at[i])
             for j in range(n):
                 length[k, j] += change[i, j] * (way - before)
                 velocity[k, j] += change[i, j] * share

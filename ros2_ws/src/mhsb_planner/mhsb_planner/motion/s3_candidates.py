@@ -1,4 +1,7 @@
-"""The curves that S3 tries along a discrete path, in their order (`s3_trajectory`)."""
+"""The curves that S3 tries along a discrete path, in the order of trial (`s3_trajectory`).
+
+The last resort is the stepped path, which rests at every posture.
+"""
 
 from __future__ import annotations
 
@@ -13,31 +16,107 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
-from mhsb_planner.motion.passing import Passing
-from mhsb_planner.motion.s3_coasting import Coasting
-from mhsb_planner.motion.s3_following import followed_path
+from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
+from mhsb_planner.motion.s3_blend_in import Coasting
+from mhsb_planner.motion.s3_following import compute_followed_path
 from mhsb_planner.motion.s3_limits import Limit
 from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
-from mhsb_planner.motion.s3_steered import Steering, steered_path
-from mhsb_planner.motion.s3_stepped import stepped_path
+from mhsb_planner.motion.s3_state_to_rest import Steering, compute_steered_motion
 from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
 from mhsb_planner.motion.trajectory_points import SmoothCurve
+from mhsb_planner.motion.via_check import ViaPoint
 from mhsb_planner.search.discrete_path import DiscretePath
+
+SHORTEST_STEP = 0.1
+"""Shortest duration of a step from rest to rest [s]."""
+
+UNIT_QUINTIC_PEAKS = (15 / 8, 10 / 3**0.5, 60.0)
+"""Largest speed, acceleration and jerk of 10u³ − 15u⁴ + 6u⁵, with u from 0 to 1 in unit time."""
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedPath:
+    """Motion from node to node along straight lines in joint space, with a rest at every node.
+
+        q = q_i + Δq (10u³ − 15u⁴ + 6u⁵), u from 0 to 1 over each step
+
+    Attributes:
+        posture: Joint positions at the nodes, shape (k + 1, n) [rad or m].
+        node_time: Time at which each node is reached, shape (k + 1,) [s].
+    """
+
+    posture: FloatArray
+    node_time: FloatArray
+
+    @property
+    def breaks(self) -> FloatArray:
+        """Times between which the curve is smooth: the nodes' times [s]."""
+        return self.node_time
+
+    def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute the joint motion at given times.
+
+        Before time 0 and after the end the arm rests at the path's first and last posture.
+
+        Args:
+            time: Times, shape (m,) [s].
+
+        Returns:
+            Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
+            [rad/s² or m/s²], of shape (m, n).
+        """
+        last = len(self.node_time) - 2
+        step = np.clip(np.searchsorted(self.node_time, time, "right") - 1, 0, last)
+        span = np.diff(self.node_time)[step]
+        u = np.clip((time - self.node_time[step]) / span, 0.0, 1.0)[:, None]
+        span = span[:, None]
+        dq = np.diff(self.posture, axis=0)[step]
+        q = self.posture[step] + dq * (10 * u**3 - 15 * u**4 + 6 * u**5)
+        qd = dq * (30 * u**2 - 60 * u**3 + 30 * u**4) / span
+        qdd = dq * (60 * u - 180 * u**2 + 120 * u**3) / span**2
+        return q, qd, qdd
+
+
+def compute_stepped_path(machine: Machine, path: DiscretePath, stretch: float) -> SteppedPath:
+    """Compute the motion that rests at every node of a path.
+
+    At stretch 1 no piston is faster than its speed in this step of the discrete path. Acceleration
+    and jerk of the pistons keep their limits as well. Both hold apart from the effect of moment
+    arms that vary within the step.
+
+    Args:
+        machine: Machine whose piston acceleration and jerk are the limits.
+        path: Discrete path.
+        stretch: Factor on all durations [-].
+
+    Returns:
+        Motion that begins at time 0.
+    """
+    m = machine.arrays
+    stroke = np.abs(np.diff(compute_cylinder_lengths(m, path.posture), axis=0)).max(axis=1)
+    speed, acceleration, jerk = UNIT_QUINTIC_PEAKS
+    duration = np.maximum(speed * path.duration, SHORTEST_STEP)
+    duration = np.maximum(duration, np.sqrt(acceleration * stroke / m.max_piston_acceleration))
+    duration = np.maximum(duration, np.cbrt(jerk * stroke / m.max_piston_jerk))
+    return SteppedPath(path.posture, np.concatenate([[0.0], np.cumsum(stretch * duration)]))
+
 
 SHORTEST_MOVE = 0.5
 """Shortest duration of a polynomial [s]."""
 
 USAGE_RESERVE = 1.003
-"""Durations are stretched by this much more than the points need, for what lies between them."""
+"""Factor by which durations are stretched beyond the need at the points [-].
+
+It covers what may happen between the points."""
 
 TrajectoryKind = Literal["polynomial", "followed"]
-"""How S3 begins: with the published polynomials, or with the discrete path followed."""
+"""Start of S3: the published polynomials, or ramps that follow the discrete path."""
 
 TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
 
 
 class FitMethod(StrEnum):
-    """How the trajectory was made of the discrete path."""
+    """Method by which a trajectory was made from a discrete path."""
 
     POLYNOMIAL = "polynomial"
     RAMPED = "ramped"
@@ -48,59 +127,71 @@ class FitMethod(StrEnum):
 
 
 class Curve(SmoothCurve, Protocol):
-    """A joint motion with the times at which the discrete path's nodes are due."""
+    """Joint motion with the times at which it is to be at the discrete path's nodes."""
 
     @property
     def node_time(self) -> FloatArray:
-        """When the path's nodes are due, float64[k + 1] s."""
+        """Time at which the motion is to be at each node of the path, shape (k + 1,) [s]."""
 
 
 @dataclass(frozen=True)
 class FitRules:
-    """What a fit may do.
+    """Settings of a fit.
 
-    trajectory   whether the published polynomials are tried, or the path is followed at once
-    alone        whether nothing else is tried where these do not keep the limits
-    stepped      whether the path may be gone step by step
-    switching    how modes are switched
-    slowness     factors on the duration of the shortest ramps, in the order tried
-    last_ramp    a further factor on that of the last one
-    max_stretch  largest factor on the discrete path's durations
-    max_excess   largest |v|/V_max − 1 of a piston
-    overrun      m, by which a piston may run on beyond what braking and the path need
-    least_duration  s, that the discrete path takes at least
-    passing      points that the tip passes on its way
+    Attributes:
+        trajectory: `polynomial` tries the published polynomials first, `followed` leaves them out.
+        polynomial_only: True if nothing else is tried when the polynomials break a limit.
+        stepped: True if the path may be followed step by step, with a rest at every node.
+        switching: Rules for switching modes.
+        ramp_factors: Factors on the duration of the shortest ramps, in the order of trial [-].
+        last_ramp_factor: Further factor on the duration of the last ramp [-].
+        max_stretch: Largest factor on the stretch that a curve is first tried with [-].
+        max_excess: Largest excess of a piston speed, |v|/V_max − 1 [-].
+        max_overrun: Distance by which a piston may run on beyond what braking and the path need
+            [m].
+        min_duration: Shortest duration of the discrete path [s].
+        via_points: Via points, which the tip passes on its way.
     """
 
     trajectory: TrajectoryKind = "polynomial"
-    alone: bool = False
+    polynomial_only: bool = False
     stepped: bool = True
     switching: SwitchingRules = field(default_factory=SwitchingRules)
-    slowness: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
-    last_ramp: float = 1.0
+    ramp_factors: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
+    last_ramp_factor: float = 1.0
     max_stretch: float = 3.0
     max_excess: float = 0.1
-    overrun: float = 2e-3
-    least_duration: float = 0.0
-    passing: tuple[Passing, ...] = ()
+    max_overrun: float = 2e-3
+    min_duration: float = 0.0
+    via_points: tuple[ViaPoint, ...] = ()
 
     @classmethod
-    def following(cls) -> FitRules:
-        """Rules for a motion that follows its path, within V_max but for rounding."""
+    def create_following(cls) -> FitRules:
+        """Create rules for a motion that follows its path within V_max.
+
+        Returns:
+            Rules whose max_excess allows for the reserve and rounding only.
+        """
         return cls(trajectory="followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """A kind of curve, and how it is tried.
+class CurveCandidate:
+    """One kind of curve and the way in which it is tried.
 
-    lead_in      what comes before it
-    stretch      the first one
-    furthest     how far joints may go, where that is looked at
-    coasts       whether it begins with coasting
-    stretchable  limits for which it is stretched, rather than refused
-    longest      largest factor on the first stretch; None: that of the rules
-    for_thrust   whether it is tried only where the one before lacks pressure
+    Attributes:
+        method: Method that the result will state.
+        name: Words that describe the curve in messages.
+        curve_at: Function that returns the curve for a stretch, a factor on the path's durations.
+        start: State of the joints at the beginning of the curve.
+        lead_in: Motion before the curve, such as braking; None if there is none.
+        stretch: Stretch that is tried first [-].
+        furthest_travel: Largest travel of each joint in its first direction, shape (n,) [rad or m].
+            None means that it is not checked.
+        coasts: True if the curve begins with a moving start that coasts or steers.
+        stretchable: Limits for which the curve is stretched; any other limit refuses it.
+        max_stretch: Largest factor on the first stretch [-]; None means that of the rules.
+        only_after_thrust_lack: True if the curve is tried only if the one before lacked pressure.
     """
 
     method: FitMethod
@@ -109,14 +200,14 @@ class Candidate:
     start: MotionState
     lead_in: Trajectory | None = None
     stretch: float = 1.0
-    furthest: FloatArray | None = None
+    furthest_travel: FloatArray | None = None
     coasts: bool = False
     stretchable: tuple[Limit, ...] = (Limit.USAGE, Limit.THRUST)
-    longest: float | None = None
-    for_thrust: bool = False
+    max_stretch: float | None = None
+    only_after_thrust_lack: bool = False
 
 
-def candidates(
+def iterate_candidates(
     machine: Machine,
     path: DiscretePath,
     start: MotionState,
@@ -124,36 +215,51 @@ def candidates(
     coast: Coasting | Steering | None,
     modes: StartModes,
     rules: FitRules,
-) -> Iterator[Candidate]:
-    """All curves, from `start`, from where `brake` has brought it to rest, or as it coasts; the
-    one from where it steers.
+) -> Iterator[CurveCandidate]:
+    """Yield the curves to try along a discrete path, in order.
 
-    brake  also where it coasts: the same motion; modes in force at the start
+    A start that steers has one curve only. Otherwise the order is: the polynomial, if the rules ask
+    for it; ramps from a start that coasts; ramps and steps from rest after `brake`. If a mode is
+    younger than the least dwell, ramps and steps from rest follow once more after a rest in which
+    the mode becomes that old.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path.
+        start: State of the joints at the start.
+        brake: Motion that brings a moving start to rest at the path's first node; None at rest. If
+            the start coasts it is the coasting's trajectory.
+        coast: Coasting or steering of a moving start, or None.
+        modes: Modes in force at the start and their ages.
+        rules: Settings of the fit.
+
+    Yields:
+        Curves that are not computed yet.
     """
     rest = MotionState.at_rest(path.posture[0])
     if isinstance(coast, Steering):
-        steered = partial(steered_path, machine, path, start)
-        yield Candidate(FitMethod.STEERED, "steered", steered, start, coasts=True)
+        steered = partial(compute_steered_motion, machine, path, start)
+        yield CurveCandidate(FitMethod.STEERED, "steered", steered, start, coasts=True)
         return
     if rules.trajectory == "polynomial":
-        yield _polynomial(path, start, brake)
-        if rules.alone:
+        yield _create_polynomial(path, start, brake)
+        if rules.polynomial_only:
             return
     if coast is not None:
-        yield from _ramped(machine, path, start, None, coast, rules)
+        yield from _iterate_ramped(machine, path, start, None, coast, rules)
     youngest = rules.switching.min_dwell - float(modes.age.min())
     lead_ins = [("", brake)]
     if youngest > 0.0:
-        waited = (brake or standstill(start.position)).rested(round(youngest * SECOND_NS))
+        waited = (brake or standstill(start.position)).with_rest(round(youngest * SECOND_NS))
         lead_ins.append(("after a rest, ", waited))
     for words, lead_in in lead_ins:
-        yield from _ramped(machine, path, rest, lead_in, None, rules, words)
+        yield from _iterate_ramped(machine, path, rest, lead_in, None, rules, words)
         if rules.stepped:
-            stepped = partial(stepped_path, machine, path)
-            yield Candidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
+            stepped = partial(compute_stepped_path, machine, path)
+            yield CurveCandidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
 
 
-def _ramped(
+def _iterate_ramped(
     machine: Machine,
     path: DiscretePath,
     start: MotionState,
@@ -161,29 +267,69 @@ def _ramped(
     coast: Coasting | None,
     rules: FitRules,
     words: str = "",
-) -> Iterator[Candidate]:
-    """The path followed with ever slower ramps; from rest the slowest are stretched as well."""
+) -> Iterator[CurveCandidate]:
+    """Yield curves that follow the path with slower and slower ramps.
+
+    Each curve but the first is tried only if the one before lacked pressure. All may be stretched
+    if valves or pumps cannot follow. From rest, the one with the slowest ramps may also be
+    stretched for lack of pressure.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path.
+        start: State of the joints at the beginning of the curve.
+        lead_in: Motion before the curve, or None.
+        coast: Coasting of a moving start, or None if the curve begins at rest.
+        rules: Settings of the fit, with the factors `ramp_factors`.
+        words: Beginning of the curves' names; it is replaced if the start coasts.
+
+    Yields:
+        One curve for each factor of `ramp_factors`.
+    """
     words = words if coast is None else "setting out at once, "
-    for slower in rules.slowness:
-        last = coast is None and slower == rules.slowness[-1]
-        yield Candidate(
+    for slower in rules.ramp_factors:
+        last = coast is None and slower == rules.ramp_factors[-1]
+        yield CurveCandidate(
             FitMethod.RAMPED,
             f"{words}with ramps {slower:g} times the shortest",
-            partial(followed_path, machine, path, slower, coast, last=rules.last_ramp),
+            partial(
+                compute_followed_path,
+                machine,
+                path,
+                slower,
+                coast,
+                last_ramp_factor=rules.last_ramp_factor,
+            ),
             start,
             lead_in,
             coasts=coast is not None,
-            for_thrust=slower != rules.slowness[0],
+            only_after_thrust_lack=slower != rules.ramp_factors[0],
             stretchable=(Limit.USAGE, Limit.THRUST) if last else (Limit.USAGE,),
         )
 
 
-def _polynomial(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> Candidate:
-    """The published curve; from a moving start it is not stretched."""
+def _create_polynomial(
+    path: DiscretePath, start: MotionState, brake: Trajectory | None
+) -> CurveCandidate:
+    """Create the published polynomial as a curve to try.
+
+    From a moving start it is not stretched beyond its first stretch. The travel of each joint that
+    braking and the path need in its first direction is recorded. The caller refuses a curve that
+    runs on farther.
+
+    Args:
+        path: Discrete path.
+        start: State of the joints at the start.
+        brake: Motion that brings a moving start to rest; half its duration is the time that the
+            polynomial has to reach the path's first node. None at rest.
+
+    Returns:
+        Curve with a first stretch that makes the path last SHORTEST_MOVE or longer.
+    """
     shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
     if brake is None:
         rest = MotionState.at_rest(path.posture[0])
-        return Candidate(
+        return CurveCandidate(
             FitMethod.POLYNOMIAL,
             "polynomial",
             lambda stretch: fit_polynomial(path, rest, 0.0, stretch),
@@ -191,17 +337,26 @@ def _polynomial(path: DiscretePath, start: MotionState, brake: Trajectory | None
             stretch=shortest,
         )
     delay = brake.duration_ns / SECOND_NS / 2
-    return Candidate(
+    return CurveCandidate(
         FitMethod.POLYNOMIAL,
         "polynomial from the moving start",
         lambda stretch: fit_polynomial(path, start, delay, stretch),
         start,
         stretch=shortest,
-        furthest=furthest_of(start, np.vstack([brake.position, path.posture])),
-        longest=1.0,
+        furthest_travel=compute_furthest_travel(start, np.vstack([brake.position, path.posture])),
+        max_stretch=1.0,
     )
 
 
-def furthest_of(start: MotionState, position: FloatArray) -> FloatArray:
-    """How far each joint gets in the direction of its first velocity, float64[n] rad."""
+def compute_furthest_travel(start: MotionState, position: FloatArray) -> FloatArray:
+    """Compute how far each joint gets in the direction of its initial velocity.
+
+    Args:
+        start: State of the joints at the start.
+        position: Joint positions along a motion, shape (k, n) [rad or m].
+
+    Returns:
+        Largest travel from the start in that direction, shape (n,) [rad or m]; 0 for a joint at
+        rest; negative if the joint moves only the other way.
+    """
     return np.max(np.sign(start.velocity) * (position - start.position), axis=0)

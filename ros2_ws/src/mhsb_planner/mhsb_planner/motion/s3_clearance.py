@@ -1,9 +1,10 @@
 """Clearance of a joint motion from all obstacles, at every instant.
 
-Conservative advancement: with clearance c and all points of the arm slower than V, nothing is
-touched for c/V. Where that is less than a millisecond, the clearance is looked at every
-millisecond, and must be at least half of what any point moves in it; then it is positive in
-between, too. Source: Mirtich, Impulse-based Dynamic Simulation, 1996, Section 2.
+The method is conservative advancement. With the clearance c and all points of the arm slower than
+V, nothing is touched for the time c/V. If that is less than a millisecond, the clearance is
+checked every millisecond. It must then be at least half of the distance that any point moves in
+this time, so that it is positive in between, too.
+Source: Mirtich, Impulse-based Dynamic Simulation, 1996, Section 2.
 """
 
 from __future__ import annotations
@@ -15,27 +16,31 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.obstacles.clearance import clearance, leeway_from
+from mhsb_model.obstacles.clearance import clearance, compute_leeway
 from mhsb_model.trajectory import SECOND_NS, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray, frozen
 
-CLOSEST_LOOKS = 1e-3  # s
+CLOSEST_LOOKS = 1e-3
+"""Shortest time between two checks of the clearance [s]."""
 
 START_LEEWAY = 1e-3
-"""A motion that starts less than this from an obstacle, or in it, may get no nearer to it than
-this, until it is farther away [m]."""
+"""Clearance below which a start counts as in or at an obstacle [m].
 
-SLOWEST = 1e-9
-"""Taken for an arm that rests [m/s]."""
+A motion that starts so may get nearer to the obstacle, or deeper into it, by at most this distance.
+The exception ends for good when the clearance is greater."""
+
+REST_SPEED_LIMIT = 1e-9
+"""Bound on the speed of the arm's points that is used for an arm at rest [m/s]."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Where a motion gets to an obstacle, or too close to it to tell.
+    """First contact of a motion with an obstacle, or an approach too close to exclude one.
 
-    time       s from the motion's start
-    clearance  m then, negative in the obstacle
-    name       of the obstacle
+    Attributes:
+        time: Time from the start of the motion [s].
+        clearance: Clearance at that time, negative inside the obstacle [m].
+        name: Name of the obstacle.
     """
 
     time: float
@@ -43,10 +48,20 @@ class Contact:
     name: str
 
 
-def first_contact(machine: Machine, trajectory: Trajectory) -> Contact | None:
-    """The first contact of a trajectory with an obstacle, or None.
+def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | None:
+    """Find the first contact of a trajectory with an obstacle.
 
-    A start in an obstacle may be left, but no deeper into it; see START_LEEWAY.
+    An approach that is too close to exclude a contact counts as one. A motion that starts in an
+    obstacle, or nearer than START_LEEWAY, may leave it. It may get deeper into it by at most
+    START_LEEWAY.
+
+    Args:
+        machine: Machine with its obstacles, without the margin of discrete paths.
+        trajectory: Joint trajectory.
+
+    Returns:
+        Time of the contact from the trajectory's start [s], clearance then [m] and name of the
+        obstacle. None if the motion is clear or there are no obstacles.
     """
     rows = machine.obstacles.rows
     if len(rows) == 0:
@@ -57,21 +72,35 @@ def first_contact(machine: Machine, trajectory: Trajectory) -> Contact | None:
     return None if nearest < 0 else Contact(at, distance, machine.obstacles.name(nearest))
 
 
-def contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) -> Contact | None:
-    """The first contact in what is left of a trajectory at an absolute time, or None.
+def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) -> Contact | None:
+    """Find the first contact in the rest of a trajectory.
 
-    It begins at the last point before; times are from there on.
+    The check begins at the trajectory's last point at or before the given time. Before the
+    trajectory's start it begins at the first point. After the end nothing is left to check.
+
+    Args:
+        machine: Machine with its obstacles.
+        trajectory: Joint trajectory.
+        now_ns: Absolute time [ns].
+
+    Returns:
+        The contact, or None if the rest is clear. Its time counts from the point where the check
+        began.
     """
     here = int(np.searchsorted(trajectory.offset_ns, now_ns - trajectory.stamp_ns, "right")) - 1
     rest = slice(max(0, here), None)
     offset = trajectory.offset_ns[rest]
     motion = (trajectory.position, trajectory.velocity, trajectory.acceleration)
     left = Trajectory(now_ns, offset - offset[0], *(values[rest] for values in motion))
-    return first_contact(machine, left)
+    return find_first_contact(machine, left)
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module, whether there are obstacles or not."""
+    """Compile the kernels of this module, whether the machine has obstacles or not.
+
+    Args:
+        machine: Machine whose number of joints gives the argument types.
+    """
     still = frozen(np.zeros((2, machine.joint_count)))
     _first_contact(
         machine.arrays, machine.obstacles.rows, np.array([0.0, 1.0]), still, still, still
@@ -79,13 +108,26 @@ def warm_up(machine: Machine) -> None:
 
 
 @kernel(borrows=True)
-def _fastest(
+def _bound_point_speed(
     m: MachineArrays, h: float, i: int, position: FloatArray, velocity: FloatArray,
     acceleration: FloatArray,
 ) -> float:  # fmt: skip
-    """No point of the arm is faster in interval i, of h seconds, of a trajectory [m/s].
+    """Compute an upper bound on the speed of all points of the arm in one interval.
 
-    A quintic's speed is at most 5/h times the largest difference of its control points.
+    Joint j moves as a quintic over h seconds. Its speed is at most 5/h times the largest difference
+    of adjacent control points. The speeds of the joints add up with the distances that they act
+    over.
+
+    Args:
+        m: Arrays of the machine.
+        h: Duration of the interval [s].
+        i: Index of the interval, from point i to point i + 1.
+        position: Joint positions at the points, shape (k, n) [rad or m].
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²].
+
+    Returns:
+        Upper bound on the speed, at least REST_SPEED_LIMIT [m/s].
     """
     reach, fastest = 0.0, 0.0
     for j in range(position.shape[1] - 1, -1, -1):
@@ -103,7 +145,7 @@ def _fastest(
             fastest += 5.0 / h * apart
         else:
             fastest += 5.0 / h * apart * reach
-    return max(fastest, SLOWEST)
+    return max(fastest, REST_SPEED_LIMIT)
 
 
 @kernel
@@ -115,18 +157,34 @@ def _first_contact(
     velocity: FloatArray,
     acceleration: FloatArray,
 ) -> tuple[float, float, int]:
-    """Kernel of `first_contact`: time [s], clearance [m] and row, −1 where there is none.
+    """Find the first contact of a joint motion with an obstacle by conservative advancement.
 
-    Oracle: clearances at instants a fifth of a millisecond apart.
+    An approach that is too close to exclude a contact counts as one. An obstacle to which the start
+    is nearer than START_LEEWAY is excepted until its clearance has exceeded START_LEEWAY. Until
+    then the motion may get nearer to it, or deeper into it, by at most START_LEEWAY.
+
+    Test oracle: clearances at instants 0.2 ms apart.
+
+    Args:
+        m: Arrays of the machine.
+        rows: Rows of the obstacles, `Obstacles.rows`.
+        time: Times of the points, shape (k,) [s].
+        position: Joint positions at the points, shape (k, n) [rad or m].
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²].
+
+    Returns:
+        Time of the contact [s], clearance then [m] and row of the obstacle; (0, 0, -1) if there is
+        none. The clearance is negative inside the obstacle. It is positive after an approach.
     """
-    leeway = leeway_from(m, rows, position[0], START_LEEWAY)
+    leeway = compute_leeway(m, rows, position[0], START_LEEWAY)
     inside = np.any(leeway > 0.0)
     n = position.shape[1]
     q = np.empty(n)
-    free, needed = 0.0, 0.0  # way until the next look, least clearance there [m]
+    free, needed = 0.0, 0.0  # distance until the next check; least clearance there [m]
     for i in range(len(time) - 1):
         h = time[i + 1] - time[i]
-        speed = _fastest(m, h, i, position, velocity, acceleration)
+        speed = _bound_point_speed(m, h, i, position, velocity, acceleration)
         since = 0.0
         while since + free / speed < h:
             since += free / speed
@@ -135,7 +193,7 @@ def _first_contact(
                 end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
                 q[j], _, _ = quintic_hermite(since, h, start, end)
             if inside:  # an obstacle that has been left may not be entered again
-                still = leeway_from(m, rows, q, START_LEEWAY)
+                still = compute_leeway(m, rows, q, START_LEEWAY)
                 for k in range(len(leeway)):
                     leeway[k] = leeway[k] if still[k] > 0.0 else 0.0
                 inside = np.any(leeway > 0.0)

@@ -1,15 +1,15 @@
-"""S3 that keeps what the discrete path promised: its motion in cylinder lengths, made of ramps.
+"""S3 that keeps the discrete path's cost: its motion in cylinder lengths, smoothed by ramps.
 
-The discrete path runs through its steps at constant piston speeds. Each change of speed becomes a
-ramp (`s3_ramps`), which is to smooth the whole path with one kernel:
+The discrete path has constant piston speeds in each step. Each change of speed becomes a ramp
+(`s3_ramps`), which amounts to smoothing the whole path with one kernel:
 
     L(t) = L₀ + Σᵢ Δvᵢ R(t − tᵢ),   v(t) = Σᵢ Δvᵢ ρ(t − tᵢ),   v̇(t) = Σᵢ Δvᵢ k(t − tᵢ)
 
-Lengths and piston speeds are weighted means of the discrete ones, so that joint limits, V_max and
-the pumps' flows hold by construction; acceleration and jerk hold as long as corners are not too
-close, and where they are, the ramps are made slower. The motion lasts one ramp longer than the
-path. From a moving start the coasting (`s3_coasting`) is added: the path then sets out at once,
-or, where that would pass the acceleration, a little later.
+Lengths and piston speeds are weighted means of the discrete ones. Joint limits, V_max and the pump
+flows therefore hold by construction. Acceleration and jerk hold if corners are not too close;
+otherwise the ramps are made slower. The motion lasts one ramp longer than the path. From a moving
+start the coasting (`s3_blend_in`) is superposed: the path then begins at once, or a little later if
+the acceleration would be too large.
 """
 
 from __future__ import annotations
@@ -22,65 +22,89 @@ import numpy as np
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.motion.piston_motion import lengths_of
+from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.motion.ramped_motion import RampedMotion
-from mhsb_planner.motion.s3_coasting import Coasting
+from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_polynomial import SHORTEST_STEP
-from mhsb_planner.motion.s3_ramps import TICK, Ramp, shortest_ramp, whole_ticks
+from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP, Ramp, round_up_to_time_step, shortest_ramp
 from mhsb_planner.search.discrete_path import DiscretePath
 
 SAME_SPEED = 1e-7
-"""Speeds of a step and the next that differ by less are one [m/s]."""
+"""Difference of the speeds in two adjacent steps below which they count as equal [m/s]."""
 
 AT_ONCE = (1.0, 1.5, 2.5)
-"""Factors on the ramps of a path that sets out while a moving start still coasts."""
+"""Factors on the ramps of a path that begins while the start still coasts [-].
 
-ROUNDS = 6
-"""Times that ramps are made slower before the last is taken."""
+They are tried in this order."""
+
+MAX_SLOWING_ROUNDS = 6
+"""Number of times that ramps are made slower before the last result is taken."""
 
 
-def following_motion(
+def smooth_path(
     machine: Machine,
     path: DiscretePath,
     ramp: Ramp,
     stretch: float,
     coast: Coasting | None = None,
     delay: float = 0.0,
-    first: Ramp | None = None,
-    last: float = 1.0,
+    first_ramp: Ramp | None = None,
+    last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
-    """A path's motion, with ramps like `ramp`, beginning at `delay` s.
+    """Smooth the piston motion of a discrete path by ramps.
 
-    stretch  factor on the path's durations. Where the speed changes, times are rounded up to ticks
-    first    another, shorter ramp, by which the path begins: with that of the coasting, speeds
-             that stay do not sink in between. Ramps then have the middles that they would have if
-             all were like it; those without room for that are like it
-    last     factor on the times of the last ramp, whose middle stays
+    Times between corners are rounded up to multiples of RAMP_TIME_STEP.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path.
+        ramp: Ramp of all changes of speed.
+        stretch: Factor on the path's durations [-].
+        coast: Coasting of a moving start that is superposed, or None.
+        delay: Time at which the path's first ramp begins [s].
+        first_ramp: Shorter ramp with which the path begins; None means `ramp`. If it equals the
+            coasting's ramp, a piston whose speed stays the same does not slow down in between. All
+            ramps keep the middles that they would have if each were `first_ramp`. A ramp that would
+            then begin before `delay` is itself `first_ramp`.
+        last_ramp_factor: Factor on the times of the last ramp, whose middle stays [-].
+
+    Returns:
+        Motion of the pistons from the path's first posture, or from the coasting's start.
     """
-    length = lengths_of(machine.arrays, path.posture)
-    first, due = first or ramp, _durations(path, stretch)
-    at, change, rise, blend, node_time = _ramps(
-        length, due, delay, ramp.rise, ramp.blend, first.rise, first.blend
+    length = compute_cylinder_lengths(machine.arrays, path.posture)
+    first_ramp, due = first_ramp or ramp, _durations(path, stretch)
+    at, change, rise, blend, node_time = _place_ramps(
+        length, due, delay, ramp.rise, ramp.blend, first_ramp.rise, first_ramp.blend
     )
-    if last != 1.0:
+    if last_ramp_factor != 1.0:
         before = Ramp(float(rise[-1]), float(blend[-1]))
-        ending = before.slower(last, last).in_step_with(before)
+        ending = before.scale(last_ramp_factor, last_ramp_factor).align_with(before)
         at[-1] += 0.5 * (before.duration - ending.duration)
         rise[-1], blend[-1] = ending
     rest = np.zeros(length.shape[1])
     own = RampedMotion(
         machine, path.posture[0], length[0], rest, at, change, rise, blend, node_time
     )
-    return own if coast is None else coast.motion.plus(own)
+    return own if coast is None else coast.motion.superpose(own)
 
 
 def _durations(path: DiscretePath, stretch: float) -> FloatArray:
-    """Of a path's steps [s]."""
+    """Return the stretched durations of a path's steps.
+
+    A step counts as at least SHORTEST_STEP long before it is stretched.
+
+    Args:
+        path: Discrete path of k steps.
+        stretch: Factor on the durations [-].
+
+    Returns:
+        Durations, shape (k,) [s].
+    """
     return stretch * np.maximum(path.duration, SHORTEST_STEP)
 
 
 @kernel
-def _ramps(
+def _place_ramps(
     length: FloatArray,
     due: FloatArray,
     delay: float,
@@ -89,13 +113,33 @@ def _ramps(
     first_rise: float,
     first_blend: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """When ramps begin, their changes of speed, rises and blends, and when nodes are due.
+    """Place one ramp at each point of a path where the piston speeds change.
 
-    A ramp at each point of the path where the speed changes: due[k] are the steps' durations [s],
-    length[k + 1, n] the cylinders' lengths [m]; the rest as of `following_motion`.
+    The path's first and last point have a ramp, too. Adjacent steps of equal speeds are merged. The
+    time between the middles of two ramps is rounded up to a multiple of RAMP_TIME_STEP, and the
+    speeds are lowered accordingly. A ramp is box(T₁) * box(T₂), as in `s3_ramps`, and lasts T₁ +
+    T₂.
+
+    All ramps have the middles that they would have with the first ramp's times. A ramp with the
+    common times is longer and begins earlier. If it would begin before `delay`, it gets the first
+    ramp's times.
+
+    Args:
+        length: Cylinder lengths at the path's nodes, shape (k + 1, n) [m].
+        due: Durations of the path's steps, shape (k,) [s].
+        delay: Earliest time at which a ramp begins; the first ramp of the path begins then [s].
+        rise: Common time T₁ of the ramps [s].
+        blend: Common time T₂ of the ramps [s].
+        first_rise: T₁ of the first ramp, and of others that would begin before `delay` [s].
+        first_blend: T₂ of the same ramps [s].
+
+    Returns:
+        For each of the c ramps: begin, shape (c,) [s]; change of the piston speeds, shape (c, n)
+        [m/s]; T₁ and T₂, shape (c,) [s]. Last, the time at which the motion is to be at each node,
+        shape (k + 1,) [s]; a node with a ramp has the middle of its ramp.
     """
     steps, n = len(due), length.shape[1]
-    corner, count = np.zeros(steps + 1, dtype=np.int64), 0  # the points where speeds change
+    corner, count = np.zeros(steps + 1, dtype=np.int64), 0  # nodes at which the speeds change
     for k in range(1, steps + 1):
         turns = k == steps
         for j in range(n):
@@ -120,8 +164,8 @@ def _ramps(
         span = 0.0
         for k in range(corner[i], corner[i + 1]):
             span += due[k]
-        whole = max(1.0, math.ceil(span / TICK - 1e-6))
-        lasts = TICK * whole
+        whole = max(1.0, math.ceil(span / RAMP_TIME_STEP - 1e-6))
+        lasts = RAMP_TIME_STEP * whole
         since = 0.0
         for k in range(corner[i], corner[i + 1]):
             node_time[k] = begin + lasts * since / span + 0.5 * first
@@ -131,26 +175,36 @@ def _ramps(
             change[i, j] += speed
             change[i + 1, j] -= speed
         ticks += whole
-        begin = delay + TICK * ticks
+        begin = delay + RAMP_TIME_STEP * ticks
     return at, change, rises, blends, node_time
 
 
-def followed_path(
+def compute_followed_path(
     machine: Machine,
     path: DiscretePath,
-    slower: float,
+    ramp_factor: float,
     coast: Coasting | None,
     stretch: float,
-    last: float = 1.0,
+    last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
-    """The shortest of a path's motions within acceleration and jerk, or the last one tried.
+    """Compute a motion along a path that keeps the pistons' limits of acceleration and jerk.
 
-    slower: factor on the duration of the shortest ramps, where the path has them at all; last:
-    further one, on that of the last ramp.
+    Motions with longer and longer ramps are tried in order.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path.
+        ramp_factor: Factor on the duration of the shortest ramps [-].
+        coast: Coasting of a moving start, or None if the motion begins at rest.
+        stretch: Factor on the path's durations [-].
+        last_ramp_factor: Further factor on the duration of the last ramp [-].
+
+    Returns:
+        First motion within the limits. If none is, the last one tried, which exceeds them.
     """
-    tried = _ever_slower(machine, path, slower, coast, stretch, last)
+    tried = _iterate_slower_motions(machine, path, ramp_factor, coast, stretch, last_ramp_factor)
     motion = next(tried)
-    while not motion.gentle:
+    while not motion.keeps_dynamic_limits:
         slowed = next(tried, None)
         if slowed is None:
             break
@@ -158,7 +212,7 @@ def followed_path(
     return motion
 
 
-def _ever_slower(
+def _iterate_slower_motions(
     machine: Machine,
     path: DiscretePath,
     slower: float,
@@ -166,23 +220,47 @@ def _ever_slower(
     stretch: float,
     last: float,
 ) -> Iterator[RampedMotion]:
-    """From a moving start the path sets out at once, then ever later; then ramps become slower."""
-    stroke = np.abs(np.diff(lengths_of(machine.arrays, path.posture), axis=0)).max(axis=1)
+    """Yield motions along a path, with longer and longer ramps.
+
+    From a moving start, the path first begins while the arm still coasts, at the time
+    `Coasting.stop_time`. The first ramp is then the coasting's; three further motions have all
+    ramps longer by the factors AT_ONCE. Two more begin later, by half and all of the coasting
+    ramp's time T₁.
+
+    MAX_SLOWING_ROUNDS motions follow that begin when the coasting has ended; from rest there are
+    only these. Each has longer ramps than the one before, by the factors by which that one exceeded
+    the limits on acceleration and jerk.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path.
+        slower: Factor on the duration of the shortest ramps [-].
+        coast: Coasting of a moving start, or None.
+        stretch: Factor on the path's durations [-].
+        last: Further factor on the duration of the last ramp [-].
+
+    Yields:
+        Motions of the pistons. The caller takes the first within the limits; the last may exceed
+        them.
+    """
+    stroke = np.abs(np.diff(compute_cylinder_lengths(machine.arrays, path.posture), axis=0)).max(
+        axis=1
+    )
     fastest = float(np.max(stroke / _durations(path, stretch)))
-    ramp, delay = shortest_ramp(machine, fastest).slower(slower, slower), 0.0
+    ramp, delay = shortest_ramp(machine, fastest).scale(slower, slower), 0.0
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
-        rise, delay = coast.ramp.rise, coast.told + coast.ramp.duration
-        even = ramp.in_step_with(coast.ramp)
-        yield following_motion(machine, path, even, stretch, coast, coast.told, coast.ramp, last)
+        rise, delay = coast.ramp.rise, coast.stop_time + coast.ramp.duration
+        even = ramp.align_with(coast.ramp)
+        yield smooth_path(machine, path, even, stretch, coast, coast.stop_time, coast.ramp, last)
         for longer in AT_ONCE:
-            slow = ramp.slower(longer, longer)
-            yield following_motion(machine, path, slow, stretch, coast, coast.told, None, last)
-        for later in (whole_ticks(0.5 * rise), rise):
-            told = coast.told + later
-            yield following_motion(machine, path, ramp, stretch, coast, told, None, last)
-    for _ in range(ROUNDS):
-        motion = following_motion(machine, path, ramp, stretch, coast, delay, None, last)
+            slow = ramp.scale(longer, longer)
+            yield smooth_path(machine, path, slow, stretch, coast, coast.stop_time, None, last)
+        for later in (round_up_to_time_step(0.5 * rise), rise):
+            begin = coast.stop_time + later
+            yield smooth_path(machine, path, ramp, stretch, coast, begin, None, last)
+    for _ in range(MAX_SLOWING_ROUNDS):
+        motion = smooth_path(machine, path, ramp, stretch, coast, delay, None, last)
         yield motion
         acceleration, jerk = (max(1.0, peak) for peak in motion.peaks)
-        ramp = ramp.slower(acceleration, max(1.0, jerk / acceleration))
+        ramp = ramp.scale(acceleration, max(1.0, jerk / acceleration))

@@ -1,9 +1,9 @@
 """S3 as published: one sixth-degree polynomial per joint over the whole move.
 
-In normalised time s = t/T the polynomial is p(s) = h(s) + w(s) Σ c_i B_i(s): h fulfils the
-boundary conditions, w vanishes with them, and the free coefficients c are least squares to the
-discrete path. Rows are scaled by Δq (position) and Δq/T (velocity); Δq is common to all rows of
-a joint and drops out, T turns velocities into dq/ds.
+In normalised time s = t/T the polynomial is p(s) = h(s) + w(s) Σ c_i B_i(s). h meets the boundary
+conditions. w and the derivatives concerned vanish there. The free coefficients c are a
+least-squares fit to the discrete path. Rows are scaled by Δq (position) and Δq/T (velocity). Δq is
+common to all rows of a joint and cancels; T turns velocities into dq/ds.
 """
 
 from __future__ import annotations
@@ -18,20 +18,23 @@ from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.search.discrete_path import DiscretePath
 
-DEGREE = 6
+POLYNOMIAL_DEGREE = 6
+"""Degree of the polynomials (paper, step S3)."""
 SHORTEST_STEP = 1e-6
-"""A step of the discrete path that takes less time is given this much [s]."""
-INSTANTS = frozen((np.arange(96) + 0.5) / 96)
-"""Normalised times, evenly spread, at which the polynomials are held to the discrete path."""
+"""Least duration that a step of the discrete path is given [s]."""
+CHECK_INSTANTS = frozen((np.arange(96) + 0.5) / 96)
+"""Normalised times, evenly spread, at which the polynomials are fitted to the discrete path [-]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PolynomialCurve:
-    """q_j(t) = Σ_i coefficient[i, j] (t/T)^i.
+    """Polynomial motion q_j(t) = Σ_i coefficient[i, j] (t/T)^i of n joints.
 
-    coefficient  float64[7, n] rad
-    duration     T [s]
-    node_time    float64[k + 1] s, when the discrete path's nodes are due
+    Attributes:
+        coefficient: Coefficients by power and joint, shape (7, n) [rad or m].
+        duration: Duration T [s].
+        node_time: Time at which the motion is to be at each node of the discrete path, shape (k +
+            1,) [s].
     """
 
     coefficient: FloatArray
@@ -40,50 +43,89 @@ class PolynomialCurve:
 
     @property
     def breaks(self) -> FloatArray:
-        """Times between which the curve is smooth [s]."""
+        """Times between which the curve is smooth: 0 and the duration, shape (2,) [s]."""
         return np.array([0.0, self.duration])
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at the times [s], float64[times, n] each."""
-        powers = np.vander(time / self.duration, DEGREE + 1, increasing=True)
-        first = _slope(self.coefficient)
+        """Compute the joint motion at given times.
+
+        Outside 0 to `duration` the polynomials are continued.
+
+        Args:
+            time: Times, shape (k,) [s].
+
+        Returns:
+            Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
+            [rad/s² or m/s²], of shape (k, n).
+        """
+        powers = np.vander(time / self.duration, POLYNOMIAL_DEGREE + 1, increasing=True)
+        first = _differentiate(self.coefficient)
         return (
             powers @ self.coefficient,
             powers[:, :-1] @ first / self.duration,
-            powers[:, :-2] @ _slope(first) / self.duration**2,
+            powers[:, :-2] @ _differentiate(first) / self.duration**2,
         )
 
 
 def fit_polynomial(
     path: DiscretePath, start: MotionState, delay: float, stretch: float
 ) -> PolynomialCurve:
-    """Polynomial from `start` to rest at the path's end, as close as possible to the path.
+    """Fit polynomials from a start to rest at a path's end, as close as possible to the path.
 
-    delay    s, from the start to the path's first node: what a moving start needs to get there
-    stretch  factor on delay and on the path's durations
+    Boundary conditions are position and velocity at both ends. A moving start adds its
+    acceleration. The free coefficients fit positions and velocities at CHECK_INSTANTS by least
+    squares.
 
-    Conditions: position and velocity at both ends, the acceleration also at a moving start.
+    Args:
+        path: Discrete path.
+        start: State of the joints at the start.
+        delay: Time from the start to the path's first node, which a moving start needs to get
+            there [s].
+        stretch: Factor on `delay` and on the path's durations [-].
+
+    Returns:
+        Polynomial that starts at time 0.
     """
     node_time = stretch * (delay + node_times(path))
     duration = float(node_time[-1])
     moving = bool(start.velocity.any() or start.acceleration.any())
-    boundary = _boundary(start, path.posture[-1], duration, moving)
-    position, velocity = _discrete(path, start, node_time, INSTANTS * duration)
+    boundary = _compute_boundary_polynomial(start, path.posture[-1], duration, moving)
+    position, velocity = _interpolate_path(path, start, node_time, CHECK_INSTANTS * duration)
     wanted = np.vstack([position, velocity * duration])
-    basis, inverse = _free_terms(5 if moving else 4)
-    weights = inverse @ (wanted - _rows(INSTANTS, boundary))
+    basis, inverse = _compute_free_terms(5 if moving else 4)
+    weights = inverse @ (wanted - _evaluate_with_slopes(CHECK_INSTANTS, boundary))
     return PolynomialCurve(boundary + basis @ weights, duration, node_time)
 
 
 def node_times(path: DiscretePath) -> FloatArray:
-    """When the nodes of a discrete path are due, from 0, float64[k + 1] s."""
+    """Compute the time at which a motion along a discrete path is to be at each node.
+
+    Args:
+        path: Discrete path of k steps; each counts at least SHORTEST_STEP.
+
+    Returns:
+        Ascending times from 0, shape (k + 1,) [s].
+    """
     return np.concatenate([[0.0], np.cumsum(np.maximum(path.duration, SHORTEST_STEP))])
 
 
-def _discrete(
+def _interpolate_path(
     path: DiscretePath, start: MotionState, node_time: FloatArray, time: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Joint-wise linear interpolation of the discrete path: positions and velocities at `time`."""
+    """Interpolate a discrete path linearly in joint space.
+
+    If `node_time` begins after time 0, the stretch from the start to this node is interpolated,
+    too. Times after the last node are extrapolated with the last step's velocity.
+
+    Args:
+        path: Discrete path of k steps.
+        start: State of the joints at time 0.
+        node_time: Time at which the motion is to be at each node, shape (k + 1,) [s].
+        time: Times of interpolation, shape (m,) [s].
+
+    Returns:
+        Joint positions [rad] and velocities [rad/s], both of shape (m, n).
+    """
     times, nodes = node_time, path.posture
     if node_time[0] > 0.0:
         times = np.concatenate([[0.0], node_time])
@@ -93,15 +135,29 @@ def _discrete(
     return nodes[step] + velocity[step] * (time - times[step])[:, None], velocity[step]
 
 
-def _boundary(start: MotionState, end: FloatArray, duration: float, moving: bool) -> FloatArray:
-    """The polynomial of least degree that fulfils the boundary conditions, float64[7, n]."""
-    result = np.zeros((DEGREE + 1, len(end)))
+def _compute_boundary_polynomial(
+    start: MotionState, end: FloatArray, duration: float, moving: bool
+) -> FloatArray:
+    """Compute the polynomial of least degree that meets the boundary conditions.
+
+    The end is at rest.
+
+    Args:
+        start: State of the joints at the start.
+        end: Joint positions at the end, shape (n,) [rad or m].
+        duration: Duration T [s].
+        moving: True if the start's acceleration is a condition, too.
+
+    Returns:
+        Coefficients in s = t/T by power and joint, shape (7, n) [rad or m]; unused powers are 0.
+    """
+    result = np.zeros((POLYNOMIAL_DEGREE + 1, len(end)))
     dq = end - start.position
     result[0], result[1] = start.position, start.velocity * duration
     if moving:
         result[2] = start.acceleration * duration**2 / 2
-        left = dq - result[1] - result[2]  # for the cubic and quartic terms at s = 1
-        slope = -result[1] - 2 * result[2]  # likewise
+        left = dq - result[1] - result[2]  # position that s³ and s⁴ must add at s = 1
+        slope = -result[1] - 2 * result[2]  # derivative that they must add
         result[3], result[4] = 4 * left - slope, slope - 3 * left
     else:
         result[2], result[3] = 3 * dq - 2 * result[1], result[1] - 2 * dq
@@ -109,26 +165,50 @@ def _boundary(start: MotionState, end: FloatArray, duration: float, moving: bool
 
 
 @cache
-def _free_terms(conditions: int) -> tuple[FloatArray, FloatArray]:
-    """The polynomials w(s) B_i(s), float64[7, free], and the pseudo-inverse of their rows.
+def _compute_free_terms(conditions: int) -> tuple[FloatArray, FloatArray]:
+    """Compute the polynomials of the least-squares fit, which keep the boundary conditions.
 
-    w = s²(1 − s)², or s³(1 − s)² where the start's acceleration is a condition too;
-    B_i = (2s − 1)^i, which keeps the least squares well conditioned.
+        w(s) B_i(s),  w = s²(1 − s)² or s³(1 − s)²,  B_i = (2s − 1)^i
+
+    The power s³ applies if the start's acceleration is a condition. This choice of B_i keeps the
+    least squares well conditioned. The result is cached.
+
+    Args:
+        conditions: Number of boundary conditions, 4 or 5.
+
+    Returns:
+        Coefficients by power and term, shape (7, 7 − conditions), and the pseudo-inverse of their
+        values and slopes at CHECK_INSTANTS. Both arrays are read-only.
     """
     window = series.polyfromroots([0.0] * (conditions - 2) + [1.0] * 2)
-    basis = np.zeros((DEGREE + 1, DEGREE + 1 - conditions))
+    basis = np.zeros((POLYNOMIAL_DEGREE + 1, POLYNOMIAL_DEGREE + 1 - conditions))
     for i in range(basis.shape[1]):
         term = series.polymul(window, series.polypow([-1.0, 2.0], i))
         basis[: len(term), i] = term
-    return frozen(basis), frozen(np.linalg.pinv(_rows(INSTANTS, basis)))
+    return frozen(basis), frozen(np.linalg.pinv(_evaluate_with_slopes(CHECK_INSTANTS, basis)))
 
 
-def _rows(s: FloatArray, coefficient: FloatArray) -> FloatArray:
-    """Values and slopes dp/ds of polynomials in s, one below the other."""
-    powers = s[:, None] ** np.arange(DEGREE + 1)
-    return np.vstack([powers @ coefficient, powers[:, :-1] @ _slope(coefficient)])
+def _evaluate_with_slopes(s: FloatArray, coefficient: FloatArray) -> FloatArray:
+    """Evaluate polynomials and their derivatives at normalised times.
+
+    Args:
+        s: Normalised times, shape (m,) [-].
+        coefficient: Coefficients by power, shape (7, columns).
+
+    Returns:
+        Values in the first m rows and derivatives dp/ds in the next m rows, shape (2 m, columns).
+    """
+    powers = s[:, None] ** np.arange(POLYNOMIAL_DEGREE + 1)
+    return np.vstack([powers @ coefficient, powers[:, :-1] @ _differentiate(coefficient)])
 
 
-def _slope(coefficient: FloatArray) -> FloatArray:
-    """Coefficients of the derivative."""
+def _differentiate(coefficient: FloatArray) -> FloatArray:
+    """Compute the coefficients of the derivatives of polynomials.
+
+    Args:
+        coefficient: Coefficients by ascending power, shape (powers, columns).
+
+    Returns:
+        Coefficients of the derivatives, shape (powers − 1, columns).
+    """
     return coefficient[1:] * np.arange(1.0, len(coefficient))[:, None]

@@ -1,8 +1,9 @@
-"""Ramps: how a piston passes from one constant speed to another within acceleration and jerk.
+"""Ramps: transitions of a piston between two constant speeds within acceleration and jerk limits.
 
-A ramp is the step of speed smoothed by k = box(T₁) * box(T₂), T₁ ≥ T₂: the acceleration Δv k(t) is
-a trapezoid of height Δv/T₁ and slope Δv/(T₁T₂), and lasts T₁ + T₂. k is even about its middle and
-its integral is 1, so that motions made of ramps are weighted means of the unsmoothed ones.
+A ramp is a step of speed smoothed by the kernel k = box(T₁) * box(T₂), T₁ ≥ T₂. The acceleration
+Δv k(t) is a trapezoid of height Δv/T₁ and slope Δv/(T₁T₂) that lasts T₁ + T₂. The kernel k is even
+about its middle, and its integral is 1. Motions made of ramps are therefore weighted means of the
+unsmoothed motions.
 """
 
 from __future__ import annotations
@@ -13,19 +14,23 @@ from typing import NamedTuple
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 
-SHARE = 0.5
-"""Of the acceleration and the jerk that are allowed a ramp takes so much: another one may be going
-on, at a start that changes its speed already."""
+RAMP_LIMIT_SHARE = 0.5
+"""Share of the allowed acceleration and jerk that one ramp takes [-].
 
-TICK = 1e-3
-"""Times of ramps are whole multiples of this [s], so that a motion's points are no closer."""
+Another ramp may be under way at the same time, at a start that changes its speed already."""
+
+RAMP_TIME_STEP = 1e-3
+"""Time step of ramps [s].
+
+Times of ramps are whole multiples of it, so that a motion's points are no closer."""
 
 
 class Ramp(NamedTuple):
-    """Times of a ramp [s].
+    """Times of a ramp.
 
-    rise   T₁, from the beginning of the acceleration to the beginning of its end
-    blend  T₂ ≤ T₁, in which the acceleration builds up, and in which it fades
+    Attributes:
+        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
     """
 
     rise: float
@@ -33,44 +38,89 @@ class Ramp(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """From one constant speed to the other [s]."""
+        """Time from one constant speed to the other, T₁ + T₂ [s]."""
         return self.rise + self.blend
 
-    def slower(self, rise: float, blend: float) -> Ramp:
-        """A ramp whose times are longer by these factors."""
+    def scale(self, rise: float, blend: float) -> Ramp:
+        """Return a ramp whose times are longer by two factors, rounded up to RAMP_TIME_STEP.
+
+        If the factors make T₂ longer than T₁, the two times are exchanged.
+
+        Args:
+            rise: Factor on T₁ [-].
+            blend: Factor on T₂ [-].
+
+        Returns:
+            The slower ramp.
+        """
         rise, blend = rise * self.rise, blend * self.blend
-        return Ramp(whole_ticks(max(rise, blend)), whole_ticks(min(rise, blend)))
+        return Ramp(
+            round_up_to_time_step(max(rise, blend)), round_up_to_time_step(min(rise, blend))
+        )
 
-    def in_step_with(self, other: Ramp) -> Ramp:
-        """This ramp, or one a tick longer: so that both's middles are whole ticks apart."""
-        odd = round((self.duration - other.duration) / TICK) % 2
-        return Ramp(self.rise + odd * TICK, self.blend)
+    def align_with(self, other: Ramp) -> Ramp:
+        """Return this ramp, lengthened if necessary so that its middle fits another ramp's middle.
+
+        If both ramps then have the same middle, their beginnings are whole time steps apart. T₁
+        becomes one time step longer if the durations differ by an odd number of steps.
+
+        Args:
+            other: Ramp to compare with.
+
+        Returns:
+            Ramp whose duration differs from the other's by an even number of RAMP_TIME_STEP.
+        """
+        odd = round((self.duration - other.duration) / RAMP_TIME_STEP) % 2
+        return Ramp(self.rise + odd * RAMP_TIME_STEP, self.blend)
 
 
-def whole_ticks(seconds: float) -> float:
-    """The next whole multiple of TICK, at least one."""
-    return max(1, math.ceil(seconds / TICK - 1e-6)) * TICK
+def round_up_to_time_step(seconds: float) -> float:
+    """Round a time up to a multiple of RAMP_TIME_STEP, at least one [s]."""
+    return max(1, math.ceil(seconds / RAMP_TIME_STEP - 1e-6)) * RAMP_TIME_STEP
 
 
 def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
-    """The ramp from rest to a speed V [m/s], at most the fastest piston's V_max: T₁ = V/a,
-    T₂ = a/j, with a SHARE of a_max and j_max; T₁ = T₂ = √(V/j) where the jerk does not let the
-    acceleration build up so far.
+    """Compute the shortest ramp from rest to a speed.
+
+        T₁ = V/a,  T₂ = a/j
+
+    a and j are RAMP_LIMIT_SHARE of the allowed acceleration and jerk. If the jerk is too small for
+    the acceleration to build up to a, T₁ = T₂ = √(V/j). Times are rounded up to RAMP_TIME_STEP.
+
+    Args:
+        machine: Machine whose piston acceleration and jerk are the limits.
+        speed: Speed V [m/s]; at most the fastest piston's V_max counts.
+
+    Returns:
+        The ramp.
     """
     m = machine.arrays
     speed = min(speed, float(m.max_piston_speed.max()))
-    acceleration, jerk = SHARE * m.max_piston_acceleration, SHARE * m.max_piston_jerk
+    acceleration, jerk = (
+        RAMP_LIMIT_SHARE * m.max_piston_acceleration,
+        RAMP_LIMIT_SHARE * m.max_piston_jerk,
+    )
     rise, blend = speed / acceleration, acceleration / jerk
     if blend > rise:
         rise = blend = math.sqrt(speed / jerk)
-    return Ramp(whole_ticks(rise), whole_ticks(blend))
+    return Ramp(round_up_to_time_step(rise), round_up_to_time_step(blend))
 
 
 @kernel
-def ramp_at(rise: float, blend: float, t: float) -> tuple[float, float, float]:
-    """∫ρ dt [s], ρ = ∫k dt and k [1/s] of a ramp from speed 0 to 1, t s after it began.
+def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, float]:
+    """Evaluate a ramp from speed 0 to 1.
 
-    Oracle: the same convolution done numerically.
+    Before the ramp all three values are 0. After it R = t − (T₁ + T₂)/2, ρ = 1 and k = 0.
+
+    Test oracle: the convolution box(T₁) * box(T₂) computed numerically.
+
+    Args:
+        rise: Time T₁ of the ramp [s].
+        blend: Time T₂ of the ramp [s].
+        t: Time since the ramp began [s].
+
+    Returns:
+        Integral R = ∫ρ dt [s], relative speed ρ from 0 to 1 [-], and its derivative k [1/s].
     """
     total = rise + blend
     if t <= 0.0:
@@ -92,8 +142,19 @@ def ramp_at(rise: float, blend: float, t: float) -> tuple[float, float, float]:
 
 
 @kernel
-def ramp_time(rise: float, blend: float, ratio: float) -> float:
-    """When ρ/k of a ramp is `ratio` [s]; it grows from 0 without bound."""
+def find_ramp_time(rise: float, blend: float, ratio: float) -> float:
+    """Find the time at which the ratio ρ/k of a ramp has a given value.
+
+    The ratio grows from 0 without bound during the ramp.
+
+    Args:
+        rise: Time T₁ of the ramp [s].
+        blend: Time T₂ of the ramp [s].
+        ratio: Value of ρ/k [s].
+
+    Returns:
+        Time since the ramp began [s].
+    """
     if ratio < 0.5 * blend:
         return 2.0 * ratio
     if ratio <= rise - 0.5 * blend:

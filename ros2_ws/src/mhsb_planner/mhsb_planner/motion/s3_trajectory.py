@@ -1,21 +1,23 @@
 """S3: the time trajectory of a discrete path, with the mode schedule that makes it possible.
 
-Tried in this order; the first that keeps every limit is taken, and the result says which:
+Curves are tried in this order. The first that keeps every limit is taken, and the result names it.
 
-1. where asked for, the published sixth-degree polynomials; from a moving start only where they do
-   not run on further than coming to rest would, and keep near V_max as they are;
-2. the discrete path with ramps between its speeds, ever slower ones; a moving start that coasts
-   sets out along it at once;
-3. from a moving start: coming to rest, and then 2;
-4. the discrete path step by step, from rest to rest.
+1. The published sixth-degree polynomials, if the rules ask for them. From a moving start they are
+   taken only if they do not run on farther than coming to rest would, and are not stretched.
+2. The discrete path with ramps between its speeds, slower and slower ones. If a moving start
+   coasts, the path begins at once.
+3. From a moving start: coming to rest, and then 2.
+4. The discrete path step by step, with a rest at every node.
 
-A motion that is to end near where the plan in force ends, as that to a goal that moves, steers
-straight there from its state of motion (`s3_steered`), or in none of these ways.
+If a mode has just been switched, 3 and 4 are tried once more after a rest, in which the mode
+becomes old enough to be left.
 
-Where a mode has just been switched, 3 and 4 also after a rest in which it may be left again.
-Durations are stretched until valves, servo pumps and the main pump can follow, and ramps made
-slower until the pressures can; what switches an actuator too soon for that at its end rests there
-for a while.
+A motion may have to end near the end of the plan in force, as for a goal that moves. It then steers
+straight there from its state of motion (`s3_state_to_rest`), and no other curve is tried.
+
+Durations are stretched until valves, servo pumps and main pump can follow. Ramps are made slower
+until the pressures suffice. A motion rests for a while at its end if an actuator would otherwise be
+switched too early there.
 """
 
 from __future__ import annotations
@@ -29,47 +31,48 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
+from mhsb_model.feasibility.curve_check import compute_slowing_factor
 from mhsb_model.holding import HoldingError, holding_modes
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import LONGEST_NS, SECOND_NS, MotionState, Trajectory
+from mhsb_model.trajectory import MAX_DURATION_NS, SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
-from mhsb_model.workspace import node_set_excess
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_model.workspace import compute_workspace_excess
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion import s3_clearance, s3_limits
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile, Profiles
-from mhsb_planner.motion.overloads import Overload, overloads
-from mhsb_planner.motion.passing import first_missed
+from mhsb_planner.motion.overloads import Overload, find_overloads
 from mhsb_planner.motion.ramped_motion import RampedMotion
+from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_candidates import (
     TRAJECTORY_KINDS,
     USAGE_RESERVE,
-    Candidate,
     Curve,
+    CurveCandidate,
     FitMethod,
     FitRules,
     TrajectoryKind,
-    candidates,
-    furthest_of,
+    compute_furthest_travel,
+    iterate_candidates,
 )
-from mhsb_planner.motion.s3_coasting import Coasting, coasting
 from mhsb_planner.motion.s3_limits import (
     JOINT_TOLERANCE,
     EndDemands,
     Limit,
     Violation,
-    first_violation,
+    compute_outward_excess,
+    find_first_violation,
     joint_excess,
     middle_profile,
-    way_out,
 )
-from mhsb_planner.motion.s3_steered import Steering
+from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s4_mode_schedule import N, StartModes, keeps_dwell
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
-from mhsb_planner.motion.trajectory_points import joined, sampled_trajectory
+from mhsb_planner.motion.trajectory_points import join_trajectories, sample_curve
+from mhsb_planner.motion.via_check import describe_first_missed
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
 __all__ = [
@@ -85,43 +88,61 @@ __all__ = [
     "warm_up",
 ]
 
-SAME_POSTURE = 1e-9  # rad, rounding
+SAME_POSTURE = 1e-9
+"""Difference of joint positions that counts as rounding [rad]."""
 
 THRUST_STRETCH = 1.25
-"""By so much a motion is stretched for which pressure lacks: inertia then falls by a third."""
+"""Factor by which a motion is stretched if pressure lacks: inertia then falls by a third [-]."""
 
-ENOUGH = 1.0001
-"""Use of limits, with its reserve, that will do where times in whole ticks do not let it sink."""
+ACCEPTED_LIMIT_USE = 1.0001
+"""Largest use of the limits, with its reserve, that is accepted if stretching has no effect [-].
 
-ROUNDS = 8
-"""Times that a curve is stretched before it is given up."""
+Stretching may have none because ramp times are multiples of RAMP_TIME_STEP."""
 
-LONGEST_MOTION = LONGEST_NS / SECOND_NS - 10.0
-"""What an arm takes, less the longest prefix in which a plan repeats the one before [s]."""
+MAX_STRETCH_ROUNDS = 8
+"""Number of times that a curve is stretched before it is given up."""
 
-FITTING = "making a trajectory of the path"
+LONGEST_MOTION = MAX_DURATION_NS / SECOND_NS - 10.0
+"""Longest motion that an arm accepts, less the longest prefix that repeats the plan before [s]."""
+
+FIT_TASK = "making a trajectory of the path"
+
 
 class FitError(MhsbError):
-    """No trajectory along the discrete path keeps every limit; `refused` says why not."""
+    """Error: no trajectory along the discrete path keeps every limit.
+
+    Attributes:
+        refused: One sentence for each curve that was tried, with the reason for its refusal.
+    """
 
     def __init__(self, refused: tuple[str, ...]) -> None:
+        """Create the error; its message contains the last reason.
+
+        Args:
+            refused: One sentence for each curve that was tried, at least one.
+        """
         self.refused = refused
         super().__init__(f"no motion along the path keeps every limit; {refused[-1]}")
 
 
 @dataclass(frozen=True, eq=False)
 class FittedMotion:
-    """A trajectory and its mode schedule, both with stamp 0, and how they came about.
+    """A trajectory and its mode schedule, both with stamp 0, and the record of the fit.
 
-    method           what the part after braking is
-    braked           whether it begins with braking
-    stretch          factor on the discrete path's durations
-    speed_excess     greatest |v|/V_max − 1 of a piston; negative where V_max is kept
-    tip_deviation    m, greatest distance of the tip from a node when that node is due
-    joint_deviation  rad, likewise of a joint
-    refused          one sentence for each curve that was tried before
-    overloads        what rests under more than the highest boost can carry
-    profiles         at the trajectory's points and between them, where they were looked at
+    Attributes:
+        trajectory: Joint trajectory.
+        schedule: Modes over time.
+        method: Method of the part after braking.
+        braked: True if the motion begins with braking.
+        stretch: Factor on the discrete path's durations [-].
+        speed_excess: Greatest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
+        tip_deviation: Greatest distance of the tip from a node of the path at the time at which the
+            motion is to be there [m].
+        joint_deviation: Greatest distance of a joint from a node's posture at the time at which the
+            motion is to be there [rad or m].
+        refused: One sentence for each curve that was tried before.
+        overloads: Rests under loads beyond the highest boost pressure.
+        profiles: Profiles at the trajectory's points and middles; None if they were not computed.
     """
 
     trajectory: Trajectory
@@ -144,37 +165,51 @@ def fit_trajectory(
     modes: StartModes,
     brake: Trajectory | Coasting | Steering | None = None,
     rules: FitRules | None = None,
-    deadline: Deadline = NEVER,
+    deadline: Deadline = NO_DEADLINE,
 ) -> FittedMotion:
-    """Trajectory and mode schedule from `start` along a discrete path, at rest at its end.
+    """Fit a trajectory with mode schedule to a discrete path, with a rest at the path's end.
 
-    modes  in force at the start
-    brake  for a moving start: how it comes to rest, by coasting (`s3_coasting`), at the end of
-           the plan in force, to steer elsewhere (`s3_steered`), or on its old way
-           (`mhsb_model.braking`); the path begins where it does, and at `start` itself where
-           there is none
+    Curves are tried in the order of the module's list. If the start is beyond joint limits or
+    workspace, joints may only return.
 
-    Raises ValueError where start, brake and path do not meet, FitError where no curve keeps every
-    limit or the modules are too few to hold the arm at its end, DeadlineError where none does in
-    time.
+    Args:
+        machine: Machine with its obstacles.
+        path: Discrete path. It begins at `start`, or where `brake` comes to rest.
+        start: State of the joints at the start.
+        modes: Modes in force at the start and their ages.
+        brake: Way in which a moving start comes to rest; None at rest. A `Coasting` brings the
+            pistons to rest by ramps; the motion along the path may begin before they rest. A
+            `Steering` holds the rest of the plan in force, at whose end the path begins; the motion
+            steers from `start` straight to the path's end. A trajectory brakes along the old path
+            (`mhsb_model.braking`).
+        rules: Settings of the fit; None means the defaults.
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        First motion that keeps every limit.
+
+    Raises:
+        ValueError: Start, brake and path do not meet, or the path has no steps.
+        FitError: No curve keeps every limit, or the modules are too few to hold the arm at its end.
+        DeadlineError: The deadline passed.
     """
     coast = None
     if isinstance(brake, Coasting | Steering):
         coast, brake = brake, brake.trajectory
     if brake is not None and brake.duration_ns == 0:
         brake = None
-    _check_meeting(path, start, brake)
+    _check_continuity(path, start, brake)
     _check_holding(machine, path.posture[-1])
-    limits, machine = machine.arrays, _admitting(machine, start.position)
+    limits, machine = machine.arrays, _widen_limits_to(machine, start.position)
     rules = rules or FitRules()
     refused: list[str] = []
-    least = rules.least_duration / float(np.sum(path.duration))
+    least = rules.min_duration / float(np.sum(path.duration))
     lacked = False
-    for kind in candidates(machine, path, start, brake, coast, modes, rules):
-        if kind.for_thrust and not lacked:
+    for kind in iterate_candidates(machine, path, start, brake, coast, modes, rules):
+        if kind.only_after_thrust_lack and not lacked:
             continue
         candidate = kind if kind.stretch >= least else replace(kind, stretch=least)
-        outcome = _stretched(machine, limits, path, modes, candidate, rules, deadline)
+        outcome = _fit_candidate(machine, limits, path, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused)) if refused else outcome
         refused.append(f"{candidate.name}: {outcome}")
@@ -187,11 +222,25 @@ def fit_rest(
     rest: Trajectory,
     modes: StartModes,
     rules: FitRules,
-    deadline: Deadline = NEVER,
+    deadline: Deadline = NO_DEADLINE,
 ) -> FittedMotion:
-    """The rest of the plan in force as a motion, with its modes chosen anew.
+    """Turn the rest of the plan in force into a motion, and choose its modes again.
 
-    Raises FitError where it breaks a limit, as those of another payload or V_max; DeadlineError.
+    Its joint trajectory stays the same; a rest is added if the modes need time to switch.
+
+    Args:
+        machine: Machine, whose payload, V_max or zones may have changed.
+        rest: Rest of the plan's trajectory.
+        modes: Modes in force at its beginning and their ages.
+        rules: Settings of the fit.
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        Motion with the method CONTINUED.
+
+    Raises:
+        FitError: The trajectory breaks a limit, or a mode is left before its least dwell is over.
+        DeadlineError: The deadline passed.
     """
     motion = fit_braking(machine, rest, modes, rules)
     if motion.speed_excess > rules.max_excess:
@@ -200,7 +249,7 @@ def fit_rest(
     at_points = schedule.modes_at_many(offset[:-1])
     if not keeps_dwell(offset / SECOND_NS, at_points, modes, schedule.modes[-1], rules.switching):
         raise FitError((f"an actuator is switched twice within {rules.switching.min_dwell:g} s",))
-    violation = first_violation(machine, motion.trajectory, schedule, deadline=deadline)
+    violation = find_first_violation(machine, motion.trajectory, schedule, deadline=deadline)
     if violation is not None:
         raise FitError((str(violation),))
     return replace(motion, method=FitMethod.CONTINUED, braked=False)
@@ -209,9 +258,21 @@ def fit_rest(
 def fit_braking(
     machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
 ) -> FittedMotion:
-    """Braking alone, as a motion with its mode schedule; for stopping."""
+    """Turn a braking trajectory into a motion with a mode schedule, in order to stop.
+
+    Limits are not checked. A rest is added if the modes need time to switch.
+
+    Args:
+        machine: Machine that moves.
+        brake: Braking trajectory; the result has stamp 0.
+        modes: Modes in force at its beginning and their ages.
+        rules: Settings, of which the rules for switching count; None means the defaults.
+
+    Returns:
+        Motion with the method BRAKING, stretch 1 and deviations 0. Its `profiles` is None.
+    """
     rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
-    scheduled = ScheduledMotion.of(machine, motion, modes, None, rules.switching)
+    scheduled = ScheduledMotion.create(machine, motion, modes, None, rules.switching)
     trajectory, profile = scheduled.trajectory, scheduled.profile
     return FittedMotion(
         trajectory,
@@ -222,12 +283,20 @@ def fit_braking(
         speed_excess=_speed_excess(machine, profile),
         tip_deviation=0.0,
         joint_deviation=0.0,
-        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
+        overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
     )
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile every kernel of S3, S4 and the energy: the first plan then is as fast as others."""
+    """Compile the kernels of trajectory, mode schedule and energy.
+
+    The first plan is then not slow.
+
+    It fits a short path from rest, from a coasting start and from a steering start.
+
+    Args:
+        machine: Machine that moves.
+    """
     arrays = machine.arrays
     middle = 0.5 * (arrays.joint_min + arrays.joint_max)
     posture = np.array([middle, 0.99 * middle + 0.01 * arrays.joint_max])
@@ -245,16 +314,22 @@ def warm_up(machine: Machine) -> None:
         lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
-    start, modes, rules = MotionState.at_rest(middle), StartModes.settled(normal[0]), FitRules()
+    start, modes, rules = (
+        MotionState.at_rest(middle),
+        StartModes.create_settled(normal[0]),
+        FitRules(),
+    )
     moving = MotionState(middle, 0.1 * middle, middle)
-    coast = coasting(machine, moving)
-    following = FitRules.following()
+    coast = compute_coasting(machine, moving)
+    following = FitRules.create_following()
     for candidate in chain(
-        candidates(machine, path, start, None, None, modes, rules),
-        candidates(machine, path, start, coast.trajectory, coast, modes, following),
-        candidates(machine, path, start, None, Steering(moving, coast.trajectory), modes, rules),
+        iterate_candidates(machine, path, start, None, None, modes, rules),
+        iterate_candidates(machine, path, start, coast.trajectory, coast, modes, following),
+        iterate_candidates(
+            machine, path, start, None, Steering(moving, coast.trajectory), modes, rules
+        ),
     ):
-        motion = _stretched(machine, machine.arrays, path, modes, candidate, rules, NEVER)
+        motion = _fit_candidate(machine, machine.arrays, path, modes, candidate, rules, NO_DEADLINE)
         if isinstance(motion, FittedMotion):
             for known in (motion.profiles, None):
                 motion_energy(machine, motion.trajectory, motion.schedule, known)
@@ -264,37 +339,65 @@ def warm_up(machine: Machine) -> None:
     s3_limits.warm_up(machine)
 
 
-def _check_meeting(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
+def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
+    """Check that start, braking motion and path meet.
+
+    Args:
+        path: Discrete path; it must have a step.
+        start: State of the joints at the start.
+        brake: Motion that brings a moving start to rest, or None.
+
+    Raises:
+        ValueError: They do not meet within SAME_POSTURE, or a moving start has no braking motion.
+    """
     if len(path.duration) == 0:
         raise ValueError("a path without steps needs no trajectory")
     if brake is None and (start.velocity.any() or start.acceleration.any()):
         raise ValueError("a moving start needs a braking motion")
-    if brake is not None and not _same(brake.position[0], start.position):
+    if brake is not None and not _are_equal(brake.position[0], start.position):
         raise ValueError("the braking motion must begin at the start")
     first = start.position if brake is None else brake.position[-1]
-    if not _same(path.posture[0], first):
+    if not _are_equal(path.posture[0], first):
         raise ValueError("the path must begin where the start comes to rest")
 
 
 def _check_holding(machine: Machine, posture: FloatArray) -> None:
+    """Check that the booster modules suffice to hold the arm in a posture.
+
+    Args:
+        machine: Machine with its modules.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Raises:
+        FitError: The modules are too few.
+    """
     try:
         holding_modes(machine, machine.piston_forces(posture))
     except HoldingError as error:
         raise FitError((str(error),)) from None
 
 
-def _same(one: FloatArray, other: FloatArray) -> bool:
+def _are_equal(one: FloatArray, other: FloatArray) -> bool:
+    """Return whether two postures are equal within SAME_POSTURE."""
     return bool(np.max(np.abs(one - other)) <= SAME_POSTURE)
 
 
-def _admitting(machine: Machine, posture: FloatArray) -> Machine:
-    """Return the machine, its joint limits and workspace widened to a start outside of them.
+def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
+    """Return the machine with joint limits and workspace widened to a start outside of them.
 
-    Joints then may be as far outside as at the start; `way_out` sees to it that they only return.
+    Joints may then be as far outside as at the start; `compute_outward_excess` checks that they
+    only return.
+
+    Args:
+        machine: Machine with its own limits.
+        posture: Joint positions of the start, shape (n,) [rad or m].
+
+    Returns:
+        A machine that admits the start; the same object if the start is inside.
     """
     arrays = machine.arrays
     x, z = tip_position(arrays, posture)
-    if max(float(joint_excess(arrays, posture)), node_set_excess(arrays, x, z)) <= 0.0:
+    if max(float(joint_excess(arrays, posture)), compute_workspace_excess(arrays, x, z)) <= 0.0:
         return machine
     radius = math.hypot(x, z)
     widened = arrays._replace(
@@ -307,65 +410,88 @@ def _admitting(machine: Machine, posture: FloatArray) -> Machine:
     return replace(machine, arrays=widened)
 
 
-def _stretched(
+def _fit_candidate(
     machine: Machine,
     limits: MachineArrays,
     path: DiscretePath,
     modes: StartModes,
-    candidate: Candidate,
+    candidate: CurveCandidate,
     rules: FitRules,
     deadline: Deadline,
 ) -> FittedMotion | Violation | str:
-    """The candidate's motion, stretched as far as its limits ask; or why there is none.
+    """Compute a candidate's motion, stretched until it keeps every limit.
 
-    The machine admits the start, `limits` are those to which a joint beyond them has to return.
+    In each round the curve is sampled, gets its mode schedule (S4) and is checked. Joint limits,
+    the travel of pistons that run on, the least dwell of modes and the via points refuse it at
+    once. The stretch grows by the factor by which V_max, the curve limits, valves and pumps are
+    exceeded. Pressures and the times between the points are checked last. A violation that
+    stretching cannot mend, or a stretch beyond the greatest one, ends the rounds.
+
+    Args:
+        machine: Machine whose joint limits and workspace admit the start.
+        limits: Arrays of the machine with its own limits, to which joints beyond them have to
+            return.
+        path: Discrete path.
+        modes: Modes in force at the start and their ages.
+        candidate: Curve to try.
+        rules: Settings of the fit.
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        The motion. If there is none: the violated limit with its time, or a clause that says why.
+
+    Raises:
+        DeadlineError: The deadline passed.
     """
     lead_in, stretch, before = candidate.lead_in, candidate.stretch, math.inf
-    for _ in range(ROUNDS):
-        deadline.check(FITTING)
+    for _ in range(MAX_STRETCH_ROUNDS):
+        deadline.check(FIT_TASK)
         curve = candidate.curve_at(stretch)
         if not curve.breaks[-1] <= LONGEST_MOTION:
             return f"it takes {curve.breaks[-1]:.4g} s, at most {LONGEST_MOTION:g} s is allowed"
-        if isinstance(curve, RampedMotion) and not curve.gentle:
+        if isinstance(curve, RampedMotion) and not curve.keeps_dynamic_limits:
             return "pistons would have to speed up or slow down faster than allowed"
-        trajectory, first = sampled_trajectory(curve, candidate.start, path.posture[-1]), 0
+        trajectory, first = sample_curve(curve, candidate.start, path.posture[-1]), 0
+        slowing = compute_slowing_factor(machine.curve_limits.for_planning, trajectory)
         if lead_in is not None:
-            trajectory, first = joined(lead_in, trajectory), len(lead_in.offset_ns) - 1
-        deadline.check(FITTING)
+            trajectory, first = join_trajectories(lead_in, trajectory), len(lead_in.offset_ns) - 1
+        deadline.check(FIT_TASK)
         position = trajectory.position[first:]
-        beyond = way_out(limits, as_frozen(position))
+        beyond = compute_outward_excess(limits, as_frozen(position))
         if beyond > JOINT_TOLERANCE:
             return f"a joint limit is passed by {beyond:.3g} rad"
-        if candidate.furthest is not None:
-            overrun = _overrun(machine, candidate.start, position, candidate.furthest)
-            if overrun > rules.overrun:
+        if candidate.furthest_travel is not None:
+            overrun = _compute_overrun(
+                machine, candidate.start, position, candidate.furthest_travel
+            )
+            if overrun > rules.max_overrun:
                 return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
         time = trajectory.offset_ns / SECOND_NS
-        preferred = _preferred(path, curve.node_time, time, first)
-        scheduled = ScheduledMotion.of(machine, trajectory, modes, preferred, rules.switching)
+        preferred = _get_preferred_modes(path, curve.node_time, time, first)
+        scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
-        tip = machine.in_base(profile.tip, trajectory.position[:, 0])
-        if missed := first_missed(tip, rules.passing):
+        tip = machine.convert_to_base(profile.tip, trajectory.position[:, 0])
+        if missed := describe_first_missed(tip, rules.via_points):
             return missed
         after = profile[first:]
         fastest = 1.0 + rules.max_excess
-        if candidate.coasts:  # what is too fast already becomes slower, but not by stretching
+        if candidate.coasts:  # stretching cannot slow a start that is too fast
             fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
         quasi_static = (1.0 + _speed_excess(machine, after)) / fastest
-        ends = EndDemands.of(machine, profile, scheduled.intervals)
-        used = max(ends.largest_usage(first), quasi_static)
-        deadline.check(FITTING)
+        ends = EndDemands.from_profile(machine, profile, scheduled.intervals)
+        used = max(ends.largest_usage(first), quasi_static, slowing)
+        deadline.check(FIT_TASK)
         needed = USAGE_RESERVE * used
         stuck, before = used == before, used
-        if needed <= (ENOUGH if stuck else 1.0):
+        if needed <= (ACCEPTED_LIMIT_USE if stuck else 1.0):
             schedule = scheduled.schedule
             middles = middle_profile(machine, trajectory)
-            violation = first_violation(machine, trajectory, schedule, ends, deadline, middles)
+            violation = find_first_violation(machine, trajectory, schedule, ends, deadline, middles)
             if violation is None:
                 profiles = Profiles(profile, middles, scheduled.intervals)
-                return _fitted(
+                return _assemble_motion(
                     machine, path, candidate, curve, trajectory, schedule, profiles, stretch
                 )
             if violation.limit not in candidate.stretchable or violation.time < time[first]:
@@ -375,23 +501,47 @@ def _stretched(
             else:
                 needed = USAGE_RESERVE * (1.0 + violation.amount)
         stretch *= max(needed, USAGE_RESERVE) if stuck else needed
-        if stretch > (candidate.longest or rules.max_stretch) * candidate.stretch:
+        if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
 
 
-def _preferred(
+def _get_preferred_modes(
     path: DiscretePath, node_time: FloatArray, time: FloatArray, first: int
 ) -> ModeArray:
-    """The discrete path's modes at the points; N during a lead-in of `first` points."""
-    return _modes_of_steps(path.modes, node_time, time, first)
+    """Return the discrete path's modes at the points of a trajectory.
+
+    After the path's last node the modes of its last step go on.
+
+    Args:
+        path: Discrete path.
+        node_time: Time from the end of the lead-in at which the motion is to be at each node, shape
+            (k + 1,) [s].
+        time: Times of the trajectory's points, shape (m,) [s].
+        first: Number of points of a lead-in, which get mode N; 0 means none.
+
+    Returns:
+        Mode codes, shape (m, n).
+    """
+    return _assign_step_modes(path.modes, node_time, time, first)
 
 
 @kernel
-def _modes_of_steps(
+def _assign_step_modes(
     steps: ModeArray, node_time: FloatArray, time: FloatArray, first: int
 ) -> ModeArray:
-    """Kernel of `_preferred`."""
+    """Assign the modes of a path's steps to the points of a trajectory.
+
+    Args:
+        steps: Mode codes of the steps, shape (k, n).
+        node_time: Time from point `first` at which the motion is to be at each node, shape (k + 1,)
+            [s].
+        time: Times of the points in ascending order, shape (m,) [s].
+        first: Index of the point at which the path begins; the points before it get mode N.
+
+    Returns:
+        Mode codes, shape (m, n).
+    """
     modes, step = np.empty((len(time), steps.shape[1]), dtype=np.uint8), 0
     modes[:first] = N
     for k in range(first, len(time)):
@@ -401,24 +551,55 @@ def _modes_of_steps(
     return modes
 
 
-def _overrun(
+def _compute_overrun(
     machine: Machine, start: MotionState, position: FloatArray, furthest: FloatArray
 ) -> float:
-    """By how much a piston runs further in its first direction than it has to [m]."""
-    beyond = furthest_of(start, position) - furthest
+    """Compute how much farther a piston runs in its first direction than it has to.
+
+    Joint travel is converted with the moment arms at the start.
+
+    Args:
+        machine: Machine that gives the moment arms.
+        start: State of the joints at the start.
+        position: Joint positions along the motion, shape (k, n) [rad or m].
+        furthest: Travel of each joint that is needed in its first direction, shape (n,) [rad or m].
+
+    Returns:
+        Excess of the worst piston [m]; negative if none runs on.
+    """
+    beyond = compute_furthest_travel(start, position) - furthest
     return float(np.max(beyond * np.abs(machine.moment_arms(start.position))))
 
 
-def _fitted(
+def _assemble_motion(
     machine: Machine,
     path: DiscretePath,
-    candidate: Candidate,
+    candidate: CurveCandidate,
     curve: Curve,
     trajectory: Trajectory,
     schedule: ModeSchedule,
     profiles: Profiles,
     stretch: float,
 ) -> FittedMotion:
+    """Assemble the result of a fit, with its deviations from the discrete path.
+
+    Computed here are the largest distances of tip and joints from the path's nodes at their times,
+    the excess of piston speeds over V_max, and the overloads.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path.
+        candidate: Curve that was tried. The result states its method and whether it has a lead-in,
+            a motion before the curve such as braking.
+        curve: The curve at its final stretch.
+        trajectory: The curve's trajectory, with lead-in and rests.
+        schedule: Modes over time.
+        profiles: Profiles at the trajectory's points and middles.
+        stretch: Final factor on the path's durations [-].
+
+    Returns:
+        The motion; its `refused` is empty.
+    """
     at_nodes = curve.sample(curve.node_time)[0]
     tips = machine.tip_in_base(at_nodes)
     return FittedMotion(
@@ -430,11 +611,12 @@ def _fitted(
         _speed_excess(machine, profiles.points),
         float(np.linalg.norm(tips - path.tip, axis=1).max()),
         float(np.max(np.abs(at_nodes - path.posture))),
-        overloads=overloads(machine, trajectory.offset_ns / SECOND_NS, profiles.points),
+        overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profiles.points),
         profiles=profiles,
     )
 
 
 def _speed_excess(machine: Machine, profile: MotionProfile) -> float:
+    """Compute the greatest |v|/V_max − 1 over pistons and instants; negative if V_max is kept."""
     fastest = np.maximum(profile.speed.max(axis=0), -profile.speed.min(axis=0))
     return float((fastest / machine.arrays.max_piston_speed).max()) - 1.0

@@ -1,9 +1,10 @@
-"""S4: the switching times of every actuator, from a time trajectory and the force it needs.
+"""S4: the switching times of every actuator, from a trajectory and the forces that it needs.
 
-An actuator is boosted where it moves against its load and p_L + m(v) + margin > P_S, from a
-little before (the servo pump has to raise its pressure first), in SB where one servo pump's flow
-is not enough, and never shorter than a least dwell. Where inertia takes most of the margin,
-p_L(F + inertia) + m(v) + margin/2 > P_S, it is boosted as well, as far as the modules go.
+An actuator is boosted if it moves against its load and p_L + m(v) + margin > P_S. Boost begins a
+little earlier, since the servo pump has to raise its pressure first. The mode is SB if the flow of
+one servo pump is not enough. No boost is shorter than a least dwell. An actuator is also boosted if
+inertia takes most of the margin, p_L(F + inertia) + m(v) + margin/2 > P_S, as far as the modules
+suffice.
 """
 
 from __future__ import annotations
@@ -15,68 +16,93 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.holding import modes_to_stop
+from mhsb_model.holding import choose_stop_modes
 from mhsb_model.hydraulics import (
-    highest_flow,
+    compute_inertia_margin,
+    compute_pressure_with_margin,
+    cylinder_needs_boost,
+    get_max_servo_pump_flow,
+    get_shared_hydraulics,
     inlet_area,
-    lacks_pressure,
-    oil_of,
     opposes_motion,
-    pressure_to_move,
-    spared_margin,
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
-from mhsb_model.modes import BOOSTED, Mode
+from mhsb_model.modes import BOOSTED_MODES, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats
+from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats_previous_row
 
-RESERVE = 1.005
-"""Needs are judged at slightly higher speeds and forces, so that they hold between the points."""
+NEED_FACTOR = 1.005
+"""Factor on speeds and forces when needs are judged, so that they hold between the points [-]."""
 
-_ROUNDING = 1e-9  # s
+_ROUNDING = 1e-9
+"""Difference of times that counts as rounding [s]."""
 
 N, DB, SB = int(Mode.N), int(Mode.DB), int(Mode.SB)
 
-# What lies outside the intervals that `_settle` looks at.
+# States outside the intervals that `_enforce_lead_and_dwell` may change.
 _OFF, _ON, _EDGE = 0, 1, 2
 
 
 class SwitchingRules(NamedTuple):
-    """How modes are switched."""
+    """Rules for switching modes.
 
-    min_dwell: float = 0.3  # s, shortest time between two switches of an actuator
-    lead: float = 0.1  # s, by which boost precedes its need
-    max_hold: float = 1.0  # s, how long a closed valve holds a load above P_S without boost
+    Attributes:
+        min_dwell: Least time between two switches of an actuator [s].
+        lead: Time by which boost begins before it is needed [s].
+        max_hold: Longest time for which a closed valve holds a load above P_S without boost [s].
+    """
+
+    min_dwell: float = 0.3
+    lead: float = 0.1
+    max_hold: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class StartModes:
-    """Modes in force where a schedule begins, and for how long they have been.
+    """Modes in force where a schedule begins, and their ages.
 
-    modes  uint8[n]
-    age    float64[n] s since each actuator's last switch
+    Attributes:
+        modes: Mode codes, shape (n,).
+        age: Time since the last switch of each actuator, shape (n,) [s]; inf if unknown or long
+            ago.
     """
 
     modes: ModeArray
     age: FloatArray
 
     def __post_init__(self) -> None:
+        """Convert both arrays to read-only arrays of their types."""
         object.__setattr__(self, "modes", frozen(np.asarray(self.modes, dtype=np.uint8)))
         object.__setattr__(self, "age", frozen(np.asarray(self.age, dtype=np.float64)))
 
     @classmethod
-    def settled(cls, modes: ModeArray) -> StartModes:
-        """Modes that have been in force for long."""
+    def create_settled(cls, modes: ModeArray) -> StartModes:
+        """Create start modes that have been in force for an infinite time.
+
+        Args:
+            modes: Mode codes, shape (n,).
+
+        Returns:
+            Start modes.
+        """
         return cls(modes, np.full(len(modes), math.inf))
 
     @classmethod
-    def during(cls, schedule: ModeSchedule, time_ns: int) -> StartModes:
-        """The modes of a schedule at an absolute time; old where it does not know since when."""
-        switched = schedule.switched_ns(time_ns)
+    def read_from(cls, schedule: ModeSchedule, time_ns: int) -> StartModes:
+        """Read the modes of a schedule and their ages at an absolute time.
+
+        Args:
+            schedule: Modes over time.
+            time_ns: Absolute time [ns].
+
+        Returns:
+            Start modes; the age is inf if the schedule does not contain the switch.
+        """
+        switched = schedule.find_last_switches(time_ns)
         age = np.where(switched > LONG_AGO_NS, (time_ns - switched) / SECOND_NS, math.inf)
         return cls(schedule.modes_at(time_ns), age)
 
@@ -88,19 +114,29 @@ def mode_schedule(
     preferred: ModeArray | None = None,
     rules: SwitchingRules | None = None,
 ) -> ModeSchedule:
-    """Schedule of a trajectory, with its stamp; the last row, at its end, is the holding modes.
+    """Compute the mode schedule of a trajectory.
 
-    preferred  uint8[points, n]: modes chosen by S2 around each point; SB there is kept in boost
-               where the module budget allows, even if one servo pump's flow would do
+    If there are too few booster modules for all flows, SB gives way to DB. Check the result with
+    `s3_limits.find_first_violation`. If the motion is too short for its switches, the least dwell
+    is not kept; check this with `keeps_dwell`.
 
-    Where all flows cannot be had within the budget, SB gives way to DB: compare the result with
-    `s3_limits.first_violation`. Where the motion is too short for its switches, the dwell is not
-    kept: see `keeps_dwell`.
+    Args:
+        machine: Machine with its hydraulics and modules.
+        trajectory: Joint trajectory.
+        start: Modes in force at the beginning and their ages.
+        preferred: Modes that the search for the discrete path (S2) chose around each point, shape
+            (points, n). SB in them is kept during boost if there are modules enough, even if one
+            servo pump's flow would do. None prefers mode N.
+        rules: Rules for switching; None means the defaults.
+
+    Returns:
+        Schedule with the trajectory's stamp. Its last row, at the trajectory's end, holds the modes
+        in which the arm then rests.
     """
     profile = motion_profile(
         machine, trajectory.position, trajectory.velocity, trajectory.acceleration
     )
-    hold = modes_to_stop(machine, profile.force[-1], start.modes)
+    hold = choose_stop_modes(machine, profile.force[-1], start.modes)
     modes = interval_modes(
         machine, trajectory.offset_ns / SECOND_NS, profile, start, hold, preferred, rules
     )
@@ -116,9 +152,24 @@ def interval_modes(
     preferred: ModeArray | None = None,
     rules: SwitchingRules | None = None,
 ) -> ModeArray:
-    """Modes between the instants `time` float64[k] s of a profile, uint8[k - 1, n].
+    """Compute the modes of all actuators between the instants of a motion profile.
 
-    hold  uint8[n], modes in which the arm then rests
+    An actuator is boosted if P_S is too low to move, hold or accelerate its load. Boost begins
+    earlier by `rules.lead` and lasts at least `rules.min_dwell`. It is reduced if too few booster
+    modules are fitted.
+
+    Args:
+        machine: Machine with its hydraulics and modules.
+        time: Instants of the profile in ascending order, shape (k,) [s].
+        profile: Profile with k rows.
+        start: Modes in force at the first instant and their ages.
+        hold: Modes in which the arm rests after the last instant, shape (n,).
+        preferred: Modes that the search for the discrete path (S2) chose around each instant, shape
+            (k, n). SB in them is kept during boost. None prefers mode N.
+        rules: Rules for switching; None means the defaults.
+
+    Returns:
+        Mode codes, shape (k - 1, n).
     """
     rules = rules or SwitchingRules()
     if preferred is None:
@@ -146,25 +197,55 @@ def keeps_dwell(
     hold: ModeArray,
     rules: SwitchingRules | None = None,
 ) -> bool:
-    """Whether no actuator is switched twice within the least dwell; arguments as above."""
+    """Return whether every actuator keeps the least time `min_dwell` between two switches.
+
+    Args:
+        time: Instants in ascending order, shape (k,) [s].
+        modes: Mode codes between the instants, shape (k - 1, n).
+        start: Modes in force before the first instant and their ages.
+        hold: Modes from the last instant on, shape (n,).
+        rules: Rules for switching; None means the defaults.
+
+    Returns:
+        True if it is kept, including the time since the last switch before the first instant.
+    """
     least = (rules or SwitchingRules()).min_dwell - _ROUNDING
-    return bool(_shortest_run(time, modes, start.modes, start.age, hold) >= least)
+    return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
 
 
 def schedule_of_intervals(
     stamp_ns: int, offset_ns: IntArray, modes: ModeArray, hold: ModeArray
 ) -> ModeSchedule:
-    """Schedule with the modes uint8[k-1, n] between k times, `hold` uint8[n] from the last on."""
-    rows = np.append(_changes(modes), len(modes))
+    """Create a schedule from the modes of intervals.
+
+    Equal modes of adjacent intervals become one row.
+
+    Args:
+        stamp_ns: Absolute time of the schedule's beginning [ns].
+        offset_ns: Limits of the intervals after the stamp, shape (k,) [ns].
+        modes: Mode codes of the intervals, shape (k - 1, n).
+        hold: Modes from the last limit on, shape (n,).
+
+    Returns:
+        The schedule.
+    """
+    rows = np.append(_find_changes(modes), len(modes))
     return ModeSchedule(stamp_ns, offset_ns[rows], np.vstack([modes, hold])[rows])
 
 
 @kernel
-def _changes(modes: ModeArray) -> IntArray:
-    """Rows that are the first, or differ from the one before."""
+def _find_changes(modes: ModeArray) -> IntArray:
+    """Find the rows of a mode array that differ from the row before.
+
+    Args:
+        modes: Mode codes, shape (rows, n).
+
+    Returns:
+        Indices of the rows in ascending order, beginning with row 0.
+    """
     rows, count = np.empty(len(modes), dtype=np.int64), 0
     for k in range(len(modes)):
-        if not repeats(modes, k):
+        if not repeats_previous_row(modes, k):
             rows[count] = k
             count += 1
     return rows[:count]
@@ -183,7 +264,29 @@ def _interval_modes(
     hold: ModeArray,
     rules: SwitchingRules,
 ) -> ModeArray:
-    """Kernel of `interval_modes`; the tests check its result against the rules, one by one."""
+    """Compute the modes between the instants of a profile.
+
+    For each actuator it is determined when boost is needed. Short times in which boost would only
+    hold a load are left to the closed valve. The runs of boost and of SB then get their lead and
+    least length. Last, boost is reduced where too few booster modules are fitted. It is the kernel
+    of `interval_modes`; the tests check its result against each rule.
+
+    Args:
+        m: Arrays of the machine.
+        time: Instants in ascending order, shape (k,) [s].
+        speed: Piston speeds, shape (k, n) [m/s].
+        force: Piston forces under gravity, shape (k, n) [N].
+        inertia: Piston forces from inertia, shape (k, n) [N].
+        preferred: Modes that the search for the discrete path (S2) chose around each instant, shape
+            (k, n). SB in them is kept during boost.
+        start: Modes in force at the first instant, shape (n,).
+        age: Time since the last switch of each actuator, shape (n,) [s].
+        hold: Modes after the last instant, shape (n,).
+        rules: Rules for switching.
+
+    Returns:
+        Mode codes, shape (k - 1, n).
+    """
     lead, dwell = rules.lead, rules.min_dwell
     intervals, n = len(speed) - 1, speed.shape[1]
     modes = np.zeros((intervals, n), dtype=np.uint8)
@@ -192,33 +295,35 @@ def _interval_modes(
     free = np.empty(n, dtype=np.int64)
     on = np.empty(intervals, dtype=np.bool_)
     shared = np.empty(intervals, dtype=np.bool_)
-    one_pump = highest_flow(oil_of(m), m.modules_per_mode[DB])
+    one_pump = get_max_servo_pump_flow(get_shared_hydraulics(m), m.modules_per_mode[DB])
     for j in range(n):
-        need, lifts, flow = _needs(m, j, speed, force)
+        need, lifts, flow = _determine_needs(m, j, speed, force)
         for i in range(intervals):
             on[i] = need[i] or need[i + 1]
-            demand[i, j] = RESERVE * max(flow[i], flow[i + 1])
-        _drop_short_holds(time, on, lifts, rules.max_hold, BOOSTED[hold[j]])
+            demand[i, j] = NEED_FACTOR * max(flow[i], flow[i + 1])
+        _drop_short_holds(time, on, lifts, rules.max_hold, BOOSTED_MODES[hold[j]])
         needed[:, j] = on
-        lacks = _lacks_to_accelerate(m, j, speed, force, inertia)
+        lacks = _lacks_pressure_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
 
-        free[j] = _first_free(time, age[j], dwell)
-        on[: free[j]] = BOOSTED[start[j]]
-        before = _ON if BOOSTED[start[j]] else _OFF
-        after = _ON if BOOSTED[hold[j]] else _OFF
-        for ahead in (lead, 0.0):  # what is shared for its least time is boosted meanwhile
+        free[j] = _find_first_free_interval(time, age[j], dwell)
+        on[: free[j]] = BOOSTED_MODES[start[j]]
+        before = _ON if BOOSTED_MODES[start[j]] else _OFF
+        after = _ON if BOOSTED_MODES[hold[j]] else _OFF
+        for ahead in (lead, 0.0):  # a lengthened SB run may lengthen its boost run
             for i in range(intervals):
                 wanted = demand[i, j] > one_pump or preferred[i, j] == SB
                 shared[i] = on[i] and (start[j] == SB if i < free[j] else wanted)
             shared_before = _ON if start[j] == SB else _OFF
-            _settle(time, shared, free[j], intervals, 0.0, dwell, shared_before, _OFF)
+            _enforce_lead_and_dwell(
+                time, shared, free[j], intervals, 0.0, dwell, shared_before, _OFF
+            )
             on |= shared
-            _settle(time, on, free[j], intervals, ahead, dwell, before, after)
+            _enforce_lead_and_dwell(time, on, free[j], intervals, ahead, dwell, before, after)
         for i in range(free[j], intervals):
             shared[i] = on[i] and (demand[i, j] > one_pump or preferred[i, j] == SB)
-        _settle_shared(time, on, shared, free[j], lead, dwell, start[j], hold[j])
+        _enforce_shared_boost_dwell(time, on, shared, free[j], lead, dwell, start[j], hold[j])
         for i in range(intervals):
             modes[i, j] = SB if shared[i] else (DB if on[i] else N)
     _keep_budget(m, time, modes, demand, needed, free, dwell)
@@ -226,8 +331,19 @@ def _interval_modes(
 
 
 @kernel
-def _first_free(time: FloatArray, age: float, dwell: float) -> int:
-    """The first interval in which a mode that is `age` s old at time[0] may be left."""
+def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int:
+    """Find the first interval in which an actuator may leave its start mode.
+
+    It may leave the mode once the mode is `dwell` old.
+
+    Args:
+        time: Instants in ascending order, shape (k,) [s].
+        age: Age of the mode at the first instant [s].
+        dwell: Least time between two switches [s].
+
+    Returns:
+        Index of the interval; k - 1, one after the last interval, if there is none.
+    """
     i = 0
     while i < len(time) - 1 and time[i] - time[0] < dwell - age - _ROUNDING:
         i += 1
@@ -235,18 +351,38 @@ def _first_free(time: FloatArray, age: float, dwell: float) -> int:
 
 
 @kernel
-def _needs(
+def _determine_needs(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray
 ) -> tuple[np.ndarray, np.ndarray, FloatArray]:
-    """Of actuator j at each instant: need for boost, motion against the load, flow [m³/s]."""
+    """Determine an actuator's need for boost and its flow at each instant.
+
+    Speeds and forces are multiplied by NEED_FACTOR for the need. In the dead band the need is that
+    of holding the load.
+
+    Args:
+        m: Arrays of the machine.
+        j: Index of the actuator.
+        speed: Piston speeds, shape (k, n) [m/s].
+        force: Piston forces under gravity, shape (k, n) [N].
+
+    Returns:
+        Three arrays of shape (k,). The first is True if the actuator needs boost. The second is
+        True if it moves against its load, faster than half the dead band. The third is the flow
+        into the cylinder [m³/s].
+    """
     need = np.empty(len(speed), dtype=np.bool_)
     lifts = np.empty(len(speed), dtype=np.bool_)
     flow = np.empty(len(speed))
-    oil, valve, cap, rod = oil_of(m), m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
+    oil, valve, cap, rod = (
+        get_shared_hydraulics(m),
+        m.valve_coefficient[j],
+        m.cap_area[j],
+        m.rod_area[j],
+    )
     for k in range(len(speed)):
         v, f = speed[k, j], force[k, j]
-        moved = RESERVE * v if abs(v) > DEAD_BAND else 0.0
-        need[k] = lacks_pressure(oil, valve, cap, rod, RESERVE * f, moved)
+        moved = NEED_FACTOR * v if abs(v) > DEAD_BAND else 0.0
+        need[k] = cylinder_needs_boost(oil, valve, cap, rod, NEED_FACTOR * f, moved)
         # Half the dead band: between the points a cylinder may be a little faster than at them.
         lifts[k] = abs(v) > 0.5 * DEAD_BAND and opposes_motion(f, v)
         flow[k] = inlet_area(cap, rod, v) * abs(v)
@@ -254,24 +390,54 @@ def _needs(
 
 
 @kernel
-def _lacks_to_accelerate(
+def _lacks_pressure_to_accelerate(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray
 ) -> np.ndarray:
-    """Whether P_S leaves actuator j too little to accelerate, at each instant."""
-    oil, valve, cap, rod = oil_of(m), m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
-    spared = spared_margin(oil)
+    """Determine whether P_S is too low for an actuator to accelerate its load, at each instant.
+
+    The pressure must carry gravity and inertia and leave the part of the margin that inertia may
+    not use. Only motions against this load and faster than 0.9 of the dead band count.
+
+    Args:
+        m: Arrays of the machine.
+        j: Index of the actuator.
+        speed: Piston speeds, shape (k, n) [m/s].
+        force: Piston forces under gravity, shape (k, n) [N].
+        inertia: Piston forces from inertia, shape (k, n) [N].
+
+    Returns:
+        True at each instant at which P_S is too low, shape (k,).
+    """
+    oil, valve, cap, rod = (
+        get_shared_hydraulics(m),
+        m.valve_coefficient[j],
+        m.cap_area[j],
+        m.rod_area[j],
+    )
+    spared = compute_inertia_margin(oil)
     lacks = np.zeros(len(speed), dtype=np.bool_)
     for k in range(len(speed)):
         v, load = speed[k, j], force[k, j] + inertia[k, j]
         if abs(v) > 0.9 * DEAD_BAND and opposes_motion(load, v):
-            needed = pressure_to_move(oil, valve, cap, rod, RESERVE * load, RESERVE * v)
+            needed = compute_pressure_with_margin(
+                oil, valve, cap, rod, NEED_FACTOR * load, NEED_FACTOR * v
+            )
             lacks[k] = needed - spared > oil.supply_pressure
     return lacks
 
 
 @kernel
-def _run_end(on: np.ndarray, first: int, last: int) -> int:
-    """End of the run of equal values that begins at `first`, at most `last`."""
+def _find_run_end(on: np.ndarray, first: int, last: int) -> int:
+    """Find the end of the run of equal values that begins at an index.
+
+    Args:
+        on: True or False for each interval, shape (intervals,).
+        first: Index at which the run begins.
+        last: Index beyond which the run is not followed.
+
+    Returns:
+        Index one after the run's last value, at most `last`.
+    """
     end = first + 1
     while end < last and on[end] == on[first]:
         end += 1
@@ -282,10 +448,21 @@ def _run_end(on: np.ndarray, first: int, last: int) -> int:
 def _drop_short_holds(
     time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
 ) -> None:
-    """Clear runs that only hold the load, where the closed valve can do so meanwhile."""
+    """Set short runs of boost that only hold the load to False, since the closed valve can hold it.
+
+    A run stays if it contains a motion against the load or lasts `longest` or more. It also stays
+    if it reaches the end of a motion after which the actuator is boosted.
+
+    Args:
+        time: Instants in ascending order, shape (k,) [s].
+        on: True for each interval with boost, shape (k - 1,). Written in place.
+        lifts: True at each instant of motion against the load, shape (k,).
+        longest: Longest time for which a closed valve holds the load [s].
+        held_after: True if the actuator is boosted after the last instant.
+    """
     first = 0
     while first < len(on):
-        end = _run_end(on, first, len(on))
+        end = _find_run_end(on, first, len(on))
         lasting = time[end] - time[first] >= longest or (end == len(on) and held_after)
         if on[first] and not lasting and not lifts[first : end + 1].any():
             on[first:end] = False
@@ -293,7 +470,7 @@ def _drop_short_holds(
 
 
 @kernel
-def _settle(
+def _enforce_lead_and_dwell(
     time: FloatArray,
     on: np.ndarray,
     first: int,
@@ -303,10 +480,21 @@ def _settle(
     before: int,
     after: int,
 ) -> None:
-    """Give the runs of `on` within [first, last) their lead and least length, and close gaps.
+    """Give each run of intervals that are True its lead and its least length, and close short gaps.
 
-    before, after: what lies outside: _ON (runs that touch it count as long), _OFF (gaps that
-    touch it stay) or _EDGE (neither). Interval i lasts from time[i] to time[i + 1].
+    Runs are lengthened to the least length, at their end first and then at their beginning. Gaps
+    shorter than the least length become True.
+
+    Args:
+        time: Limits of the intervals; interval i lasts from time[i] to time[i + 1], [s].
+        on: Values by interval. Entries from `first` to last - 1 are written in place.
+        first: First interval that may change.
+        last: One after the last interval that may change.
+        lead: Time by which each run begins earlier [s].
+        dwell: Least length of runs and gaps [s].
+        before: State before interval `first`. _ON: a run that touches it is long enough. _OFF: a
+            gap that touches it stays. _EDGE: neither.
+        after: State from interval `last` on, with the same codes.
     """
     since = math.inf
     for i in range(last - 1, first - 1, -1):
@@ -316,7 +504,7 @@ def _settle(
 
     i = first
     while i < last:
-        end = _run_end(on, i, last)
+        end = _find_run_end(on, i, last)
         touches = (i == first and before == _ON) or (end == last and after == _ON)
         if on[i] and not touches:
             while end < last and time[end] - time[i] < dwell - _ROUNDING:
@@ -329,7 +517,7 @@ def _settle(
 
     i = first
     while i < last:
-        end = _run_end(on, i, last)
+        end = _find_run_end(on, i, last)
         stays = (i == first and before == _OFF) or (end == last and after == _OFF)
         if not on[i] and not stays and time[end] - time[i] < dwell - _ROUNDING:
             on[i:end] = True
@@ -337,7 +525,7 @@ def _settle(
 
 
 @kernel
-def _settle_shared(
+def _enforce_shared_boost_dwell(
     time: FloatArray,
     on: np.ndarray,
     shared: np.ndarray,
@@ -347,24 +535,34 @@ def _settle_shared(
     start: int,
     hold: int,
 ) -> None:
-    """Settle the SB parts of every boosted run, so that its DB parts are long enough too.
+    """Adjust the SB parts of every run of boost so that SB parts and DB parts keep the least dwell.
 
-    The intervals before `free` stay as they are; SB without room for its least time is DB.
+    The intervals before `free` stay as they are. SB without room for its least length becomes DB.
+
+    Args:
+        time: Limits of the intervals, shape (k,) [s].
+        on: True for each interval with boost, DB or SB, shape (k - 1,).
+        shared: True for each interval with SB, shape (k - 1,). Written in place.
+        free: First interval in which the actuator may be switched.
+        lead: Time by which SB begins before it is needed [s].
+        dwell: Least time between two switches [s].
+        start: Mode in force before the first interval.
+        hold: Mode in force after the last interval.
     """
     first = 0
     while first < len(on):
-        end = _run_end(on, first, len(on))
+        end = _find_run_end(on, first, len(on))
         begin = max(first, free)
         if on[first] and begin < end:
             before = after = _EDGE
-            if first == 0 and BOOSTED[start]:
+            if first == 0 and BOOSTED_MODES[start]:
                 before = _ON if start == SB else _OFF
-            if end == len(on) and BOOSTED[hold]:
+            if end == len(on) and BOOSTED_MODES[hold]:
                 after = _ON if hold == SB else _OFF
             if before != _ON and after != _ON and time[end] - time[begin] < dwell - _ROUNDING:
                 shared[begin:end] = False
             if shared[begin:end].any() or before == _ON:
-                _settle(time, shared, begin, end, lead, dwell, before, after)
+                _enforce_lead_and_dwell(time, shared, begin, end, lead, dwell, before, after)
         first = end
 
 
@@ -378,11 +576,21 @@ def _keep_budget(
     free: IntArray,
     dwell: float,
 ) -> None:
-    """Bring every interval within the module budget, without a run that is shorter than `dwell`.
+    """Reduce the modes of every interval to the booster modules fitted.
 
-    The SB run with the least flow demand falls back to DB first; then boost that is there only
-    for lead or dwell is given up. Nothing changes before free[j], an actuator's first interval in
-    which it may be switched. What still does not fit stays, for the caller to find.
+    No change makes a run shorter than `dwell`. The SB run with the least flow becomes DB first.
+    Then DB that serves only lead, dwell or inertia becomes mode N. An interval that still needs too
+    many modules stays as it is; `s3_limits.find_first_violation` finds it.
+
+    Args:
+        m: Arrays of the machine.
+        time: Limits of the intervals, shape (k,) [s].
+        modes: Mode codes, shape (k - 1, n). Written in place.
+        demand: Flow into each cylinder, shape (k - 1, n) [m³/s].
+        needed: True if an actuator cannot do without boost, shape (k - 1, n).
+        free: First interval in which each actuator may be switched, shape (n,). Nothing changes
+            before it.
+        dwell: Least time between two switches [s].
     """
     intervals, n = modes.shape
     for i in range(intervals):
@@ -398,10 +606,10 @@ def _keep_budget(
             for j in range(n):
                 if modes[i, j] != SB or i < free[j]:
                     continue
-                a, b = _run_around(modes, i, j)
+                a, b = _find_run_around(modes, i, j)
                 a = max(a, free[j])
                 peak = demand[a:b, j].max()
-                if peak < least and _long_enough(time, modes, a, b, j, DB, dwell):
+                if peak < least and _keeps_dwell_after_change(time, modes, a, b, j, DB, dwell):
                     loser, least, first, last = j, peak, a, b
             if loser >= 0:
                 modes[first:last, loser] = DB
@@ -409,13 +617,13 @@ def _keep_budget(
             for j in range(n):
                 if modes[i, j] != DB or i < free[j] or needed[i, j]:
                     continue
-                a, b = _run_around(modes, i, j)
+                a, b = _find_run_around(modes, i, j)
                 first, last = i, i + 1
                 while first > max(a, free[j]) and not needed[first - 1, j]:
                     first -= 1
                 while last < b and not needed[last, j]:
                     last += 1
-                if _long_enough(time, modes, first, last, j, N, dwell):
+                if _keeps_dwell_after_change(time, modes, first, last, j, N, dwell):
                     modes[first:last, j] = N
                     loser = j
                     break
@@ -424,8 +632,17 @@ def _keep_budget(
 
 
 @kernel
-def _run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
-    """The run of actuator j's mode around interval i, its first and the one after its last."""
+def _find_run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
+    """Find the run of equal modes of an actuator that contains an interval.
+
+    Args:
+        modes: Mode codes, shape (intervals, n).
+        i: Index of the interval.
+        j: Index of the actuator.
+
+    Returns:
+        First interval of the run, and one after its last.
+    """
     a, b = i, i + 1
     while a > 0 and modes[a - 1, j] == modes[i, j]:
         a -= 1
@@ -435,12 +652,25 @@ def _run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
 
 
 @kernel
-def _long_enough(
+def _keeps_dwell_after_change(
     time: FloatArray, modes: ModeArray, first: int, last: int, j: int, mode: int, dwell: float
 ) -> bool:
-    """Whether `mode` in [first, last), and what it leaves of the runs beside it, last long enough.
+    """Return whether all runs of an actuator would last long enough after a change of its mode.
 
-    Runs that touch either end of the schedule go on there.
+    The run with the new mode and what is left of the runs beside it are checked. Runs that touch
+    either end of the schedule always count as long enough.
+
+    Args:
+        time: Limits of the intervals, shape (k,) [s].
+        modes: Mode codes before the change, shape (k - 1, n).
+        first: First interval to change.
+        last: One after the last interval to change.
+        j: Index of the actuator.
+        mode: New mode of these intervals.
+        dwell: Least time between two switches [s].
+
+    Returns:
+        True if the change keeps the least time.
     """
     a, b = first, last
     while a > 0 and modes[a - 1, j] == mode:
@@ -451,23 +681,33 @@ def _long_enough(
     if a > 0 and b < len(modes) and time[b] - time[a] < least:
         return False
     if a > 0:
-        c, _ = _run_around(modes, a - 1, j)
+        c, _ = _find_run_around(modes, a - 1, j)
         if c > 0 and time[a] - time[c] < least:
             return False
     if b < len(modes):
-        _, c = _run_around(modes, b, j)
+        _, c = _find_run_around(modes, b, j)
         if c < len(modes) and time[c] - time[b] < least:
             return False
     return True
 
 
 @kernel
-def _shortest_run(
+def _compute_shortest_run(
     time: FloatArray, modes: ModeArray, start: ModeArray, age: FloatArray, hold: ModeArray
 ) -> float:
-    """Least time between two switches of an actuator [s], those before the first instant included.
+    """Compute the least time between two switches of an actuator.
 
-    start, age  in force before, and for how long [s]; hold: from the last instant on
+    The time from the last switch before the first instant counts, too.
+
+    Args:
+        time: Instants in ascending order, shape (k,) [s].
+        modes: Mode codes between the instants, shape (k - 1, n).
+        start: Modes in force before the first instant, shape (n,).
+        age: Age of these modes at the first instant, shape (n,) [s].
+        hold: Modes from the last instant on, shape (n,).
+
+    Returns:
+        Least time over all actuators [s]; inf if none is switched.
     """
     intervals, n = modes.shape
     shortest = math.inf

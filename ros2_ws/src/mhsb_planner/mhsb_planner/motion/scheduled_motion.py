@@ -1,4 +1,4 @@
-"""A trajectory together with its modes; where it is too short to switch, it rests at its end."""
+"""A trajectory together with its modes, with a rest at its end if it is too short to switch."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.holding import modes_to_stop
+from mhsb_model.holding import choose_stop_modes
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
@@ -23,11 +23,14 @@ from mhsb_planner.motion.s4_mode_schedule import (
 
 @dataclass(frozen=True, eq=False)
 class ScheduledMotion:
-    """A trajectory of k points, its profile, and S4's modes.
+    """A trajectory of k points, its profile, and its modes by `s4_mode_schedule`.
 
-    intervals    uint8[k - 1, n], modes between the points
-    hold         uint8[n], from the last point on
-    keeps_dwell  whether no actuator is switched twice within the least dwell
+    Attributes:
+        trajectory: Joint trajectory.
+        profile: Profile at the points.
+        intervals: Modes between the points, shape (k - 1, n).
+        hold: Modes from the last point on, shape (n,).
+        keeps_dwell: True if every actuator keeps its least time between two switches.
     """
 
     trajectory: Trajectory
@@ -37,7 +40,7 @@ class ScheduledMotion:
     keeps_dwell: bool
 
     @classmethod
-    def of(
+    def create(
         cls,
         machine: Machine,
         trajectory: Trajectory,
@@ -45,23 +48,36 @@ class ScheduledMotion:
         preferred: ModeArray | None = None,
         rules: SwitchingRules | None = None,
     ) -> ScheduledMotion:
-        """S4's modes; `start`, `preferred` and `rules` as of `s4_mode_schedule`.
+        """Compute the modes of a trajectory.
 
-        Where the dwell cannot be kept otherwise, the motion gets a rest at its end, long enough
-        for a mode to be left and another one to be left again.
+        If an actuator would be switched before its least dwell is over, the trajectory gets a rest
+        at its end. The rest lasts twice the least dwell, long enough for two switches one after the
+        other.
+
+        Args:
+            machine: Machine with its hydraulics and modules.
+            trajectory: Joint trajectory.
+            start: Modes in force at the beginning and their ages.
+            preferred: Modes that the search for the discrete path (S2) chose around each point,
+                shape (points, n). SB in them is kept during boost. None prefers mode N.
+            rules: Rules for switching; None means the defaults.
+
+        Returns:
+            Trajectory, with the rest if there is one, its profile and its modes. `keeps_dwell` may
+            be False even with the rest.
         """
         rules = rules or SwitchingRules()
-        once = cls._as_it_is(machine, trajectory, start, preferred, rules)
+        once = cls._create_without_rest(machine, trajectory, start, preferred, rules)
         if once.keeps_dwell:
             return once
-        rested = trajectory.rested(round(2 * rules.min_dwell * SECOND_NS))
+        rested = trajectory.with_rest(round(2 * rules.min_dwell * SECOND_NS))
         if preferred is not None:
             rest = len(rested.offset_ns) - len(preferred)
             preferred = np.vstack([preferred, np.repeat(preferred[-1:], rest, axis=0)])
-        return cls._as_it_is(machine, rested, start, preferred, rules)
+        return cls._create_without_rest(machine, rested, start, preferred, rules)
 
     @classmethod
-    def _as_it_is(
+    def _create_without_rest(
         cls,
         machine: Machine,
         trajectory: Trajectory,
@@ -69,17 +85,31 @@ class ScheduledMotion:
         preferred: ModeArray | None,
         rules: SwitchingRules,
     ) -> ScheduledMotion:
+        """Compute the modes of a trajectory without adding a rest.
+
+        Args:
+            machine: Machine with its hydraulics and modules.
+            trajectory: Joint trajectory.
+            start: Modes in force at the beginning and their ages.
+            preferred: Modes that the search for the discrete path (S2) chose around each point,
+                shape (points, n). SB in them is kept during boost. None prefers mode N.
+            rules: Rules for switching.
+
+        Returns:
+            Trajectory, its profile and its modes; `keeps_dwell` says whether they keep the least
+            dwell.
+        """
         profile = motion_profile(
             machine, trajectory.position, trajectory.velocity, trajectory.acceleration
         )
         time = trajectory.offset_ns / SECOND_NS
-        hold = modes_to_stop(machine, profile.force[-1], start.modes)
+        hold = choose_stop_modes(machine, profile.force[-1], start.modes)
         modes = interval_modes(machine, time, profile, start, hold, preferred, rules)
         kept = keeps_dwell(time, modes, start, hold, rules)
         return cls(trajectory, profile, modes, hold, kept)
 
     @property
     def schedule(self) -> ModeSchedule:
-        """Of the trajectory, with its stamp."""
+        """Mode schedule of the trajectory, with its stamp."""
         offset = self.trajectory.offset_ns
         return schedule_of_intervals(self.trajectory.stamp_ns, offset, self.intervals, self.hold)

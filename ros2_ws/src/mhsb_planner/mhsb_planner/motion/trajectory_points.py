@@ -1,4 +1,4 @@
-"""Points of a trajectory, taken from a smooth curve."""
+"""Conversion of smooth curves to the points of a trajectory."""
 
 from __future__ import annotations
 
@@ -7,38 +7,64 @@ from typing import Protocol
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.trajectory import POINT_SPACING_NS, SECOND_NS, MotionState, Trajectory
+from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, IntArray, frozen
 
 FEWEST_INTERVALS = 10
-"""Intervals between a trajectory's points, at least."""
+"""Least number of intervals between a trajectory's points."""
 
 
 class SmoothCurve(Protocol):
-    """A joint motion."""
+    """Joint motion that can be sampled at any time."""
 
     @property
     def breaks(self) -> FloatArray:
         """Times between which the curve is smooth, from 0 to its end [s]."""
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, q̇, q̈ at the times [s], float64[times, n] each."""
+        """Compute the joint motion at given times.
+
+        Args:
+            time: Times in ascending order, shape (m,) [s].
+
+        Returns:
+            Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
+            [rad/s² or m/s²], of shape (m, n).
+        """
 
 
-def sampled_trajectory(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Trajectory:
-    """Points of a curve with stamp 0, exact at both ends: from `start` to rest at `end` [rad].
+def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Trajectory:
+    """Sample a curve as a trajectory with stamp 0.
 
-    A polynomial from or to rest has an acceleration there; its first and last interval ramp it.
+    The first point is set to `start` and the last one to rest at `end`. A polynomial from or to
+    rest has an acceleration there; in the first and last interval the acceleration then changes
+    from or to 0.
+
+    Args:
+        curve: Joint motion.
+        start: State of the joints at the start.
+        end: Joint positions at the end, shape (n,) [rad or m].
+
+    Returns:
+        Trajectory with points at the curve's breaks and between them.
     """
-    offset = point_times(curve.breaks)
+    offset = choose_point_times(curve.breaks)
     q, qd, qdd = curve.sample(offset / SECOND_NS)
     q[0], qd[0], qdd[0] = start.position, start.velocity, start.acceleration
     q[-1], qd[-1], qdd[-1] = end, 0.0, 0.0
     return Trajectory(0, offset, q, qd, qdd)
 
 
-def joined(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
-    """A lead-in that ends where a curve begins, and the curve, with stamp 0."""
+def join_trajectories(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
+    """Join two trajectories into one with stamp 0.
+
+    Args:
+        lead_in: First trajectory; it must end in the state in which the second one begins.
+        curve: Second trajectory.
+
+    Returns:
+        Trajectory in which the common point appears once.
+    """
     return Trajectory(
         0,
         np.concatenate([lead_in.offset_ns[:-1], lead_in.duration_ns + curve.offset_ns]),
@@ -48,22 +74,37 @@ def joined(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
     )
 
 
-def point_times(breaks: FloatArray) -> IntArray:
-    """Times of a trajectory's points, ns: the breaks [s], and evenly spread between them.
+def choose_point_times(breaks: FloatArray) -> IntArray:
+    """Choose the times of a trajectory's points on a curve.
 
-    With points at the breaks, quintics between the points follow the curve within rounding.
+    The points lie at the breaks and are evenly spread between them. Quintics between the points
+    then follow the curve within rounding.
+
+    Args:
+        breaks: Times between which the curve is smooth, ascending from 0, shape (k,) [s].
+
+    Returns:
+        Times in ascending order, at most MAX_POINT_SPACING_NS apart, with FEWEST_INTERVALS
+        intervals or more [ns].
     """
     return _point_times(frozen(breaks))
 
 
 @kernel
 def _point_times(breaks: FloatArray) -> IntArray:
-    """Kernel of `point_times`."""
+    """Divide the spans between breaks evenly into intervals; kernel of `choose_point_times`.
+
+    Args:
+        breaks: Times between which the curve is smooth, ascending from 0, shape (k,) [s].
+
+    Returns:
+        Times of the points in ascending order [ns].
+    """
     at_ns = np.rint(breaks * SECOND_NS).astype(np.int64)
     spans = len(at_ns) - 1
     parts, fewest = np.empty(spans, dtype=np.int64), -(-FEWEST_INTERVALS // spans)
     for i in range(spans):
-        parts[i] = max(-(-(at_ns[i + 1] - at_ns[i]) // POINT_SPACING_NS), fewest)
+        parts[i] = max(-(-(at_ns[i + 1] - at_ns[i]) // MAX_POINT_SPACING_NS), fewest)
     times, k = np.empty(parts.sum() + 1, dtype=np.int64), 0
     for i in range(spans):
         step = (at_ns[i + 1] - at_ns[i]) / parts[i]

@@ -1,4 +1,7 @@
-"""What becomes of a plan in force: reached, replaced, stopped or aborted."""
+"""Execution of a plan in force, which ends as reached, replaced, stopped or aborted.
+
+The time of plans is the arm's clock less the delay by which speed scaling has slowed plans.
+"""
 
 from __future__ import annotations
 
@@ -11,82 +14,173 @@ from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.verdict import Outcome, PlanSummary
-from mhsb_planner.online.arm_view import NO_PLAN, ArmView
-from mhsb_planner.online.goal_in_hand import GoalInHand
+from mhsb_model.verdict import Outcome, PlanSummary, Verdict
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState
+from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.settings import Settings
 
-REACHED_DISTANCE = 0.010
-"""How near the measured tip must come to the goal [m]."""
-
 SETTLING_NS = SECOND_NS
-"""Time after a plan's end within which the tip must be there."""
+"""Time after a plan's end within which the measured tip must be at the goal [ns]."""
 
 EARLY_NS = 3 * SECOND_NS // 10
-"""A plan that ends earlier than this before its time was ended by somebody."""
+"""Time before a plan's end from which on its end counts as regular [ns].
+
+A plan that ends earlier was ended by a stop, a fault or a reset.
+"""
 
 SAME_PLACE = 0.1
-"""An arm within this of where its plan was has been stopped, not started anew [rad]."""
+"""Largest joint difference at which an arm that has dropped its plan counts as stopped [rad].
+
+If a joint is farther away from its planned position, the arm has been restarted elsewhere.
+"""
+
+REASON_NS = SECOND_NS
+"""Time after an early end of a plan within which the arm's report may give the reason [ns].
+
+`plan_in_force` and `/diagnostics` come in any order.
+"""
 
 
-class Ending(NamedTuple):
-    """How an execution ends, for a program and for a person."""
+class ExecutionResult(NamedTuple):
+    """Result of an execution.
+
+    Attributes:
+        outcome: Code of the result.
+        sentence: The result in words.
+        reason: Verdict code of the cause; None if there is none to report.
+    """
 
     outcome: Outcome
     sentence: str
+    reason: Verdict | None = None
 
 
 @dataclass
 class Execution:
-    """A goal and the command for it that the arm has taken.
+    """Goal whose plan the arm has confirmed, and that plan.
 
-    target   where the command leads: to the goal, or a little ahead of one that moves
-    plan     what its verdict told of that command
-    settings with which it was planned; a goal is the same only if these are
-    change_ns where the command leaves the one before, by the arm's clock
+    Attributes:
+        pending_goal: The goal and its history.
+        command: Command that the arm has confirmed.
+        target: Place where the command leads: the goal, or a little ahead of a moving goal.
+        plan: Summary of the command as the goal's verdict states it.
+        settings: Settings of the plan; a later goal at the same place needs the same settings.
+        change_ns: Time at which the command leaves the one before, in the time of plans [ns].
+        dropped_since: Time at which the arm was first seen without the plan before its end [ns],
+            and the ending without a reported reason; None while the arm follows the plan.
     """
 
-    in_hand: GoalInHand
+    pending_goal: PendingGoal
     command: Command
     target: Goal
     plan: PlanSummary
     settings: Settings
     change_ns: int
+    dropped_since: tuple[int, ExecutionResult] | None = None
 
-    def ending(self, machine: Machine, view: ArmView, now_ns: int) -> Ending | None:
-        """How it ends by what the arm reports, None while it goes on.
+    def judge(self, machine: Machine, arm_state: ArmState, now_ns: int) -> ExecutionResult | None:
+        """Return how the execution has ended, judged by the arm's reports.
 
-        An arm that never tells which plan is in force is taken to obey.
+        The first of these cases that applies decides:
+
+        - The reference comes from several publishers: `ABORTED` at the plan's end.
+        - Another plan is in force: `REPLACED`.
+        - The arm holds more than `EARLY_NS` before the plan's end: the plan was dropped. A reported
+          fault gives `ABORTED`; without one, the place of the reference decides after `REASON_NS`.
+        - The plan has ended: the distance of the measured tip from the goal decides.
+
+        An arm that never reports its plan in force is assumed to follow the plan. Writes
+        `dropped_since`.
+
+        Args:
+            machine: Machine by which the tip's place is computed.
+            arm_state: Arm state.
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            Outcome, sentence and cause; None while the execution goes on.
         """
         end_ns = self.command.trajectory.end_ns
-        if view.in_force_ns not in (None, NO_PLAN, self.command.stamp_ns):
-            return Ending(Outcome.REPLACED, "the arm follows another plan")
-        if view.in_force_ns == NO_PLAN and now_ns < end_ns - EARLY_NS:
-            return self._dropped(view, now_ns)
+        if arm_state.publisher_conflict:
+            unknown = ExecutionResult(
+                Outcome.ABORTED, f"where the arm is is not known: {arm_state.publisher_conflict}"
+            )
+            return unknown if now_ns >= end_ns else None
+        if arm_state.plan_in_force_ns not in (None, NO_PLAN, self.command.stamp_ns):
+            return ExecutionResult(Outcome.REPLACED, "the arm follows another plan")
+        if arm_state.plan_in_force_ns != NO_PLAN:
+            self.dropped_since = None
+        elif self.dropped_since is not None or now_ns < end_ns - EARLY_NS:
+            return self._judge_dropped_plan(arm_state, now_ns)
         if now_ns < end_ns:
             return None
-        return self._arrival(machine, view, now_ns)
+        return self._judge_arrival(machine, arm_state, now_ns)
 
-    def _dropped(self, view: ArmView, now_ns: int) -> Ending:
-        """The arm holds before the plan's end: it was stopped, or it started anew elsewhere."""
-        if view.fault:
-            return Ending(Outcome.ABORTED, view.fault)
+    def _judge_dropped_plan(self, arm_state: ArmState, now_ns: int) -> ExecutionResult | None:
+        """Return how the execution ends if the arm holds before the plan's end.
+
+        A reported fault aborts the execution at once. Otherwise the first call judges by the place
+        of the reference alone, and stores time and ending in `dropped_since`. That ending is
+        returned once `REASON_NS` have passed since the first call.
+
+        Args:
+            arm_state: Arm state.
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            Outcome, sentence and cause; None while the arm's report of the reason may still come.
+        """
+        if arm_state.fault:
+            return ExecutionResult(Outcome.ABORTED, arm_state.fault, Verdict.FAULT)
+        if self.dropped_since is None:
+            self.dropped_since = now_ns, self._judge_by_reference(arm_state, now_ns)
+        since_ns, ending = self.dropped_since
+        return ending if now_ns - since_ns >= REASON_NS else None
+
+    def _judge_by_reference(self, arm_state: ArmState, now_ns: int) -> ExecutionResult:
+        """Judge by the arm's reference whether it was stopped or was restarted elsewhere.
+
+        Args:
+            arm_state: Arm state.
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            `STOPPED` if the reference of every joint is within `SAME_PLACE` of its planned position
+            at this time. Otherwise, or without a reference, `ABORTED`.
+        """
         planned = self.command.trajectory.sample(now_ns).position
-        heard = view.reference
+        heard = arm_state.reference
         if heard is not None and np.abs(heard.state.position - planned).max() < SAME_PLACE:
-            return Ending(Outcome.STOPPED, "the arm was stopped before the goal")
-        return Ending(Outcome.ABORTED, "the arm no longer follows the plan")
+            return ExecutionResult(Outcome.STOPPED, "the arm was stopped before the goal")
+        return ExecutionResult(Outcome.ABORTED, "the arm no longer follows the plan")
 
-    def _arrival(self, machine: Machine, view: ArmView, now_ns: int) -> Ending | None:
-        goal = self.in_hand.goal
-        if view.measured is None:
-            return Ending(Outcome.REACHED, "the plan has ended; nobody measures the tip")
+    def _judge_arrival(
+        self, machine: Machine, arm_state: ArmState, now_ns: int
+    ) -> ExecutionResult | None:
+        """Judge after the plan's end whether the measured tip has reached the goal or its region.
+
+        Without a measurement the goal counts as reached.
+
+        Args:
+            machine: Machine by which the tip's place is computed.
+            arm_state: Arm state.
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            `REACHED` if the tip is within the tolerance. Otherwise `ABORTED` from `SETTLING_NS`
+            after the plan's end on, and None before.
+        """
+        goal = self.pending_goal.goal
+        if arm_state.measured is None:
+            return ExecutionResult(Outcome.REACHED, "the plan has ended; nobody measures the tip")
         options = self.settings.options
-        distance = options.distance(machine, goal.position, view.measured.state.position)
+        distance = options.distance_to_goal(
+            machine, goal.position, arm_state.measured.state.position
+        )
         where = "goal" if options.goal_region is None else "goal's region"
         sentence = f"the tip is {1e3 * distance:.2f} mm from the {where}"
-        if distance <= REACHED_DISTANCE:
-            return Ending(Outcome.REACHED, sentence)
+        if distance <= self.settings.reached_tolerance:
+            return ExecutionResult(Outcome.REACHED, sentence)
         if now_ns < self.command.trajectory.end_ns + SETTLING_NS:
             return None
-        return Ending(Outcome.ABORTED, sentence)
+        return ExecutionResult(Outcome.ABORTED, sentence)

@@ -1,74 +1,128 @@
-"""What is told of goals: one verdict each, and of accepted ones how they ended, once."""
+"""Reports on goals: one verdict for each, and one execution report for each accepted goal."""
 
 from __future__ import annotations
 
 from mhsb_model.verdict import Outcome, PlanSummary, Report, Verdict
-from mhsb_planner.online.goal_in_hand import GoalInHand
-from mhsb_planner.online.ports import Clock, Outbox
+from mhsb_planner.online.pending_goal import PendingGoal
+from mhsb_planner.online.planner_io import Clock, PlannerIO
 
 NEWER_GOAL = "a newer goal came before this one was planned"
+"""Sentence on a goal that was superseded before it was planned."""
+
 NEWER_GOAL_SENT = "a newer goal came before the arm had taken the plan"
+"""Sentence on a goal that was superseded after a plan had been sent."""
 
 
 class GoalReports:
-    """Tells the outbox; nothing is told of a goal that is over."""
+    """Sender of verdicts and execution reports; goals that have ended get no further report."""
 
-    def __init__(self, clock: Clock, outbox: Outbox) -> None:
+    def __init__(self, clock: Clock, outbox: PlannerIO) -> None:
         self._clock = clock
         self._out = outbox
 
     def accept(
-        self, in_hand: GoalInHand, code: Verdict, sentence: str, plan: PlanSummary
+        self, pending_goal: PendingGoal, code: Verdict, sentence: str, plan: PlanSummary
     ) -> None:
-        """Give a goal the verdict that it is accepted."""
-        in_hand.answered = True
-        self._report(in_hand, in_hand.accepted(code, sentence, plan))
+        """Send the verdict that a goal is accepted, and set its `has_verdict`.
 
-    def at_goal(self, in_hand: GoalInHand) -> None:
-        """The arm is there, and nothing has to be done."""
-        elapsed = 1e3 * (self._clock.wall() - in_hand.received)
-        sentence = f"the tip is at {in_hand.goal.place} already"
-        if in_hand.answered:
-            self.end(in_hand, Outcome.REACHED, sentence)
+        Args:
+            pending_goal: The goal.
+            code: `OK` or `AT_GOAL`.
+            sentence: The verdict in words.
+            plan: Stamp, energies [J], duration [s] and planning times [ms] of its plan.
+        """
+        pending_goal.has_verdict = True
+        self._report(pending_goal, pending_goal.make_acceptance(code, sentence, plan))
+
+    def report_at_goal(self, pending_goal: PendingGoal) -> None:
+        """End a goal at which the tip is already.
+
+        A goal without a verdict gets `AT_GOAL` with a plan of 0 J. One that was accepted before
+        gets the execution report `reached`.
+
+        Args:
+            pending_goal: The goal.
+        """
+        elapsed = 1e3 * (self._clock.steady_time() - pending_goal.received_at)
+        sentence = f"the tip is at {pending_goal.goal.position_text} already"
+        if pending_goal.has_verdict:
+            self.report_end(pending_goal, Outcome.REACHED, sentence)
             return
         nothing = PlanSummary(0, 0.0, 0.0, 0.0, 0, elapsed, 0.0)
-        self.accept(in_hand, Verdict.AT_GOAL, sentence, nothing)
-        in_hand.over = True
+        self.accept(pending_goal, Verdict.AT_GOAL, sentence, nothing)
+        pending_goal.has_ended = True
 
-    def refuse(self, in_hand: GoalInHand, code: Verdict, sentence: str) -> None:
-        """By its verdict, or where it has been accepted, by aborting its execution."""
-        if in_hand.answered:
-            self.end(in_hand, Outcome.ABORTED, sentence, code)
-        elif not in_hand.over:
-            in_hand.over = True
-            self._report(in_hand, in_hand.refused(code, sentence))
+    def refuse(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
+        """Refuse a goal, or abort its execution if it was accepted before.
 
-    def pass_over(self, in_hand: GoalInHand) -> None:
-        """A newer goal has come before the arm took a plan for this one."""
-        if in_hand.answered:
-            self.end(in_hand, Outcome.REPLACED, NEWER_GOAL_SENT)
+        The goal is marked as ended. Nothing happens if it has ended already.
+
+        Args:
+            pending_goal: The goal.
+            code: Code of the verdict, or reason in the execution report.
+            sentence: Why it is refused.
+        """
+        if pending_goal.has_verdict:
+            self.report_end(pending_goal, Outcome.ABORTED, sentence, code)
+        elif not pending_goal.has_ended:
+            pending_goal.has_ended = True
+            self._report(pending_goal, pending_goal.make_refusal(code, sentence))
+
+    def supersede(self, pending_goal: PendingGoal) -> None:
+        """End a goal because a newer one came before the arm took a plan for it.
+
+        Args:
+            pending_goal: The goal. It gets the verdict `SUPERSEDED`, or `replaced` if it was
+                accepted.
+        """
+        if pending_goal.has_verdict:
+            self.report_end(pending_goal, Outcome.REPLACED, NEWER_GOAL_SENT)
         else:
-            self.refuse(in_hand, Verdict.SUPERSEDED, NEWER_GOAL)
+            self.refuse(pending_goal, Verdict.SUPERSEDED, NEWER_GOAL)
 
-    def stop(self, in_hand: GoalInHand, sentence: str) -> None:
-        """Somebody has stopped the arm."""
-        if in_hand.answered:
-            self.end(in_hand, Outcome.STOPPED, sentence)
+    def end_by_stop(self, pending_goal: PendingGoal, sentence: str) -> None:
+        """End a goal because the arm is stopped.
+
+        Args:
+            pending_goal: The goal. It gets the verdict `STOPPED`, or `stopped` if it was accepted.
+            sentence: Who has asked for the stop.
+        """
+        if pending_goal.has_verdict:
+            self.report_end(pending_goal, Outcome.STOPPED, sentence)
         else:
-            self.refuse(in_hand, Verdict.STOPPED, sentence)
+            self.refuse(pending_goal, Verdict.STOPPED, sentence)
 
-    def end(
+    def report_end(
         self,
-        in_hand: GoalInHand,
+        pending_goal: PendingGoal,
         outcome: Outcome,
         sentence: str,
         reason: Verdict | None = None,
     ) -> None:
-        """Report how the execution of an accepted goal ended."""
-        if not in_hand.over:
-            in_hand.over = True
-            self._report(in_hand, in_hand.ended(outcome, sentence, reason))
+        """Send the execution report of an accepted goal, unless the goal has ended already.
 
-    def _report(self, in_hand: GoalInHand, report: Report) -> None:
-        self._out.report(report)
-        in_hand.told(report)
+        The goal is marked as ended.
+
+        Args:
+            pending_goal: The goal.
+            outcome: How its execution has ended.
+            sentence: The outcome in words.
+            reason: Verdict code of the cause, None if there is none to report.
+        """
+        if not pending_goal.has_ended:
+            pending_goal.has_ended = True
+            self._report(
+                pending_goal, pending_goal.make_execution_report(outcome, sentence, reason)
+            )
+
+    def _report(self, pending_goal: PendingGoal, report: Report) -> None:
+        """Send a report to the outbox, and to the goal's own listener even if the outbox fails.
+
+        Args:
+            pending_goal: The goal whose listener is called.
+            report: Verdict or execution report.
+        """
+        try:
+            self._out.report(report)
+        finally:
+            pending_goal.on_report(report)  # the action's client waits for it

@@ -1,7 +1,8 @@
-"""A goal that moves: sent again and again, by a teleoperator's stick or as a camera sees it.
+"""Goal that moves: sent again and again, from a teleoperator's stick or from a camera.
 
-Where it will be is told from where its last messages were and when they came; the stamps of goals
-say nothing. It may stop at any moment, so a plan ends hardly beyond where it was seen last.
+The goal's velocity is computed from the places and receipt times of its last messages; the stamps
+of goals are not used. The goal may stop at any moment. So a plan ends at most
+`MAX_LOOKAHEAD_DISTANCE` beyond the goal's last place.
 """
 
 from __future__ import annotations
@@ -15,74 +16,113 @@ import numpy as np
 from mhsb_model.goal import Goal
 from mhsb_model.types import Position
 
-SAMPLES = 5
-"""The velocity is told from so many goals at most, and from three at least."""
+MAX_VELOCITY_SAMPLES = 5
+"""Number of last goals from which the velocity is computed; at least three are needed."""
 
 LONGEST_PERIOD = 0.5
-"""Goals farther apart are goals of their own [s]."""
+"""Time between two goals above which they are independent of each other [s]."""
 
-FASTEST, SLOWEST = 0.5, 1e-3
-"""A goal that moves faster is another one; one that moves slower stands [m/s]."""
+MAX_GOAL_SPEED, MIN_GOAL_SPEED = 0.5, 1e-3
+"""Speeds between which a goal counts as moving [m/s].
 
-FURTHEST = 1.7e-3
-"""A plan may end so far beyond where the goal was last [m]."""
+A faster goal is a different goal; a slower one stands.
+"""
 
-LATE = 1.5
-"""After so many periods without a goal the stream has ended."""
+MAX_LOOKAHEAD_DISTANCE = 1.7e-3
+"""Largest distance by which a plan may end beyond the last place of a goal [m]."""
+
+STREAM_END_PERIODS = 1.5
+"""Number of periods without a goal after which the stream has ended."""
 
 
-class _Seen(NamedTuple):
+class _ReceivedGoal(NamedTuple):
+    """Goal as it was received.
+
+    Attributes:
+        position: Place of the goal in `base_link`, (x, z) or (x, y, z) [m].
+        received_at: Time of receipt by the steady clock [s].
+    """
+
     position: Position
-    time: float
+    received_at: float
 
 
 class GoalStream:
-    """Where a goal goes; all times by the steady clock [s]."""
+    """Estimator of a moving goal's velocity and period; all times are by the steady clock [s]."""
 
     def __init__(self) -> None:
-        self._seen: deque[_Seen] = deque(maxlen=SAMPLES)
+        self._received: deque[_ReceivedGoal] = deque(maxlen=MAX_VELOCITY_SAMPLES)
 
-    def hear(self, goal: Goal, received: float) -> None:
-        """A goal has come."""
-        if self._seen:
-            last = self._seen[-1]
-            passed = received - last.time
+    def add_goal(self, goal: Goal, received_at: float) -> None:
+        """Add a goal to the stream, or begin a new stream with it.
+
+        A new stream begins if more than `LONGEST_PERIOD` has passed since the last goal, or if the
+        goal has moved faster than `MAX_GOAL_SPEED` since. The goals before are then forgotten. A
+        goal that was not received later than the last one is ignored.
+
+        Args:
+            goal: The goal.
+            received_at: Time of receipt by the steady clock [s].
+        """
+        if self._received:
+            last = self._received[-1]
+            passed = received_at - last.received_at
             if passed <= 0.0:
                 return
             moved = math.dist(goal.position, last.position)
-            if passed > LONGEST_PERIOD or moved > FASTEST * passed:
-                self._seen.clear()
-        self._seen.append(_Seen(goal.position, received))
+            if passed > LONGEST_PERIOD or moved > MAX_GOAL_SPEED * passed:
+                self._received.clear()
+        self._received.append(_ReceivedGoal(goal.position, received_at))
 
     @property
     def period(self) -> float:
-        """Usual time from one goal to the next [s]."""
-        return float(np.median(np.diff([each.time for each in self._seen])))
+        """Median time from one goal to the next [s]; NaN with fewer than two goals."""
+        return float(np.median(np.diff([each.received_at for each in self._received])))
 
     @property
     def velocity(self) -> Position:
-        """Of the goal, along each axis of its position [m/s], by least squares; 0 where it stands
-        or too little has been seen."""
-        if len(self._seen) < 3:
+        """Least-squares velocity of the goal along each axis of its position [m/s].
+
+        All elements are 0 if the goal is slower than `MIN_GOAL_SPEED`. With fewer than three goals
+        it is (0, 0).
+        """
+        if len(self._received) < 3:
             return 0.0, 0.0
-        position = np.array([each.position for each in self._seen])
-        time = np.array([each.time for each in self._seen])
+        position = np.array([each.position for each in self._received])
+        time = np.array([each.received_at for each in self._received])
         since = time - time.mean()
         velocity = tuple(float(since @ along / (since @ since)) for along in position.T)
-        return velocity if math.hypot(*velocity) >= SLOWEST else (0.0,) * len(velocity)
+        return velocity if math.hypot(*velocity) >= MIN_GOAL_SPEED else (0.0,) * len(velocity)
 
-    def moves(self, now: float) -> bool:
-        """Whether the goal moves and is about to come again."""
+    def is_moving(self, now: float) -> bool:
+        """Return whether the goal moves and its last message is recent.
+
+        Args:
+            now: Present time by the steady clock [s].
+
+        Returns:
+            True if the velocity is not 0 and the last goal came at most `STREAM_END_PERIODS`
+            periods ago.
+        """
         if not any(self.velocity):
             return False
-        return now - self._seen[-1].time <= LATE * self.period
+        return now - self._received[-1].received_at <= STREAM_END_PERIODS * self.period
 
-    def ahead(self, goal: Goal, seconds: float) -> Goal:
-        """Where a plan for the goal that came last should end: where it will be, or near it."""
+    def extrapolate(self, goal: Goal, seconds: float) -> Goal:
+        """Move a goal on along the stream's velocity, to the place where a plan for it should end.
+
+        Args:
+            goal: The goal that came last.
+            seconds: Time to extrapolate by [s]; shortened so that the goal moves at most
+                `MAX_LOOKAHEAD_DISTANCE`.
+
+        Returns:
+            The moved goal; `goal` itself if the stream's velocity is 0.
+        """
         velocity = self.velocity
         speed = math.hypot(*velocity)
         if speed == 0.0:
             return goal
-        seconds = min(seconds, FURTHEST / speed)
+        seconds = min(seconds, MAX_LOOKAHEAD_DISTANCE / speed)
         pairs = zip(goal.position, velocity, strict=True)
         return goal.moved_to(tuple(along + seconds * rate for along, rate in pairs))

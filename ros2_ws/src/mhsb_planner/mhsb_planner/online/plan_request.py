@@ -1,4 +1,8 @@
-"""What the lifecycle asks of whoever plans, and what it knows of a plan that it has sent."""
+"""Request of the lifecycle for a plan, and its record of a command that it has sent.
+
+A command is a joint trajectory with its mode schedule. The time of plans is the arm's clock less
+the delay by which speed scaling has slowed plans.
+"""
 
 from __future__ import annotations
 
@@ -13,98 +17,129 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import Position
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
-from mhsb_planner.motion.passing import still_ahead
-from mhsb_planner.online.goal_in_hand import GoalInHand
-from mhsb_planner.online.hand_over import change_over
+from mhsb_planner.motion.via_check import find_points_ahead
+from mhsb_planner.online.hand_over import choose_hand_over_times
+from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.online.settings import Settings
 
 TRACED_NS = 5_000_000
-"""How closely the tip's way is looked at for the points that it has passed."""
+"""Time between the places of the tip at which passed via points are looked for [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """A plan that is being made.
+    """Request for a plan.
 
-    epoch      of the lifecycle when it was asked for; another one later makes it void
-    target     where it shall lead: the goal, or where a goal that moves will be
-    period     s, after which the goal comes again; 0 where it stands
-    departure  command that it continues, while the arm said that `in_force_ns` was in force
-    now_ns     the arm's time when it was asked for
-    lead       s of the arm's time, until it leaves the departure
-    began      when it was asked for, by the steady clock [s]
-    deadline   for its answer
-    under_way  the plan that the departure comes from, where it is one of the same settings
+    Attributes:
+        epoch: Epoch of the lifecycle at the request; the answer is void if it has changed.
+        pending_goal: The goal.
+        target: Place to which the plan shall lead: the goal, or where a moving goal will be.
+        period: Time after which a moving goal comes again [s]; 0 if it stands.
+        settings: Settings of the plan.
+        start_command: Command that the plan continues.
+        in_force_ns: Stamp of the plan in force at the request [ns]; None if the arm reports none.
+        now_ns: Time of plans at the request [ns].
+        commit_horizon: Commit horizon by the arm's clock [s].
+        requested_at: Time of the request by the steady clock [s].
+        deadline: Instant by which the answer is wanted.
+        previous_plan: Plan from which `start_command` was made, if it has the same settings, else
+            None.
     """
 
     epoch: int
-    in_hand: GoalInHand
+    pending_goal: PendingGoal
     target: Goal
     period: float
     settings: Settings
-    departure: Command
+    start_command: Command
     in_force_ns: int | None
     now_ns: int
-    lead: float
-    began: float
+    commit_horizon: float
+    requested_at: float
     deadline: Deadline
-    under_way: Replan | None = None
+    previous_plan: Replan | None = None
 
-    def answered_by(self, replanner: Replanner) -> Replan | None:
-        """The worker's part; raises what `Replanner.replan` raises."""
+    def make_plan(self, replanner: Replanner) -> Replan | None:
+        """Make the requested plan; runs in the worker's thread.
+
+        The replanner is first changed to the machine of the request, and stays so. Via points that
+        have been passed are left out.
+
+        Args:
+            replanner: Makes the plan.
+
+        Returns:
+            The plan with its command. Its `improvement_time` is the time spent here after the first
+            feasible motion was found [s]. None if the arm rests at the goal already.
+
+        Raises:
+            MhsbError: `Replanner.replan` fails.
+        """
         target, began = self.target, deadline.now()
-        replanner.change(self.settings.machine)
+        replanner.change_machine(self.settings.machine)
         replan = replanner.replan(
-            self.departure,
+            self.start_command,
             self.now_ns,
             target.position,
-            self.lead,
-            replace(self.settings.options, via=self._points_ahead(), period=self.period),
+            self.commit_horizon,
+            replace(self.settings.options, via=self._find_via_points_ahead(), period=self.period),
             self.deadline,
         )
         if replan is None:
             return None
         spent = deadline.now() - began
-        return replace(replan, improving=spent - replan.plan.seconds["first_motion"])
+        return replace(replan, improvement_time=spent - replan.plan.seconds["first_motion"])
 
-    def _points_ahead(self) -> tuple[Position, ...]:
-        """Points on the way that are left: all of them from rest, else those not passed so far.
+    def _find_via_points_ahead(self) -> tuple[Position, ...]:
+        """Return the via points that are still to be passed.
 
-        They are passed once between two rests, also where goals follow each other on the way.
+        All of them are still to be passed if the new plan starts from rest, or if the previous plan
+        had other settings. Otherwise the via points of the previous plan count that the tip does
+        not pass before the new plan takes over. So each is passed once between two rests, also if
+        goals follow each other in motion.
+
+        Returns:
+            Via points in `base_link`, each (x, z) or (x, y, z) [m].
         """
-        options, before = self.settings.options, self.under_way
+        options, before = self.settings.options, self.previous_plan
         if before is None or not options.via:
             return options.via
-        times = change_over(self.departure, self.now_ns, round(self.lead * SECOND_NS))
-        motion = self.departure.trajectory
+        times = choose_hand_over_times(
+            self.start_command, self.now_ns, round(self.commit_horizon * SECOND_NS)
+        )
+        motion = self.start_command.trajectory
         if times.change_ns >= motion.end_ns:
             return options.via
         at_ns = np.append(np.arange(before.change_ns, times.change_ns, TRACED_NS), times.change_ns)
         tip = self.settings.machine.tip_in_base(motion.sample_many(at_ns)[0])
         passing = tuple((*point, options.via_tolerance) for point in before.via)
-        return tuple(tuple(point) for *point, _ in still_ahead(tip, passing))
+        return tuple(tuple(point) for *point, _ in find_points_ahead(tip, passing))
 
 
 @dataclass(eq=False)
-class Sent:
-    """A command that has been sent and that the arm has not confirmed yet.
+class UnconfirmedPlan:
+    """Command that has been sent and that the arm has not confirmed yet.
 
-    change_ns  where it leaves the command before, by the arm's clock
-    planned    when it was made, or should have been, by the steady clock [s]
-    sent       when it was sent [s]
-    replan     where it comes from, with its request; None for a command that brakes
-    void       whether the arm should not take it any more: if it does, it is braked
-    braked_for  machine with the zones that held when a command that brakes was made
-    sentence   where such a command comes to rest, if it brakes for an obstacle
+    Attributes:
+        command: The command.
+        change_ns: Time at which it leaves the command before, in the time of plans [ns].
+        planned_at: Time at which it was made, at the latest the deadline, by the steady clock [s].
+        sent_at: Time at which it was sent, by the steady clock [s].
+        replan: Plan from which it was made; None for a braking command.
+        request: Request of that plan; None for a braking command.
+        is_void: Whether the arm should no longer take it; if it does, it is stopped.
+        braking_machine: Machine with the zones for which a braking command was made, else None.
+        obstacle_sentence: Sentence on where a braking command for an obstacle comes to rest, else
+            empty.
     """
 
     command: Command
     change_ns: int
-    planned: float
-    sent: float
+    planned_at: float
+    sent_at: float
     replan: Replan | None = None
     request: PlanRequest | None = None
-    void: bool = False
-    braked_for: Machine | None = None
-    sentence: str = ""
+    is_void: bool = False
+    braking_machine: Machine | None = None
+    obstacle_sentence: str = ""

@@ -1,4 +1,7 @@
-"""How far the motion to a goal has got, and what it has taken, by the plan in force."""
+"""Progress of the motion to a goal, and the energy it has taken, by the plan in force.
+
+The time of plans is the arm's clock less the delay by which speed scaling has slowed plans.
+"""
 
 from __future__ import annotations
 
@@ -11,38 +14,62 @@ from mhsb_planner.motion.energy import Energy, energy_of_states
 from mhsb_planner.online.execution import Execution
 
 SPACING_NS = 10_000_000
-"""Energy is summed over spans of this length at most."""
+"""Longest time step of the energy sum [ns]."""
 
 
 class Progress:
-    """Of one goal, over all plans that are made for it.
+    """Progress of one goal over all plans that are made for it.
 
-    share      of the time of the plan in force, 0 to 1
-    left       of it [s], by the arm's clock
-    energy_j, energy_series_j  from where the first plan left what was before, in both readings
+    Attributes:
+        time_share: Elapsed share of the time of the plan in force, counted from its change, 0 to 1.
+        time_left: Time until the end of the plan in force, in the time of plans [s].
+        energy_j: Energy taken since the change of the first plan, in the paper's reading [J].
+        energy_series_j: The same energy in the series reading [J].
     """
 
     def __init__(self) -> None:
-        self.share = self.left = self.energy_j = self.energy_series_j = 0.0
+        self.time_share = self.time_left = self.energy_j = self.energy_series_j = 0.0
         self._summed_ns: int | None = None
 
-    def look(self, execution: Execution, now_ns: int) -> None:
-        """Take in what has been done until now [ns], by the arm's clock."""
+    def update(self, execution: Execution, now_ns: int) -> None:
+        """Update the elapsed share and the time left, and add the energy since the last update.
+
+        A time before the change or after the end of the plan counts as change or end.
+
+        Args:
+            execution: Execution of the plan in force.
+            now_ns: Present time of plans [ns].
+        """
         command, change_ns = execution.command, execution.change_ns
         end_ns = command.trajectory.end_ns
         now_ns = min(max(now_ns, change_ns), end_ns)
         since_ns = change_ns if self._summed_ns is None else self._summed_ns
         if now_ns > since_ns:
-            energy = energy_between(execution.settings.machine, command, since_ns, now_ns)
+            energy = compute_energy_between(execution.settings.machine, command, since_ns, now_ns)
             self.energy_j += energy.paper
             self.energy_series_j += energy.series
             self._summed_ns = now_ns
-        self.left = (end_ns - now_ns) / SECOND_NS
-        self.share = (now_ns - change_ns) / (end_ns - change_ns) if end_ns > change_ns else 1.0
+        self.time_left = (end_ns - now_ns) / SECOND_NS
+        self.time_share = (now_ns - change_ns) / (end_ns - change_ns) if end_ns > change_ns else 1.0
 
 
-def energy_between(machine: Machine, command: Command, first_ns: int, last_ns: int) -> Energy:
-    """Energy of a command between two absolute times, by the midpoint rule."""
+def compute_energy_between(
+    machine: Machine, command: Command, first_ns: int, last_ns: int
+) -> Energy:
+    """Compute the energy that a command takes between two times, by the midpoint rule.
+
+    Its steps are at most `SPACING_NS` long. Forces include inertia.
+
+    Args:
+        machine: Machine whose hydraulics are priced.
+        command: Joint trajectory and modes.
+        first_ns: Begin, in the time of plans [ns].
+        last_ns: End, after `first_ns`, in the time of plans [ns].
+
+    Returns:
+        Energy of this part of the motion [J]: `paper` and `series`, by the two readings of the
+        price of boosted oil, and the parts of `series`.
+    """
     parts = -(-(last_ns - first_ns) // SPACING_NS)
     edges = np.linspace(first_ns, last_ns, parts + 1).astype(np.int64)
     middles = (edges[1:] + edges[:-1]) // 2

@@ -1,7 +1,9 @@
-"""Planning online: from the command in force to the command that takes over.
+"""Planning while the arm moves: from the command in force to the command that takes over.
 
-A new command repeats the old one until its lead is over, and leaves it there with its position,
-velocity and acceleration. A motion that has to be left is first braked along its path.
+A command is a joint trajectory with its mode schedule. A new command repeats the old one until its
+commit horizon is over. It leaves the old one there with equal position, velocity and acceleration.
+If the old command still moves at that time, it is first braked along its path. The time of plans is
+the arm's clock less the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations
@@ -13,123 +15,181 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mhsb_model.braking import brake_along, rest_of
+from mhsb_model.braking import brake_along, cut_before
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import Position
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.online.hand_over import ChangeOver, change_over, hand_over
-from mhsb_planner.online.lead import OFFLINE_LEAD
+from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
+from mhsb_planner.online.hand_over import HandOverTimes, choose_hand_over_times, join_commands
 from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
 @dataclass(frozen=True, eq=False)
 class Replan:
-    """A command that takes over from another one.
+    """Command that takes over from another one, with the plan that it was made from.
 
-    command    what to publish
-    departure  the other one
-    plan       where it comes from
-    change_ns  absolute time at which it leaves the old command
-    from_rest  whether the old command stands still: the new one may as well begin later
-    improving  time spent on more than its first feasible motion [s]
-    via        points on the way that it still has to pass, from the change on
+    Attributes:
+        command: Command to publish.
+        previous_command: Command that it takes over from.
+        plan: Plan that it was made from.
+        change_ns: Absolute time at which it leaves the old command [ns].
+        starts_from_rest: Whether the old command has ended at the stamp of the new one, so that the
+            new one may also begin later.
+        improvement_time: Time spent on improving the plan after its first feasible motion was found
+            [s].
+        via: Via points in `base_link` that it passes after the change [m].
     """
 
     command: Command
-    departure: Command
+    previous_command: Command
     plan: Plan
     change_ns: int
-    from_rest: bool = False
-    improving: float = 0.0
+    starts_from_rest: bool = False
+    improvement_time: float = 0.0
     via: tuple[Position, ...] = ()
 
-    def may_begin(self, now_ns: int) -> bool:
-        """Whether the plan may as well begin now: the old command stands still by then."""
-        return self.from_rest and self.departure.trajectory.end_ns <= now_ns
+    def may_begin_at(self, now_ns: int) -> bool:
+        """Return whether the plan may begin at another time.
 
-    def stamped(self, now_ns: int, lead: float) -> Replan:
-        """The same plan, begun `lead` s after now; only where it may begin then."""
-        if not self.may_begin(now_ns):
+        Args:
+            now_ns: The other time, in the time of plans [ns].
+
+        Returns:
+            True if the plan starts from rest and the old command has ended at `now_ns`.
+        """
+        return self.starts_from_rest and self.previous_command.trajectory.end_ns <= now_ns
+
+    def with_stamp(self, now_ns: int, commit_horizon: float) -> Replan:
+        """Return the same plan with a new stamp.
+
+        Args:
+            now_ns: New stamp in the time of plans [ns]; it may come a few milliseconds later.
+            commit_horizon: Commit horizon [s].
+
+        Returns:
+            Copy of this plan with the command and the change for the new stamp.
+
+        Raises:
+            ValueError: The old command still moves at `now_ns`.
+        """
+        if not self.may_begin_at(now_ns):
             raise ValueError("a plan that leaves a moving command cannot begin at another time")
-        times = change_over(self.departure, now_ns, round(lead * SECOND_NS))
-        command = hand_over(self.departure, times, _new_part(self.plan))
+        times = choose_hand_over_times(
+            self.previous_command, now_ns, round(commit_horizon * SECOND_NS)
+        )
+        command = join_commands(self.previous_command, times, _command_of_plan(self.plan))
         return replace(self, command=command, change_ns=times.change_ns)
 
 
 class Replanner:
-    """Makes commands that continue other commands.
-
-    lead [s] is the time from a command's stamp to where it leaves the one before.
-    """
+    """Maker of commands that continue other commands."""
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
         self._planner = Planner(machine, table)
 
     def warm_up(self, kinds: Iterable[str] = PLANNER_KINDS) -> Command:
-        """Compile and run everything that a plan runs through; an example of what comes out.
+        """Compile and run all code that a plan needs, by planning an example.
 
-        kinds  planners that plans will be asked of
+        Args:
+            kinds: Names of the planners to prepare.
+
+        Returns:
+            Command of the example plan; one that holds if no planner found an example.
         """
         warm_up(self._planner, kinds)
-        return self._rehearse(kinds)
+        return self._run_example(kinds)
 
-    def change(self, machine: Machine) -> None:
-        """Plan for another payload, supply pressure or V_max from now on."""
-        self._planner.change(machine)
+    def change_machine(self, machine: Machine) -> None:
+        """Plan for another payload, supply pressure, V_max, zones or number of booster modules."""
+        self._planner.change_machine(machine)
 
     def replan(
         self,
         in_force: Command,
         now_ns: int,
         goal: Position,
-        lead: float,
+        commit_horizon: float,
         options: PlanOptions,
-        deadline: Deadline = NEVER,
+        deadline: Deadline = NO_DEADLINE,
     ) -> Replan | None:
-        """Command to the goal in `base_link` [m], or None where the arm is at rest there already.
+        """Plan from the command in force to a goal.
 
-        Raises what `Planner.plan` raises.
+        Args:
+            in_force: Command that the new one continues.
+            now_ns: Stamp of the new command in the time of plans [ns]; it may come a few
+                milliseconds later.
+            goal: Goal of the tip in `base_link`, (x, z) or (x, y, z) [m].
+            commit_horizon: Commit horizon [s].
+            options: Options of the plan.
+            deadline: Instant by which the plan is wanted.
+
+        Returns:
+            The plan with its command. None if the old command rests at the change, with the tip and
+            the end link at the goal already.
+
+        Raises:
+            MhsbError: `Planner.plan` fails.
         """
-        times = change_over(in_force, now_ns, round(lead * SECOND_NS))
+        times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
         start = in_force.trajectory.sample(times.change_ns)
         moving = bool(start.velocity.any() or start.acceleration.any())
-        if not moving and options.is_met(self._planner.machine, goal, start.position):
+        if not moving and options.is_goal_reached(self._planner.machine, goal, start.position):
             return None
         plan = self._planner.plan(
             goal,
             start,
-            StartModes.during(in_force.schedule, times.change_ns),
-            self._brake(in_force, times) if moving else None,
+            StartModes.read_from(in_force.schedule, times.change_ns),
+            self._make_braking(in_force, times) if moving else None,
             options,
             deadline,
-            rest_of(in_force.trajectory, times.change_ns) if moving else None,
+            cut_before(in_force.trajectory, times.change_ns) if moving else None,
         )
-        command = hand_over(in_force, times, _new_part(plan))
+        command = join_commands(in_force, times, _command_of_plan(plan))
         from_rest = in_force.trajectory.end_ns <= times.stamp_ns
-        return Replan(
-            command, in_force, plan, times.change_ns, from_rest, via=options.via
-        )
+        return Replan(command, in_force, plan, times.change_ns, from_rest, via=options.via)
 
-    def stop(self, in_force: Command, now_ns: int, lead: float) -> tuple[Command, int]:
-        """Command that brakes along the path of the one in force and holds, and its change [ns]."""
-        times = change_over(in_force, now_ns, round(lead * SECOND_NS))
-        modes = StartModes.during(in_force.schedule, times.change_ns)
-        motion = fit_braking(self._planner.machine, self._brake(in_force, times), modes)
+    def make_braking_command(
+        self, in_force: Command, now_ns: int, commit_horizon: float
+    ) -> tuple[Command, int]:
+        """Make the command that brakes along the path of the one in force and then holds.
+
+        Args:
+            in_force: Command that is braked.
+            now_ns: Stamp of the new command in the time of plans [ns]; it may come a few
+                milliseconds later.
+            commit_horizon: Commit horizon, the time from the stamp to the begin of braking [s].
+
+        Returns:
+            The command, and the absolute time at which it begins to brake [ns].
+        """
+        times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
+        modes = StartModes.read_from(in_force.schedule, times.change_ns)
+        motion = fit_braking(self._planner.machine, self._make_braking(in_force, times), modes)
         new = Command(motion.trajectory, motion.schedule)
-        return hand_over(in_force, times, new), times.change_ns
+        return join_commands(in_force, times, new), times.change_ns
 
-    def _brake(self, in_force: Command, times: ChangeOver) -> Trajectory:
+    def _make_braking(self, in_force: Command, times: HandOverTimes) -> Trajectory:
         return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
 
-    def _rehearse(self, kinds: Iterable[str]) -> Command:
-        """A move between two neighbours on the grid, changed on its way: first calls are slow."""
+    def _run_example(self, kinds: Iterable[str]) -> Command:
+        """Plan a move between two neighbouring workspace nodes, and plan it anew on its way.
+
+        Each planner plans from the command of the plan before, first at 1 s and then at 1.5 s. The
+        first call of each function takes long. Errors of planning are suppressed.
+
+        Args:
+            kinds: Names of the planners to run, one after the other.
+
+        Returns:
+            Command of the last plan that succeeded; a command that holds if none did.
+        """
         graph = self._planner.graph
         patterns = len(graph.table.patterns)
         edges = graph.edges
@@ -140,7 +200,7 @@ class Replanner:
         if machine.slews:
             slew = machine.config.simulation.start_posture[0]
             start = np.append(slew, start)
-        goal = tuple(machine.in_base(place, slew).tolist())
+        goal = tuple(machine.convert_to_base(place, slew).tolist())
         modes = np.full(len(start), Mode.N, dtype=np.uint8)
         command = Command.hold(0, start, modes)
         for kind, now_ns in itertools.product(
@@ -153,5 +213,6 @@ class Replanner:
         return command
 
 
-def _new_part(plan: Plan) -> Command:
+def _command_of_plan(plan: Plan) -> Command:
+    """Return the trajectory and mode schedule of a plan as a command."""
     return Command(plan.motion.trajectory, plan.motion.schedule)

@@ -1,9 +1,9 @@
-"""From what planning gives back, a plan or an error, to what is told of a goal."""
+"""Verdict code and sentence of a goal, from the plan or the error that planning gives."""
 
 from __future__ import annotations
 
 from mhsb_model.errors import MhsbError, OutOfWorkspaceError
-from mhsb_model.goal import Goal, place
+from mhsb_model.goal import Goal, format_position
 from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import (
     DeadlineError,
@@ -16,10 +16,10 @@ from mhsb_planner.errors import (
     ZoneError,
 )
 from mhsb_planner.motion.s3_trajectory import FitError
-from mhsb_planner.online.departure import MovingError, NoStateError
 from mhsb_planner.online.replanning import Replan
+from mhsb_planner.online.start_state import MovingError, NoStateError, OtherMachineError
 
-CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
+ERROR_VERDICTS: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (OutOfWorkspaceError, Verdict.OUT_OF_WORKSPACE),
     (ZoneError, Verdict.ZONE),
     (InfeasibleGoalError, Verdict.INFEASIBLE),
@@ -31,23 +31,39 @@ CODES: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (TableError, Verdict.TABLE),
     (NoStateError, Verdict.NO_STATE),
     (MovingError, Verdict.MOVING),
+    (OtherMachineError, Verdict.MACHINE),
     (RequestError, Verdict.OPTIONS),
 )
+"""Errors of planning with the verdict code of each; the first match counts."""
 
 TOLD_EXCESS = 0.005
-"""A greater excess over V_max is part of the sentence."""
+"""Least excess of a piston's speed over V_max that the verdict's sentence states, as a share of it.
+"""
 
 
-def code_of(error: MhsbError) -> Verdict:
-    """The code under which an error is reported."""
-    return next((code for kind, code in CODES if isinstance(error, kind)), Verdict.INTERNAL)
+def find_verdict_code(error: MhsbError) -> Verdict:
+    """Return the verdict code of an error, `INTERNAL` if it has none of its own."""
+    return next(
+        (code for kind, code in ERROR_VERDICTS if isinstance(error, kind)), Verdict.INTERNAL
+    )
 
 
-def announcement(replan: Replan, goal: Goal) -> str:
-    """What is told of an accepted goal."""
+def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
+    """Return the sentence of the verdict on an accepted goal.
+
+    It states the place to which the tip goes and the duration. It adds that time ran out before the
+    search was complete, an excess over V_max from `TOLD_EXCESS` on, and the plan's warnings.
+
+    Args:
+        replan: The plan.
+        goal: The goal; its place is stated if the plan's path has no steps.
+
+    Returns:
+        The sentence, without a full stop.
+    """
     plan = replan.plan
     end = plan.path.tip[-1].tolist() if plan.path.steps > 0 else goal.position
-    sentence = f"the tip goes to {place(end)} in {plan.duration:.1f} s"
+    sentence = f"the tip goes to {format_position(end)} in {plan.duration:.1f} s"
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"
     excess = plan.motion.speed_excess

@@ -1,8 +1,10 @@
-"""A zone that is set ahead of the moving arm: whether it is met, and how the arm brakes for it.
+"""Zone that is set ahead of the moving arm: whether the motion meets it, and how the arm brakes.
 
-The arm brakes along its path by the softest braking that rests before the zone; where none does,
-by the hardest one that keeps the machine's limits. The sentence says where the command that is
-sent comes to rest, its commit horizon included.
+The arm brakes along its path by the softest braking that rests before the zone with the margin. If
+there is none, it takes the braking with the greatest least clearance that keeps the machine's
+limits, usually the hardest. A sentence states the place at which the command that is sent comes to
+rest, its commit horizon included. Absolute times are in the time of plans: the arm's clock less the
+delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations
@@ -18,167 +20,217 @@ from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.motion.s3_clearance import contact_ahead
-from mhsb_planner.motion.s3_hard_braking import ever_harder_brakings
-from mhsb_planner.motion.s3_limits import Limit, first_violation
+from mhsb_planner.motion.s3_clearance import find_contact_ahead
+from mhsb_planner.motion.s3_hard_braking import iterate_harder_brakings
+from mhsb_planner.motion.s3_limits import Limit, find_first_violation
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.online.hand_over import change_over, hand_over
+from mhsb_planner.online.hand_over import choose_hand_over_times, join_commands
 
 LOOK_NS = 2_000_000
-"""Spacing of the instants at which the depth in an obstacle is measured [ns]."""
+"""Time between the postures at which clearances are measured [ns]."""
 
-DIGITS = 4
-"""Clearances are compared to a tenth of a millimetre: what rounding changes decides nothing."""
+CLEARANCE_DIGITS = 4
+"""Decimals to which clearances are compared, in m: a tenth of a millimetre.
+
+So rounding decides nothing.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class ZoneStop:
-    """A command that brakes for an obstacle ahead, and how near it gets to it.
+    """Command that brakes for an obstacle ahead, with its clearances.
 
-    command    repeats the motion in force up to the change, then brakes along its path
-    change_ns  absolute time at which it begins to brake [ns]
-    contact    whether it gets to an obstacle, or is in one when it begins
-    passed     least clearance from when the obstacle was set until the command begins [m]
-    begin      clearance where the command begins [m], negative by the depth in an obstacle
-    nearest    least clearance from there on [m]
-    rest       clearance where it comes to rest [m]
-    beside     name of the nearest obstacle there
-    margin     clearance that motions should keep [m]
+    Attributes:
+        command: Command that repeats the motion in force up to the change, then brakes along its
+            path.
+        change_ns: Absolute time at which it begins to brake [ns].
+        touches_obstacle: Whether the arm touches an obstacle during the command, or is in one at
+            the command's stamp.
+        passed_clearance: Least clearance of the old motion from the time at which the obstacle was
+            set to the command's stamp [m].
+        begin_clearance: Clearance at the command's stamp, negative inside an obstacle [m].
+        least_clearance: Least clearance of the command [m].
+        rest_clearance: Clearance in the posture in which it comes to rest [m].
+        nearest_obstacle: Name of the obstacle that is nearest in that posture.
+        margin: Clearance that motions should keep [m].
     """
 
     command: Command
     change_ns: int
-    contact: bool
-    passed: float
-    begin: float
-    nearest: float
-    rest: float
-    beside: str
+    touches_obstacle: bool
+    passed_clearance: float
+    begin_clearance: float
+    least_clearance: float
+    rest_clearance: float
+    nearest_obstacle: str
     margin: float
 
     @classmethod
-    def of(
-        cls, machine: Machine, command: Command, change_ns: int, before: Trajectory, since_ns: int
+    def measure(
+        cls,
+        machine: Machine,
+        command: Command,
+        change_ns: int,
+        previous_motion: Trajectory,
+        since_ns: int,
     ) -> ZoneStop:
-        """Judge a command that brakes among the machine's obstacles.
+        """Measure the clearances of a braking command among the machine's obstacles.
 
         Args:
-            machine: With the zones that hold now.
-            command: What brakes.
+            machine: Machine with the zones in force.
+            command: Command that brakes.
             change_ns: Absolute time at which it begins to brake [ns].
-            before: The motion that it leaves.
+            previous_motion: Trajectory in force before, which the command leaves.
             since_ns: Absolute time at which the obstacle was set [ns].
+
+        Returns:
+            The command with its clearances. They are sampled every `LOOK_NS`.
         """
         motion = command.trajectory
-        clearance, row = _clearances(machine, motion, motion.stamp_ns, motion.end_ns)
+        clearance, row = _compute_clearances(machine, motion, motion.stamp_ns, motion.end_ns)
         until_ns = max(since_ns, motion.stamp_ns)
-        passed = float(_clearances(machine, before, since_ns, until_ns)[0].min())
+        passed = float(_compute_clearances(machine, previous_motion, since_ns, until_ns)[0].min())
         begin, nearest, rest = float(clearance[0]), float(clearance.min()), float(clearance[-1])
-        contact = begin < 0.0 or contact_ahead(machine, motion, motion.stamp_ns) is not None
+        contact = begin < 0.0 or find_contact_ahead(machine, motion, motion.stamp_ns) is not None
         beside, margin = machine.obstacles.name(row[-1]), machine.config.keep_out.margin
         return cls(command, change_ns, contact, passed, begin, nearest, rest, beside, margin)
 
     @property
     def keeps_margin(self) -> bool:
-        """Whether it touches nothing and rests the margin away from everything."""
-        return not self.contact and self.rest >= self.margin
+        """True if the arm touches nothing and rests at least the margin away from everything."""
+        return not self.touches_obstacle and self.rest_clearance >= self.margin
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Least clearance and that at rest, rounded [m]; the greater, the better."""
-        return round(self.nearest, DIGITS), round(self.rest, DIGITS)
+        """Key by which brakings are compared, the greater the better.
 
-    def sentence(self, obstacle: str) -> str:
-        """Return where the arm comes to rest, for log and execution report.
+        It consists of the least clearance and the clearance at rest, both rounded [m].
+        """
+        return round(self.least_clearance, CLEARANCE_DIGITS), round(
+            self.rest_clearance, CLEARANCE_DIGITS
+        )
+
+    def describe(self, obstacle: str) -> str:
+        """Return a sentence on where the arm comes to rest, for the log and the execution report.
 
         Args:
-            obstacle: Name of what the motion in force gets to.
+            obstacle: Name of the obstacle that the motion in force meets.
+
+        Returns:
+            A sentence without a full stop. It says one of these: the arm has passed the obstacle;
+            it stops before the obstacle; it stops at the edge, with its distance and the margin
+            [m]; it is in the obstacle already; or it gets into it. The last two state the depth [m]
+            if the arm rests inside. If it passes through, the last states the greatest depth on the
+            way.
         """
-        if not self.contact and self.passed < 0.0:
+        if not self.touches_obstacle and self.passed_clearance < 0.0:
             return (
                 f"{obstacle} was set across the way; the arm has passed it already "
                 "and comes to rest beyond it"
             )
-        if not self.contact and (self.keeps_margin or self.beside != obstacle):
+        if not self.touches_obstacle and (self.keeps_margin or self.nearest_obstacle != obstacle):
             return f"{obstacle} was set across the way; the arm stops before it"
-        if not self.contact:
+        if not self.touches_obstacle:
             return (
                 f"{obstacle} was set across the way; the arm stops at its edge: its reference "
-                f"rests {self.rest:.3f} m before it, nearer than the margin of {self.margin:g} m"
+                f"rests {self.rest_clearance:.3f} m before it, nearer than the margin "
+                f"of {self.margin:g} m"
             )
-        where = "beyond it" if self.rest >= 0.0 else f"{-self.rest:.3f} m deep in it"
-        if self.begin < 0.0:
+        where = (
+            "beyond it"
+            if self.rest_clearance >= 0.0
+            else f"{-self.rest_clearance:.3f} m deep in it"
+        )
+        if self.begin_clearance < 0.0:
             return (
                 f"{obstacle} was set across the way; the arm is in it already "
                 f"and comes to rest {where}"
             )
-        if self.rest >= 0.0:
-            where = f"{where}, having been {max(0.0, -self.nearest):.3f} m deep in it"
+        if self.rest_clearance >= 0.0:
+            where = f"{where}, having been {max(0.0, -self.least_clearance):.3f} m deep in it"
         return (
             f"{obstacle} was set across the way; the arm stops as soon as it can, "
             f"but not before it: it comes to rest {where}"
         )
 
 
-def obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str | None:
-    """Return the name of the first obstacle that the rest of a motion gets to, None without."""
-    contact = contact_ahead(machine, in_force.trajectory, now_ns)
+def find_obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str | None:
+    """Return the name of the first obstacle that the rest of a motion meets.
+
+    Args:
+        machine: Machine with the zones in force.
+        in_force: Command whose motion is checked.
+        now_ns: Absolute time from which on it is checked [ns].
+
+    Returns:
+        Name of the obstacle; None if the motion meets none.
+    """
+    contact = find_contact_ahead(machine, in_force.trajectory, now_ns)
     return None if contact is None else contact.name
 
 
-def waits_for_plan(obstacle: str) -> str:
-    """Return the sentence on an obstacle before a command that brakes can be sent."""
+def describe_waiting(obstacle: str) -> str:
+    """Return the sentence on an obstacle ahead while an unconfirmed plan delays the braking."""
     return f"{obstacle} was set across the way; the arm brakes once it has answered the last plan"
 
 
-def not_braked(obstacle: str, ending: str) -> str:
-    """Return the sentence on an obstacle for which the arm took no command that brakes.
+def describe_missing_braking(obstacle: str, ending: str) -> str:
+    """Return the sentence for an obstacle ahead if the arm took no braking command.
 
     Args:
-        obstacle: Its name.
+        obstacle: Name of the obstacle.
         ending: Sentence on how the stop ended.
     """
     return f"the arm took no command that brakes for {obstacle}: {ending}"
 
 
-def brake_for(
-    machine: Machine, in_force: Command, now_ns: int, lead: float, since_ns: int
+def make_braking_for_obstacle(
+    machine: Machine, in_force: Command, now_ns: int, commit_horizon: float, since_ns: int
 ) -> ZoneStop:
     """Make the command that brakes for an obstacle ahead.
 
     Args:
-        machine: With the zones that hold now.
-        in_force: The command that the arm executes; it still moves.
-        now_ns: The arm's time, from which the command repeats the one in force [ns].
-        lead: Commit horizon: time until it begins to brake [s].
-        since_ns: The arm's time when the obstacle was set [ns].
+        machine: Machine with the zones in force.
+        in_force: Command that the arm executes; it still moves.
+        now_ns: Time of plans from which on the result repeats `in_force` [ns].
+        commit_horizon: Commit horizon, the time until it begins to brake [s].
+        since_ns: Time of plans at which the obstacle was set [ns].
 
     Returns:
-        The softest braking that touches nothing and rests the machine's margin away from
-        everything. If there is none, the one that keeps farthest away or gets least deep, as a
-        rule the hardest.
+        The softest braking that touches nothing and rests at least the machine's margin away from
+        every obstacle. If there is none, the braking with the greatest least clearance, usually the
+        hardest. Of equal ones, the greatest clearance at rest decides.
     """
-    times = change_over(in_force, now_ns, round(lead * SECOND_NS))
+    times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
     tried = []
-    for brake in _brakings(machine, in_force, times.change_ns):
-        command = hand_over(in_force, times, brake)
-        stop = ZoneStop.of(machine, command, times.change_ns, in_force.trajectory, since_ns)
+    for brake in _generate_brakings(machine, in_force, times.change_ns):
+        command = join_commands(in_force, times, brake)
+        stop = ZoneStop.measure(machine, command, times.change_ns, in_force.trajectory, since_ns)
         if stop.keeps_margin:
             return stop
         tried.append(stop)
     return max(tried, key=lambda stop: stop.rank)
 
 
-def _brakings(machine: Machine, in_force: Command, at_ns: int) -> Iterator[Command]:
-    """Yield brakings of a motion from `at_ns` on, the planned stop first, then ever harder ones.
+def _generate_brakings(machine: Machine, in_force: Command, at_ns: int) -> Iterator[Command]:
+    """Yield braking commands of a motion, the planned stop first, then ever harder ones.
 
-    A harder one has to keep all limits but obstacles, unless the planned stop breaks one as well.
+    Before the first of the harder ones that breaks a limit other than obstacles, the generator
+    ends.
+
+    Args:
+        machine: Machine with its limits.
+        in_force: Command that is braked.
+        at_ns: Absolute time at which braking begins [ns].
+
+    Yields:
+        Commands with only the braking, without the part before `at_ns`.
     """
-    modes = StartModes.during(in_force.schedule, at_ns)
+    modes = StartModes.read_from(in_force.schedule, at_ns)
     soft = fit_braking(machine, brake_along(machine, in_force.trajectory, at_ns), modes)
     yield Command(soft.trajectory, soft.schedule)
-    for brake in ever_harder_brakings(machine, in_force.trajectory, at_ns):
+    for brake in iterate_harder_brakings(machine, in_force.trajectory, at_ns):
         hard = fit_braking(machine, brake, modes)
         command = Command(hard.trajectory, hard.schedule)
         if not _keeps_limits(machine, command):
@@ -187,21 +239,27 @@ def _brakings(machine: Machine, in_force: Command, at_ns: int) -> Iterator[Comma
 
 
 def _keeps_limits(machine: Machine, command: Command) -> bool:
-    """Return whether a motion breaks no limit, other than by getting to an obstacle."""
-    broken = first_violation(machine, command.trajectory, command.schedule)
+    """Return whether a command breaks no limit other than obstacles."""
+    broken = find_first_violation(machine, command.trajectory, command.schedule)
     return broken is None or broken.limit is Limit.OBSTACLE
 
 
-def _clearances(
+def _compute_clearances(
     machine: Machine, motion: Trajectory, from_ns: int, until_ns: int
 ) -> tuple[FloatArray, IntArray]:
-    """Return clearances [m] and nearest rows along a stretch of a motion, both its ends included.
+    """Compute clearances along a stretch of a motion, both its ends included.
+
+    The stretch is sampled every `LOOK_NS`.
 
     Args:
-        machine: With the zones that hold now.
+        machine: Machine with the zones in force.
         motion: The motion.
-        from_ns: Absolute time of the stretch's begin [ns].
-        until_ns: Absolute time of its end, not before its begin [ns].
+        from_ns: Absolute begin of the stretch [ns].
+        until_ns: Absolute end of the stretch, not before its begin [ns].
+
+    Returns:
+        Clearance at each sample, negative inside an obstacle, float64[k], [m], and row of the
+        nearest obstacle at each sample, int64[k].
     """
     at_ns = np.append(np.arange(from_ns, until_ns, LOOK_NS), until_ns)
     postures = frozen(motion.sample_many(at_ns)[0])

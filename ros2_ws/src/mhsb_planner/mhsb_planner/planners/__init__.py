@@ -1,4 +1,4 @@
-"""Ways of planning: each decides where postures come from and gives paths, best in one file.
+"""Planners: each decides where postures come from and proposes paths, preferably in one file.
 
 How to add one: docs/planners.md.
 """

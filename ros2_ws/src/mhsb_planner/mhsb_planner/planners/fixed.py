@@ -1,41 +1,59 @@
-"""Joint 3, or all but two, stay where they are: the conventional method (`fixed_j3`)."""
+"""The conventional method (`fixed_j3`): joint 3 keeps its angle, or all joints but two do."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mhsb_planner.deadline import SearchTime
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
-from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
-from mhsb_planner.planners.table import paths_over
+from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
+from mhsb_planner.planners.table import yield_graph_paths
 from mhsb_planner.search import fixed_j3
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.search_time import SearchTime
 
 
 class FixedPlanner:
-    """Path and modes over a graph that depends on the start and is made for it."""
+    """Planner that keeps the angle of joint 3 and searches a graph made for the start posture."""
 
     name = "fixed"
     summary = "keeps joint 3 and changes it by 1 degree at a time where the others have no solution"
     trajectory: TrajectoryKind = "polynomial"
     weighs_area = False
-    rivals: tuple[PathPlanner, ...] = ()
+    baselines: tuple[PathPlanner, ...] = ()
     takes: tuple[str, ...] = ("search", "heuristic_scale", "initial_j3")
 
-    def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
-        """The path of least cost, or the published search's."""
+    def paths(
+        self, graph: StepGraph, task: PathRequest, time: SearchTime
+    ) -> Iterator[PathProposal]:
+        """Yield the cheapest path over the fixed-joint graph, or the path of the published search.
+
+        The graph (S2) depends on the start, so it is built here. The kept joints have their angles
+        at the start, or joint 3 has `options.initial_j3`. A start slightly beyond its limits is
+        accepted, since noise may cause that. `options.search` chooses the search.
+
+        Args:
+            graph: Step graph of the posture table; provides machine, table and grid.
+            task: The request.
+            time: Time limit of the search.
+
+        Yields:
+            The first path that is found, to the goal or else to another position of its region.
+            Then perhaps the cheapest one to any position of the region.
+        """
         machine, j3 = graph.machine, task.options.initial_j3
-        kept = fixed_j3.kept_angles(machine, task.departure)  # noise may put a start beyond limits
-        own = fixed_j3.fixed_j3_graph(
+        kept = fixed_j3.read_kept_angles(
+            machine, task.departure
+        )  # a noisy start may be beyond limits
+        own = fixed_j3.build_fixed_j3_graph(
             machine,
             graph.table,
             kept if j3 is None else j3,
-            fixed_j3.elbow_side(machine, task.departure),
+            fixed_j3.find_elbow_side(machine, task.departure),
             grid=graph.grid,
-            deadline=time.until,
+            deadline=time.search_deadline,
         )
-        yield from map(Candidate, paths_over(own, task, time))
+        yield from map(PathProposal, yield_graph_paths(own, task, time))
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile what paths run through."""
+        """Compile the kernels of this planner."""
         fixed_j3.warm_up(graph)

@@ -1,4 +1,4 @@
-"""What a plan is to be like."""
+"""Options of a planning request."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import math
 from dataclasses import dataclass, replace
 
 from mhsb_model.machine import Machine
-from mhsb_model.slewing import InPlane
+from mhsb_model.slewing import PlanarTarget
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import (
     AT_GOAL_ANGLE,
     AT_GOAL_DISTANCE,
-    FARTHEST,
+    MAX_REGION_SIZE,
     Angle,
     Region,
     check_angle,
-    is_met,
+    is_goal_met,
 )
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
@@ -27,42 +27,49 @@ ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
 DEFAULT_SPEED_EXCESS = 0.1
-"""The paper's "slightly above V_max". On a path at V_max throughout a polynomial of its duration
-passes it by a quarter at least, and is stretched."""
+"""Largest |v|/V_max − 1 that a polynomial may have: the paper's "slightly above V_max".
+
+On a path at V_max throughout, a polynomial of equal duration exceeds V_max by at least a quarter.
+It is then stretched in time.
+"""
 
 HIGHEST_SPEED_EXCESS = 1.0
+"""Upper limit of `PlanOptions.max_speed_excess`."""
 
 HIGHEST_WEIGHT = 1e6
-"""Of energy [1/J], time [1/s], switches [-] and area [1/m]: costs stay below 1e15, far from where
-sums of them lose digits."""
+"""Upper limit of the weights of energy [1/J], time [1/s], switches [-] and area [1/m]. Costs then
+stay below 1e15, far from where sums lose digits.
+"""
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a plan is to be like.
+    """Options of a planning request.
 
-    weights          of energy, time and mode switches
-    energy_reading   `paper` or `series`
-    goal_psi         rad, end-link angle at the goal, or the least and the greatest that will do;
-                     None leaves it free
-    goal_region      where else the tip may end, beside the goal itself
-    via              points in `base_link` that the tip passes on its way, in this order: (x, z) m,
-                     (x, y, z) m where joint 1 slews
-    via_tolerance    m, at what distance at most
-    planner          where postures come from, one of `registry.PLANNERS`
-    trajectory       how S3 begins, with the published `polynomial` or with the path `followed`;
-                     None: as the planner does, a stretched polynomial compared with following
-    max_speed_excess largest |v|/V_max − 1 of a piston on a polynomial, where that is asked for
-    initial_j3       rad, at which J3 is kept if it is fixed; None keeps it as at the start
-    search           `exact` or `published`
-    heuristic_scale  of the published search [1/m]
-    max_expansions   of the search; None takes what it needs
-    period           s, after which the motion is to be followed by another one; 0: by none
-    area_weight      w₄ of the velocity polytope's area (`area_shortfall`) [1/m], for planners that
-                     weigh it; 0 leaves the area out
+    Attributes:
+        weights: Weights of energy, time and mode switches.
+        energy_reading: Formula by which energy is priced, `paper` or `series`.
+        goal_psi: End-link angle at the goal, or least and greatest admissible angle [rad]; None
+            leaves it free.
+        goal_region: Other admissible tip positions; None: only the goal.
+        via: Points in `base_link` that the tip passes in this order: (x, z) [m], or (x, y, z) if
+            joint 1 slews.
+        via_tolerance: Largest distance of the tip from a via point when it passes [m].
+        planner: Name of the planner, one of `registry.REGISTERED_PLANNERS`.
+        trajectory: How S3 begins: the published `polynomial` or `followed`, which follows the path.
+            None: the planner's own choice; a stretched polynomial is then compared with following.
+        max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial, if polynomials are
+            asked for.
+        initial_j3: Angle at which the fixed-joint planner keeps J3 [rad]; None: as at the start.
+        search: `exact` or `published`.
+        heuristic_scale: Scale of the published search's heuristic [1/m].
+        max_expansions: Largest number of states that the search expands; None: no limit.
+        period: Time after which another motion follows this one [s]; 0: none follows.
+        area_weight: Weight w₄ of the area shortfall (`manipulability_loss`) [1/m]; 0 ignores the
+            area. Only some planners take it.
 
-    Raises RequestError for angles and points that are not finite, a tolerance that is not
-    positive, a weight that is negative or not finite, and weights that are all 0.
+    Raises:
+        RequestError: A value is out of range, as `__post_init__` states.
     """
 
     weights: Weights = ENERGY_OPTIMAL
@@ -82,14 +89,22 @@ class PlanOptions:
     area_weight: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the options.
+
+        Raises:
+            RequestError: One of these does not hold. Angles and via points are finite.
+                `via_tolerance` is above 0 and at most MAX_REGION_SIZE. Weights, `area_weight`
+                included, are at most HIGHEST_WEIGHT and not all 0. `max_speed_excess` is from 0 to
+                HIGHEST_SPEED_EXCESS.
+        """
         check_angle(self.goal_psi)
         for point in self.via:
             if not all(math.isfinite(value) for value in point):
                 raise RequestError("via", point, "must be finite numbers [m]")
         if not (math.isfinite(self.via_tolerance) and self.via_tolerance > 0.0):
             raise RequestError("via_tolerance", self.via_tolerance, "must be above 0 m")
-        if self.via_tolerance > FARTHEST:
-            rule = f"must be at most {FARTHEST:g} m"
+        if self.via_tolerance > MAX_REGION_SIZE:
+            rule = f"must be at most {MAX_REGION_SIZE:g} m"
             raise RequestError("via_tolerance", self.via_tolerance, rule)
         if not 0.0 <= self.area_weight <= HIGHEST_WEIGHT:
             rule = f"must be from 0 to {HIGHEST_WEIGHT:g}"
@@ -106,34 +121,69 @@ class PlanOptions:
             raise RequestError("max_speed_excess", self.max_speed_excess, rule)
 
     @property
-    def on_the_way(self) -> PlanOptions:
-        """For a leg to a point on the way: whatever posture will do there."""
+    def for_via_point(self) -> PlanOptions:
+        """Options for the path to a via point: with any posture and tip position exactly there."""
         return replace(self, goal_psi=None, goal_region=None, via=())
 
     @property
-    def at_the_end(self) -> PlanOptions:
-        """For the leg to the goal."""
+    def for_last_leg(self) -> PlanOptions:
+        """Options for the path from the last via point to the goal."""
         return replace(self, via=())
 
-    def distance(self, machine: Machine, goal: Position, posture: FloatArray) -> float:
-        """How far the tip is from the goal in `base_link`, or from its region [m]."""
-        place, tip = machine.in_plane(goal, posture[0]), machine.tip_position(posture)
+    def distance_to_goal(self, machine: Machine, goal: Position, posture: FloatArray) -> float:
+        """Return the distance of the tip from the goal or its region.
+
+        Args:
+            machine: The whole arm.
+            goal: Goal in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews.
+            posture: Joint positions of the whole arm, shape (n,) [rad or m].
+
+        Returns:
+            Root of the sum of two squared distances [m]: in the arm's plane, 0 within the region,
+            and across the plane, which is an arc length around the slew's axis.
+        """
+        place, tip = machine.convert_to_plane(goal, posture[0]), machine.tip_position(posture)
         offset = float(tip[0]) - place.tip[0], float(tip[1]) - place.tip[1]
         region = self.goal_region
         away = math.hypot(*offset) if region is None else region.distance(offset)
-        return math.hypot(away, self._aside(machine, place, posture))
+        return math.hypot(away, self._distance_from_plane(machine, place, posture))
 
-    def is_met(self, machine: Machine, goal: Position, posture: FloatArray) -> bool:
-        """Whether tip and end link are where they are asked for, and nothing is left to do."""
-        place = machine.in_plane(goal, posture[0])
-        if self._aside(machine, place, posture) > AT_GOAL_DISTANCE:
+    def is_goal_reached(self, machine: Machine, goal: Position, posture: FloatArray) -> bool:
+        """Return whether tip and end link are at the goal or in its region.
+
+        If they are, no motion is needed.
+
+        Args:
+            machine: The whole arm.
+            goal: Goal in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews.
+            posture: Joint positions of the whole arm, shape (n,) [rad or m].
+
+        Returns:
+            True if the tip is within AT_GOAL_DISTANCE of the goal or region, and the end-link angle
+            within AT_GOAL_ANGLE of the admissible ones.
+        """
+        place = machine.convert_to_plane(goal, posture[0])
+        if self._distance_from_plane(machine, place, posture) > AT_GOAL_DISTANCE:
             return False
         tip, angle = machine.tip_position(posture), machine.end_link_angle(posture)
         region, psi = self.goal_region, self.goal_psi
-        return is_met(place.tip, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
+        return is_goal_met(place.tip, region, psi, tip, angle, AT_GOAL_DISTANCE, AT_GOAL_ANGLE)
 
-    def _aside(self, machine: Machine, place: InPlane, posture: FloatArray) -> float:
-        """How far the tip is from the plane of a place [m]."""
+    def _distance_from_plane(
+        self, machine: Machine, place: PlanarTarget, posture: FloatArray
+    ) -> float:
+        """Return the arc length from the tip to the vertical plane of a target.
+
+        The arc lies around the slew's axis.
+
+        Args:
+            machine: The whole arm.
+            place: Target in cylindrical coordinates; its `slew` is None if the arm does not slew.
+            posture: Joint positions of the whole arm, shape (n,) [rad or m].
+
+        Returns:
+            Arc length [m]; 0 if the arm does not slew.
+        """
         if place.slew is None:
             return 0.0
         ahead = machine.arrays.slew_offset + machine.tip_position(posture)[0]

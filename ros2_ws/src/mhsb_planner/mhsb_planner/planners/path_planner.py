@@ -1,4 +1,4 @@
-"""What a planner is: where a path's postures come from, and the paths it gives, one by one."""
+"""Interface of planners: the request that they get and the paths that they propose."""
 
 from __future__ import annotations
 
@@ -8,41 +8,51 @@ from typing import NamedTuple, Protocol
 
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.integrated.certificate import least_cost_to
-from mhsb_planner.integrated.goal_postures import goal_postures
-from mhsb_planner.motion.s3_coasting import Coasting
-from mhsb_planner.motion.s3_steered import Steering
+from mhsb_planner.deadline import SearchTime
+from mhsb_planner.integrated.goal_postures import sample_goal_postures
+from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
+from mhsb_planner.motion.s3_blend_in import Coasting
+from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
-from mhsb_planner.search.area_shortfall import AreaTerm
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.lower_bound import ENERGY_ALONE, with_others
+from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
+from mhsb_planner.search.manipulability_loss import AreaTerm
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.search_time import SearchTime
 
 
-class Meanwhile(NamedTuple):
-    """What others move beside the arm in its plane: they take oil [m³], and the time [s] at least,
-    which counts for the bounds on energy."""
+class SlewDemand(NamedTuple):
+    """Demand of the slew, which moves beside the arm in its plane, for lower bounds on the energy.
+
+    Attributes:
+        oil: Oil volume that the slew takes [m³].
+        time: Least time that the slew takes [s].
+    """
 
     oil: float
     time: float
 
 
-NOTHING_ELSE = Meanwhile(0.0, 0.0)
+NOTHING_ELSE = SlewDemand(0.0, 0.0)
+"""Demand if nothing moves beside the arm in its plane."""
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """What is asked for.
+class PathRequest:
+    """Request for paths.
 
-    goal   (x, z) m; of the whole arm in `base_link`, where joint 1 slews (x, y, z) m
-    modes  in force at the start
-    brake  how a moving start comes to rest: by coasting, where its plan ends, on its old way
-    departure  posture at rest from which the path begins [rad]
-    area   weight of the polytope's area, and the area that counts as full
-    meanwhile  what moves beside the joints of the graph
+    Attributes:
+        goal: Goal (x, z) in the plane [m]; for the whole arm in `base_link`, (x, y, z) if joint 1
+            slews.
+        start: State of motion at the start.
+        modes: Modes in force at the start, with their ages.
+        brake: How a moving start comes to rest: by coasting, at the end of its plan (steering), or
+            along its old path. None: it is at rest.
+        departure: Posture at rest from which the path begins, shape (n,) [rad].
+        options: Options of the plan.
+        area: Weight of the area shortfall and the reference area.
+        slew_demand: Oil and least time of the slew, which is not among the joints of the graph.
     """
 
     goal: Position
@@ -52,84 +62,127 @@ class Task:
     departure: FloatArray
     options: PlanOptions
     area: AreaTerm
-    meanwhile: Meanwhile = NOTHING_ELSE
+    slew_demand: SlewDemand = NOTHING_ELSE
 
     @property
-    def in_plane(self) -> tuple[float, float]:
-        """The goal (x, z) m of a task in the plane."""
+    def planar_goal(self) -> tuple[float, float]:
+        """Goal (x, z) of a request in the plane [m]."""
         x, z = self.goal
         return x, z
 
-    def bound(self, graph: StepGraph) -> float:
-        """No plan from the start to one of the goal's points, in the graph's plane, takes less
-        energy [J]."""
+    def energy_lower_bound(self, graph: StepGraph) -> float:
+        """Return a lower bound on the energy of every plan from the start to the goal.
+
+        The bound holds for all postures in the arm's plane whose tip is at the goal or in its
+        region. It includes the slew demand.
+
+        Args:
+            graph: Step graph; provides machine and hydraulic coefficients.
+
+        Returns:
+            The bound [J].
+        """
         machine, options = graph.machine, self.options
-        goals = goal_postures(
-            machine, *self.in_plane, options.goal_psi, region=options.goal_region
+        goals = sample_goal_postures(
+            machine, *self.planar_goal, options.goal_psi, region=options.goal_region
         )
         start = machine.cylinder_lengths(self.start.position)
-        circuit = with_others(graph.circuit, *self.meanwhile)
-        return least_cost_to(machine, circuit, start, goals, ENERGY_ALONE)
+        circuit = add_other_motion(graph.circuit, *self.slew_demand)
+        return lower_bound_to_goals(machine, circuit, start, goals, ENERGY_ALONE)
 
-    def from_rest(self, path: DiscretePath) -> Task:
-        """The same asked from where a path ends, at rest and in its last modes."""
+    def continued_from(self, path: DiscretePath) -> PathRequest:
+        """Return the request for a path that continues where another path ends.
+
+        Args:
+            path: The path before. The new start is at rest in the last posture and the last modes
+                of this path.
+
+        Returns:
+            The request, with the goal and the options unchanged.
+        """
         last = path.modes[-1] if path.steps > 0 else path.start_modes
         start = MotionState.at_rest(path.posture[-1])
-        modes = StartModes.settled(last)
+        modes = StartModes.create_settled(last)
         return replace(self, start=start, modes=modes, brake=None, departure=start.position)
 
 
-class Candidate(NamedTuple):
-    """A path that a motion may follow.
+class PathProposal(NamedTuple):
+    """Path that a motion may follow.
 
-    compared    whether it is another planner's
-    trajectory  how S3 begins on it, unless it is told; None: as the planner does
+    Attributes:
+        path: The path.
+        for_comparison: True if it is proposed for comparison, not by the main search of the
+            planner.
+        trajectory: Method with which S3 begins on this path if the options leave it open. None: the
+            one of the planner that the request names.
     """
 
     path: DiscretePath
-    compared: bool = False
+    for_comparison: bool = False
     trajectory: TrajectoryKind | None = None
 
 
 class PathPlanner(Protocol):
-    """A way of planning; its paths are made motions, of which the cheapest is the plan.
+    """Interface of a planner: it proposes paths, and the cheapest motion along them is the plan.
 
-    name         by which it is asked for
-    summary      where postures come from, for people: a clause that follows its name
-    trajectory   how S3 begins unless it is told
-    weighs_area  whether w₄ may be above 0
-    rivals       other planners, with whose motions its own are compared, the quickest first
-    takes        of the options that not all planners look at, those that it does: `search`,
-                 `heuristic_scale`, `initial_j3`
+    Attributes:
+        name: Name by which requests choose it.
+        summary: Where postures come from, for people: a clause that follows the name.
+        trajectory: How S3 begins if the options leave it open.
+        weighs_area: Whether the area weight w₄ may be above 0.
+        baselines: Other planners whose motions are compared with its own, the fastest first.
+        takes: Names of those options that only some planners use and this one does: `search`,
+            `heuristic_scale`, `initial_j3`.
     """
 
     name: str
     summary: str
     trajectory: TrajectoryKind
     weighs_area: bool
-    rivals: tuple[PathPlanner, ...]
+    baselines: tuple[PathPlanner, ...]
     takes: tuple[str, ...]
 
     def paths(
-        self, graph: StepGraph, task: Task, time: SearchTime
-    ) -> Iterator[Candidate]:
-        """Paths from the task's departure to its goal: the first soon, then cheaper ones.
+        self, graph: StepGraph, task: PathRequest, time: SearchTime
+    ) -> Iterator[PathProposal]:
+        """Yield paths from the departure to the goal: the first early, then cheaper ones.
 
-        graph  the machine, its posture table and the steps between the table's postures
-        time   to be looked at every millisecond or so; when it is over, what there is by then is
-               given, and nothing more
+        The consumer may stop at any time. Each path carries a lower bound that holds for every plan
+        of this planner.
 
-        Whoever asks may stop asking at any time. All paths state lower bounds that hold for every
-        plan of this planner. Raises MhsbError where there is no path or none in time.
+        Args:
+            graph: The machine, its posture table, and the steps between the table's postures.
+            task: The request.
+            time: Time limit. The planner looks at it about every millisecond; when it is over, the
+                planner yields what it has and ends.
+
+        Yields:
+            Path proposals.
+
+        Raises:
+            MhsbError: There is no path, or none in time.
         """
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile what paths run through."""
+        """Compile the kernels of this planner."""
 
 
-def in_both_ways(path: Candidate, rival: PathPlanner, task: Task) -> Iterator[Candidate]:
-    """A rival's path, to be made a motion in the way of who compares and, unless that is told, in
-    the rival's own."""
+def propose_in_both_ways(
+    path: PathProposal, baseline: PathPlanner, task: PathRequest
+) -> Iterator[PathProposal]:
+    """Yield a baseline's path for two methods of S3: the comparing planner's and the baseline's.
+
+    S3 fits a polynomial or follows the path. If the options choose the method, the path is yielded
+    only once.
+
+    Args:
+        path: Proposal of the baseline.
+        baseline: The baseline.
+        task: The request.
+
+    Yields:
+        The proposal as it is, then with the baseline's own method in `trajectory`.
+    """
     yield path
     if task.options.trajectory is None:
-        yield path._replace(trajectory=rival.trajectory)
+        yield path._replace(trajectory=baseline.trajectory)

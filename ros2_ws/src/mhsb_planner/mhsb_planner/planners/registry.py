@@ -1,4 +1,4 @@
-"""All planners, by the names they are asked for by. A new one is entered here, and nowhere else."""
+"""Registry of all planners by name. A new planner is entered here and nowhere else."""
 
 from __future__ import annotations
 
@@ -10,39 +10,57 @@ from mhsb_planner.planners.integrated import IntegratedPlanner
 from mhsb_planner.planners.path_planner import PathPlanner
 from mhsb_planner.planners.table import TablePlanner
 
-PLANNERS: dict[str, PathPlanner] = {
+REGISTERED_PLANNERS: dict[str, PathPlanner] = {
     planner.name: planner for planner in (TablePlanner(), FixedPlanner(), IntegratedPlanner())
 }
+"""All planners by name."""
 
-PLANNER_KINDS: tuple[str, ...] = tuple(PLANNERS)
+PLANNER_KINDS: tuple[str, ...] = tuple(REGISTERED_PLANNERS)
+"""Names of all planners."""
 
 ONLINE_PLANNER = IntegratedPlanner.name
-"""What the node plans with unless told otherwise; cases keep the planner that they name."""
+"""Name of the planner that the node uses by default; the paper's cases name their own."""
 
 if TYPE_CHECKING:
     PlannerKind = str
-else:  # what a command offers to choose from
+else:  # tyro reads the choices of a command from it
     PlannerKind = Literal[PLANNER_KINDS]
 
 
-def planner_named(name: str) -> PathPlanner:
-    """The planner of that name; raises RequestError with the names that there are."""
-    if name not in PLANNERS:
-        raise RequestError("planner", repr(name), f"must be one of: {', '.join(PLANNERS)}")
-    return PLANNERS[name]
+def get_planner(name: str) -> PathPlanner:
+    """Return the planner of a given name.
+
+    Args:
+        name: Key of REGISTERED_PLANNERS.
+
+    Returns:
+        The path planner.
+
+    Raises:
+        RequestError: No planner has this name; the message lists the names.
+    """
+    if name not in REGISTERED_PLANNERS:
+        raise RequestError(
+            "planner", repr(name), f"must be one of: {', '.join(REGISTERED_PLANNERS)}"
+        )
+    return REGISTERED_PLANNERS[name]
 
 
-def summaries() -> str:
-    """What each planner does, in one clause each."""
-    return "; ".join(f"{planner.name} {planner.summary}" for planner in PLANNERS.values())
+def planner_summaries() -> str:
+    """Return one text with name and summary of each planner, joined by semicolons."""
+    return "; ".join(
+        f"{planner.name} {planner.summary}" for planner in REGISTERED_PLANNERS.values()
+    )
 
 
-def weighing_area() -> str:
-    """The planners for which w₄ may be above 0, in quotation marks."""
-    able = (f"'{planner.name}'" for planner in PLANNERS.values() if planner.weighs_area)
+def planners_weighing_area() -> str:
+    """Return the names of the planners that accept an area weight, quoted and joined by "or"."""
+    able = (f"'{planner.name}'" for planner in REGISTERED_PLANNERS.values() if planner.weighs_area)
     return " or ".join(able)
 
 
-def taking(option: str) -> str:
-    """The planners that look at an option which not all of them do."""
-    return " or ".join(planner.name for planner in PLANNERS.values() if option in planner.takes)
+def planners_using(option: str) -> str:
+    """Return the names of the planners that use an option, joined by "or"."""
+    return " or ".join(
+        planner.name for planner in REGISTERED_PLANNERS.values() if option in planner.takes
+    )

@@ -1,4 +1,4 @@
-"""Rests on a path's way: a motion, whose ramps round corners, then gets to where it rests."""
+"""Rests within a path, so that a motion whose ramps cut corners reaches the posture there."""
 
 from __future__ import annotations
 
@@ -13,24 +13,36 @@ from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_search import Weights
 
 
-def with_rests(
-    machine: Machine, path: DiscretePath, before: IntArray, weights: Weights
+def insert_rests(
+    machine: Machine, path: DiscretePath, step_indices: IntArray, weights: Weights
 ) -> DiscretePath:
-    """The same path with a rest as long as the shortest ramp before each of these steps, in the
-    modes of that step.
+    """Insert a rest of the shortest ramp's duration before given steps of a path.
 
-    A rest takes P_S n q_leak T [J].
+    A rest is a step without motion, in the modes of the step that follows. It costs its duration T
+    [s] and the leakage of all n valves. With the supply pressure P_S [Pa] and the leakage flow
+    q_leak of one valve [m³/s], that leakage takes
+
+        E = P_S n q_leak T    [J]
+
+    Args:
+        machine: The whole arm.
+        path: The path.
+        step_indices: Indices of the steps before which the arm rests.
+        weights: Weights of energy and time, for the cost of the rests.
+
+    Returns:
+        Copy of the path with one more step for each rest, and a higher cost.
     """
     m, seconds = machine.arrays, shortest_ramp(machine).duration
     energy = m.supply_pressure * machine.joint_count * m.leakage_flow * seconds
-    dearer = len(before) * (weights.energy * energy + weights.time * seconds)
+    dearer = len(step_indices) * (weights.energy * energy + weights.time * seconds)
     return replace(
         path,
-        tip=np.insert(path.tip, before, path.tip[before], axis=0),
-        posture=np.insert(path.posture, before, path.posture[before], axis=0),
-        modes=np.insert(path.modes, before, path.modes[before], axis=0),
-        duration=np.insert(path.duration, before, seconds),
-        energy=np.insert(path.energy, before, energy),
-        energy_series=np.insert(path.energy_series, before, energy),
+        tip=np.insert(path.tip, step_indices, path.tip[step_indices], axis=0),
+        posture=np.insert(path.posture, step_indices, path.posture[step_indices], axis=0),
+        modes=np.insert(path.modes, step_indices, path.modes[step_indices], axis=0),
+        duration=np.insert(path.duration, step_indices, seconds),
+        energy=np.insert(path.energy, step_indices, energy),
+        energy_series=np.insert(path.energy_series, step_indices, energy),
         cost=path.cost + dearer,
     )

@@ -1,4 +1,4 @@
-"""Postures of the posture table: the paper's planner (S2)."""
+"""Table planner: takes the postures of the posture table, as in the paper (S2)."""
 
 from __future__ import annotations
 
@@ -6,58 +6,88 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from mhsb_model.errors import MhsbError
+from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import DeadlineError
-from mhsb_planner.goal_region import is_met, tips
+from mhsb_planner.goal_region import is_goal_met, tip_positions
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
-from mhsb_planner.planners.path_planner import Candidate, PathPlanner, Task
+from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.search import s2_search
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import SAME_POINT
-from mhsb_planner.search.search_time import SearchTime
 
 
 class TablePlanner:
-    """Path and modes over the graph of the posture table."""
+    """Planner that searches path and modes over the graph of the posture table."""
 
     name = "table"
     summary = "takes the postures of the posture table"
     trajectory: TrajectoryKind = "polynomial"
     weighs_area = False
-    rivals: tuple[PathPlanner, ...] = ()
+    baselines: tuple[PathPlanner, ...] = ()
     takes: tuple[str, ...] = ("search", "heuristic_scale")
 
-    def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
-        """The path of least cost, or the published search's."""
-        yield from map(Candidate, paths_over(graph, task, time))
+    def paths(
+        self, graph: StepGraph, task: PathRequest, time: SearchTime
+    ) -> Iterator[PathProposal]:
+        """Yield the cheapest path over the posture table, or the path of the published search.
+
+        `options.search` chooses the search.
+
+        Args:
+            graph: Step graph of the posture table.
+            task: The request.
+            time: Time limit of the search.
+
+        Yields:
+            The first path that is found, to the goal or else to another position of its region.
+            Then perhaps the cheapest one to any position of the region.
+        """
+        yield from map(PathProposal, yield_graph_paths(graph, task, time))
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile what paths run through."""
+        """Compile the kernels of this planner."""
         s2_search.warm_up(graph)
 
 
-def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[DiscretePath]:
-    """Paths over a graph: to the goal itself, and to where in its region it costs least.
+def yield_graph_paths(
+    graph: StepGraph, task: PathRequest, time: SearchTime
+) -> Iterator[DiscretePath]:
+    """Yield paths over a step graph, to the goal and to the cheapest position of its region.
 
-    Raises what `s2_search.search` raises of the goal itself where there is no path at all.
+    A path to each position of the region is searched, to the goal itself first. The first path
+    found is yielded at once, the cheapest one at the end if it is another. If the departure is
+    within the region, the only path has no steps.
+
+    Args:
+        graph: Step graph.
+        task: The request.
+        time: Time limit; after it no further position is tried.
+
+    Yields:
+        One or two paths, with a lower bound on the energy [J] that includes the slew demand. The
+        bound of a path without steps is 0.
+
+    Raises:
+        MhsbError: There is no path to any position; the error is the one for the first position.
     """
-    if _is_there(graph, task):
+    if _is_in_goal_region(graph, task):
         tip = graph.machine.tip_position(task.departure)
-        yield DiscretePath.standing(tip, task.departure, task.modes.modes, 0.0)
+        yield DiscretePath.create_without_steps(tip, task.departure, task.modes.modes, 0.0)
         return
     region = task.options.goal_region
     found: list[DiscretePath] = []
     refused: MhsbError | None = None
-    for x, z in tips(task.in_plane, region).tolist():
+    for x, z in tip_positions(task.planar_goal, region).tolist():
         try:
-            path = _path_to((x, z), graph, task, time)
+            path = _search_path_to((x, z), graph, task, time)
         except MhsbError as error:
             refused = refused or error
             if isinstance(error, DeadlineError):
                 break
             continue
-        bound = path.lower_bound + graph.machine.arrays.supply_pressure * task.meanwhile.oil
-        bound = bound if region is None else task.bound(graph)
+        bound = path.lower_bound + graph.machine.arrays.supply_pressure * task.slew_demand.oil
+        bound = bound if region is None else task.energy_lower_bound(graph)
         found.append(replace(path, lower_bound=bound))
         if len(found) == 1:
             yield found[0]
@@ -68,19 +98,43 @@ def paths_over(graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Discr
         yield best
 
 
-def _is_there(graph: StepGraph, task: Task) -> bool:
+def _is_in_goal_region(graph: StepGraph, task: PathRequest) -> bool:
+    """Return whether tip and end link are within the goal region at the departure already.
+
+    Args:
+        graph: Step graph; provides the machine.
+        task: The request.
+
+    Returns:
+        False also if there is no region; the search then finds by itself that the start is at the
+        goal.
+    """
     options, posture = task.options, task.departure
     if options.goal_region is None:
-        return False  # for the search to find
+        return False  # the search itself notices it
     tip, angle = graph.machine.tip_position(posture), graph.machine.end_link_angle(posture)
-    return is_met(
-        task.in_plane, options.goal_region, options.goal_psi, tip, angle, SAME_POINT, SAME_POINT
+    return is_goal_met(
+        task.planar_goal, options.goal_region, options.goal_psi, tip, angle, SAME_POINT, SAME_POINT
     )
 
 
-def _path_to(
-    tip: tuple[float, float], graph: StepGraph, task: Task, time: SearchTime
+def _search_path_to(
+    tip: tuple[float, float], graph: StepGraph, task: PathRequest, time: SearchTime
 ) -> DiscretePath:
+    """Search the cheapest path to one tip position over a step graph, by the method in the options.
+
+    Args:
+        tip: Tip position (x, z) [m].
+        graph: Step graph.
+        task: The request.
+        time: Time limit of the search.
+
+    Returns:
+        Path from the departure, with its cost and a lower bound on the energy [J].
+
+    Raises:
+        MhsbError: There is no path, or none in time.
+    """
     options = task.options
     return s2_search.search(
         graph,
@@ -92,6 +146,6 @@ def _path_to(
         method=options.search,
         heuristic_scale=options.heuristic_scale,
         goal_psi=options.goal_psi,
-        deadline=time.until,
+        deadline=time.search_deadline,
         max_expansions=options.max_expansions,
     )

@@ -1,7 +1,7 @@
-"""The grid of tip positions: its nodes, their neighbours and the cells between them.
+"""Grid of tip positions: its nodes, their neighbours and the cells between them.
 
-Nodes are integers in units of the spacing, so that none is lost or doubled by rounding: for the
-paper's machine at 5 cm those with i ≥ 0 and 25 ≤ i² + k² ≤ 423, 642 of them.
+Nodes are integer pairs (i, k) in units of the spacing, so that rounding loses or doubles none. For
+the paper's machine at 5 cm they are the pairs with i ≥ 0 and 25 ≤ i² + k² ≤ 423: 642 nodes.
 """
 
 from __future__ import annotations
@@ -14,16 +14,28 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import IntArray, frozen
 from mhsb_planner.errors import RequestError
 
-MOVES = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+NEIGHBOUR_OFFSETS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+"""Offsets (Δi, Δk) from a node to its eight neighbours."""
 ON_LINE = 1e-6
-"""A coordinate this close to a grid line, in units of the spacing, lies on it."""
+"""Distance from a grid line below which a coordinate lies on it, in units of the spacing."""
 
 
 def grid_nodes(machine: Machine, spacing: float) -> IntArray:
-    """Nodes (i, k) of the machine's workspace in lexicographic order, int64[nodes, 2].
+    """List the nodes of the machine's workspace in lexicographic order.
 
-    x = i·spacing ≥ min_x, min_radius ≤ spacing √(i² + k²) ≤ max_radius; spacing in m.
-    Raises RequestError where the spacing leaves no node.
+    A node (i, k) lies at x = i · spacing, z = k · spacing, with
+
+        x ≥ min_x,  min_radius ≤ spacing √(i² + k²) ≤ max_radius
+
+    Args:
+        machine: Machine whose workspace is used.
+        spacing: Grid spacing [m].
+
+    Returns:
+        Integer coordinates (i, k), int64, shape (nodes, 2).
+
+    Raises:
+        RequestError: The spacing is not above 0 or exceeds max_radius.
     """
     area = machine.config.workspace
     if not (math.isfinite(spacing) and 0.0 < spacing <= area.max_radius):
@@ -42,51 +54,99 @@ def grid_nodes(machine: Machine, spacing: float) -> IntArray:
 
 
 class Grid:
-    """Look-up of nodes by their integer coordinates.
+    """Look-up of nodes and their neighbours by integer coordinates.
 
-    neighbors  int64[nodes, 8], index of the node one move away (`MOVES`), −1 where there is none
+    Attributes:
+        nodes: Integer coordinates (i, k) of the nodes, shape (nodes, 2).
+        spacing: Grid spacing [m].
+        neighbors: Index of the node at each of NEIGHBOUR_OFFSETS, int64, shape (nodes, 8); −1 if
+            there is none.
     """
 
     def __init__(self, nodes: IntArray, spacing: float) -> None:
+        """Index the nodes and find the neighbours of each.
+
+        Args:
+            nodes: Integer coordinates (i, k), shape (nodes, 2).
+            spacing: Grid spacing [m].
+        """
         self.nodes = nodes
         self.spacing = spacing
         self._index = {(int(i), int(k)): number for number, (i, k) in enumerate(nodes)}
         self.neighbors = frozen(
             np.array(
-                [[self._index.get((i + di, k + dk), -1) for di, dk in MOVES] for i, k in nodes],
+                [
+                    [self._index.get((i + di, k + dk), -1) for di, dk in NEIGHBOUR_OFFSETS]
+                    for i, k in nodes
+                ],
                 dtype=np.int64,
-            ).reshape(len(nodes), len(MOVES))
+            ).reshape(len(nodes), len(NEIGHBOUR_OFFSETS))
         )
 
     def node_at(self, x: float, z: float) -> int | None:
-        """Index of the node at (x, z) m, None where there is none."""
+        """Return the index of the node at a position, or None if there is none.
+
+        Args:
+            x: Position [m].
+            z: Position [m].
+
+        Returns:
+            Index of the node. x and z may each differ from it by ON_LINE spacings.
+        """
         i, k = round(x / self.spacing), round(z / self.spacing)
         if abs(x / self.spacing - i) > ON_LINE or abs(z / self.spacing - k) > ON_LINE:
             return None
         return self._index.get((i, k))
 
-    def around(self, x: float, z: float, rings: int = 0) -> IntArray:
-        """Nodes that a point (x, z) m off the grid is joined to: the corners of its cell.
+    def cell_corners(self, x: float, z: float, rings: int = 0) -> IntArray:
+        """Return the nodes at the corners of the cell in which a position lies.
 
-        A point on a grid line lies in the cells on both sides and is joined to the corners of
-        all; one on a node thereby to that node's eight neighbours. The node itself is left out.
-        `rings` adds that many rings of nodes around these.
+        A start or goal off the grid is joined to these nodes.
+
+        A point on a grid line belongs to the cells on both sides, and a point on a node to all four
+        cells around it. The node at the point itself is left out.
+
+        Args:
+            x: Position [m].
+            z: Position [m].
+            rings: Number of further rings of nodes to include; 0 means the corners alone.
+
+        Returns:
+            Indices of the nodes, int64; nodes outside the workspace are missing.
         """
         here = self.node_at(x, z)
-        rows, columns = self._lines(z, rings), self._lines(x, rings)
+        rows, columns = self._bounding_lines(z, rings), self._bounding_lines(x, rings)
         found = [self._index.get((i, k), here) for i in columns for k in rows]
         return np.array([node for node in found if node != here], dtype=np.int64)
 
     def share_cell(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Whether two points (x, z) m lie in one closed cell."""
+        """Return whether two points lie in one cell, its edges included.
+
+        Args:
+            a: Position (x, z) [m].
+            b: Position (x, z) [m].
+
+        Returns:
+            True if they do.
+        """
         for p, q in zip(a, b, strict=True):
-            one, other = self._lines(p), self._lines(q)
+            one, other = self._bounding_lines(p), self._bounding_lines(q)
             if min(one.stop, other.stop) - max(one.start, other.start) < 2:
                 return False
         return True
 
-    def _lines(self, coordinate: float, rings: int = 0) -> range:
-        """Grid lines that bound the cells in which a coordinate lies, and so many beyond."""
+    def _bounding_lines(self, coordinate: float, rings: int = 0) -> range:
+        """Return the grid lines of one axis that bound the cells in which a coordinate lies.
+
+        A coordinate on a line belongs to the cells on both sides.
+
+        Args:
+            coordinate: x or z [m].
+            rings: Number of further lines on each side.
+
+        Returns:
+            Integer coordinates of the lines.
+        """
         value = coordinate / self.spacing
         if abs(value - round(value)) <= ON_LINE:
             return range(round(value) - 1 - rings, round(value) + 2 + rings)

@@ -1,8 +1,8 @@
-"""Read the arrays of an npz file that may come from a stranger.
+"""Safe reading of the arrays of an npz file from an untrusted source.
 
-NumPy's own reader evaluates an array's header as Python and allocates what its shape asks for.
-Here a header is matched against the one form in which NumPy writes it, and an array is made only
-of bytes that are there.
+NumPy's own reader evaluates an array's header as Python and allocates what its shape asks for. Here
+the header must match the one form in which NumPy writes it, and an array is made only of bytes that
+exist.
 
 Source: numpy.lib.format, versions 1.0 to 3.0.
 """
@@ -19,35 +19,43 @@ from pathlib import Path
 
 import numpy as np
 
-MAGIC = b"\x93NUMPY"
+NPY_MAGIC = b"\x93NUMPY"
+"""First bytes of every npy file."""
 LENGTH_FORMATS = {1: "<H", 2: "<I", 3: "<I"}
-"""How the length of a header is written, by the format's major version."""
+"""Struct format of the header's length, by the major version of the npy format."""
 
 LONGEST_HEADER = 1000
-"""Bytes of an array's header; NumPy writes 118 for an array of three dimensions."""
+"""Largest accepted length of an array's header [B]; NumPy writes 118 for an array of three
+dimensions.
+"""
 
-HEADER = re.compile(
+NPY_HEADER_PATTERN = re.compile(
     rb"\{'descr': '([<>|=][A-Za-z]\d{1,6})', 'fortran_order': (True|False), "
     rb"'shape': \(((?:\d{1,12},? ?){0,4})\), \} *\n"
 )
+"""Form of a header: dtype, storage order and a shape of up to four dimensions."""
 
-UNREADABLE = (
+DAMAGED_FILE_ERRORS = (
     KeyError,
     ValueError,
     EOFError,
     OverflowError,
-    NotImplementedError,  # a compression that Python does not have
-    RuntimeError,  # a member that is encrypted
+    NotImplementedError,  # a compression that Python does not support
+    RuntimeError,  # an encrypted member
     zipfile.BadZipFile,
     zlib.error,
     lzma.LZMAError,
     struct.error,
 )
-"""What is raised for files that are damaged or no npz file; OSError is of the file system."""
+"""Exceptions that mean that a file is damaged or not an npz file; OSError is not among them."""
 
 
 class ArchiveTooLargeError(Exception):
-    """The arrays of a file are larger than the reader is allowed to unpack; `size` [B]."""
+    """Error if a file would unpack to more bytes than allowed.
+
+    Attributes:
+        size: Unpacked size of all members [B].
+    """
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -59,35 +67,46 @@ def read_arrays(path: Path, kinds: Mapping[str, str], largest: int) -> dict[str,
 
     Args:
         path: The file.
-        kinds: Name of each array, and a regular expression that its dtype's name must match, as
-            in "<f8".
-        largest: Bytes that all members of the file may have together, unpacked.
+        kinds: Name of each array, and a regular expression that its dtype must match, as in "<f8".
+        largest: Largest unpacked size of all members together [B].
 
     Returns:
-        The arrays, which share memory with nothing else.
+        The arrays, each with its own memory.
 
     Raises:
         OSError: The file cannot be read.
         ArchiveTooLargeError: It would unpack to more than `largest`.
-        UNREADABLE: It is damaged, or an array is missing or of another kind.
+        DAMAGED_FILE_ERRORS: It is damaged, or an array is missing or of another dtype.
     """
     with zipfile.ZipFile(path) as file:
         size = sum(part.file_size for part in file.infolist())
         if size > largest:
             raise ArchiveTooLargeError(size)
-        return {name: _array(file.read(f"{name}.npy"), kind) for name, kind in kinds.items()}
+        return {name: _decode_array(file.read(f"{name}.npy"), kind) for name, kind in kinds.items()}
 
 
-def _array(content: bytes, kind: str) -> np.ndarray:
-    """Return the array of an npy file's content; ValueError if it is not one of this kind."""
-    if content[:6] != MAGIC or len(content) < 12 or content[6] not in LENGTH_FORMATS:
+def _decode_array(content: bytes, kind: str) -> np.ndarray:
+    """Decode the content of an npy file.
+
+    Args:
+        content: All bytes of the file.
+        kind: Regular expression that the dtype must match, as in "<f8".
+
+    Returns:
+        The array, with its own memory.
+
+    Raises:
+        ValueError: The header has another form or dtype, or the number of bytes does not fit the
+            shape.
+    """
+    if content[:6] != NPY_MAGIC or len(content) < 12 or content[6] not in LENGTH_FORMATS:
         raise ValueError("no npy file")
     form = LENGTH_FORMATS[content[6]]
     begin = 8 + struct.calcsize(form)
     (length,) = struct.unpack(form, content[8:begin])
     if length > LONGEST_HEADER:
         raise ValueError(f"a header of {length} bytes")
-    header = HEADER.fullmatch(content[begin : begin + length])
+    header = NPY_HEADER_PATTERN.fullmatch(content[begin : begin + length])
     if header is None or not re.fullmatch(kind, header[1].decode("ascii")):
         raise ValueError("a header that NumPy does not write for such an array")
     dtype = np.dtype(header[1].decode("ascii"))

@@ -1,4 +1,4 @@
-"""Posture tables that have been built before, in the user's cache directory."""
+"""Cache of posture tables in the user's cache directory."""
 
 from __future__ import annotations
 
@@ -19,33 +19,55 @@ _log = logging.getLogger(__name__)
 def cached_table_path(
     machine: Machine, spacing: float | None = None, solver: str = "global"
 ) -> Path:
-    """Where the table of a machine is kept: $XDG_CACHE_HOME/mhsb, else ~/.cache/mhsb.
+    """Return the path of a machine's table in the cache.
 
-    spacing  m; the machine's own where it is left out
+    The directory is $XDG_CACHE_HOME/mhsb, otherwise ~/.cache/mhsb. The name contains the hash of
+    the machine in its plane. Tables of other solvers get names of their own, which
+    `load_or_build_table` does not look for.
 
-    Tables of another solver than the global search are kept apart; nothing looks for them.
+    Args:
+        machine: The machine.
+        spacing: Grid spacing [m]; None: the machine's own.
+        solver: Name of the solver that made the table.
+
+    Returns:
+        Path of the file, which need not exist.
     """
     base = os.environ.get("XDG_CACHE_HOME")
     cache = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
     kind = "" if solver == "global" else f"-{solver}"
-    plane, apart = machine.plane, 1e3 * (spacing or machine.spacing)
-    return cache / "mhsb" / f"{plane.name}-{plane.hash[:16]}-{apart:g}mm{kind}.npz"
+    plane, apart = machine.planar_arm, 1e3 * (spacing or machine.spacing)
+    return cache / "mhsb" / f"{plane.name}-{plane.table_hash[:16]}-{apart:g}mm{kind}.npz"
 
 
-def table_for(
+def load_or_build_table(
     machine: Machine,
     path: str | Path | None = None,
     spacing: float | None = None,
     progress: Progress | None = None,
 ) -> PostureTable:
-    """Posture table of a machine, in its plane: the one of the file `path`, else from the cache,
-    else built.
+    """Return the posture table of a machine in its plane, and build it if necessary.
 
-    A table that is built is kept in the cache; a damaged one there is replaced, and a cache that
-    cannot be written does no harm: both are logged. A progress bar tells how far it is, on a
-    terminal, unless `progress` does. Raises TableError where `path` is given and cannot be used.
+    If `path` is given, the table is read from this file alone. Otherwise it comes from the cache. A
+    table that the cache does not contain is built and stored there. A damaged one in the cache is
+    logged, built anew and replaced. If the cache cannot be written, this is logged, and the table
+    is still returned.
+
+    Args:
+        machine: The machine.
+        path: File to read; None: use the cache.
+        spacing: Grid spacing for the cache or for building [m]; None: the machine's own.
+        progress: Called with the numbers of finished and of all nodes; None: a progress bar on a
+            terminal.
+
+    Returns:
+        The table.
+
+    Raises:
+        TableError: `path` is given and cannot be used.
+        EmptyTableError: No node of a newly built table has a posture.
     """
-    machine, spacing = machine.plane, spacing or machine.spacing
+    machine, spacing = machine.planar_arm, spacing or machine.spacing
     if path is not None:
         return PostureTable.load(path, machine)
     cached = cached_table_path(machine, spacing)
@@ -57,6 +79,7 @@ def table_for(
     with tqdm(desc="posture table, once", unit="node", leave=False, disable=None) as bar:
 
         def show(done: int, total: int) -> None:
+            """Set the progress bar to `done` of `total` nodes."""
             bar.total = total
             bar.update(done - bar.n)
 

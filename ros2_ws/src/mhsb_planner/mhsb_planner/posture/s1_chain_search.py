@@ -1,14 +1,16 @@
-"""Posture of largest velocity polytope of any chain (paper, step S1).
+"""Posture with the largest velocity polytope for a chain of any kind (paper, step S1).
 
-With the tip held, n − 2 angles are free. Wherever a maximum lies, in the midst of the postures or
-with some joints at their limits, two joints close the chain (`tip_postures.close_chain`) and the
-others take values within a box: so all pairs are taken in turn, the others sampled evenly, limits
-included. From the best samples, merged where they lie together, and from the best of the postures
-that are already found under other patterns, the area is then ascended along the curves on which
-three joints move and the others rest; a joint that would pass its limit is put there. Curves
-through a posture at limits lie in these limits, so that the ascent slides along them.
+With the tip held, n − 2 joint coordinates are free. At a maximum, some joints may be at their
+limits. Two joints close the chain (`tip_postures.close_chain`) and the others take values within a
+box. Therefore all pairs of joints close the chain in turn, and the others are sampled evenly,
+limits included.
 
-What share of entries may have been missed is told by SLSQP from many starts (`s1_judge`).
+The area is ascended from the best samples, with neighbouring samples merged, and from the best
+postures already found for other mode combinations. The ascent follows curves on which three joints
+move and the others rest. A joint that would pass its limit is put there, and the ascent slides
+along the limit.
+
+SLSQP from many starts estimates the share of entries that are missed (`s1_judge`).
 """
 
 from __future__ import annotations
@@ -19,10 +21,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
-from mhsb_model.inverse_kinematics.tip_postures import close_chain, side_of
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
+from mhsb_model.inverse_kinematics.tip_postures import close_chain, find_closure_side
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import extended, radians, tip_jacobian, turned
+from mhsb_model.kinematics import (
+    add_extension,
+    compute_radian_equivalents,
+    get_turn_angle,
+    tip_jacobian,
+)
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.modes import MODE_COUNT
 from mhsb_model.statics import gravity_torque
@@ -32,42 +39,53 @@ from mhsb_planner.posture.s1_polytope import (
     flow_limit,
     flow_limits,
     flow_scale,
-    projected_area,
+    polytope_area_from_limits,
     shared_flow,
     tip_columns,
 )
 
-SOLUTIONS = 1500
-"""Chains that are closed at one tip position, at most; half of them or more are beyond limits."""
+MAX_CLOSED_CHAINS = 1500
+"""Largest number of samples at one tip position; at least half of them are beyond limits."""
 
-STARTS, FURTHER_STARTS = 3, 2
-"""Samples from which the area is ascended under the first pattern, and under others beside the best
-of the postures that are already found."""
+FIRST_PATTERN_STARTS, OTHER_PATTERN_STARTS = 3, 2
+"""Number of samples from which the area is ascended: for the first mode combination, and for each
+other. The others also start from the best posture already found.
+"""
 
-APART = 0.35
-"""Samples of which no joint differs by more are one start [rad]."""
+MIN_START_DISTANCE = 0.35
+"""Joint difference up to which two samples count as one start [rad]."""
 
 FIRST_STRIDE, LAST_STRIDE = 0.1, 1e-6
-"""Of the ascent [rad]."""
+"""First and last stride of the ascent [rad]."""
 
 NEAR_STRIDE = 0.025
-"""The first from another pattern's posture [rad]."""
+"""First stride of an ascent from another mode combination's posture [rad]."""
 
 ROUGH_STRIDE = 2e-3
-"""To which all starts are ascended; the best is to the end."""
+"""Last stride of the ascents from all starts [rad]; only the best one continues to LAST_STRIDE."""
 
 SAME_AREA = 1e-9
-"""A relative gain in area below this is none."""
+"""Relative gain in area that counts as none."""
 
 
 @kernel
-def _samples(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
-    """Postures within limits at (x, z) m, to found[:, n]; their number.
+def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
+    """Sample postures within limits at a tip position.
 
-    Two joints close the chain; of each other as many even samples as `SOLUTIONS` allow.
+    Each pair of joints closes the chain in turn, in both solutions of `close_chain`. The other
+    joints are sampled evenly, limits included, as densely as MAX_CLOSED_CHAINS allows.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        found: Written in place, shape (MAX_CLOSED_CHAINS, n) [rad or m].
+
+    Returns:
+        Number of postures written.
     """
     n = len(m.link_length)
-    each = max(2, int((SOLUTIONS / (n * (n - 1))) ** (1.0 / (n - 2))))
+    each = max(2, int((MAX_CLOSED_CHAINS / (n * (n - 1))) ** (1.0 / (n - 2))))
     q, count = np.empty(n), 0
     for i in range(n):
         for j in range(i + 1, n):
@@ -82,27 +100,51 @@ def _samples(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
                     if (
                         count < len(found)
                         and close_chain(m, x, z, i, j, side, q)
-                        and within_limits(m, q)
+                        and is_within_limits(m, q)
                     ):
                         found[count] = q
                         count += 1
     return count
 
 
-class _Work(NamedTuple):
-    """Working memory of areas, beside what is the same in all postures."""
+class _AreaBuffers(NamedTuple):
+    """Working memory for areas, and constants that all postures share.
 
-    unit: FloatArray  # [n], see `kinematics.radians`
-    scale: FloatArray  # [n, 2], see `s1_polytope.projected_area`
-    flow: float  # m³/s
-    force: FloatArray  # [n]
-    cross: FloatArray  # [n, n]
-    limit: FloatArray  # [n, modes, 2]
+    Attributes:
+        unit: Unit of each joint, shape (n,): 1 rad, or a length for a sliding joint [m], see
+            `kinematics.compute_radian_equivalents`.
+        scale: Piston speed per inlet flow, shape (n, 2) [1/m²], see
+            `s1_polytope.polytope_area_from_limits`.
+        flow: Flow that the main pump gives all cylinders together [m³/s].
+        force: Joint torques under gravity, shape (n,) [N m or N].
+        cross: Cross products of the tip columns, shape (n, n).
+        limit: Largest inlet flow by mode and direction, shape (n, modes, 2) [m³/s].
+    """
+
+    unit: FloatArray
+    scale: FloatArray
+    flow: float
+    force: FloatArray
+    cross: FloatArray
+    limit: FloatArray
 
 
 @kernel
-def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _Work) -> float:
-    """`s1_polytope.posture_area`, its oracle, with the limits of the pattern's modes alone."""
+def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) -> float:
+    """Compute the polytope's area in a posture for one mode combination.
+
+    Faster than `s1_polytope.posture_area`, its oracle: flow limits are computed only for the modes
+    of the combination.
+
+    Args:
+        m: Numeric description of the machine.
+        q: Posture, shape (n,) [rad or m].
+        pattern: Mode combination, shape (n,).
+        w: Working memory; `force`, `cross` and `limit` are overwritten.
+
+    Returns:
+        Area [m²/s²].
+    """
     gravity_torque(m, q, w.force)
     columns = tip_jacobian(m, q)
     for j in range(len(q)):
@@ -111,11 +153,11 @@ def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _Work) -> floa
         columns[1, j] /= arm
         w.limit[j, pattern[j]] = flow_limit(m, j, pattern[j], w.force[j] / arm)
     cross_products(columns, w.cross)
-    return projected_area(w.cross, w.scale, w.limit, pattern, w.flow)
+    return polytope_area_from_limits(w.cross, w.scale, w.limit, pattern, w.flow)
 
 
 @kernel
-def _slide(
+def _move_with_fixed_tip(
     m: MachineArrays,
     x: float,
     z: float,
@@ -126,19 +168,33 @@ def _slide(
     j: int,
     stride: float,
 ) -> bool:
-    """The posture with one joint moved by a stride [rad or m] and two others closing the chain, to
-    moved[n].
+    """Move one joint by a stride while two others keep the tip in place.
 
-    A joint that would pass its limit stays there, and where it is one of the two that close the
-    chain it leads instead. False where that is not possible either.
+    The moving joint, the driver, is clipped to its limits. If a closing joint would pass its limit,
+    it is put there, and the driver closes the chain with the other joint.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        q: Posture, shape (n,) [rad or m].
+        moved: New posture, written in place, shape (n,) [rad or m].
+        driver: Index of the joint that moves.
+        i: Index of the first closing joint.
+        j: Index of the second closing joint, above i.
+        stride: Signed stride of the driver [rad or m].
+
+    Returns:
+        False if there is no other posture within limits in this direction; `moved` is then
+        undefined.
     """
     n = len(q)
-    side = side_of(m, q, i, j)
+    side = find_closure_side(m, q, i, j)
     moved[:] = q
     moved[driver] = min(m.joint_max[driver], max(m.joint_min[driver], q[driver] + stride))
     if moved[driver] == q[driver] or not close_chain(m, x, z, i, j, side, moved):
         return False
-    if within_limits(m, moved):
+    if is_within_limits(m, moved):
         return True
     for k in range(n):
         beyond = min(m.joint_max[k], max(m.joint_min[k], moved[k]))
@@ -148,44 +204,58 @@ def _slide(
         first, second = min(driver, other), max(driver, other)
         if beyond == q[k]:
             return False
-        side = side_of(m, q, first, second)
+        side = find_closure_side(m, q, first, second)
         moved[:] = q
         moved[k] = beyond
-        return close_chain(m, x, z, first, second, side, moved) and within_limits(m, moved)
+        return close_chain(m, x, z, first, second, side, moved) and is_within_limits(m, moved)
     return False
 
 
 @kernel
-def _ascend(
+def _ascend_area(
     m: MachineArrays,
     x: float,
     z: float,
     pattern: ModeArray,
-    w: _Work,
+    w: _AreaBuffers,
     q: FloatArray,
     area: float,
     stride: float,
     last: float,
 ) -> float:
-    """Ascend from the posture q, in place, by ever shorter strides down to `last` [rad]; its area.
+    """Ascend the polytope's area with the tip in place, by decreasing strides.
 
-    A stride is how far the joint turns that turns farthest of three that move: the rates at which
-    the tip rests are the areas that the other two's columns of the Jacobian span. Those of joints
-    that slide are by their units.
+    Each iteration tries all triples of joints in both directions. Within a triple, the joint that
+    turns fastest is the driver. Its rate is the area spanned by the other two joints' Jacobian
+    columns. The best move is taken; if none gains, the stride is halved.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        pattern: Mode combination, shape (n,).
+        w: Working memory, overwritten.
+        q: Posture, changed in place, shape (n,) [rad or m].
+        area: Area in the posture q [m²/s²].
+        stride: First stride [rad]; sliding joints move by as many of their units.
+        last: Stride below which the ascent ends [rad].
+
+    Returns:
+        Area in the final posture [m²/s²].
     """
     n = len(q)
     moved, best = np.empty(n), np.empty(n)
     ahead, up, unit = np.empty(n), np.empty(n), w.unit
     while stride >= last:
         heading, tx, tz = 0.0, 0.0, 0.0
-        for k in range(n):  # offsets of the tip from each joint, that is the columns turned
-            heading += turned(m.turns, q, k)
+        for k in range(n):  # Jacobian columns turned by 90°: tip less joint
+            heading += get_turn_angle(m.turns, q, k)
             along, across = math.cos(heading), math.sin(heading)
             if m.slides[k]:
                 ahead[k], up[k] = across * unit[k], -along * unit[k]
             else:
                 ahead[k], up[k] = x - tx, z - tz
-            length = extended(m.slides, m.link_length, q, k)
+            length = add_extension(m.slides, m.link_length, q, k)
             tx += length * along
             tz += length * across
         gained = area
@@ -202,7 +272,9 @@ def _ascend(
                     else:
                         driver, i, j = c, a, b
                     for sign in (-1.0, 1.0):
-                        if _slide(m, x, z, q, moved, driver, i, j, sign * stride * unit[driver]):
+                        if _move_with_fixed_tip(
+                            m, x, z, q, moved, driver, i, j, sign * stride * unit[driver]
+                        ):
                             there = _area(m, moved, pattern, w)
                             if there > gained * (1.0 + SAME_AREA):
                                 gained = there
@@ -216,25 +288,46 @@ def _ascend(
 
 
 @kernel
-def _leave_out(
+def _exclude_samples(
     sample: FloatArray, value: FloatArray, posture: FloatArray, unit: FloatArray
 ) -> None:
-    """Give samples that lie together with a posture a value below all areas."""
+    """Exclude samples close to a posture as starts of an ascent: their value becomes −1.
+
+    Close means that no joint differs by more than MIN_START_DISTANCE, in the joint's unit.
+
+    Args:
+        sample: Samples, shape (count, n) [rad or m].
+        value: Area of each sample, shape (count,); changed in place.
+        posture: The posture, shape (n,) [rad or m].
+        unit: Unit of each joint, shape (n,) [rad or m].
+    """
     for s in range(len(value)):
-        if np.max(np.abs(sample[s] - posture) / unit) <= APART:
+        if np.max(np.abs(sample[s] - posture) / unit) <= MIN_START_DISTANCE:
             value[s] = -1.0
 
 
 @kernel
-def _best_known(
+def _find_best_known(
     m: MachineArrays,
     pattern: ModeArray,
-    w: _Work,
+    w: _AreaBuffers,
     known: FloatArray,
     best: float,
     q: FloatArray,
 ) -> float:
-    """The largest area of known[k, n], where it exceeds `best`, whose posture is put into q[n]."""
+    """Find the posture of largest polytope area among known ones.
+
+    Args:
+        m: Numeric description of the machine.
+        pattern: Mode combination, shape (n,).
+        w: Working memory, overwritten.
+        known: Postures, shape (k, n) [rad or m].
+        best: Area that must be exceeded [m²/s²].
+        q: Written in place, shape (n,): the posture found; unchanged if none exceeds `best`.
+
+    Returns:
+        The largest area, at least `best` [m²/s²].
+    """
     for posture in known:
         area = _area(m, posture, pattern, w)
         if area > best:
@@ -252,20 +345,33 @@ def largest_polytopes_of_chain(
     posture: FloatArray,
     area: FloatArray,
 ) -> bool:
-    """Posture of largest polytope area at (x, z) m under each pattern, as far as it is found.
+    """Find the posture of largest polytope area at a tip position for each mode combination.
 
-    Written to posture[patterns, n] [rad] and area[patterns] [m²/s²]. Returns False, with both
-    NaN, where no posture is within limits. Oracle: SLSQP from many starts.
+    One set of samples serves all combinations. For each, the area is ascended from the best samples
+    and from the best posture of the combinations before. Then each combination ascends once more,
+    from the best posture of all combinations. The search may miss the largest area. Test oracle:
+    SLSQP from many starts.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        patterns: Mode combinations, shape (patterns, n).
+        posture: Written in place, shape (patterns, n) [rad or m].
+        area: Written in place, shape (patterns,) [m²/s²].
+
+    Returns:
+        False if no posture is within limits; `posture` and `area` are then NaN.
     """
     posture[:] = np.nan
     area[:] = np.nan
     n = len(m.link_length)
-    sample = np.empty((SOLUTIONS, n))
-    count = _samples(m, x, z, sample)
+    sample = np.empty((MAX_CLOSED_CHAINS, n))
+    count = _sample_postures(m, x, z, sample)
     if count == 0:
         return False
-    w = _Work(
-        radians(m),
+    w = _AreaBuffers(
+        compute_radian_equivalents(m),
         flow_scale(m),
         shared_flow(m),
         np.empty(n),
@@ -280,26 +386,26 @@ def largest_polytopes_of_chain(
     for p in range(len(patterns)):
         pattern = patterns[p]
         for s in range(count):
-            value[s] = projected_area(cross[s], w.scale, limit[s], pattern, w.flow)
-        best = _best_known(m, pattern, w, posture[:p], -1.0, posture[p])
+            value[s] = polytope_area_from_limits(cross[s], w.scale, limit[s], pattern, w.flow)
+        best = _find_best_known(m, pattern, w, posture[:p], -1.0, posture[p])
         if p > 0:
-            best = _ascend(m, x, z, pattern, w, posture[p], best, NEAR_STRIDE, ROUGH_STRIDE)
-            _leave_out(sample, value, posture[p], w.unit)
-        for _ in range(STARTS if p == 0 else FURTHER_STARTS):
+            best = _ascend_area(m, x, z, pattern, w, posture[p], best, NEAR_STRIDE, ROUGH_STRIDE)
+            _exclude_samples(sample, value, posture[p], w.unit)
+        for _ in range(FIRST_PATTERN_STARTS if p == 0 else OTHER_PATTERN_STARTS):
             first = np.argmax(value)
             if value[first] < 0.0:
                 break
             q[:] = sample[first]
-            top = _ascend(m, x, z, pattern, w, q, value[first], FIRST_STRIDE, ROUGH_STRIDE)
-            _leave_out(sample, value, sample[first], w.unit)
-            _leave_out(sample, value, q, w.unit)
+            top = _ascend_area(m, x, z, pattern, w, q, value[first], FIRST_STRIDE, ROUGH_STRIDE)
+            _exclude_samples(sample, value, sample[first], w.unit)
+            _exclude_samples(sample, value, q, w.unit)
             if top > best * (1.0 + SAME_AREA):
                 best = top
                 posture[p] = q
         area[p] = best
     for p in range(len(patterns)):
         q[:] = posture[p]
-        best = _best_known(m, patterns[p], w, posture, area[p], q)
+        best = _find_best_known(m, patterns[p], w, posture, area[p], q)
         posture[p] = q
-        area[p] = _ascend(m, x, z, patterns[p], w, posture[p], best, ROUGH_STRIDE, LAST_STRIDE)
+        area[p] = _ascend_area(m, x, z, patterns[p], w, posture[p], best, ROUGH_STRIDE, LAST_STRIDE)
     return True

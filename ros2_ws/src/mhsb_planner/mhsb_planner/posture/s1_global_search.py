@@ -1,13 +1,13 @@
-"""Posture of largest velocity polytope at a tip position, by global search (paper, step S1).
+"""Posture with the largest velocity polytope at a tip position, by global search (paper, step S1).
 
-Chains with more than three joints, or with telescopes, are searched by `s1_chain_search`, three
-joints that turn here.
+This module solves arms of three turning joints. `s1_chain_search` solves longer chains and chains
+with telescopes.
 
-With the tip held, the arm with three joints has one degree of freedom left, the end-link angle
-ψ, on each of two elbow branches. Most maxima lie at the ends of the feasible intervals, which are
-known in closed form; between them the area is sampled and every local maximum refined. Samples
-lie at ψ = middle − half·cos t for equally spaced t, which resolves the square-root behaviour of
-the joint angles at the edge of the reach.
+With the tip held, the arm has one degree of freedom left: the end-link angle ψ, on each of two
+elbow branches. Most maxima lie at the ends of the feasible intervals, which are known in closed
+form. Between them the area is sampled, and every local maximum is refined. Samples lie at ψ =
+middle − half·cos t for equally spaced t. This resolves the square-root behaviour of the joint
+angles at the edge of the reach.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import (
     EmptyTableError,
     InfeasibleGoalError,
@@ -36,44 +36,75 @@ from mhsb_planner.posture.s1_polytope import (
     cross_products,
     flow_limits,
     flow_scale,
-    projected_area,
+    polytope_area_from_limits,
     shared_flow,
     tip_columns,
 )
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
+from mhsb_planner.posture.s1_psi_intervals_3r import (
+    MAX_INTERVALS,
+    find_feasible_intervals,
+    solve_posture_at_psi,
+)
 from mhsb_planner.workers import Jobs, over_ranges
 
 SAMPLES_PER_TURN = 720
-"""Where flow limits change places the area has ridges; with four-bars some are 5 mrad wide."""
+"""Density of the samples [1/turn]. The area has ridges where the active flow limits change; with
+four-bar linkages some are 5 mrad wide.
+"""
 
 LEAST_SAMPLES = 8
+"""Smallest number of steps between the samples of an interval."""
 REFINED_TO = 1e-7
 """Width to which the parameter t of a maximum is narrowed [rad]."""
 
 SAME_AREA = 1e-9
-"""A relative gain in area below this is none: the candidate met first stays, interval ends are
-met before what lies between them, elbow −1 before +1, smaller ψ before larger."""
+"""Relative gain in area that counts as none: the earlier candidate stays.
+
+Interval ends come before inner samples, elbow −1 before +1, and smaller ψ before larger.
+"""
 
 RISE_BETWEEN = 2.0
-"""A local maximum of the samples is refined if the area could be the largest: between samples it
-is taken to rise by at most so many times the drop to the next sample (once, were it concave)."""
+"""Largest rise of the area above a sample, as a factor on the drop to its lower neighbour.
+
+A local maximum of the samples is refined only if the area could become the largest with this rise.
+For a concave area the factor would be 1.
+"""
 
 NODES_PER_TASK = 8
+"""Number of nodes that one task solves."""
 
 PATTERNS_AT_ONCE = 4
-"""Patterns for which the postures at one point are sought between two looks at a deadline."""
+"""Number of mode combinations that are solved between two looks at a deadline."""
 
 Progress = Callable[[int, int], None]
+"""Function that is called with the numbers of finished and of all nodes."""
 Cancelled = Callable[[], bool]
+"""Function that returns whether the work is to be given up."""
 NodeSolver = Callable[[Machine, FloatArray, FloatArray, FloatArray], None]
-"""Fills posture[nodes, patterns, n] and area[nodes, patterns] for the tip positions given as
-float64[nodes, 2], with NaN where there is no posture within limits."""
+"""Function that fills posture[nodes, patterns, n] and area[nodes, patterns] for tip positions.
+
+Its arguments are the machine, the positions, shape (nodes, 2) [m], and both arrays. If no posture
+is within limits, the node's entries are NaN.
+"""
 
 
 @kernel
-def _angle(lower: float, upper: float, t: float) -> float:
-    """ψ = middle − half·cos t, exact at both ends."""
+def _psi_at(lower: float, upper: float, t: float) -> float:
+    """Return the end-link angle at the parameter t of a feasible interval.
+
+        ψ = (lower + upper)/2 − (upper − lower)/2 · cos t
+
+    The ends are exact, without rounding.
+
+    Args:
+        lower: Lower end of the interval [rad].
+        upper: Upper end of the interval [rad].
+        t: Parameter from 0 to π.
+
+    Returns:
+        ψ [rad].
+    """
     if t <= 0.0:
         return lower
     if t >= math.pi:
@@ -82,7 +113,7 @@ def _angle(lower: float, upper: float, t: float) -> float:
 
 
 @kernel
-def _measure(
+def _compute_area_inputs(
     m: MachineArrays,
     x: float,
     z: float,
@@ -92,8 +123,25 @@ def _measure(
     cross: FloatArray,
     limit: FloatArray,
 ) -> bool:
-    """What the area needs of a posture; False where it is not within limits."""
-    if not feasible(m, x, z, psi, elbow, q):
+    """Compute a posture and the two arrays from which its polytope area is computed.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        psi: End-link angle [rad].
+        elbow: Elbow branch, ∓1.
+        q: Posture, written in place, shape (3,) [rad].
+        cross: Cross products C_i × C_j of the tip velocities per piston speed, written in place,
+            shape (3, 3) [-].
+        limit: Largest inlet flows by joint, mode and direction, written in place, shape (3, modes,
+            2) [m³/s].
+
+    Returns:
+        False if the posture does not exist or is not within limits; `cross` and `limit` are then
+        unchanged.
+    """
+    if not solve_posture_at_psi(m, x, z, psi, elbow, q):
         return False
     flow_limits(m, q, limit)
     cross_products(tip_columns(m, q), cross)
@@ -101,7 +149,7 @@ def _measure(
 
 
 @kernel
-def _refine(
+def _maximise_in_interval(
     m: MachineArrays,
     x: float,
     z: float,
@@ -111,7 +159,21 @@ def _refine(
     pattern: ModeArray,
     q: FloatArray,
 ) -> float:
-    """Golden section for the largest area in t ∈ [low, high]; posture written to q."""
+    """Maximise the area over a part of a feasible interval by golden-section search.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        interval: Elbow branch, lower and upper end of ψ [rad], shape (3,).
+        low: Lower end of the parameter t.
+        high: Upper end of the parameter t.
+        pattern: Mode combination, shape (3,).
+        q: Posture of the maximum, written in place, shape (3,) [rad].
+
+    Returns:
+        Area [m²/s²]; −1 if the last candidates are not within limits.
+    """
     n = len(q)
     cross = np.empty((n, n))
     limit = np.empty((n, 3, 2))
@@ -125,10 +187,10 @@ def _refine(
     while True:
         for side in range(2):
             if pending == side or pending == 2:
-                psi = _angle(interval[1], interval[2], t[side])
+                psi = _psi_at(interval[1], interval[2], t[side])
                 area[side] = -1.0
-                if _measure(m, x, z, psi, elbow, q, cross, limit):
-                    area[side] = projected_area(cross, scale, limit, pattern, flow)
+                if _compute_area_inputs(m, x, z, psi, elbow, q, cross, limit):
+                    area[side] = polytope_area_from_limits(cross, scale, limit, pattern, flow)
         if high - low < REFINED_TO:
             break
         if area[0] >= area[1]:
@@ -138,7 +200,7 @@ def _refine(
             low, t[0], area[0], pending = t[0], t[1], area[1], 1
             t[1] = low + ratio * (high - low)
     best = 0 if area[0] >= area[1] else 1
-    feasible(m, x, z, _angle(interval[1], interval[2], t[best]), elbow, q)
+    solve_posture_at_psi(m, x, z, _psi_at(interval[1], interval[2], t[best]), elbow, q)
     return area[best]
 
 
@@ -151,15 +213,26 @@ def largest_polytopes_3r(
     posture: FloatArray,
     area: FloatArray,
 ) -> bool:
-    """Posture of largest polytope area at (x, z) m under each pattern.
+    """Find the posture of largest polytope area at a tip position for each mode combination.
 
-    Written to posture[patterns, 3] [rad] and area[patterns] [m²/s²]. Returns False, with both
-    NaN, where no posture is within limits. Oracle: a dense scan of ψ on both branches.
+    The arm has three turning joints. Interval ends and samples of ψ are compared, and local maxima
+    that could be the largest are refined. Test oracle: a dense scan of ψ on both branches.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        patterns: Mode combinations, shape (patterns, 3).
+        posture: Written in place, shape (patterns, 3) [rad].
+        area: Written in place, shape (patterns,) [m²/s²].
+
+    Returns:
+        False if no posture is within limits; `posture` and `area` are then NaN.
     """
     posture[:] = np.nan
     area[:] = np.nan
     interval = np.empty((MAX_INTERVALS, 3))
-    intervals = feasible_intervals(m, x, z, interval)
+    intervals = find_feasible_intervals(m, x, z, interval)
     if intervals == 0:
         return False
 
@@ -179,8 +252,10 @@ def largest_polytopes_3r(
         steps = first[i + 1] - first[i] - 1
         for s in range(first[i], first[i + 1]):
             t = math.pi * ((s - first[i]) / steps)
-            psi = _angle(interval[i, 1], interval[i, 2], t)
-            valid[s] = _measure(m, x, z, psi, int(interval[i, 0]), q, cross[s], limit[s])
+            psi = _psi_at(interval[i, 1], interval[i, 2], t)
+            valid[s] = _compute_area_inputs(
+                m, x, z, psi, int(interval[i, 0]), q, cross[s], limit[s]
+            )
             q_at[s] = q
 
     scale = flow_scale(m)
@@ -191,7 +266,7 @@ def largest_polytopes_3r(
         for s in range(samples):
             value[s] = -1.0
             if valid[s]:
-                value[s] = projected_area(cross[s], scale, limit[s], patterns[p], flow)
+                value[s] = polytope_area_from_limits(cross[s], scale, limit[s], patterns[p], flow)
         for i in range(intervals):
             for s in (first[i], first[i + 1] - 1):
                 if value[s] > best * (1.0 + SAME_AREA):
@@ -218,7 +293,7 @@ def largest_polytopes_3r(
                 step = math.pi / (last - first[i])
                 low = step * max(s - first[i] - 1, 0)
                 high = step * min(s - first[i] + 1, last - first[i])
-                refined = _refine(m, x, z, interval[i], low, high, patterns[p], q)
+                refined = _maximise_in_interval(m, x, z, interval[i], low, high, patterns[p], q)
                 if refined > best * (1.0 + SAME_AREA):
                     best = refined
                     posture[p] = q
@@ -234,7 +309,21 @@ def largest_polytopes(
     posture: FloatArray,
     area: FloatArray,
 ) -> bool:
-    """`largest_polytopes_3r` or, where more joints move or some slide, that of any chain."""
+    """Find the posture of largest polytope area at a tip position for each mode combination.
+
+    Calls the solver for three turning joints or the one for any other chain.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        patterns: Mode combinations, shape (patterns, n).
+        posture: Written in place, shape (patterns, n) [rad or m].
+        area: Written in place, shape (patterns,) [m²/s²].
+
+    Returns:
+        False if no posture is within limits; `posture` and `area` are then NaN.
+    """
     solve = largest_polytopes_3r if machine.is_3r else largest_polytopes_of_chain
     return bool(solve(machine.arrays, x, z, patterns, posture, area))
 
@@ -242,17 +331,26 @@ def largest_polytopes(
 def search_globally(
     machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
 ) -> None:
-    """The `NodeSolver` of this module."""
+    """Fill a posture table by global search; the default `NodeSolver`.
+
+    Args:
+        machine: The arm in its plane.
+        position: Tip positions, shape (nodes, 2) [m].
+        posture: Written in place, shape (nodes, patterns, n) [rad or m]; NaN if no posture is
+            within limits.
+        area: Written in place, shape (nodes, patterns) [m²/s²]; NaN in the same entries.
+    """
     for i, (x, z) in enumerate(position.tolist()):
         largest_polytopes(machine, x, z, machine.patterns, posture[i], area[i])
 
 
 @dataclass(frozen=True, eq=False)
 class PointPostures:
-    """Postures of largest polytope at one tip position: what the table holds for a node.
+    """Postures of largest polytope at one tip position, as a table holds them for a node.
 
-    posture  float64[patterns, n], rad
-    area     float64[patterns], m²/s²
+    Attributes:
+        posture: Posture for each mode combination, shape (patterns, n) [rad or m].
+        area: Area of the velocity polytope, shape (patterns,) [m²/s²].
     """
 
     posture: FloatArray
@@ -260,21 +358,30 @@ class PointPostures:
 
 
 def postures_at(
-    machine: Machine, x: float, z: float, deadline: Deadline = NEVER
+    machine: Machine, x: float, z: float, deadline: Deadline = NO_DEADLINE
 ) -> PointPostures:
-    """Postures of largest polytope at any point (x, z) m, on the grid or off it.
+    """Find the postures of largest polytope at any tip position, on the grid or off it.
 
-    Raises InfeasibleGoalError where no posture is within limits, DeadlineError.
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        deadline: Instant after which the search is given up.
+
+    Returns:
+        Posture [rad or m] and polytope area [m²/s²] for each mode combination of the machine.
+
+    Raises:
+        InfeasibleGoalError: No posture is within limits.
+        DeadlineError: The deadline passed before all combinations were solved.
     """
     patterns = machine.patterns
     posture, area = np.empty(patterns.shape), np.empty(len(patterns))
-    at_once = len(patterns) if deadline == NEVER else PATTERNS_AT_ONCE
+    at_once = len(patterns) if deadline == NO_DEADLINE else PATTERNS_AT_ONCE
     for first in range(0, len(patterns), at_once):
         deadline.check("the search for the goal's postures")
         part = slice(first, first + at_once)
-        if not largest_polytopes(
-            machine, x, z, patterns[part], posture[part], area[part]
-        ):
+        if not largest_polytopes(machine, x, z, patterns[part], posture[part], area[part]):
             raise InfeasibleGoalError(x, z)
     return PointPostures(frozen(posture), frozen(area))
 
@@ -287,19 +394,34 @@ def build_posture_table(
     cancelled: Cancelled | None = None,
     solver: NodeSolver = search_globally,
 ) -> PostureTable:
-    """Posture table of a machine, in its plane, on a grid with the given spacing [m], or its own.
+    """Build the posture table of a machine in its plane.
 
-    jobs: threads, or a cluster; the result does not depend on them. progress(done, total) is told
-    the nodes, cancelled() is asked between tasks.
-    Raises RequestError for a useless spacing, PlanningCancelledError, ClusterError, and
-    EmptyTableError where no node has a posture.
+    Nodes are solved in threads or by a cluster; the result does not depend on which, nor on their
+    number.
+
+    Args:
+        machine: The machine.
+        spacing: Grid spacing [m]; None: the machine's own.
+        jobs: Number of threads, or a cluster; None: one thread for each processor.
+        progress: Called with the numbers of finished and of all nodes after each task.
+        cancelled: Called after each task; if it returns true, the work is given up.
+        solver: Function that finds the postures.
+
+    Returns:
+        The table; entries of nodes without a posture within limits are NaN.
+
+    Raises:
+        RequestError: The spacing or the number of jobs is out of range.
+        PlanningCancelledError: `cancelled` returned true.
+        ClusterError: The cluster cannot be used.
+        EmptyTableError: No node has a posture within limits.
     """
-    machine, spacing = machine.plane, machine.spacing if spacing is None else spacing
+    machine, spacing = machine.planar_arm, machine.spacing if spacing is None else spacing
     nodes = grid_nodes(machine, spacing)
     position = nodes.astype(np.float64) * spacing
     posture = np.empty((len(nodes), *machine.patterns.shape))
     area = np.empty((len(nodes), len(machine.patterns)))
-    work = partial(_solved, solver, machine, position)
+    work = partial(_solve_nodes, solver, machine, position)
     done = 0
     with closing(over_ranges(work, len(nodes), NODES_PER_TASK, jobs)) as parts:
         for posture_part, area_part in parts:
@@ -312,7 +434,7 @@ def build_posture_table(
                 raise PlanningCancelledError("building the posture table")
     table = PostureTable(
         machine_name=machine.name,
-        machine_hash=machine.hash,
+        machine_hash=machine.table_hash,
         spacing=spacing,
         nodes=nodes,
         patterns=machine.patterns,
@@ -324,10 +446,22 @@ def build_posture_table(
     return table
 
 
-def _solved(
+def _solve_nodes(
     solver: NodeSolver, machine: Machine, position: FloatArray, begin: int, end: int
 ) -> tuple[FloatArray, FloatArray]:
-    """What the solver finds for some of the positions."""
+    """Find the postures of largest polytope area at a range of the nodes.
+
+    Args:
+        solver: Function that finds the postures.
+        machine: The arm in its plane.
+        position: Tip positions of all nodes, shape (nodes, 2) [m].
+        begin: Index of the first node to solve.
+        end: Index after the last node to solve.
+
+    Returns:
+        Postures, shape (end - begin, patterns, n) [rad or m], and areas, shape (end - begin,
+        patterns) [m²/s²].
+    """
     posture = np.empty((end - begin, *machine.patterns.shape))
     area = np.empty((end - begin, len(machine.patterns)))
     solver(machine, position[begin:end], posture, area)
@@ -335,6 +469,6 @@ def _solved(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module."""
+    """Compile the kernels of this module by a call without any mode combination."""
     n, none = machine.joint_count, machine.patterns[:0]
     largest_polytopes(machine, 0.0, 0.0, none, np.empty((0, n)), np.empty(0))

@@ -1,9 +1,11 @@
-"""How good a posture table is: random entries of it against the paper's solver from many starts.
+"""Quality of a posture table: random entries compared with the paper's solver from many starts.
 
-Of N entries let k be smaller than what SLSQP finds, by more than ALLOWED. The share of such entries
-in the whole table then is, with CONFIDENCE, at most the share p with P(at most k of N) = 1 −
-CONFIDENCE: a quantile of the beta distribution, 1 − (1 − CONFIDENCE)^(1/N) for k = 0. Source:
-C. J. Clopper, E. S. Pearson, The Use of Confidence or Fiducial Limits, 1934.
+An entry is short if its area is smaller than SLSQP's by more than MAX_AREA_SHORTFALL. If k of N
+random entries are short, the share of short entries in the whole table is at most p, with
+CONFIDENCE_LEVEL. p solves P(at most k of N) = 1 − CONFIDENCE_LEVEL: a quantile of the beta
+distribution, and 1 − (1 − CONFIDENCE_LEVEL)^(1/N) for k = 0.
+
+Source: C. J. Clopper, E. S. Pearson, The Use of Confidence or Fiducial Limits, 1934.
 """
 
 from __future__ import annotations
@@ -18,62 +20,76 @@ from mhsb_model.machine import Machine
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
 
-STARTS = 30
-ALLOWED = 1e-3
-"""An entry that lacks more of what SLSQP finds, as a share of its area, is short."""
+SLSQP_STARTS = 30
+"""Number of random starts of SLSQP for each entry."""
+MAX_AREA_SHORTFALL = 1e-3
+"""Relative shortfall of an entry's area behind SLSQP's, above which the entry is short."""
 
-CONFIDENCE = 0.95
+CONFIDENCE_LEVEL = 0.95
+"""Confidence of the upper bound on the share of short entries."""
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """What came of it.
+class TableComparison:
+    """Comparison of random table entries with SLSQP.
 
-    entries      that were judged
-    short        of these, those that are short
-    worst_ratio  least area over SLSQP's
+    Attributes:
+        entries: Number of entries compared.
+        short_entries: Number of entries that are short.
+        worst_ratio: Least ratio of an entry's area to SLSQP's.
     """
 
     entries: int
-    short: int
+    short_entries: int
     worst_ratio: float
 
     @property
-    def most_short(self) -> float:
-        """With CONFIDENCE, no greater share of all entries is short."""
-        if self.short == self.entries:
+    def short_share_bound(self) -> float:
+        """Upper bound on the share of short entries in the table, with CONFIDENCE_LEVEL."""
+        if self.short_entries == self.entries:
             return 1.0
-        return float(beta.ppf(CONFIDENCE, self.short + 1, self.entries - self.short))
+        return float(
+            beta.ppf(CONFIDENCE_LEVEL, self.short_entries + 1, self.entries - self.short_entries)
+        )
 
     @property
     def sentence(self) -> str:
-        """All of it, for people."""
+        """The result as one sentence for people."""
         return (
-            f"of {self.entries} random entries {self.short} are short of what SLSQP finds from "
-            f"{STARTS} starts by more than {100 * ALLOWED:g} % (the least has "
-            f"{self.worst_ratio:.9f} of it): with {100 * CONFIDENCE:g} % confidence at most "
-            f"{100 * self.most_short:.2g} % of all entries are"
+            f"of {self.entries} random entries {self.short_entries} are short of what SLSQP finds "
+            f"from {SLSQP_STARTS} starts by more than {100 * MAX_AREA_SHORTFALL:g} % (the least "
+            f"has {self.worst_ratio:.9f} of it): with {100 * CONFIDENCE_LEVEL:g} % confidence at "
+            f"most {100 * self.short_share_bound:.2g} % of all entries are"
         )
 
 
-def judged(
+def compare_with_slsqp(
     machine: Machine,
     table: PostureTable,
     entries: int,
     seed: int = 0,
     progress: Callable[[int], object] = lambda done: None,
-) -> Judgement:
-    """So many random entries of a table judged; the same seed gives the same entries.
+) -> TableComparison:
+    """Compare random entries of a posture table with SLSQP from many starts.
 
-    machine   in its plane
-    progress  called with the number of entries done
+    Args:
+        machine: The arm in its plane.
+        table: The table.
+        entries: Number of random entries; an entry may occur more than once.
+        seed: Seed of the random choice of nodes and mode combinations.
+        progress: Called with the number of finished entries.
+
+    Returns:
+        Number of entries, number of those whose area is short of SLSQP's by more than
+        MAX_AREA_SHORTFALL, and least ratio of the two areas. An entry for which SLSQP finds nothing
+        counts as equal.
     """
     random, ratios = np.random.default_rng(seed), []
     for done, node in enumerate(random.choice(np.flatnonzero(table.feasible), entries), start=1):
         p = int(random.integers(len(table.patterns)))
         x, z = (table.nodes[node] * table.spacing).tolist()
-        found = largest_by_slsqp(machine, x, z, table.patterns[p], seed=p, starts=STARTS)
+        found = largest_by_slsqp(machine, x, z, table.patterns[p], seed=p, starts=SLSQP_STARTS)
         ratios.append(1.0 if found is None else float(table.area[node, p]) / found[1])
         progress(done)
-    short = sum(ratio < 1.0 - ALLOWED for ratio in ratios)
-    return Judgement(entries, short, min(ratios))
+    short = sum(ratio < 1.0 - MAX_AREA_SHORTFALL for ratio in ratios)
+    return TableComparison(entries, short, min(ratios))

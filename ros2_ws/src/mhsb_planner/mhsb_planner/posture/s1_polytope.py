@@ -1,17 +1,19 @@
 """Area of the end-effector velocity polytope, the objective of the posture table.
 
-Admissible piston speeds v of a posture under a mode pattern (paper, Section 2.1):
+The admissible piston speeds v of a posture in a mode combination are (paper, Section 2.1)
 
     −V_ret,j ≤ v_j ≤ V_ext,j                valve, and for boosted joints the servo pumps
     Σ_j A_dir,j |v_j| ≤ Q_MP − n q_leak     main pump, boosted flow included
 
-with A_dir the cap area A in extension and the rod-side area a in retraction. The tip moves at
-Σ_j C_j v_j, C_j = J_j / r_j, so the polytope is the image of that body under a 2×n matrix. A
-boosted joint's valve limits are those at the highest boost pressure: what the mode can do. All
-valves leak as at P_S, as the paper has it: areas compare postures; what a motion may take of the
-main pump, boosted leakage included, is checked in S2 and S3.
-Where the load exceeds even that, the joint moves one way only and the polytope stays defined;
-as in the paper such a posture is not excluded here, its steps against the load are.
+with A_dir the cap-side area A in extension and the rod-side area a in retraction. The tip velocity
+is Σ_j C_j v_j with C_j = J_j / r_j, so the polytope is the image of that body under a 2×n matrix.
+
+A boosted joint's valve limits are taken at the highest boost pressure, as the capability of the
+mode. As in the paper, all valves leak as at P_S, since areas only compare postures. The graph
+search (S2) and the trajectory (S3) check the real demand on the main pump, boosted leakage
+included. If the load exceeds even the highest boost pressure, the joint moves in one direction only
+and the polytope stays defined. As in the paper such a posture is not excluded here; its steps
+against the load are.
 """
 
 from __future__ import annotations
@@ -30,14 +32,25 @@ from mhsb_model.modes import MODE_COUNT
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
-APART = 1e-12
+COLUMN_PERTURBATION = 1e-12
+"""Size by which tip columns are moved, so that no two joints have exactly equal rank [-]."""
 
 
 @kernel
 def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
-    """Largest inlet flow of every joint, written to limit[n, mode, extension|retraction] [m³/s].
+    """Compute the largest inlet flow of every joint in every mode and direction.
 
-    N: A_dir v_valve(P_S); boosted: min(A_dir v_valve(p_boost), modules · Q_SP).
+        mode N:   A_dir v_valve(P_S)
+        boosted:  min(A_dir v_valve(p_boost), modules · Q_SP)
+
+    A_dir is the piston area at the inlet, v_valve the largest speed that the valve allows at a
+    supply pressure under the gravity load. p_boost is the highest boost pressure, and Q_SP the flow
+    of one servo pump.
+
+    Args:
+        m: Numeric description of the machine.
+        q: Posture, shape (n,) [rad or m].
+        limit: Written in place, shape (n, modes, 2) [m³/s]; last index 0: extension, 1: retraction.
     """
     n = len(q)
     force = np.empty(n)
@@ -49,11 +62,21 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
 
 @kernel(borrows=True)
 def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
-    """Largest inlet flow of joint j in a mode under a force [N], extending, retracting [m³/s]."""
-    oil, cap, rod = hydraulics.oil_of(m), m.cap_area[j], m.rod_area[j]
+    """Compute the largest inlet flow of one joint in a mode under a given load.
+
+    Args:
+        m: Numeric description of the machine.
+        j: Index of the joint.
+        mode: Mode code.
+        force: Piston force F, positive if it resists extension [N].
+
+    Returns:
+        Largest flow in extension and in retraction [m³/s].
+    """
+    oil, cap, rod = hydraulics.get_shared_hydraulics(m), m.cap_area[j], m.rod_area[j]
     k, tank, modules = m.valve_coefficient[j], m.tank_pressure, m.modules_per_mode[mode]
-    supply = hydraulics.highest_supply(oil, modules)
-    pumped = hydraulics.highest_flow(oil, modules)
+    supply = hydraulics.get_max_supply_pressure(oil, modules)
+    pumped = hydraulics.get_max_servo_pump_flow(oil, modules)
     out = cap * hydraulics.extension_speed(k, cap, rod, supply, tank, force)
     back = rod * hydraulics.retraction_speed(k, cap, rod, supply, tank, force)
     return min(out, pumped), min(back, pumped)
@@ -61,7 +84,15 @@ def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float
 
 @kernel
 def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """C_j = J_j / r_j, tip velocity per piston speed, float64[2, n] [-]."""
+    """Compute the tip velocity per piston speed, C_j = J_j / r_j.
+
+    Args:
+        m: Numeric description of the machine.
+        q: Posture, shape (n,) [rad or m].
+
+    Returns:
+        Columns C_j, shape (2, n) [-]; rows x and z.
+    """
     columns = kinematics.tip_jacobian(m, q)
     for j in range(len(q)):
         arm = moment_arm(m.linkage[j], q[j])
@@ -72,38 +103,55 @@ def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel
 def cross_products(columns: FloatArray, cross: FloatArray) -> None:
-    """C_i × C_j of all pairs of columns [-], written to cross[n, n], exactly antisymmetric.
+    """Compute C_i × C_j for all pairs of tip columns, exactly antisymmetric.
 
-    Each column is moved by its own few 10⁻¹² (`APART`), in different directions, so that joints
-    that come in exactly equal order anywhere have one order, the same wherever it is asked for.
+    Each column is first moved by its own few 10⁻¹² (COLUMN_PERTURBATION), in a direction of its
+    own. Joints of exactly equal rank then have a definite order, which is the same at every call.
+
+    Args:
+        columns: Tip velocity per piston speed, shape (2, n) [-].
+        cross: Written in place, shape (n, n) [-].
     """
     n = columns.shape[1]
     for i in range(n):
         cross[i, i] = 0.0
-        xi, zi = columns[0, i] + APART * (i + 1), columns[1, i] + APART * (i + 1) ** 2
+        xi, zi = (
+            columns[0, i] + COLUMN_PERTURBATION * (i + 1),
+            columns[1, i] + COLUMN_PERTURBATION * (i + 1) ** 2,
+        )
         for j in range(i + 1, n):
-            xj, zj = columns[0, j] + APART * (j + 1), columns[1, j] + APART * (j + 1) ** 2
+            xj, zj = (
+                columns[0, j] + COLUMN_PERTURBATION * (j + 1),
+                columns[1, j] + COLUMN_PERTURBATION * (j + 1) ** 2,
+            )
             cross[i, j] = xi * zj - zi * xj
             cross[j, i] = -cross[i, j]
 
 
 @kernel
-def projected_area(
+def polytope_area_from_limits(
     cross: FloatArray, scale: FloatArray, limit: FloatArray, pattern: ModeArray, flow: float
 ) -> float:
-    """Area of the polytope, for any number of joints [m²/s²].
+    """Compute the area of the velocity polytope for any number of joints.
 
-    cross    float64[n, n], C_i × C_j
-    scale    float64[n, 2], piston speed per inlet flow: 1/A extending, −1/a retracting [1/m²]
-    limit    float64[n, modes, 2], largest flow by mode and direction [m³/s]
-    pattern  uint8[n], mode of every joint
-    flow     what the main pump gives all joints together [m³/s]
+    Each boundary point is the tip velocity farthest in a direction d. It results from distributing
+    the flow greedily to the joints, in the order of w_j = d·C_j scale_j. An edge lies where that
+    order changes: one joint reverses (w_j = 0), or two joints exchange flow (w_i = w_j > 0). With p
+    an end point of the edge vector e, the area is
 
-    Around the boundary the flow is dealt out greedily, in the order of w_j = d·C_j scale_j for
-    the outward normal d. An edge is where that order changes: one joint turns round (w_j = 0),
-    or two joints trade flow (w_i = w_j > 0). With p a corner of the edge e, the area is
-    ½ Σ |p × e|, in any order of the edges.
-    Oracle: half-space intersection and convex hull.
+        ½ Σ |p × e|
+
+    over all edges, in any order. Test oracle: half-space intersection and convex hull.
+
+    Args:
+        cross: Cross products C_i × C_j of the tip columns, shape (n, n).
+        scale: Piston speed per inlet flow, shape (n, 2) [1/m²]: 1/A extending, −1/a retracting.
+        limit: Largest inlet flow by joint, mode and direction, shape (n, modes, 2) [m³/s].
+        pattern: Mode of every joint, shape (n,).
+        flow: Flow that the main pump gives all joints together [m³/s].
+
+    Returns:
+        Area [m²/s²].
     """
     n = len(pattern)
     twice = 0.0
@@ -136,7 +184,7 @@ def projected_area(
                             continue
                         lever = sj * cross[k, j] - si * cross[k, i]
                         d = 0 if (lever > 0.0) == upright else 1
-                        if _above(cross, i, j, k, si, sj, scale[k, d], upright):
+                        if _precedes_pair(cross, i, j, k, si, sj, scale[k, d], upright):
                             used = limit[k, pattern[k], d]
                             rest -= used
                             height += used * scale[k, d] * lever
@@ -149,13 +197,34 @@ def projected_area(
 
 
 @kernel
-def _above(
-    cross: FloatArray, i: int, j: int, k: int, si: float, sj: float, sk: float, upright: bool
+def _precedes_pair(
+    cross: FloatArray,
+    i: int,
+    j: int,
+    k: int,
+    si: float,
+    sj: float,
+    sk: float,
+    pair_is_positive: bool,
 ) -> bool:
-    """Whether joint k comes before i and j where these two are equal: w_k > w_i = w_j; i < j.
+    """Return whether joint k takes its flow before the pair of joints i and j.
 
-    By the orientation of the three points C s, summed in the order of their indices so that all
-    three pairs of one triple decide alike.
+    The pair has equal rank in the greedy order; the question is w_k > w_i = w_j. It is decided by
+    the orientation of the three points C s. The products are summed in index order, so that all
+    three pairs of a triple decide consistently.
+
+    Args:
+        cross: Cross products of the tip columns, shape (n, n).
+        i: Index of the first joint of the pair.
+        j: Index of the second joint of the pair, above i.
+        k: Index of the joint to compare.
+        si: Piston speed per inlet flow of joint i in its direction [1/m²].
+        sj: Piston speed per inlet flow of joint j in its direction [1/m²].
+        sk: Piston speed per inlet flow of joint k in its direction [1/m²].
+        pair_is_positive: Whether si sj (C_i × C_j) is positive.
+
+    Returns:
+        True if joint k comes first.
     """
     ij, jk, ki = si * sj * cross[i, j], sj * sk * cross[j, k], sk * si * cross[k, i]
     if k > j:
@@ -164,12 +233,19 @@ def _above(
         left_turn = ((-ki) + (-jk)) + (-ij) < 0.0
     else:
         left_turn = (ki + ij) + jk >= 0.0
-    return left_turn != upright
+    return left_turn != pair_is_positive
 
 
 @kernel
 def flow_scale(m: MachineArrays) -> FloatArray:
-    """Piston speed per inlet flow, float64[n, 2]: 1/A extending, −1/a retracting [1/m²]."""
+    """Return the piston speed per inlet flow of every joint.
+
+    Args:
+        m: Numeric description of the machine.
+
+    Returns:
+        1/A extending and −1/a retracting, shape (n, 2) [1/m²].
+    """
     n = len(m.cap_area)
     scale = np.empty((n, 2))
     for j in range(n):
@@ -180,23 +256,34 @@ def flow_scale(m: MachineArrays) -> FloatArray:
 
 @kernel(borrows=True)
 def shared_flow(m: MachineArrays) -> float:
-    """Q_MP − n q_leak: what the main pump gives all cylinders together [m³/s]."""
+    """Return the flow that the main pump gives all cylinders together, Q_MP − n q_leak [m³/s]."""
     return m.main_pump_flow - len(m.cap_area) * m.leakage_flow
 
 
 @kernel
 def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
-    """Kernel of `polytope_area`."""
+    """Compute the area of the velocity polytope in a posture.
+
+    It is the kernel of `polytope_area`.
+
+    Args:
+        m: Numeric description of the machine.
+        q: Posture, shape (n,) [rad or m].
+        pattern: Mode of every joint, shape (n,).
+
+    Returns:
+        Area [m²/s²].
+    """
     n = len(q)
     limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
     flow_limits(m, q, limit)
     cross_products(tip_columns(m, q), cross)
-    return projected_area(cross, flow_scale(m), limit, pattern, shared_flow(m))
+    return polytope_area_from_limits(cross, flow_scale(m), limit, pattern, shared_flow(m))
 
 
 def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
-    """Area of the end-effector velocity polytope in posture q [rad] under a pattern [m²/s²]."""
+    """Return the velocity polytope's area in posture q [rad] for a mode combination [m²/s²]."""
     return float(posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
 
 
@@ -204,6 +291,14 @@ def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
 def _posture_areas(
     m: MachineArrays, posture: FloatArray, patterns: ModeArray, area: FloatArray
 ) -> None:
+    """Compute the areas of the velocity polytopes of many postures.
+
+    Args:
+        m: Numeric description of the machine.
+        posture: Postures, shape (k, n) [rad or m]; NaN gives NaN.
+        patterns: Mode combinations, shape (patterns, n).
+        area: Written in place, shape (k, patterns) [m²/s²].
+    """
     n = posture.shape[1]
     limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
@@ -216,13 +311,19 @@ def _posture_areas(
         flow_limits(m, posture[i], limit)
         cross_products(tip_columns(m, posture[i]), cross)
         for p in range(len(patterns)):
-            area[i, p] = projected_area(cross, scale, limit, patterns[p], flow)
+            area[i, p] = polytope_area_from_limits(cross, scale, limit, patterns[p], flow)
 
 
 def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -> FloatArray:
-    """Areas of `posture` float64[k, n] [rad] under each pattern, float64[k, patterns] [m²/s²].
+    """Compute the areas of the velocity polytopes of many postures.
 
-    NaN for a posture that is not a number.
+    Args:
+        machine: The arm in its plane.
+        posture: Postures, shape (k, n) [rad or m].
+        patterns: Mode combinations, shape (patterns, n).
+
+    Returns:
+        Area by posture and mode combination, shape (k, patterns) [m²/s²]; NaN for a posture of NaN.
     """
     area = np.empty((len(posture), len(patterns)))
     _posture_areas(machine.arrays, frozen(posture), frozen(patterns), area)
@@ -230,9 +331,18 @@ def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -
 
 
 def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
-    """Corners of the body of admissible piston speeds in posture q [rad], float64[corners, n] m/s.
+    """List the corners of the body of admissible piston speeds in a posture.
 
-    One for each of the 2ⁿ orthants and the n! orders in which the joints take flow; some coincide.
+    There is one for each of the 2ⁿ orthants and each of the n! orders in which the joints take
+    flow.
+
+    Args:
+        machine: The arm in its plane.
+        q: Posture, shape (n,) [rad or m].
+        pattern: Mode of every joint, shape (n,).
+
+    Returns:
+        Piston speeds, shape (2ⁿ n!, n) [m/s]; some coincide.
     """
     q = np.array(q, dtype=np.float64)
     n = len(q)
@@ -253,19 +363,42 @@ def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) ->
 
 
 def polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
-    """Corners of the polytope, counter-clockwise, float64[corners, 2] (ẋ, ż) [m/s].
+    """Return the vertices of the polytope of tip velocities, counter-clockwise.
 
-    The hull of C v over the corners of the body of admissible piston speeds.
+    The polytope is the convex hull of C v over the corners of the body of admissible piston speeds.
+
+    Args:
+        machine: The arm in its plane.
+        q: Posture, shape (n,) [rad or m].
+        pattern: Mode of every joint, shape (n,).
+
+    Returns:
+        Tip velocities (ẋ, ż), shape (vertices, 2) [m/s].
     """
     columns = tip_columns(machine.arrays, np.array(q, dtype=np.float64))
-    return _hull(piston_speed_corners(machine, q, pattern) @ columns.T)
+    return _convex_hull(piston_speed_corners(machine, q, pattern) @ columns.T)
 
 
-def _hull(points: FloatArray) -> FloatArray:
-    """Convex hull of points in the plane, counter-clockwise (Andrew's monotone chain)."""
+def _convex_hull(points: FloatArray) -> FloatArray:
+    """Return the convex hull of points in the plane, by Andrew's monotone chain.
+
+    Args:
+        points: Points, shape (k, 2).
+
+    Returns:
+        Vertices, counter-clockwise, shape (vertices, 2).
+    """
     ordered = sorted({(float(x), float(y)) for x, y in points})
 
-    def chain(sequence: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    def half_hull(sequence: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Return one half of the hull over sorted points, without its last point.
+
+        Args:
+            sequence: Points in ascending order for the lower half, descending for the upper half.
+
+        Returns:
+            Vertices at which the hull turns left.
+        """
         kept: list[tuple[float, float]] = []
         for p in sequence:
             while len(kept) > 1 and not _turns_left(kept[-2], kept[-1], p):
@@ -273,14 +406,15 @@ def _hull(points: FloatArray) -> FloatArray:
             kept.append(p)
         return kept[:-1]
 
-    return np.array(chain(ordered) + chain(ordered[::-1]))
+    return np.array(half_hull(ordered) + half_hull(ordered[::-1]))
 
 
 def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+    """Return whether the way from a over b to c turns left, by more than rounding."""
     cross = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return cross > 1e-12 * math.dist(a, b) * math.dist(a, c)
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module."""
+    """Compile the kernels of this module by one call."""
     polytope_area(machine, machine.arrays.joint_min, machine.patterns[0])

@@ -1,8 +1,8 @@
-"""The posture table: for every node of the grid and every mode pattern, the posture to take.
+"""Posture table: the posture to take at every grid node in every mode combination.
 
-Stored as one npz file: the arrays and a JSON header with the schema version, the machine's name
-and hash, and the spacing. A file is written beside its place and renamed, so that a table is
-there whole or not at all.
+It is stored as one npz file with the arrays and a JSON header, which holds the schema version, the
+machine's name and hash, and the spacing. A file is written under a temporary name and renamed, so
+that it is always complete.
 """
 
 from __future__ import annotations
@@ -20,42 +20,50 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.errors import TableError
-from mhsb_planner.posture.npz_reader import UNREADABLE, ArchiveTooLargeError, read_arrays
+from mhsb_planner.posture.npz_reader import DAMAGED_FILE_ERRORS, ArchiveTooLargeError, read_arrays
 
 SCHEMA_VERSION = 1
-KINDS = {
+"""Version of the file format."""
+ARRAY_DTYPES = {
     "header": r"<U\d{1,4}",
     "nodes": "<i8",
     "patterns": r"\|u1",
     "posture": "<f8",
     "area": "<f8",
 }
-"""Arrays of a file and their dtypes; the header has at most 9999 characters, NumPy's own 300."""
+"""Arrays of a file with the regular expressions of their dtypes; the header has at most 9999
+characters.
+"""
 
 ARRAY_NAMES = ("nodes", "patterns", "posture", "area")
+"""Names of the arrays of numbers in a file."""
 LARGEST_TABLE = 2**30
-"""Bytes, unpacked; that of the suite's own machine has half a million."""
+"""Largest accepted unpacked size of a file [B]; the suite's own machine needs half a million."""
 
 LONGEST_SHOWN = 80
-"""Characters of a header's value that are kept and repeated: a hash has 64."""
+"""Number of characters of a header's value that are kept and shown; a hash has 64."""
 
 SMALLEST_SPACING = 1e-4
-"""Of a grid [m]; machine files have 5 mm at least."""
+"""Smallest accepted grid spacing of a file [m]; machine files have at least 5 mm."""
 
 LARGEST_EXCESS = 1e-6
-"""By how much a table's posture may be beyond a joint limit, by rounding [rad, m]."""
+"""Largest distance of a table's posture beyond a joint limit, for rounding [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PostureTable:
-    """Postures of largest velocity polytope (paper, step S1) for n joints.
+    """Postures of largest velocity polytope (paper, step S1).
 
-    machine_name, machine_hash  whom the table was made for
-    spacing   grid spacing [m]
-    nodes     int64[nodes, 2], tip positions (x, z) in units of the spacing
-    patterns  uint8[patterns, n], mode codes
-    posture   float64[nodes, patterns, n], rad; NaN where a node has no posture within limits
-    area      float64[nodes, patterns], of the velocity polytope [m²/s²]; NaN likewise
+    Attributes:
+        machine_name: Name of the machine for which the table was made.
+        machine_hash: Hash of that machine in its plane.
+        spacing: Grid spacing [m].
+        nodes: Tip positions (x, z) in units of the spacing, int64, shape (nodes, 2).
+        patterns: Mode combinations, uint8, shape (patterns, n).
+        posture: Posture by node and mode combination, shape (nodes, patterns, n) [rad or m]; NaN if
+            a node has no posture within limits.
+        area: Area of the velocity polytope, shape (nodes, patterns) [m²/s²]; NaN if there is no
+            posture.
     """
 
     machine_name: str
@@ -67,28 +75,45 @@ class PostureTable:
     area: FloatArray
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         for name in ARRAY_NAMES:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def feasible(self) -> np.ndarray:
-        """Whether a node has a posture within limits, bool[nodes]."""
+        """Mask of the nodes that have a posture within limits, bool, shape (nodes,)."""
         return np.isfinite(self.area[:, 0])
 
     @property
     def entries(self) -> int:
-        """Number of nodes times number of patterns."""
+        """Number of nodes times number of mode combinations."""
         return int(self.area.size)
 
     def with_patterns(self, patterns: ModeArray) -> PostureTable:
-        """The same for some of its mode patterns, uint8[fewer, n]."""
+        """Return a table that contains only some of the mode combinations.
+
+        Args:
+            patterns: Mode combinations that this table has, uint8, shape (fewer, n).
+
+        Returns:
+            The reduced table, in the order of `patterns`.
+        """
         rows = [int(np.flatnonzero((self.patterns == each).all(axis=1))[0]) for each in patterns]
         return replace(
             self, patterns=patterns, posture=self.posture[:, rows], area=self.area[:, rows]
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the table to a file, replacing it at once; raises TableError where it cannot."""
+        """Write the table to a file, complete or not at all.
+
+        Creates missing directories.
+
+        Args:
+            path: The npz file; an existing one is replaced.
+
+        Raises:
+            TableError: The file cannot be written.
+        """
         path = Path(path)
         header = {"schema_version": SCHEMA_VERSION} | {
             field.name: getattr(self, field.name)
@@ -115,13 +140,22 @@ class PostureTable:
 
     @classmethod
     def load(cls, path: str | Path, machine: Machine, spacing: float | None = None) -> PostureTable:
-        """Table of a file, which must be for this machine and, if given, this spacing [m].
+        """Read a table from a file and check that it fits a machine.
 
-        Of one that slews it is that of its plane. Raises TableError where the file is missing,
-        damaged, of another schema, machine or spacing; the sentence names which.
+        Args:
+            path: The npz file.
+            machine: The machine; the table must be for its plane.
+            spacing: Grid spacing that the table must have [m]; None: any.
+
+        Returns:
+            The table.
+
+        Raises:
+            TableError: The file is missing, damaged, or made for another schema, machine or
+                spacing; the message says which.
         """
         path = Path(path)
-        header, arrays = _read(path)
+        header, arrays = _read_table_file(path)
         if header.get("schema_version") != SCHEMA_VERSION:
             found = str(header.get("schema_version"))[:LONGEST_SHOWN]
             raise TableError(path, f"has schema version {found}, {SCHEMA_VERSION} is needed")
@@ -134,15 +168,26 @@ class PostureTable:
             )
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise TableError(path, f"has no usable header ({error})") from error
-        table._check_for(path, machine.plane, spacing)
+        table._check_for(path, machine.planar_arm, spacing)
         return table
 
     def _check_for(self, path: Path, machine: Machine, spacing: float | None) -> None:
-        if self.machine_hash != machine.hash:
+        """Check that the table is complete and fits a machine.
+
+        Args:
+            path: File of the table, for the message.
+            machine: The arm in its plane.
+            spacing: Grid spacing that the table must have [m]; None: any.
+
+        Raises:
+            TableError: The table is incomplete, damaged, or made for another machine or spacing;
+                the message says which.
+        """
+        if self.machine_hash != machine.table_hash:
             raise TableError(
                 path,
                 f"was made for machine {self.machine_name} ({self.machine_hash[:12]}), "
-                f"not for {machine.name} ({machine.hash[:12]})",
+                f"not for {machine.name} ({machine.table_hash[:12]})",
             )
         if spacing is not None and self.spacing != spacing:
             raise TableError(path, f"has a spacing of {self.spacing:g} m, not {spacing:g} m")
@@ -162,7 +207,16 @@ class PostureTable:
             raise TableError(path, f"is damaged: {reason}")
 
     def _content_problem(self, machine: Machine) -> str | None:
-        """Return what is wrong with the numbers of a table that has the right shape, or None."""
+        """Return what is wrong with the numbers of a table whose arrays have the right shapes.
+
+        Checks spacing, range of the nodes, mode combinations and joint limits.
+
+        Args:
+            machine: The arm in its plane.
+
+        Returns:
+            A clause for an error message; None if the numbers are plausible.
+        """
         if not SMALLEST_SPACING <= self.spacing <= machine.arrays.max_radius:
             return f"its spacing is {self.spacing:g} m"
         farthest = math.ceil(machine.arrays.max_radius / self.spacing) + 1
@@ -170,24 +224,42 @@ class PostureTable:
             return "nodes lie beyond the arm's reach"
         if not np.array_equal(self.patterns, machine.patterns):
             return "its mode patterns are not those of the machine"
-        beyond = joint_excess_of(machine, self.posture[np.isfinite(self.area)])
+        beyond = compute_joint_excess(machine, self.posture[np.isfinite(self.area)])
         if not np.all(beyond <= LARGEST_EXCESS):  # NaN, too
             return "postures lie beyond the joint limits"
         return None
 
 
-def joint_excess_of(machine: Machine, postures: FloatArray) -> FloatArray:
-    """Return how far the worst joint of postures[k, n] is beyond its limits, float64[k] [rad]."""
+def compute_joint_excess(machine: Machine, postures: FloatArray) -> FloatArray:
+    """Return the distance of the worst joint beyond its limits for each posture.
+
+    Args:
+        machine: The machine.
+        postures: Postures, shape (k, n) [rad or m].
+
+    Returns:
+        Distance, shape (k,) [rad or m]; negative within the limits.
+    """
     a = machine.arrays
     return np.maximum(a.joint_min - postures, postures - a.joint_max).max(axis=-1, initial=-np.inf)
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return header and arrays of a file; raises TableError."""
+def _read_table_file(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Read header and arrays of a table file.
+
+    Args:
+        path: The npz file.
+
+    Returns:
+        The header, and the arrays by name; their contents are not checked.
+
+    Raises:
+        TableError: The file is missing, damaged or too large; the message says which.
+    """
     try:
         if path.exists() and not path.is_file():
             raise TableError(path, "cannot be read: it is no regular file")
-        arrays = read_arrays(path, KINDS, LARGEST_TABLE)
+        arrays = read_arrays(path, ARRAY_DTYPES, LARGEST_TABLE)
         header = json.loads(str(arrays.pop("header")))
         if not isinstance(header, dict):
             raise ValueError("a header that is no object")
@@ -196,7 +268,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     except ArchiveTooLargeError as error:
         size = f"{error.size} bytes, {LARGEST_TABLE} are the most"
         raise TableError(path, f"cannot be read: {size}") from error
-    except UNREADABLE as error:  # RecursionError, of a deep header, is a RuntimeError
+    except DAMAGED_FILE_ERRORS as error:  # RecursionError, of a deep header, is a RuntimeError
         raise TableError(path, "is damaged or not a posture table") from error
     except OSError as error:
         raise TableError(path, f"cannot be read: {error.strerror or error}") from error

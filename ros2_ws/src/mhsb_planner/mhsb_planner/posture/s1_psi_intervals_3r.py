@@ -1,11 +1,11 @@
-"""Feasible intervals of the end-link angle ψ at a tip position, for the arm with three joints.
+"""Feasible intervals of the end-link angle ψ at a tip position, for three turning joints.
 
-With the tip held, an elbow branch reaches a limit only where the wrist meets the edge of its
-reach or a joint meets one of its limits. Each of these fixes one side of a triangle, and the law
-of cosines gives ψ; between two such angles a branch is feasible throughout or not at all.
+With the tip held, an elbow branch becomes infeasible only where the wrist meets the edge of its
+reach or a joint meets a limit. Each of these events fixes one side of a triangle, and the law of
+cosines gives ψ. Between two such angles a branch is feasible throughout or not at all.
 
-Of a chain with more joints these are its last three, tip and ψ as they see them
-(`tip_postures.outer_tip`).
+For a longer chain the module describes its last three joints; tip and ψ are then given in their
+frame (`tip_postures.transform_tip_to_outer_frame`).
 """
 
 from __future__ import annotations
@@ -15,28 +15,55 @@ import math
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits, solve_last_three_joints
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 MAX_CRITICAL = 16
-"""Two each of: outer and inner reach, lower and upper limits of q₁, q₂ and q₃."""
+"""Largest number of critical angles: two each for outer and inner reach and for both limits of q₁,
+q₂, q₃.
+"""
 
 MAX_INTERVALS = 2 * (MAX_CRITICAL + 1)
-TANGENT = 1e-12
-"""A cosine beyond ±1 by no more than this is a touching triangle, computed with rounding."""
+"""Largest number of feasible intervals on both elbow branches."""
+COSINE_TOLERANCE = 1e-12
+"""Excess of a cosine over ±1 up to which it is taken as rounding of a degenerate triangle."""
 
 
 @kernel(borrows=True)
-def feasible(m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray) -> bool:
-    """Whether the posture (ψ, elbow) at (x, z) m exists within limits; the last three of q[n]."""
-    return joint_angles(m, x, z, psi, elbow, q) and within_limits(m, q)
+def solve_posture_at_psi(
+    m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray
+) -> bool:
+    """Compute the posture with a given end-link angle and return whether it is within limits.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        psi: End-link angle [rad].
+        elbow: Elbow branch, ∓1.
+        q: Last three entries written in place, shape (n,) [rad].
+
+    Returns:
+        False if the posture does not exist or a joint is beyond its limits.
+    """
+    return solve_last_three_joints(m, x, z, psi, elbow, q) and is_within_limits(m, q)
 
 
 @kernel
 def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> int:
-    """Append center ± acos(cosine), where that exists."""
-    if abs(cosine) > 1.0 + TANGENT:
+    """Append the two angles center ± acos(cosine), if they exist.
+
+    Args:
+        found: Angles [rad], written in place from index `count` on.
+        count: Number of angles before.
+        center: Middle of the two angles [rad].
+        cosine: Cosine of half their difference; beyond ±1 there are none.
+
+    Returns:
+        Number of angles after.
+    """
+    if abs(cosine) > 1.0 + COSINE_TOLERANCE:
         return count
     half = math.acos(min(1.0, max(-1.0, cosine)))
     found[count] = center - half
@@ -45,15 +72,29 @@ def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> in
 
 
 @kernel
-def _critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
-    """All ψ at which either branch can become infeasible, sorted in [−π, π); their number.
+def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
+    """Find all ψ at which either elbow branch can become infeasible.
 
-    Triangles, with R the distance of the tip and φ its direction:
-    reach, q₂: shoulder, wrist (at distance D), tip: cos(ψ − φ) = (R² + L₃² − D²)/(2 L₃ R);
-    q₁: elbow (at distance d in direction δ from the tip), wrist, tip:
-        cos(ψ − δ) = (d² + L₃² − L₂²)/(2 L₃ d);
-    q₃: shoulder, elbow, tip, the outer links rigid at D from elbow to tip, in direction β from
-        the middle link: cos(θ − φ) = (R² + D² − L₁²)/(2 D R), ψ = θ − β + q₃.
+    With R the distance of the tip from the first of the three joints and φ its direction, the
+    triangles are:
+
+    - Reach and limits of q₂ (shoulder, wrist at distance D, tip):
+        cos(ψ − φ) = (R² + L₃² − D²)/(2 L₃ R)
+    - Limits of q₁ (elbow, wrist, tip; the tip at distance d from the elbow, in direction δ):
+        cos(ψ − δ) = (d² + L₃² − L₂²)/(2 L₃ d)
+    - Limits of q₃ (shoulder, elbow, tip; the outer links are rigid, D long, at the angle β from the
+      middle link):
+        cos(θ − φ) = (R² + D² − L₁²)/(2 D R),  ψ = θ − β + q₃
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        found: Written in place, shape (MAX_CRITICAL,): the angles in ascending order, in [−π, π)
+            [rad].
+
+    Returns:
+        Number of angles.
     """
     k = len(m.link_length) - 3
     l1, l2, l3 = m.link_length[k], m.link_length[k + 1], m.link_length[k + 2]
@@ -88,13 +129,28 @@ def _critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) ->
 
 
 @kernel(borrows=True)
-def _step_inside(
+def _nearest_feasible_psi(
     m: MachineArrays, x: float, z: float, end: float, middle: float, elbow: int, q: FloatArray
 ) -> float:
-    """The feasible angle next to a computed interval end, which rounding may have put outside."""
+    """Find the feasible angle next to a computed end of an interval.
+
+    Rounding may have put the end slightly outside. It is moved towards the middle by growing steps.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        end: Computed end of the interval [rad].
+        middle: Middle of the interval [rad].
+        elbow: Elbow branch, ∓1.
+        q: Working memory, shape (n,).
+
+    Returns:
+        Feasible ψ [rad]; `middle` if none is found before it.
+    """
     psi = end
     step = 1e-16
-    while not feasible(m, x, z, psi, elbow, q):
+    while not solve_posture_at_psi(m, x, z, psi, elbow, q):
         if step >= abs(middle - end):
             return middle
         psi = end + math.copysign(step, middle - end)
@@ -103,26 +159,35 @@ def _step_inside(
 
 
 @kernel
-def feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
-    """Intervals in which all joints are within limits, tip at (x, z) m; returns their number.
+def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
+    """Find the intervals of ψ in which all joints are within their limits at a tip position.
 
-    Written to found[MAX_INTERVALS, 3]: elbow (∓1), lower and upper end of ψ [rad], elbow −1
-    first, then ascending; the ends themselves are feasible. An interval can be a single point,
-    or end where the next one begins. Oracle: a fine scan of ψ.
+    An interval can be a single point, or end where the next one begins. Test oracle: a fine scan of
+    ψ.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        found: Written in place, shape (MAX_INTERVALS, 3): elbow branch (∓1), lower and upper end of
+            ψ [rad]. Branch −1 comes first, then in ascending order of ψ. The ends are feasible.
+
+    Returns:
+        Number of intervals.
     """
     critical = np.empty(MAX_CRITICAL)
-    edges = _critical_angles(m, x, z, critical)
+    edges = _find_critical_angles(m, x, z, critical)
     if edges == 0:
         critical[0] = -math.pi
         edges = 1
-    q = m.joint_min.copy()  # inner joints, where there are any, are within their limits
+    q = m.joint_min.copy()  # any values within limits for the inner joints
     count = 0
     for elbow in (-1, 1):
         open_interval = False
         for i in range(edges):
             lower = critical[i]
             upper = critical[i + 1] if i + 1 < edges else critical[0] + 2.0 * math.pi
-            if not feasible(m, x, z, 0.5 * (lower + upper), elbow, q):
+            if not solve_posture_at_psi(m, x, z, 0.5 * (lower + upper), elbow, q):
                 open_interval = False
                 continue
             if not open_interval:
@@ -133,6 +198,6 @@ def feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatArray) 
     for i in range(count):
         elbow = int(found[i, 0])
         middle = 0.5 * (found[i, 1] + found[i, 2])
-        found[i, 1] = _step_inside(m, x, z, found[i, 1], middle, elbow, q)
-        found[i, 2] = _step_inside(m, x, z, found[i, 2], middle, elbow, q)
+        found[i, 1] = _nearest_feasible_psi(m, x, z, found[i, 1], middle, elbow, q)
+        found[i, 2] = _nearest_feasible_psi(m, x, z, found[i, 2], middle, elbow, q)
     return count

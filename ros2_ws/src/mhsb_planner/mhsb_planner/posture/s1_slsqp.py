@@ -1,11 +1,11 @@
-"""Posture of largest velocity polytope by sequential quadratic programming, as the paper does it.
+"""Posture with the largest velocity polytope by sequential quadratic programming, as in the paper.
 
     maximise area(q)  subject to  tip(q) = node,  q_min ≤ q ≤ q_max
 
-by SciPy's SLSQP from random starts, on the same area kernel as the global search. An equality
-constraint is only ever met within a tolerance, which here would gain area; so each result is
-projected onto the exact position and the limits before it counts. It may well miss the largest
-polytope: it is here to be compared with.
+SciPy's SLSQP runs from random starts, with the area kernel of the global search. An equality
+constraint is met only within a tolerance, which here would gain area. Each result is therefore
+projected onto the exact position and the limits first. The method may well miss the largest
+polytope; it serves for comparison.
 """
 
 from __future__ import annotations
@@ -15,40 +15,71 @@ import math
 import numpy as np
 from scipy.optimize import minimize
 
-from mhsb_model.inverse_kinematics.tip_postures import nearest_posture
+from mhsb_model.inverse_kinematics.tip_postures import find_nearest_posture
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.posture.s1_polytope import polytope_area
-from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
+from mhsb_planner.posture.s1_psi_intervals_3r import (
+    MAX_INTERVALS,
+    find_feasible_intervals,
+    solve_posture_at_psi,
+)
 
-STARTS = 5
-SEED = 0
-TURN = 2.0 * math.pi
+DEFAULT_STARTS = 5
+"""Number of random starts for each entry of a table."""
+DEFAULT_SEED = 0
+"""Seed for the first mode combination of a table; each further one adds 1."""
+FULL_TURN = 2.0 * math.pi
+"""One turn [rad]."""
 
 
 def search_by_slsqp(
     machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
 ) -> None:
-    """The `NodeSolver` of this module."""
+    """Fill a posture table by SLSQP; a `NodeSolver` for comparison.
+
+    Args:
+        machine: The arm in its plane.
+        position: Tip positions, shape (nodes, 2) [m].
+        posture: Written in place, shape (nodes, patterns, n) [rad or m]; NaN if none is found.
+        area: Written in place, shape (nodes, patterns) [m²/s²]; NaN if none is found.
+    """
     posture[:] = np.nan
     area[:] = np.nan
     for node, (x, z) in enumerate(position):
         for p, pattern in enumerate(machine.patterns):
-            found = largest_by_slsqp(machine, float(x), float(z), pattern, SEED + p)
+            found = largest_by_slsqp(machine, float(x), float(z), pattern, DEFAULT_SEED + p)
             if found is not None:
                 posture[node, p], area[node, p] = found
 
 
 def largest_by_slsqp(
-    machine: Machine, x: float, z: float, pattern: ModeArray, seed: int, starts: int = STARTS
+    machine: Machine,
+    x: float,
+    z: float,
+    pattern: ModeArray,
+    seed: int,
+    starts: int = DEFAULT_STARTS,
 ) -> tuple[FloatArray, float] | None:
-    """Best posture [rad] of several starts and its area [m²/s²], tip at (x, z) m.
+    """Find the posture of largest polytope area at a tip position by SLSQP from random starts.
 
-    None where no posture is within limits. The same arguments give the same result.
+    Equal arguments give equal results.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        pattern: Mode combination, shape (n,).
+        seed: Seed of the starts; the tip position is mixed in.
+        starts: Number of starts.
+
+    Returns:
+        Best posture, shape (n,) [rad or m], and its area [m²/s²]. None if no posture is within
+        limits, or no start leads to one.
     """
     if machine.is_3r:
         interval = np.empty((MAX_INTERVALS, 3))
-        interval = interval[: feasible_intervals(machine.arrays, x, z, interval)]
+        interval = interval[: find_feasible_intervals(machine.arrays, x, z, interval)]
         if len(interval) == 0:
             return None
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
@@ -70,10 +101,10 @@ def largest_by_slsqp(
         if not np.all(np.isfinite(result.x)):
             continue
         if machine.is_3r:
-            q = _projected(machine, x, z, interval, result.x)
+            q = _project_onto_limits(machine, x, z, interval, result.x)
         else:
             q = np.empty(machine.joint_count)
-            if not nearest_posture(machine.arrays, x, z, result.x, q):
+            if not find_nearest_posture(machine.arrays, x, z, result.x, q):
                 continue
         area = polytope_area(machine, q, pattern)
         if best is None or area > best[1]:
@@ -81,25 +112,36 @@ def largest_by_slsqp(
     return best
 
 
-def _projected(
+def _project_onto_limits(
     machine: Machine, x: float, z: float, interval: FloatArray, q: FloatArray
 ) -> FloatArray:
-    """Of three joints the posture with its tip exactly at (x, z) and within limits whose ψ is
-    nearest to q's.
+    """Project a posture onto the exact tip position and the joint limits.
 
-    On q's own elbow branch where that is feasible at all.
+    The arm has three turning joints. Of the feasible postures, the one whose ψ is nearest to that
+    of `q` is taken. It is on the elbow branch of `q` if that branch has any feasible posture.
+
+    Args:
+        machine: The arm in its plane.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        interval: Feasible intervals, shape (k, 3): elbow branch (∓1), lower and upper end of ψ
+            [rad].
+        q: Posture to project, shape (3,) [rad].
+
+    Returns:
+        The posture, shape (3,) [rad].
     """
     elbow = 1 if q[1] > 0.0 else -1
     own = interval[interval[:, 0] == elbow]
     candidates = own if len(own) else interval
     middle, half = candidates[:, 1:].mean(axis=1), np.ptp(candidates[:, 1:], axis=1) / 2
-    offset = (q.sum() - middle + math.pi) % TURN - math.pi
+    offset = (q.sum() - middle + math.pi) % FULL_TURN - math.pi
     nearest = int(np.argmin(np.abs(offset) - half))
     branch, lower, upper = candidates[nearest]
     psi = min(max(middle[nearest] + offset[nearest], lower), upper)
     exact = np.empty(3)
-    if not feasible(machine.arrays, x, z, psi, int(branch), exact):
-        feasible(
+    if not solve_posture_at_psi(machine.arrays, x, z, psi, int(branch), exact):
+        solve_posture_at_psi(
             machine.arrays, x, z, lower if psi < middle[nearest] else upper, int(branch), exact
         )
     return exact

@@ -1,4 +1,4 @@
-"""Parameters that are rows of numbers, one after the other, as ROS knows no nested arrays."""
+"""Parameters that hold rows of numbers in one flat array, because ROS has no nested arrays."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from rclpy.parameter import Parameter
 from mhsb_planner.errors import RequestError
 
 FARTHEST_POINT = 1e4
-"""Largest coordinate or radius of points and zones [m]."""
+"""Largest absolute coordinate or radius of points and zones [m]."""
 
 
 def declare_array(node: Node, name: str, values: Sequence[float], text: str) -> None:
-    """Declare an array that may be empty: an empty one says nothing of its type on the wire.
+    """Declare a parameter that is an array of numbers and may be empty.
 
-    Its numbers are lengths up to FARTHEST_POINT. The descriptor says so, but rclpy looks at the
-    ranges of single numbers alone.
+    The type of an empty array is not known from its value, so it is set to a double array
+    explicitly. The descriptor gives the range from -FARTHEST_POINT to FARTHEST_POINT [m] for
+    readers. rclpy does not enforce it, because it checks ranges of single numbers alone.
 
     Args:
-        node: Gets the parameter.
-        name: Of the parameter.
-        values: At first.
-        text: What it is, for whoever describes the parameter.
+        node: Node that gets the parameter.
+        name: Name of the parameter.
+        values: Initial value.
+        text: Description of the parameter.
     """
     limits = FloatingPointRange(from_value=-FARTHEST_POINT, to_value=FARTHEST_POINT, step=0.0)
     descriptor = ParameterDescriptor(
@@ -36,17 +37,28 @@ def declare_array(node: Node, name: str, values: Sequence[float], text: str) -> 
         node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
 
 
-def rows_of(name: str, value: Any, size: int, numbers: str) -> tuple[tuple[float, ...], ...]:
-    """A flat array in rows of so many numbers; raises RequestError where it is not one.
+def split_rows(name: str, value: Any, size: int, meaning: str) -> tuple[tuple[float, ...], ...]:
+    """Split a flat array into rows of `size` numbers.
 
-    numbers  what they are, for the sentence
+    Args:
+        name: Name of the parameter, for the error.
+        value: Value of the parameter; None counts as an empty array.
+        size: Numbers in a row.
+        meaning: What the numbers of a row are, for the error, such as "x z [m] of a point".
+
+    Returns:
+        One tuple of `size` floats for each row.
+
+    Raises:
+        RequestError: The value is not an array of numbers, or its length is not a multiple of
+            `size`.
     """
     given = [] if value is None else value
     if isinstance(given, str) or not isinstance(given, Sequence):
-        raise RequestError(name, repr(given), f"must be an array of numbers, {numbers}")
+        raise RequestError(name, repr(given), f"must be an array of numbers, {meaning}")
     flat = list(given)
-    if not all(isinstance(number, (int, float)) for number in flat):
-        raise RequestError(name, flat, f"must hold nothing but numbers, {numbers}")
+    if not all(type(number) in (int, float) for number in flat):
+        raise RequestError(name, flat, f"must hold nothing but numbers, {meaning}")
     if len(flat) % size:
-        raise RequestError(name, f"{len(flat)} numbers", f"takes {size} for each, {numbers}")
+        raise RequestError(name, f"{len(flat)} numbers", f"takes {size} for each, {meaning}")
     return tuple(tuple(map(float, flat[i : i + size])) for i in range(0, len(flat), size))

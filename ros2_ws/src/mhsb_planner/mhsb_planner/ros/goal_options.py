@@ -1,72 +1,163 @@
-"""Options of one goal: parameters of the planner node for it alone, as NAME:=VALUE."""
+"""Options of one goal: values of the planner node's parameters for that goal alone, as NAME:=VALUE.
+
+Options come from anyone who may send goals. So their number and length are checked before they are
+parsed, and each value is checked before ROS makes a parameter of it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from rcl_interfaces.msg import Parameter as ParameterMessage
 from rclpy.node import Node
-from rclpy.parameter import Parameter, get_parameter_value
+from rclpy.parameter import Parameter
 
+from mhsb_model.files.yaml_files import YamlTextError, read_value
 from mhsb_model.machine import Machine
 from mhsb_planner.errors import RequestError
 from mhsb_planner.ros import planner_parameters
-from mhsb_planner.ros.zone_parameters import ZONES
+from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS
 
-WHOLE_NUMBERS = Parameter.Type.DOUBLE_ARRAY, Parameter.Type.INTEGER_ARRAY
+MOST_OPTIONS = 100
+"""Largest number of options of a goal."""
+
+LONGEST_OPTION = 4096
+"""Largest length of an option in characters; a hundred points of goal_via with all digits fit."""
+
+LONGEST_SHOWN = 80
+"""Largest number of characters of an option that a refusal repeats."""
+
+NUMBER_ARRAY_TYPES = Parameter.Type.DOUBLE_ARRAY, Parameter.Type.INTEGER_ARRAY
+"""Types of parameters that take a list of numbers."""
+
 OF_ALL_GOALS = {
     "payload_from",
     "lead_min",
     "lead_max",
     "planning_budget",
-    *ZONES,
+    *ZONE_PARAMETERS,
 }
-OPTIONS = tuple(name for name in planner_parameters.CHANGEABLE if name not in OF_ALL_GOALS)
-"""Parameters that a goal may have its own of."""
+"""Parameters that hold for all goals and cannot be options of one."""
+
+GOAL_OPTION_NAMES = tuple(
+    name for name in planner_parameters.CHANGEABLE_PARAMETERS if name not in OF_ALL_GOALS
+)
+"""Parameters that a goal may have its own value of."""
 
 
 def decode(node: Node, machine: Machine, texts: Sequence[str]) -> list[Parameter]:
-    """The parameters that a goal has its own of.
+    """Decode the options of a goal into parameters, and check that they can be used together.
 
-    texts  each NAME:=VALUE, the value in YAML, as on a command line after `-p`
+    They are checked like a change of the node's parameters. Those stay as they are.
 
-    Raises RequestError for what is no option, or that the node would refuse as a parameter.
+    Args:
+        node: Planner node, which has declared its parameters.
+        machine: Machine of the node.
+        texts: Options as NAME:=VALUE, the value in YAML, as on a command line after `-p`.
+
+    Returns:
+        One parameter for each option, in the same order.
+
+    Raises:
+        RequestError: A text is not an option, or the node would refuse it as a parameter.
     """
+    if len(texts) > MOST_OPTIONS:
+        raise RequestError("options", len(texts), f"must be at most {MOST_OPTIONS}")
     changes = [_decode(node, text) for text in texts]
-    if reason := planner_parameters.refusal(node, machine, changes):
-        raise RequestError("options", list(texts), f"cannot be taken: {reason}")
+    if reason := planner_parameters.find_refusal(node, machine, changes):
+        raise RequestError("options", _shorten(", ".join(texts)), f"cannot be taken: {reason}")
     return changes
 
 
 def _decode(node: Node, text: str) -> Parameter:
+    """Decode one option.
+
+    Args:
+        node: Planner node, which has declared its parameters.
+        text: NAME:=VALUE.
+
+    Returns:
+        The parameter, with its value converted to the type that the node has declared.
+
+    Raises:
+        RequestError: The text is too long or has another form, or the name is not an option. Or the
+            value cannot be read, or has a wrong type or range.
+    """
+    if len(text) > LONGEST_OPTION:
+        rule = f"must each have at most {LONGEST_OPTION} characters"
+        raise RequestError("options", f"{len(text)} in '{_shorten(text)}'", rule)
     name, assigned, value = text.partition(":=")
     name = name.strip()
     if not assigned or not value.strip():
-        raise RequestError("options", f"'{text}'", "must be NAME:=VALUE, as in planner:=table")
-    if name not in OPTIONS:
-        raise RequestError("options", f"'{name}'", f"is not one of: {', '.join(OPTIONS)}")
-    given = get_parameter_value(value.strip())
-    parameter = Parameter.from_parameter_msg(ParameterMessage(name=name, value=given))
-    return _as_declared(node, parameter)
+        rule = "must be NAME:=VALUE, as in planner:=table"
+        raise RequestError("options", f"'{_shorten(text)}'", rule)
+    if name not in GOAL_OPTION_NAMES:
+        rule = f"is not one of: {', '.join(GOAL_OPTION_NAMES)}"
+        raise RequestError("options", f"'{_shorten(name)}'", rule)
+    try:
+        given = read_value(value.strip())
+    except YamlTextError as error:
+        rule = f"cannot be read: its value {error.reason}"
+        raise RequestError(f"options: {name}", _shorten(value), rule) from None
+    return Parameter(name, value=_convert_to_declared_type(node, name, given, value))
 
 
-def _as_declared(node: Node, given: Parameter) -> Parameter:
-    """With whole numbers as numbers; raises RequestError where type or range are wrong."""
-    declared = node.get_parameter(given.name)
-    value: Any = given.value
-    if declared.type_ is Parameter.Type.DOUBLE and given.type_ is Parameter.Type.INTEGER:
-        value = float(value)
-    elif (declared.type_, given.type_) == WHOLE_NUMBERS:
-        value = [float(each) for each in value]
-    parameter = Parameter(given.name, value=value)
-    if parameter.type_ is not declared.type_:
-        kind = declared.type_.name.lower().replace("_", " ")
-        raise RequestError(f"options: {given.name}", repr(given.value), f"must be a {kind}")
-    for limits in node.describe_parameter(given.name).floating_point_range:
-        if not isinstance(value, float):  # the numbers of arrays are looked at with all others
-            continue
+def _convert_to_declared_type(node: Node, name: str, given: Any, text: str) -> Any:
+    """Convert a value to the declared type of its parameter; integers become floats.
+
+    Args:
+        node: Node that has declared the parameter.
+        name: Name of the parameter.
+        given: Value as read from YAML.
+        text: Value as it was sent, for the error.
+
+    Returns:
+        A float, a list of floats or a text. A single float is within the parameter's range.
+
+    Raises:
+        RequestError: The value has another type, or a number is out of the parameter's range.
+    """
+    declared = node.get_parameter(name).type_
+    if declared is Parameter.Type.DOUBLE and _is_number(given):
+        return _check_range(node, name, float(given))
+    if declared in NUMBER_ARRAY_TYPES and isinstance(given, list) and all(map(_is_number, given)):
+        return [float(each) for each in given]
+    if declared is Parameter.Type.STRING and isinstance(given, str):
+        return given
+    kind = (
+        "double array"
+        if declared in NUMBER_ARRAY_TYPES
+        else declared.name.lower().replace("_", " ")
+    )
+    raise RequestError(f"options: {name}", f"'{_shorten(text)}'", f"must be a {kind}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _check_range(node: Node, name: str, value: float) -> float:
+    """Return a number if it is within the declared range of its parameter; NaN passes.
+
+    Args:
+        node: Node that has declared the parameter.
+        name: Name of the parameter.
+        value: The number.
+
+    Returns:
+        The same number.
+
+    Raises:
+        RequestError: The number is out of the range.
+    """
+    for limits in node.describe_parameter(name).floating_point_range:
         if not limits.from_value <= value <= limits.to_value and value == value:
             rule = f"must be from {limits.from_value:g} to {limits.to_value:g}"
-            raise RequestError(f"options: {given.name}", value, rule)
-    return parameter
+            raise RequestError(f"options: {name}", value, rule)
+    return value
+
+
+def _shorten(text: str) -> str:
+    """Return a text without spaces around it, cut after `LONGEST_SHOWN` characters."""
+    text = text.strip()
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} …"

@@ -1,4 +1,4 @@
-"""A node that sends goals and keeps what the planner says of them; for commands and tests."""
+"""Node that sends goals and collects the planner's reports on them; for commands and tests."""
 
 from __future__ import annotations
 
@@ -22,16 +22,30 @@ from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.node_process import spin_until
 
 SEND_AGAIN_AFTER = 3.0
-"""Time without an answer after which a goal is sent anew [s]; longer than a planner lets it wait.
+"""Time without an answer after which a goal is sent anew [s].
 
-A match is known to each side on its own: the first message may still meet deaf ears."""
+The value is longer than a planner lets a goal wait. A goal may have to be sent twice, because the
+planner may not be connected yet when the first message is sent.
+"""
 
 
 class GoalSender(Node):
-    """Publishes goals and keeps what the planner says of them."""
+    """Node that sends goals and collects the planner's reports on them.
+
+    Attributes:
+        verdicts: Verdicts by the stamp of their goal [ns].
+        executions: Execution reports by the stamp of their goal [ns].
+    """
 
     def __init__(self, name: str = "mhsb_goal") -> None:
-        """A node of this name and the process's number, since there may be several."""
+        """Make a node that publishes goals and subscribes to the planner's status.
+
+        Its name is `<name>_<process id>`, so that several can run at once. `verdicts` and
+        `executions` are empty at first.
+
+        Args:
+            name: First part of the node's name.
+        """
         super().__init__(f"{name}_{os.getpid()}")
         goal, status = topics.GOAL_POSE, topics.PLAN_STATUS
         self._goals = self.create_publisher(goal.message, goal.name, goal.qos)
@@ -42,25 +56,44 @@ class GoalSender(Node):
         self.executions: dict[int, ExecutionReport] = {}
 
     @property
-    def matched(self) -> bool:
-        """Whether a planner listens to goals and its verdicts can be heard."""
-        return self.listeners > 0 and self._status.get_publisher_count() > 0
+    def is_matched(self) -> bool:
+        """True if a subscriber of goals and a publisher of verdicts have been found."""
+        return self.subscriber_count > 0 and self._status.get_publisher_count() > 0
 
     @property
-    def listeners(self) -> int:
-        """How many subscribers hear goals."""
+    def subscriber_count(self) -> int:
+        """Number of subscribers that receive goals."""
         return int(self._goals.get_subscription_count())
 
     def send(self, *place: float) -> int:
-        """Publish a goal [m] in base_link; returns its stamp, a new one each time [ns]."""
+        """Publish a goal with a new stamp.
+
+        Args:
+            place: Goal in `base_link`, x, z or x, y, z [m].
+
+        Returns:
+            Stamp of the goal, the system time [ns].
+        """
         stamp_ns = time.time_ns()
         self._goals.publish(goal_pose.encode(Goal.at(stamp_ns, place)))
         return stamp_ns
 
-    def ask(
+    def request_verdict(
         self, executor: SingleThreadedExecutor, place: Position, timeout: float
     ) -> GoalVerdict | None:
-        """Send a goal until the planner answers; its verdict, or None after `timeout` s."""
+        """Send a goal until the planner gives a verdict.
+
+        The goal is sent again, with a new stamp, after every `SEND_AGAIN_AFTER` without an answer.
+        Only a verdict on the last stamp counts.
+
+        Args:
+            executor: Executor that serves this node.
+            place: Goal in `base_link`, (x, z) or (x, y, z) [m].
+            timeout: Longest time to wait [s].
+
+        Returns:
+            The verdict; None if none came within `timeout`.
+        """
         end = time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0:
             stamp_ns = self.send(*place)
@@ -69,12 +102,21 @@ class GoalSender(Node):
                 return self.verdicts[stamp_ns]
         return None
 
-    def set_at_planner(
+    def set_planner_parameters(
         self, executor: SingleThreadedExecutor, values: Mapping[str, Any], timeout: float
     ) -> str | None:
-        """Set parameters of the planner; why it refused them, or None where they are set.
+        """Set parameters of the planner node, all of them or none.
 
-        Raises TimeoutError where it does not answer within `timeout` s.
+        Args:
+            executor: Executor that serves this node.
+            values: Values by parameter name.
+            timeout: Longest time to wait for the planner and its answer [s].
+
+        Returns:
+            The planner's sentence on why it refused them; None if they are set.
+
+        Raises:
+            TimeoutError: The planner is not there or does not answer in time.
         """
         client = AsyncParameterClient(self, names.PLANNER_NODE)
         end = time.monotonic() + timeout
@@ -88,6 +130,11 @@ class GoalSender(Node):
         return None if result.successful else str(result.reason)
 
     def _on_status(self, message: DiagnosticArray) -> None:
+        """Store the verdicts and execution reports of a message by the stamps of their goals.
+
+        Args:
+            message: Message of `plan_status`. One that cannot be read is logged and dropped.
+        """
         try:
             reports = plan_status.decode(message)
         except MessageError as error:

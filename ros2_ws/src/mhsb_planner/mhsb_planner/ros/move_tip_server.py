@@ -1,64 +1,115 @@
-"""The action MoveTip: goals whose progress is told and that can be cancelled.
+"""Action MoveTip: goals with feedback and cancellation.
 
-It stands beside `goal_pose`, with the same lifecycle behind: what becomes of a goal is decided
-there, and only told here. Its interface, the package mhsb_interfaces, has to be compiled; where
-that was not done, `serve` says so and the topics remain.
+Goals of the action and of the topic `goal_pose` have one lifecycle, which decides on all of them.
+This module passes its reports on. A goal with `plan_only` is planned for but not executed. The
+interface package mhsb_interfaces has to be compiled. Without it the planner node logs this and
+serves the topics alone.
 """
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
-from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.verdict import GoalVerdict, Outcome, PlanSummary, Report, Verdict
-from mhsb_msgs_py import names, stamps
+from mhsb_msgs_py import names, qos, stamps
 from mhsb_msgs_py.errors import GoalError, MessageError
+from mhsb_msgs_py.faults import Faults
 from mhsb_planner.errors import DeadlineError
-from mhsb_planner.online.goal_in_hand import Adjustment, GoalInHand, summary_of
+from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
-from mhsb_planner.online.lead import LONGER
+from mhsb_planner.online.pending_goal import Adjustment, PendingGoal, summarize_plan
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.progress import Progress
 from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
-from mhsb_planner.online.verdicts import announcement, code_of
+from mhsb_planner.online.verdicts import compose_acceptance_sentence, find_verdict_code
 from mhsb_planner.ros import goal_options
 from mhsb_planner.ros.outbox import RosOutbox
 
-FEEDBACK_PERIOD = 0.1  # s
-RESULT_KEPT = 60  # s, for clients that ask late
+FEEDBACK_PERIOD = 0.1
+"""Time between two rounds of feedback [s]."""
+
+FEEDBACK_AT_ONCE = 20
+"""Largest number of goals that get feedback in one round.
+
+If there are more, the others get feedback in later rounds.
+"""
+
+RESULT_KEPT = 60
+"""Time for which results are kept, for clients that ask late [s]."""
+
+MOST_GOALS = 1000
+"""Largest number of goals without a result; further ones are refused. The queues are deeper."""
+
 MOST_STRETCHED = 20.0
-"""A plan that nobody executes is looked for with leads up to so many times the usual one."""
+"""Factor on the commit horizon above which a plan that is not executed is not tried again."""
+
+
+class _Server(ActionServer):
+    """Action server that runs a goal's coroutine only when its result is known.
+
+    rclpy resumes the coroutine of a running goal whenever the node wakes, even if it has to wait
+    on. `ServerGoalHandle.execute` calls `notify_execute` without a callback.
+    """
+
+    def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
+        """Run a goal by a callback; without a callback, do nothing yet.
+
+        Args:
+            goal_handle: rclpy's handle of the goal.
+            execute_callback: Writes the result; None if it is not known yet.
+        """
+        if execute_callback is not None:
+            super().notify_execute(goal_handle, execute_callback)
 
 
 @dataclass(eq=False)
-class _Job:
-    """A goal of the action; `ended` becomes its result's fields and whether it succeeded."""
+class _ActionGoal:
+    """Goal of the action.
+
+    Attributes:
+        handle: rclpy's handle of the goal.
+        on_finished: Called once with this job, when the goal has ended.
+        success: Whether it was reached or, for `plan_only`, planned; None before its end.
+        pending_goal: The lifecycle's record of the goal; None if it is not to be executed.
+        progress: Elapsed share, time left and energy of its motion.
+        result: Fields of the action's result, as far as they are known.
+    """
 
     handle: Any
-    ended: Future = field(default_factory=Future)
-    in_hand: GoalInHand | None = None
+    on_finished: Callable[[_ActionGoal], None]
+    success: bool | None = None
+    pending_goal: PendingGoal | None = None
     progress: Progress = field(default_factory=Progress)
     result: dict[str, Any] = field(default_factory=dict)
 
-    def told(self, report: Report) -> None:
-        """What becomes of the goal, from the lifecycle."""
+    def take_report(self, report: Report) -> None:
+        """Write a report of the lifecycle on this goal into its result.
+
+        A refusal, `AT_GOAL` or an execution report also ends the goal. It ends with success after
+        `AT_GOAL` and the outcome `reached`.
+
+        Args:
+            report: Verdict or execution report.
+        """
         if isinstance(report, GoalVerdict):
             self.result |= {"verdict": str(report.code), "message": report.sentence}
             if report.plan is not None:
-                self.result |= _figures(report.plan)
+                self.result |= _plan_result_fields(report.plan)
             if report.code is not Verdict.OK:
                 self.end(report.code is Verdict.AT_GOAL)
         else:
@@ -71,49 +122,70 @@ class _Job:
             self.end(report.outcome is Outcome.REACHED)
 
     def refuse(self, code: Verdict, sentence: str) -> None:
+        """End the goal without success, with a verdict in its result."""
         self.result |= {"verdict": str(code), "message": sentence}
         self.end(False)
 
     def end(self, success: bool) -> None:
-        if not self.ended.done():
-            self.ended.set_result(success)
+        """End the goal and call `on_finished`, unless the goal has ended before."""
+        if self.success is None:
+            self.success = success
+            self.on_finished(self)
 
 
 class MoveTipServer:
-    """Serves ~/move_tip.
-
-    decoded        the goal of a message; raises GoalError and MessageError
-    settings_with  settings of plans with some parameters of a goal's own
-    """
+    """Server of the action ~/move_tip."""
 
     def __init__(
         self,
         action: Any,
         node: Any,
         machine: Machine,
-        decoded: Callable[[PoseStamped], Goal],
+        decode_goal: Callable[[PoseStamped], Goal],
         lifecycle: GoalLifecycle,
         outbox: RosOutbox,
-        settings_with: Callable[[Sequence[Parameter]], Settings],
+        make_settings: Callable[[Sequence[Parameter]], Settings],
+        faults: Faults,
     ) -> None:
-        """Raises what rclpy does where the compiled interface does not go with its libraries."""
+        """Start to serve the action.
+
+        Raises what rclpy raises if the compiled interface does not fit its libraries.
+
+        Args:
+            action: Compiled action type MoveTip.
+            node: Planner node, which is also the lifecycle's clock.
+            machine: Machine of the node.
+            decode_goal: Returns the goal of a pose message; raises GoalError or MessageError.
+            lifecycle: Decides on goals that are to be executed.
+            outbox: Runs the planning worker, here for goals that are not to be executed, and
+                encodes plans as messages.
+            make_settings: Returns the settings of plans with some parameters replaced by a goal's
+                own.
+            faults: Records exceptions in callbacks.
+        """
         self._action = action
         self._node = node
         self._machine = machine
-        self._decoded = decoded
+        self._decoded = decode_goal
         self._lifecycle = lifecycle
         self._outbox = outbox
-        self._settings_with = settings_with
-        self._jobs: list[_Job] = []
-        self._rehearsals: dict[PlanRequest, _Job] = {}
-        self._told_at = 0.0
-        self._server = ActionServer(
+        self._settings_with = make_settings
+        self._faults = faults
+        self._jobs: list[_ActionGoal] = []
+        self._trial_request: tuple[PlanRequest, _ActionGoal] | None = None
+        self._trial_queue: deque[tuple[_ActionGoal, Goal, Adjustment]] = deque()
+        self._feedback_sent_at = 0.0
+        self._turn = 0
+        self._server = _Server(
             node,
             action,
             names.MOVE_TIP_ACTION,
-            self._execute,
+            self._write_result,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
+            goal_service_qos_profile=qos.SERVICE,
+            result_service_qos_profile=qos.SERVICE,
+            cancel_service_qos_profile=qos.SERVICE,
             result_timeout=RESULT_KEPT,
         )
 
@@ -124,12 +196,39 @@ class MoveTipServer:
     # --- A goal's life ---------------------------------------------------------------------------
 
     def _on_accepted(self, handle: Any) -> None:
-        job = _Job(handle)
-        self._jobs.append(job)
-        self._begin(job)
-        handle.execute()
+        """Begin a goal that rclpy has accepted.
 
-    def _begin(self, job: _Job) -> None:
+        If `MOST_GOALS` goals have no result yet, the goal is refused with `DEADLINE`. An exception
+        in `_begin` is recorded as a fault and ends the goal with `INTERNAL`.
+
+        Args:
+            handle: rclpy's handle of the goal.
+        """
+        job = _ActionGoal(handle, self._finish)
+        handle.execute()
+        if len(self._jobs) >= MOST_GOALS:
+            job.refuse(
+                Verdict.DEADLINE,
+                f"{MOST_GOALS} goals of the action have no result yet, the most that are taken; "
+                "send this one again when some have ended",
+            )
+            return
+        self._jobs.append(job)
+        try:
+            self._begin(job)
+        except Exception as error:
+            job.refuse(Verdict.INTERNAL, self._faults.record_fault("a goal of the action", error))
+
+    def _begin(self, job: _ActionGoal) -> None:
+        """Decode a goal and its options, then hand it to the lifecycle or queue it for a plan only.
+
+        It is queued if its request has `plan_only`; queued goals are planned for one after the
+        other. A goal whose pose or options cannot be used is
+        refused. A goal with the stamp 0 gets the system time as its stamp.
+
+        Args:
+            job: The goal. Writes its `pending_goal` if it is handed to the lifecycle.
+        """
         request = job.handle.request
         try:
             goal = self._decoded(request.pose)
@@ -139,118 +238,248 @@ class MoveTipServer:
         except MessageError as error:
             job.refuse(Verdict.INTERNAL, str(error))
         except MhsbError as error:
-            job.refuse(code_of(error), str(error))
+            job.refuse(find_verdict_code(error), str(error))
         else:
             goal = replace(goal, stamp_ns=goal.stamp_ns or time.time_ns())
-            adjusted = self._adjustment(changes)
+            adjusted = self._make_adjustment(changes)
             if request.plan_only:
-                self._rehearse(job, goal, adjusted)
+                self._trial_queue.append((job, goal, adjusted))
+                self._start_next_trial_plan()
             else:
-                job.in_hand = self._lifecycle.goal(goal, adjusted=adjusted, told=job.told)
+                job.pending_goal = self._lifecycle.add_goal(
+                    goal, adjust_settings=adjusted, on_report=job.take_report
+                )
 
-    def _adjustment(self, changes: Sequence[Parameter]) -> Adjustment:
-        """Settings of all, whose parameters a goal has its own of in part."""
+    def _make_adjustment(self, changes: Sequence[Parameter]) -> Adjustment:
+        """Return the function that derives a goal's settings from the settings for all goals.
+
+        Args:
+            changes: The goal's own parameters. Without any, the function returns the settings for
+                all goals. With some, it reads the node's present parameters, with these replaced.
+        """
         return lambda settings: self._settings_with(changes) if changes else settings
 
-    async def _execute(self, handle: Any) -> Any:
-        """Wait until the lifecycle has told how the goal ended."""
-        job = next(job for job in self._jobs if job.handle is handle)
-        success = await job.ended
-        self._jobs.remove(job)
-        if success:
+    def _finish(self, job: _ActionGoal) -> None:
+        """Let rclpy write the result of a goal that has ended, and forget the goal.
+
+        Args:
+            job: The goal.
+        """
+        if job in self._jobs:
+            self._jobs.remove(job)
+        self._server.notify_execute(job.handle, partial(self._write_result, job))
+
+    def _write_result(self, job: _ActionGoal, handle: Any) -> Any:
+        """Set the final state of a goal in rclpy, and return its result.
+
+        The state is succeeded if `job.success`, else canceled if cancelling was requested, else
+        aborted. If the message cannot be made of the fields in `job.result`, a fault is recorded.
+        Then `job.success` becomes False, and the result is the fault's sentence alone.
+
+        Args:
+            job: The goal, which has ended.
+            handle: rclpy's handle of the goal.
+
+        Returns:
+            Result message of the action.
+        """
+        try:
+            result = self._action.Result(**job.result)
+        except Exception as error:
+            sentence = self._faults.record_fault("a result of the action", error)
+            job.success, result = False, self._action.Result(message=sentence)
+        if job.success:
             handle.succeed()
         elif handle.is_cancel_requested:
             handle.canceled()
         else:
             handle.abort()
-        return self._action.Result(**job.result)
+        return result
 
     def _on_cancel(self, handle: Any) -> CancelResponse:
-        """Brake, where the goal is the newest; a plan alone is thrown away."""
+        """Cancel a goal of the action.
+
+        A goal in the lifecycle is cancelled there: the arm is stopped if no newer goal has come. A
+        goal with `plan_only` ends with `STOPPED`, and its plan is dropped.
+
+        Args:
+            handle: rclpy's handle of the goal.
+
+        Returns:
+            `ACCEPT`, or `REJECT` if the goal has ended.
+        """
         job = next((job for job in self._jobs if job.handle is handle), None)
-        if job is None or job.ended.done():
+        if job is None:
             return CancelResponse.REJECT
-        if job.in_hand is None:
+        if job.pending_goal is None:
             job.refuse(Verdict.STOPPED, "planning was cancelled")
         else:
-            self._lifecycle.cancel(job.in_hand)
+            self._lifecycle.cancel(job.pending_goal)
         return CancelResponse.ACCEPT
 
-    # --- Plans that nobody executes --------------------------------------------------------------
+    # --- Plans without execution -----------------------------------------------------------------
 
-    def _rehearse(
-        self, job: _Job, goal: Goal, adjusted: Adjustment, stretch: float = 1.0
+    def _start_next_trial_plan(self) -> None:
+        """Begin to plan for the next goal that is not to be executed.
+
+        Only one such plan is made at a time. So a goal that is to be executed waits for at most one
+        of them. Goals that have ended while they were queued are skipped.
+        """
+        while self._trial_request is None and self._trial_queue:
+            job, goal, adjusted = self._trial_queue.popleft()
+            if job.success is None:
+                self._request_trial_plan(job, goal, adjusted)
+
+    def _request_trial_plan(
+        self, job: _ActionGoal, goal: Goal, adjust_settings: Adjustment, horizon_factor: float = 1.0
     ) -> None:
-        try:
-            request = self._lifecycle.rehearsal(goal, adjusted, stretch)
-        except MhsbError as error:
-            job.refuse(code_of(error), str(error))
-        else:
-            self._rehearsals[request] = job
-            self._outbox.plan(request)
+        """Request a plan that is not to be executed; refuse the goal if nothing can be planned.
 
-    def planned(self, request: PlanRequest, answer: Replan | Exception | None) -> bool:
-        """Take an answer that was asked for here; False where it was not."""
-        job = self._rehearsals.pop(request, None)
-        if job is None:
+        Args:
+            job: Goal of the action.
+            goal: Where the tip would go.
+            adjust_settings: Derives the goal's settings from the settings for all goals.
+            horizon_factor: Factor on the commit horizon.
+        """
+        try:
+            request = self._lifecycle.build_trial_request(goal, adjust_settings, horizon_factor)
+        except MhsbError as error:
+            job.refuse(find_verdict_code(error), str(error))
+        else:
+            self._trial_request = request, job
+            self._outbox.start_planning(request)
+
+    def handle_plan_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> bool:
+        """Handle an answer of the planning worker if this server has requested the plan.
+
+        Planning for the next goal with `plan_only` begins afterwards. An exception in handling the
+        answer is recorded as a fault and ends the goal with `INTERNAL`.
+
+        Args:
+            request: The request that was answered.
+            answer: The plan, the error that planning raised, or None if the arm is at the goal
+                already.
+
+        Returns:
+            True if this server had requested the plan; otherwise nothing was done.
+        """
+        if self._trial_request is None or self._trial_request[0] is not request:
             return False
-        if job.ended.done():
-            return True
-        in_hand, longest = request.in_hand, request.settings.lead_max
-        elapsed = 1e3 * (self._node.wall() - in_hand.received)
-        again = request.lead < longest and in_hand.stretch < MOST_STRETCHED
+        job, self._trial_request = self._trial_request[1], None
+        try:
+            if job.success is None:
+                self._take_plan(job, request, answer)
+        except Exception as error:
+            job.refuse(Verdict.INTERNAL, self._faults.record_fault("a plan of the action", error))
+        self._start_next_trial_plan()
+        return True
+
+    def _take_plan(
+        self, job: _ActionGoal, request: PlanRequest, answer: Replan | Exception | None
+    ) -> None:
+        """End a goal that is not to be executed by the answer to its request, or plan again.
+
+        After a missed deadline it is planned again with a commit horizon longer by the factor
+        `LATE_PLAN_FACTOR`. There is no further try if the horizon was at its upper bound, or if the
+        factors multiply to `MOST_STRETCHED`; the verdict is then `NOT_FOUND`. A plan ends the goal
+        with success. Its energies, duration, times and both of its messages go into the result.
+
+        Args:
+            job: The goal.
+            request: The request that was answered.
+            answer: The plan, the error that planning raised, or None if the arm is at the goal
+                already.
+        """
+        in_hand, longest = request.pending_goal, request.settings.lead_max
+        elapsed = 1e3 * (self._node.steady_time() - in_hand.received_at)
+        again = request.commit_horizon < longest and in_hand.horizon_factor < MOST_STRETCHED
         if isinstance(answer, DeadlineError) and again:
-            self._rehearse(job, in_hand.goal, in_hand.adjusted, LONGER * in_hand.stretch)
+            self._request_trial_plan(
+                job,
+                in_hand.goal,
+                in_hand.adjust_settings,
+                LATE_PLAN_FACTOR * in_hand.horizon_factor,
+            )
         elif isinstance(answer, MhsbError):
-            code = Verdict.NOT_FOUND if isinstance(answer, DeadlineError) else code_of(answer)
+            code = (
+                Verdict.NOT_FOUND
+                if isinstance(answer, DeadlineError)
+                else find_verdict_code(answer)
+            )
             job.refuse(code, str(answer))
         elif isinstance(answer, Exception):
             job.refuse(Verdict.INTERNAL, f"planning failed with {type(answer).__name__}")
         elif answer is None:
             nothing = PlanSummary(0, 0.0, 0.0, 0.0, 0, elapsed, 0.0)
-            sentence = f"the tip is at {in_hand.goal.place} already"
-            job.told(GoalVerdict.of(in_hand.goal, Verdict.AT_GOAL, sentence, nothing))
+            sentence = f"the tip is at {in_hand.goal.position_text} already"
+            job.take_report(GoalVerdict.of(in_hand.goal, Verdict.AT_GOAL, sentence, nothing))
         else:
-            halves = self._outbox.halves(answer.command)
-            job.result |= _figures(summary_of(answer, elapsed, elapsed + 1e3 * request.lead))
+            halves = self._outbox.encode_command(answer.command)
+            job.result |= _plan_result_fields(
+                summarize_plan(answer, elapsed, elapsed + 1e3 * request.commit_horizon)
+            )
             job.result |= {
                 "verdict": str(Verdict.OK),
-                "message": announcement(answer, in_hand.goal),
+                "message": compose_acceptance_sentence(answer, in_hand.goal),
                 "joint_trajectory": deserialize_message(halves[0], JointTrajectory),
                 "mode_commands": deserialize_message(halves[1], JointTrajectory),
             }
             job.end(True)
-        return True
 
     # --- Feedback --------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """Tell of goals in hand how far they are, some times a second."""
-        now = self._node.wall()
-        if not self._jobs or now - self._told_at < FEEDBACK_PERIOD:
+        """Publish feedback for goals without a result, every `FEEDBACK_PERIOD`.
+
+        The feedback says whether the goal is `planning`, `moving` or `stopping`. It has the elapsed
+        share of the motion, the time left [s], the arm's modes and the energy so far [J]. The
+        progress of a goal is first updated if its plan is in force.
+        """
+        now = self._node.steady_time()
+        if not self._jobs or now - self._feedback_sent_at < FEEDBACK_PERIOD:
             return
-        self._told_at = now
-        life, view = self._lifecycle, self._lifecycle.view
-        for job in self._jobs:
-            if job.ended.done():
-                continue
+        self._feedback_sent_at = now
+        life, view = self._lifecycle, self._lifecycle.arm_state
+        for job in self._choose_goals_for_feedback():
             execution, state = life.execution, "planning"
-            if execution is not None and execution.in_hand is job.in_hand:
-                job.progress.look(execution, view.now_ns(now, self._node.ros_ns()))
-                state = "stopping" if life.stops else "moving"
+            if execution is not None and execution.pending_goal is job.pending_goal:
+                job.progress.update(execution, view.get_plan_time_ns(now, self._node.ros_ns()))
+                state = "stopping" if life.is_stopping else "moving"
             job.handle.publish_feedback(
                 self._action.Feedback(
                     state=state,
-                    progress=job.progress.share,
-                    time_left_s=job.progress.left,
+                    progress=job.progress.time_share,
+                    time_left_s=job.progress.time_left,
                     modes=[] if view.modes is None else view.modes.tolist(),
                     energy_j=job.progress.energy_j,
                     energy_series_j=job.progress.energy_series_j,
                 )
             )
 
+    def _choose_goals_for_feedback(self) -> list[_ActionGoal]:
+        """Choose the goals that get feedback in this round.
 
-def _figures(plan: PlanSummary) -> dict[str, Any]:
+        All goals get it if there are at most `FEEDBACK_AT_ONCE`. Otherwise the goal in execution
+        and the next `FEEDBACK_AT_ONCE` in turn get it.
+
+        Returns:
+            Goals to send feedback for.
+        """
+        jobs = self._jobs
+        if len(jobs) <= FEEDBACK_AT_ONCE:
+            return list(jobs)
+        execution = self._lifecycle.execution
+        executed = None if execution is None else execution.pending_goal
+        under_way = [
+            job for job in jobs if job.pending_goal is not None and job.pending_goal is executed
+        ]
+        self._turn = (self._turn + FEEDBACK_AT_ONCE) % len(jobs)
+        in_turn = (jobs[self._turn :] + jobs[: self._turn])[:FEEDBACK_AT_ONCE]
+        return under_way + [job for job in in_turn if job not in under_way]
+
+
+def _plan_result_fields(plan: PlanSummary) -> dict[str, Any]:
+    """Return the fields of the action's result that describe a plan, by field name."""
     return {
         "plan_stamp": stamps.to_time(plan.plan_stamp_ns),
         "energy_j": plan.energy_j,

@@ -1,4 +1,4 @@
-"""What the planner node says and does for the lifecycle of its goals."""
+"""Outbox of the planner node: publishes, plans and calls services for the lifecycle of goals."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.ros import views
 
 Answer = tuple[PlanRequest, Replan | Exception | None]
+"""A request with the plan, the error that planning raised, or None if the arm is at the goal."""
 
-PUBLISHED = (
+PUBLISHED_TOPICS = (
     topics.PLAN_STATUS,
     topics.JOINT_TRAJECTORY,
     topics.MODE_COMMANDS,
@@ -33,97 +34,155 @@ PUBLISHED = (
     topics.MARKERS,
     topics.DIAGNOSTICS,
 )
+"""Topics that the planner node publishes on."""
 
 
 class RosOutbox:
-    """Publishes, plans in a worker thread, and asks the arm to stop.
+    """Outbox that publishes, plans in a worker thread, and asks the arm to stop.
 
-    `on_answers` is called in the node's thread when plans have been made; `answers` gives them.
-    verdicts counts those that were given.
+    Attributes:
+        verdict_count: Number of verdicts given so far.
     """
 
     def __init__(self, node: Node, machine: Machine, frame_prefix: str) -> None:
+        """Create the publishers, the client of the arm's ~/stop and the idle worker.
+
+        Args:
+            node: Planner node.
+            machine: Machine of the node, which gives the names of joints and actuators.
+            frame_prefix: Text before the names of frames.
+        """
         self._node = node
         self._machine = machine
         self._prefix = frame_prefix
         self._publishers = {
-            topic.name: endpoints.publisher(node, topic)
-            for topic in PUBLISHED
+            topic.name: endpoints.make_publisher(node, topic) for topic in PUBLISHED_TOPICS
         }
         self._arm_stop = node.create_client(Trigger, f"{names.SIM_NODE}/stop")
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="planning")
         self._answers: deque[Answer] = deque()
         self._replanner: Replanner | None = None
         self._shown: Command | None = None
-        self.verdicts = 0
+        self.verdict_count = 0
 
     @property
-    def own(self) -> list[Publisher]:
-        """Publishers on topics where nobody else should publish."""
+    def exclusive_publishers(self) -> list[Publisher]:
+        """Publishers on topics where no other node should publish."""
         topics_of_one = (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS, topics.PLAN_STATUS)
         return [self._publishers[topic.name] for topic in topics_of_one]
 
-    def serve(self, replanner: Replanner, on_answers: Callable[[], None]) -> None:
-        """Plan with a replanner from now on."""
+    def start(self, replanner: Replanner, on_answers: Callable[[], None]) -> None:
+        """Begin to accept plan requests.
+
+        Args:
+            replanner: Makes the plans, in the worker's thread.
+            on_answers: Called in the node's thread when plans have been made; `take_answers`
+                returns them.
+        """
         self._replanner = replanner
         self._answered = self._node.create_guard_condition(on_answers)
 
-    def rehearse(self, example: Command, arm: Machine) -> None:
-        """Encode what a plan sends, before anybody waits for it; loads the types' support."""
-        self.halves(example)
+    def encode_example(self, example: Command, arm: Machine) -> None:
+        """Encode all messages of an example plan once, before a plan is needed.
+
+        This loads the type support of the messages, which takes long. Nothing is published.
+
+        Args:
+            example: Command to encode.
+            arm: Machine with the zones to draw.
+        """
+        self.encode_command(example)
         for message in self._views(example, arm):
             serialize_message(message)
 
     def close(self) -> None:
-        """End the worker."""
+        """Wait for the plan that is being made, drop further requests, and end the worker."""
         self._worker.shutdown(wait=True, cancel_futures=True)
 
     # --- Planning --------------------------------------------------------------------------------
 
-    def plan(self, request: PlanRequest) -> None:
-        """Make a plan in the worker's thread."""
+    def start_planning(self, request: PlanRequest) -> None:
+        """Queue a request for the worker's thread.
+
+        Args:
+            request: The request. Its answer is returned by `take_answers` later.
+
+        Raises:
+            RuntimeError: `start` has not been called yet.
+        """
         if self._replanner is None:
             raise RuntimeError("nothing to plan with yet; call serve() first")
-        job = self._worker.submit(request.answered_by, self._replanner)
-        job.add_done_callback(lambda done: self._keep(request, done))
+        job = self._worker.submit(request.make_plan, self._replanner)
+        job.add_done_callback(lambda done: self._store_answer(request, done))
 
-    def _keep(self, request: PlanRequest, job: Future[Replan | None]) -> None:
-        """In the worker's thread: hand the answer over to the node's."""
+    def _store_answer(self, request: PlanRequest, job: Future[Replan | None]) -> None:
+        """Store an answer and wake the node; runs in the worker's thread.
+
+        An exception that is not an MhsbError is also logged with its traceback.
+
+        Args:
+            request: The request.
+            job: The finished work, with its result or its exception.
+        """
         error = job.exception()
         if error is None:
             self._answers.append((request, job.result()))
         elif isinstance(error, Exception):
             if not isinstance(error, MhsbError):
-                told = "".join(traceback.format_exception(error))
-                self._node.get_logger().error(f"planning failed: {told}")
+                text = "".join(traceback.format_exception(error))
+                self._node.get_logger().error(f"planning failed: {text}")
             self._answers.append((request, error))
         self._answered.trigger()
 
-    def answers(self) -> list[Answer]:
-        """What planning has given since the last call."""
+    def take_answers(self) -> list[Answer]:
+        """Return the requests that were answered since the last call, with their answers.
+
+        The returned answers are removed from the queue.
+
+        Returns:
+            Pairs of request and answer in order of time. An answer is the plan, an exception, or
+            None if the arm is at the goal.
+        """
         made = []
         while self._answers:
             made.append(self._answers.popleft())
         return made
 
-    # --- Talking ---------------------------------------------------------------------------------
+    # --- Messages --------------------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """Publish both halves of a plan; viewers are shown it by `show`."""
+        """Publish both messages of a command, and keep it for `publish_views`.
+
+        Args:
+            command: Trajectory and mode schedule.
+        """
         halves = (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS)
-        for topic, message in zip(halves, self.halves(command), strict=True):
+        for topic, message in zip(halves, self.encode_command(command), strict=True):
             self.publish(topic, message)
         self._shown = command
 
-    def halves(self, command: Command) -> tuple[bytes, bytes]:
-        """Both messages as they go over the wire: an object for every point would take long."""
+    def encode_command(self, command: Command) -> tuple[bytes, bytes]:
+        """Encode a command as the bytes of its two messages.
+
+        Direct encoding avoids a Python message object for every point, which would take long.
+
+        Args:
+            command: Trajectory and mode schedule.
+
+        Returns:
+            Serialized messages of `joint_trajectory` and `mode_commands`.
+        """
         return (
             trajectory.to_bytes(command.trajectory, self._machine.joint_names),
             mode_schedule.to_bytes(command.schedule, self._machine.actuator_names),
         )
 
-    def show(self, arm: Machine) -> None:
-        """Publish what viewers are shown of the last command that was sent, once."""
+    def publish_views(self, arm: Machine) -> None:
+        """Publish path and markers of the last command that was sent, once for each command.
+
+        Args:
+            arm: Machine with the zones to draw.
+        """
         command, self._shown = self._shown, None
         if command is None:
             return
@@ -131,30 +190,58 @@ class RosOutbox:
         for topic, message in zip(shown, self._views(command, arm), strict=True):
             self.publish(topic, message)
 
-    def show_markers(self, arm: Machine, command: Command | None) -> None:
-        """Publish obstacles, and the plan in force if there is one."""
-        markers = views.markers(arm, command, self._prefix, self._now_ns())
+    def publish_markers(self, arm: Machine, command: Command | None) -> None:
+        """Publish markers of all obstacles, and of a command if there is one.
+
+        Args:
+            arm: Machine with the zones to draw.
+            command: Command to draw, or None.
+        """
+        markers = views.make_markers(arm, command, self._prefix, self._now_ns())
         self.publish(topics.MARKERS, markers)
 
     def report(self, report: Report) -> None:
-        """Publish a verdict or the end of an execution."""
+        """Publish a verdict or an execution report, and count verdicts."""
         self.publish(topics.PLAN_STATUS, plan_status.encode(report, self._now_ns()))
-        self.verdicts += isinstance(report, GoalVerdict)
+        self.verdict_count += isinstance(report, GoalVerdict)
 
     def warn(self, sentence: str) -> None:
-        """Write to the log."""
+        """Write a warning to the node's log."""
         self._node.get_logger().warning(sentence)
 
-    def stop_arm(self) -> None:
-        """Call the arm's own ~/stop."""
-        if self._arm_stop.service_is_ready():
-            self._arm_stop.call_async(Trigger.Request())
+    def stop_arm(self, on_answer: Callable[[bool, str], None]) -> bool:
+        """Call the arm's own ~/stop, which reaches every arm that serves it.
 
-    def connected(self) -> bool:
-        """Whether the arm receives both halves of a plan.
+        Args:
+            on_answer: Called in the node's thread with success and sentence of the first answer.
 
-        What is sent before the match is lost. An arm that was killed still counts for a while, so
-        there must be as many receivers as there are sources of a reference.
+        Returns:
+            False if no arm serves ~/stop.
+        """
+        if not self._arm_stop.service_is_ready():
+            return False
+
+        def pass_on_answer(done: Any) -> None:
+            """Pass the response of a finished call on to `on_answer`, if there is one.
+
+            Args:
+                done: rclpy's future of the call.
+            """
+            response = done.result()
+            if response is not None:
+                on_answer(response.success, response.message)
+
+        self._arm_stop.call_async(Trigger.Request()).add_done_callback(pass_on_answer)
+        return True
+
+    def is_arm_connected(self) -> bool:
+        """Return whether the arm receives both messages of a plan.
+
+        Messages sent before the match are lost. A killed arm still counts as a subscriber for a
+        while. So each topic needs at least as many subscribers as `reference` has publishers.
+
+        Returns:
+            True if both topics have enough subscribers, at least one.
         """
         arms = max(1, self._node.count_publishers(topics.REFERENCE.name))
         return all(
@@ -162,14 +249,33 @@ class RosOutbox:
             for topic in (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS)
         )
 
+    def describe_publisher_conflict(self) -> str:
+        """Return a sentence that names the arms that publish `reference` if there are several.
+
+        `reference` comes from the arm; the planner only subscribes to it. The sentence gives
+        namespace and name of each publishing node, and asks to end all but one.
+
+        Returns:
+            The sentence; empty if the ROS graph shows one publisher or none.
+        """
+        found = self._node.get_publishers_info_by_topic(topics.REFERENCE.name)
+        if len(found) < 2:
+            return ""
+        names_of = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
+        return (
+            f"{topics.REFERENCE.name} comes from {len(found)} publishers whose clocks differ "
+            f"({', '.join(names_of)}); end all but one"
+        )
+
     def publish(self, topic: topics.Topic, message: Any) -> None:
         """Publish a message on a topic."""
         self._publishers[topic.name].publish(message)
 
     def _views(self, command: Command, arm: Machine) -> tuple[Any, ...]:
+        """Return the tip's path in two frames and the markers of a command, as messages."""
         return (
-            *views.paths(self._machine, command, self._prefix),
-            views.markers(arm, command, self._prefix, command.stamp_ns),
+            *views.make_paths(self._machine, command, self._prefix),
+            views.make_markers(arm, command, self._prefix, command.stamp_ns),
         )
 
     def _now_ns(self) -> int:

@@ -1,4 +1,4 @@
-"""What the planner says of itself on /diagnostics."""
+"""Status of the planner node on /diagnostics."""
 
 from __future__ import annotations
 
@@ -6,51 +6,90 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from mhsb_model.machine import Machine
 from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
-from mhsb_msgs_py.duplicates import duplicate_problem
+from mhsb_msgs_py.duplicates import describe_duplicates
+from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.names import PLANNER_NODE
-from mhsb_planner.online.arm_view import NO_PLAN, ArmView
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 from mhsb_planner.ros.outbox import RosOutbox
 
 PLANNER_STATUS = f"{PLANNER_NODE}: planner"
+"""Name of the planner node's status."""
 
 
-def message(
-    node: Node, wall: float, lifecycle: GoalLifecycle, outbox: RosOutbox, payload: float
+def compose_diagnostics(
+    node: Node,
+    steady_time: float,
+    lifecycle: GoalLifecycle,
+    outbox: RosOutbox,
+    payload: float,
+    machine: Machine,
+    faults: Faults,
 ) -> DiagnosticArray:
-    """One status: whether the planner knows the arm's state, and what it has done so far.
+    """Compose the status of the planner node for /diagnostics.
 
-    wall: by the steady clock [s]; payload: that plans are made for
-    [kg]. What is there twice is also written to the log.
+    Its values are the number of verdicts, the plan in force and the estimated commit horizon [s].
+    Further values are the payload [kg], name and hash of the machine, and faults of callbacks. A
+    duplicate node or publisher is also logged, at most every 10 s.
+
+    Args:
+        node: Planner node.
+        steady_time: Present time by the steady clock [s].
+        lifecycle: Lifecycle of the node's goals.
+        outbox: Outbox of the node.
+        payload: Payload that plans are made for [kg].
+        machine: Machine that the node was started with.
+        faults: Faults of the node's callbacks.
+
+    Returns:
+        Message with one status. Its level is WARN if the arm's state is unknown, a duplicate exists
+        or a callback has failed recently.
     """
-    doubles = duplicate_problem(node, outbox.own)
+    doubles = describe_duplicates(node, outbox.exclusive_publishers)
     if doubles:
         node.get_logger().warning(doubles, throttle_duration_sec=10.0)
-    view = lifecycle.view
-    known = view.knows_state(wall)
+    view = lifecycle.arm_state
+    known = view.has_fresh_state(steady_time)
+    warnings = "; ".join(filter(None, (doubles, faults.get_recent_fault())))
     status = DiagnosticStatus(
-        level=bytes([Level.OK if known and not doubles else Level.WARN]),
+        level=bytes([Level.OK if known and not warnings else Level.WARN]),
         name=PLANNER_STATUS,
-        message=doubles or ("ready" if known else "nobody says where the arm is"),
+        message=warnings or ("ready" if known else "nobody says where the arm is"),
         hardware_id=PLANNER_NODE,
         values=[
-            KeyValue(key="verdicts_given", value=str(outbox.verdicts)),
-            KeyValue(key="plan_in_force", value=_plan_in_force(view)),
-            KeyValue(key="lead_s", value=f"{lifecycle.lead.lead:.4f}"),
+            KeyValue(key="verdicts_given", value=str(outbox.verdict_count)),
+            KeyValue(key="plan_in_force", value=_describe_plan_in_force(view)),
+            KeyValue(key="lead_s", value=f"{lifecycle.horizon_estimator.horizon:.4f}"),
             KeyValue(key="payload_kg", value=f"{payload:.3f}"),
+            KeyValue(key="machine", value=machine.name),
+            KeyValue(key="machine_hash", value=machine.planning_hash),
+            *(KeyValue(key=key, value=value) for key, value in faults.get_status_values().items()),
         ],
     )
     header = Header(stamp=node.get_clock().now().to_msg())
     return DiagnosticArray(header=header, status=[status])
 
 
-def _plan_in_force(view: ArmView) -> str:
-    if view.in_force_ns is None:
+def _describe_plan_in_force(arm_state: ArmState) -> str:
+    """Return the stamp and origin of the plan in force as text.
+
+    Args:
+        arm_state: Arm state.
+
+    Returns:
+        "unknown" if the arm reports none, "none, the arm holds", or the stamp and whether the plan
+        is this planner's.
+    """
+    if arm_state.plan_in_force_ns is None:
         return "unknown"
-    if view.in_force_ns == NO_PLAN:
+    if arm_state.plan_in_force_ns == NO_PLAN:
         return "none, the arm holds"
-    own = view.own is not None and view.own.stamp_ns == view.in_force_ns
+    own = (
+        arm_state.own_command is not None
+        and arm_state.own_command.stamp_ns == arm_state.plan_in_force_ns
+    )
     whose = "this planner's" if own else "somebody else's"
-    return f"{stamps.to_text(view.in_force_ns)}, {whose}"
+    return f"{stamps.to_text(arm_state.plan_in_force_ns)}, {whose}"

@@ -1,8 +1,8 @@
-"""The planner node: goals in, joint trajectories, mode commands and verdicts out.
+"""Planner node: receives goals; publishes joint trajectories, mode commands and verdicts.
 
-A thin adapter: messages are decoded here and become events of the `GoalLifecycle`, which decides;
-what it asks for is done by the `RosOutbox`. Planning runs in one worker thread, everything else
-in the executor's thread.
+Messages are decoded here and become events of the `GoalLifecycle`, which decides. The `RosOutbox`
+plans, publishes and calls services for it. Planning runs in one worker thread, everything else in
+the executor's thread.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from __future__ import annotations
 import gc
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -36,100 +37,144 @@ from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import Position
 from mhsb_model.verdict import GoalVerdict, Verdict
 from mhsb_msgs_py import (
-    endpoints,
     estimates,
     goal_pose,
     joint_state,
     modes_in_force,
     names,
+    qos,
     reference,
     sim_status,
     stamps,
     topics,
 )
 from mhsb_msgs_py.errors import GoalError, MessageError
+from mhsb_msgs_py.faults import Faults
+from mhsb_msgs_py.matching import MatchingSubscriptions
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
-from mhsb_planner.online.departure import NoStateError
 from mhsb_planner.online.goal_lifecycle import LONGEST_WAIT, GoalLifecycle
-from mhsb_planner.online.learnt_payload import payload_to_plan_with
-from mhsb_planner.online.progress import energy_between
-from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.online.settings import Settings
-from mhsb_planner.posture.posture_table_cache import table_for
+from mhsb_planner.online.plan_request import PlanRequest
+from mhsb_planner.online.progress import compute_energy_between
+from mhsb_planner.online.replanning import Replan, Replanner
+from mhsb_planner.online.settings import Settings, choose_payload
+from mhsb_planner.online.start_state import NoStateError
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.ros import planner_diagnostics, planner_parameters
 from mhsb_planner.ros.move_tip_server import MoveTipServer
 from mhsb_planner.ros.outbox import RosOutbox
-from mhsb_planner.ros.zone_parameters import ZONES
+from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS, replace_deletions
 
-TICK = 0.02  # s
-DIAGNOSTICS_PERIOD = 1.0  # s
+TIMER_PERIOD = 0.02
+"""Time between two steps of the lifecycle [s]."""
+
+DIAGNOSTICS_PERIOD = 1.0
+"""Time between two statuses on /diagnostics [s]."""
+
+EXECUTION_TOPICS = (topics.JOINT_STATES, topics.REFERENCE, topics.PLAN_IN_FORCE)
+"""Topics by which the execution of a plan is monitored.
+
+The arm is stopped if the callback of one of them fails repeatedly.
+"""
 
 
 class PlannerNode(Node):
-    """Plans the arm's motion to goal poses, from where the arm is and while it moves."""
+    """Node that plans the arm's motion to goal poses, from rest and while the arm moves.
+
+    It is also the clock of its lifecycle.
+
+    Attributes:
+        faults: Record of exceptions in the node's callbacks.
+    """
+
+    deletable_parameters = frozenset(ZONE_PARAMETERS)
+    """Parameters that may be deleted: a deleted zone parameter means no zones."""
 
     def __init__(self) -> None:
+        """Declare parameters, compile the planner, load the posture table, and open all interfaces.
+
+        Goals are subscribed last, so that whoever finds the subscription finds a ready planner.
+        """
         super().__init__(names.PLANNER_NODE)
+        self.faults = Faults(self, stop=self._stop_unmonitored_arm)
+        self._take_answer = self.faults.wrap("an answer of planning", self._on_answer)
+        self._publish_guarded = self.faults.wrap("the feedback", self._publish_feedback_and_views)
         self._machine = planner_parameters.declare_machine(self)
         table_path = planner_parameters.declare_table_path(self)
         self._frame_prefix = planner_parameters.declare_frame_prefix(self)
-        planner_parameters.declare(self, self._machine)
+        planner_parameters.declare_changeable(self, self._machine)
+        self.add_pre_set_parameters_callback(replace_deletions)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
         self._lost_pumps: tuple[int, ...] = ()
-        self._learnt_payload: float | None = None
-        self._settings = self._settings_with()
+        self._estimated_payload: float | None = None
+        self._settings = self._make_settings()
 
         self._outbox = RosOutbox(self, self._machine, self._frame_prefix)
+        self._matching_subscriptions = MatchingSubscriptions(self)
         compile_planner(self.get_logger().info)
-        table = table_for(self._machine, table_path)
+        table = load_or_build_table(self._machine, table_path)
         replanner = Replanner(self._machine, table)
-        replanner.change(self._settings.machine)
+        replanner.change_machine(self._settings.machine)
         example = replanner.warm_up()
-        self._outbox.rehearse(example, self._settings.machine)
-        energy_between(self._machine, example, example.stamp_ns, example.trajectory.end_ns)
-        self._outbox.serve(replanner, self._on_answers)
-        self._lifecycle = GoalLifecycle(self._settings, replanner.stop, self, self._outbox)
+        self._outbox.encode_example(example, self._settings.machine)
+        compute_energy_between(self._machine, example, example.stamp_ns, example.trajectory.end_ns)
+        self._outbox.start(replanner, self._on_answers)
+        self._lifecycle = GoalLifecycle(
+            self._settings, replanner.make_braking_command, self, self._outbox
+        )
         self._make_interfaces()
         self._move_tip = self._serve_action()
         self._show_markers()
         gc.collect()
-        gc.freeze()  # what has been loaded stays: later collections need not look at it
+        gc.freeze()  # later collections need not look at what has been loaded
         self.get_logger().info(
             f"ready: {self._machine.name}, posture table with {len(table.nodes)} nodes"
         )
 
     def _make_interfaces(self) -> None:
-        """Subscribe the goals last: whoever matches them finds a planner that is ready."""
+        """Create the service, timers and subscriptions of the node.
+
+        Goals are subscribed last, so that whoever finds the subscription finds a ready planner.
+        """
         self.create_service(
-            Trigger, names.STOP_SERVICE, self._on_stop, callback_group=ReentrantCallbackGroup()
+            Trigger,
+            names.STOP_SERVICE,
+            self._on_stop,
+            qos_profile=qos.SERVICE,
+            callback_group=ReentrantCallbackGroup(),
         )
         steady = rclpy.clock.Clock(clock_type=rclpy.clock.ClockType.STEADY_TIME)
-        self.create_timer(TICK, self._on_timer, clock=steady)
+        self.faults.watch(self.create_timer(TIMER_PERIOD, self._on_timer, clock=steady))
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         self._jump_handler = self.get_clock().create_jump_callback(
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
             ),
-            post_callback=self._on_clock_jump,
+            post_callback=self.faults.wrap("the clock's jump", self._on_clock_jump),
         )
         for topic, callback in (
-            (topics.JOINT_STATES, self._on_joint_states),
-            (topics.REFERENCE, self._on_reference),
-            (topics.PLAN_IN_FORCE, self._on_plan_in_force),
-            (topics.MODES, self._on_modes),
+            (topics.JOINT_STATES, _without_info(self._on_joint_states)),
+            (topics.REFERENCE, _without_info(self._on_reference)),
+            (topics.PLAN_IN_FORCE, _without_info(self._on_plan_in_force)),
+            (topics.MODES, _without_info(self._on_modes)),
             (topics.DIAGNOSTICS, self._on_diagnostics),
-            (topics.ESTIMATES, self._on_estimates),
+            (topics.ESTIMATES, _without_info(self._on_estimates)),
         ):
-            endpoints.subscription(self, topic, callback)
-        goals = topics.GOAL_POSE
-        self.create_subscription(goals.message, goals.name, self._on_goal, goals.qos)
+            heard = self._matching_subscriptions.add(topic, callback)
+            if topic in EXECUTION_TOPICS:
+                self.faults.watch(heard)
+        self._matching_subscriptions.add(topics.GOAL_POSE, self._on_goal, at_once=True)
 
     def _serve_action(self) -> MoveTipServer | None:
-        """The action, where its interface was built; topics and services do without it."""
+        """Serve the action ~/move_tip if its interface was built.
+
+        Returns:
+            The server; None if the interface is missing or does not fit, which is logged. Goals
+            then come by topic alone.
+        """
         try:
             from mhsb_interfaces.action import MoveTip
         except ImportError:
@@ -140,8 +185,14 @@ class PlannerNode(Node):
             return None
         try:
             return MoveTipServer(
-                MoveTip, self, self._machine, self._decoded, self._lifecycle, self._outbox,
-                self._settings_with,
+                MoveTip,
+                self,
+                self._machine,
+                self._decode_goal,
+                self._lifecycle,
+                self._outbox,
+                self._make_settings,
+                self.faults,
             )
         except Exception as error:
             self.get_logger().warning(
@@ -152,99 +203,170 @@ class PlannerNode(Node):
 
     # --- Clock of the lifecycle ------------------------------------------------------------------
 
-    def wall(self) -> float:
-        """By the steady clock [s]."""
+    def steady_time(self) -> float:
+        """Return the present time by the steady clock [s]."""
         return deadline.now()
 
     def ros_ns(self) -> int:
-        """By the clock of ROS [ns]."""
+        """Return the present time by the ROS clock [ns]."""
         return int(self.get_clock().now().nanoseconds)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
-        self._lifecycle.clock_jumped("the clock went back or changed")
+        self._lifecycle.handle_clock_jump("the clock went back or changed")
 
     # --- Parameters ------------------------------------------------------------------------------
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        reason = planner_parameters.refusal(self, self._machine, changes)
+        """Accept or refuse a set of parameter changes, all or none."""
+        reason = planner_parameters.find_refusal(self, self._machine, changes)
         return SetParametersResult(successful=reason is None, reason=reason or "")
 
     def _take_parameters(self, changes: list[Parameter]) -> None:
+        """Use changed parameters from now on, and publish new markers if zones have changed.
+
+        Args:
+            changes: The changed parameters, which the node has stored already.
+        """
         self._take_settings()
-        if any(change.name in ZONES for change in changes):
+        if any(change.name in ZONE_PARAMETERS for change in changes):
             self._show_markers()
 
     def _take_settings(self) -> None:
-        """Plan by the parameters, with the servo pumps that work and what the arm has learnt."""
-        self._settings = self._settings_with()
-        self._lifecycle.change(self._settings)
+        """Read all parameters, and let the lifecycle use them from now on.
 
-    def _settings_with(self, own: Sequence[Parameter] = ()) -> Settings:
-        """By the parameters of now, some of them replaced by a goal's own."""
-        return planner_parameters.read(self, self._machine, own).settings(
-            self._machine, self._lost_pumps, self._learnt_payload
+        The machine is planned without failed servo pumps. The estimated payload is used if the
+        parameter `payload_from` is `estimate`.
+        """
+        self._settings = self._make_settings()
+        self._lifecycle.change_settings(self._settings)
+
+    def _make_settings(self, own: Sequence[Parameter] = ()) -> Settings:
+        """Return the settings of plans by the present parameters.
+
+        Args:
+            own: A goal's own parameters, which replace the node's.
+
+        Returns:
+            Settings with the servo pumps that work. Their payload is the estimated one if
+            `payload_from` is `estimate` and there is an estimate.
+        """
+        return planner_parameters.read_parameters(self, self._machine, own).make_settings(
+            self._machine, self._lost_pumps, self._estimated_payload
         )
 
-    # --- What is heard ---------------------------------------------------------------------------
+    # --- Messages received -----------------------------------------------------------------------
 
     def _on_goal(self, message: PoseStamped, info: dict[str, int]) -> None:
+        """Give a goal to the lifecycle, or publish a verdict that the message cannot be used.
+
+        An unexpected exception in decoding is recorded as a fault and gives the verdict `INTERNAL`.
+
+        Args:
+            message: Message of `goal_pose`.
+            info: rclpy's information on the message, which gives its time of receipt.
+        """
         try:
-            goal = self._decoded(message)
+            goal = self._decode_goal(message)
         except GoalError as error:
             self._outbox.report(GoalVerdict.of(error.goal, error.code, str(error)))
         except MessageError as error:
             self._outbox.report(GoalVerdict(Verdict.INTERNAL, str(error), 0, 0.0, 0.0))
+        except Exception as error:
+            sentence = self.faults.record_fault(f"the topic {topics.GOAL_POSE.name}", error)
+            self._outbox.report(GoalVerdict(Verdict.INTERNAL, sentence, 0, 0.0, 0.0))
         else:
-            self._lifecycle.goal(goal, self._received(info))
+            self._lifecycle.add_goal(goal, self._get_receipt_time(info))
 
-    def _decoded(self, message: PoseStamped) -> Goal:
-        """The goal of a message; raises GoalError and MessageError."""
-        turned = self._turned if self._machine.slews else None
+    def _decode_goal(self, message: PoseStamped) -> Goal:
+        """Return the goal of a message, or raise GoalError or MessageError if it cannot be used."""
+        turned = self._convert_to_base if self._machine.slews else None
         return goal_pose.decode(message, self._frame_prefix, turned)
 
-    def _turned(self, x: float, z: float) -> Position:
-        """From the plane in which the arm is to `base_link`."""
-        state = self._lifecycle.view.state(self.wall())
+    def _convert_to_base(self, x: float, z: float) -> Position:
+        """Convert a point in `work_plane` to `base_link`, at the present slew angle.
+
+        Args:
+            x: Forward [m].
+            z: Up [m].
+
+        Returns:
+            Point (x, y, z) in `base_link` [m].
+
+        Raises:
+            GoalError: No state of the arm was received in the last `OLDEST_STATE`.
+        """
+        state = self._lifecycle.arm_state.get_fresh_state(self.steady_time())
         if state is None:
             raise GoalError(Verdict.NO_STATE, str(NoStateError()))
-        tip = self._machine.in_base(np.array([x, z]), float(state.position[0]))
+        tip = self._machine.convert_to_base(np.array([x, z]), float(state.position[0]))
         return tuple(tip.tolist())
 
     def _on_joint_states(self, message: JointState) -> None:
+        """Give a measured joint state to the lifecycle; log and drop one that cannot be used.
+
+        Args:
+            message: Message of `joint_states`.
+        """
         try:
             sample = joint_state.decode(message, self._machine.joint_names)
         except MessageError as error:
             self._warn(f"joint_states are not used: {error}")
             return
         state = MotionState(sample.position, sample.velocity, 0 * sample.velocity)
-        self._lifecycle.heard_joints(state, sample.stamp_ns)
+        self._lifecycle.handle_joint_state(state, sample.stamp_ns)
 
     def _on_reference(self, message: JointTrajectory) -> None:
+        """Give the servo's reference to the lifecycle; log and drop one that cannot be used.
+
+        Args:
+            message: Message of `reference`.
+        """
         try:
             heard = reference.decode(message, self._machine.joint_names)
         except MessageError as error:
             self._warn(f"reference is not used: {error}")
             return
-        self._lifecycle.heard_reference(heard.state, heard.stamp_ns)
+        self._lifecycle.handle_reference(heard.state, heard.stamp_ns)
 
     def _on_modes(self, message: UInt8MultiArray) -> None:
+        """Give the modes in force to the lifecycle; log and drop a message that cannot be used.
+
+        Args:
+            message: Message of `modes`.
+        """
         try:
             modes = modes_in_force.decode(message, self._machine.joint_count)
         except MessageError as error:
             self._warn(f"modes are not used: {error}")
             return
-        self._lifecycle.heard_modes(modes)
+        self._lifecycle.handle_modes(modes)
 
     def _on_plan_in_force(self, message: Time) -> None:
+        """Give the stamp of the plan in force to the lifecycle, unless it cannot be used.
+
+        A message that cannot be used is logged and dropped.
+
+        Args:
+            message: Message of `plan_in_force`.
+        """
         try:
             stamp_ns = stamps.from_time(message)
         except MessageError as error:
             self._warn(f"plan_in_force is not used: {error}")
             return
-        self._lifecycle.heard_in_force(stamp_ns)
+        self._lifecycle.handle_plan_in_force(stamp_ns)
 
     def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
-        """What the arm says of plans and of itself; others speak on this topic too."""
+        """Give the arm's reports on /diagnostics to the lifecycle; ignore other statuses.
+
+        From a report on the arm itself, the lifecycle gets fault, last stop, machine and plan
+        delay. If the failed servo pumps have changed, plans are made without them from now on. From
+        a report that a plan was refused, the lifecycle gets stamp and reason.
+
+        Args:
+            message: Message of `/diagnostics`. One with an unreadable report is logged and dropped.
+            info: rclpy's information on the message, which gives its time of receipt.
+        """
         try:
             reports = sim_status.decode(message, self.get_namespace())
         except MessageError as error:
@@ -252,81 +374,172 @@ class PlannerNode(Node):
             return
         for report in reports:
             if not isinstance(report, HandOverReport):
-                self._lifecycle.heard_fault(report.sentence if report.faulty else "")
-                self._lifecycle.heard_stop(report.last_stop_ns, self._received(info))
-                self._lifecycle.heard_delay(round(report.plan_delay * SECOND_NS))
+                self._lifecycle.handle_arm_fault(report.sentence if report.faulty else "")
+                self._lifecycle.handle_arm_stop(report.last_stop_ns, self._get_receipt_time(info))
+                self._lifecycle.handle_arm_machine(
+                    self._machine.describe_difference(report.machine, report.machine_hash)
+                    if report.machine_hash
+                    else None
+                )
+                self._lifecycle.handle_plan_delay(round(report.plan_delay * SECOND_NS))
                 if report.lost_servo_pumps != self._lost_pumps:
                     self._lost_pumps = report.lost_servo_pumps
                     self._take_settings()
             elif report.reason:
-                self._lifecycle.heard_refusal(report.plan_stamp_ns, report.reason, report.sentence)
+                self._lifecycle.handle_plan_refusal(
+                    report.plan_stamp_ns, report.reason, report.sentence
+                )
 
     def _on_estimates(self, message: JointState) -> None:
-        """What the arm has learnt: of that, plans may be made for its payload."""
+        """Store the payload that the arm has estimated, and plan with it if parameters say so.
+
+        `choose_payload` decides whether an estimate is taken. Plans use it from now on if the
+        parameter `payload_from` is `estimate`, which is logged. If planning refuses this payload,
+        the one before stays.
+
+        Args:
+            message: Message of `estimates`. One that cannot be used is logged and dropped.
+        """
         try:
             heard = estimates.decode(message)
         except MessageError as error:
             self._warn(f"estimates are not used: {error}")
             return
-        payload = payload_to_plan_with(heard, self._learnt_payload)
-        if payload == self._learnt_payload:
+        payload = choose_payload(heard, self._estimated_payload)
+        if payload == self._estimated_payload:
             return
-        self._learnt_payload = payload
-        if planner_parameters.read(self, self._machine).payload_from != "estimate":
+        before, self._estimated_payload = self._estimated_payload, payload
+        if planner_parameters.read_parameters(self, self._machine).payload_from != "estimate":
             return
         try:
             self._take_settings()
         except MhsbError as error:
+            self._estimated_payload = before
             self._warn(f"the payload of {payload:.2f} kg that the arm has learnt: {error}")
         else:
             self.get_logger().info(f"plans are made for {payload:.2f} kg, as the arm has learnt")
 
-    def _received(self, info: dict[str, int]) -> float:
-        """When a message came, by the steady clock [s]; the node may have been busy since."""
-        waited = (time.time_ns() - info["received_timestamp"]) / SECOND_NS
-        return self.wall() - min(max(0.0, waited), LONGEST_WAIT)
+    def _get_receipt_time(self, info: dict[str, int]) -> float:
+        """Return when a message was received by the steady clock [s].
 
-    # --- What is done ----------------------------------------------------------------------------
+        The node may have been busy since. The time since receipt is limited to the range from 0 to
+        `LONGEST_WAIT`.
+
+        Args:
+            info: rclpy's information on the message. Its `received_timestamp` is the receipt by the
+                system clock [ns].
+        """
+        waited = (time.time_ns() - info["received_timestamp"]) / SECOND_NS
+        return self.steady_time() - min(max(0.0, waited), LONGEST_WAIT)
+
+    # --- Actions and outputs ---------------------------------------------------------------------
+
+    def _stop_unmonitored_arm(self) -> None:
+        """Call the arm's own ~/stop, since the callbacks that monitor the plan fail.
+
+        An error is logged if ~/stop is not there or does not succeed.
+        """
+
+        def log_failed_stop(success: bool, sentence: str) -> None:
+            """Log an error if the arm's ~/stop did not succeed.
+
+            Args:
+                success: Whether it succeeded.
+                sentence: The answer in words.
+            """
+            if not success:
+                self.get_logger().error(f"the arm may still move: {sentence}")
+
+        if not self._outbox.stop_arm(log_failed_stop):
+            log_failed_stop(
+                False, f"nobody serves {names.SIM_NODE}/stop; stop the arm by other means"
+            )
 
     def _on_answers(self) -> None:
-        for request, answer in self._outbox.answers():
-            if self._move_tip is None or not self._move_tip.planned(request, answer):
-                self._lifecycle.planned(request, answer)
+        """Handle all answers of the planning worker."""
+        for request, answer in self._outbox.take_answers():
+            self._take_answer(request, answer)
+
+    def _on_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> None:
+        """Give an answer of the planning worker to the action server, or else to the lifecycle."""
+        if self._move_tip is None or not self._move_tip.handle_plan_answer(request, answer):
+            self._lifecycle.handle_plan_answer(request, answer)
 
     def _on_timer(self) -> None:
-        self._on_answers()  # a guard condition may be lost between two waits
+        """Handle answers of planning, let the lifecycle tick, and publish feedback and views."""
+        self._on_answers()  # the executor may lose a guard condition
         self._lifecycle.tick()
+        self._publish_guarded()
+
+    def _publish_feedback_and_views(self) -> None:
+        """Publish feedback for action clients, and path and markers for viewers.
+
+        The caller guards this method, so that an exception here does not affect the motion.
+        """
         if self._move_tip is not None:
             self._move_tip.tick()
-        self._outbox.show(self._settings.machine)
+        self._outbox.publish_views(self._settings.machine)
 
     async def _on_stop(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Decelerate along the path of the plan in force and hold; answered when that is sure."""
+        """Serve ~/stop: bring the arm to rest and end all goals.
+
+        The arm brakes along the path of this planner's plan in force, or is stopped by its own
+        ~/stop.
+
+        The answer comes when the arm rests or has confirmed that it brakes, or when it cannot be
+        stopped.
+
+        Args:
+            request: Empty request.
+            response: Response to fill.
+
+        Returns:
+            The response with success and a sentence.
+        """
         stopped: Future = Future()
         self._lifecycle.stop(lambda success, sentence: stopped.set_result((success, sentence)))
         response.success, response.message = await stopped
         return response
 
     def _publish_diagnostics(self) -> None:
-        message = planner_diagnostics.message(
-            self, self.wall(), self._lifecycle, self._outbox, self._settings.machine.arrays.payload
+        """Adapt subscriptions to publishers' quality of service, and publish the node's status."""
+        self._matching_subscriptions.update()
+        self._lifecycle.arm_state.qos_mismatch = self._matching_subscriptions.problem
+        message = planner_diagnostics.compose_diagnostics(
+            self,
+            self.steady_time(),
+            self._lifecycle,
+            self._outbox,
+            self._settings.machine.arrays.payload,
+            self._machine,
+            self.faults,
         )
         self._outbox.publish(topics.DIAGNOSTICS, message)
 
     def _show_markers(self) -> None:
-        self._outbox.show_markers(self._settings.machine, self._lifecycle.view.own)
+        """Publish markers of all obstacles and of this planner's confirmed command."""
+        self._outbox.publish_markers(self._settings.machine, self._lifecycle.arm_state.own_command)
 
     def _warn(self, sentence: str) -> None:
+        """Log a warning, at most once a second."""
         self.get_logger().warning(sentence, throttle_duration_sec=1.0)
 
     def destroy_node(self) -> None:
-        """End the worker with the node."""
+        """End the worker and the action server, then destroy the node.
+
+        Waits for the plan that is being made.
+        """
         self._outbox.close()
         if self._move_tip is not None:
             self._move_tip.close()
         super().destroy_node()
+
+
+def _without_info(callback: Callable[[Any], None]) -> Callable[[Any, dict[str, int]], None]:
+    """Return a subscription callback that ignores rclpy's information on the message."""
+    return lambda message, info: callback(message)
 
 
 def planner_node() -> int:
@@ -339,7 +552,7 @@ def planner_node() -> int:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_planner planner_node`."""
+    """Run the executable `ros2 run mhsb_planner planner_node`."""
     return command_line.run(planner_node, name="planner_node", node=True)
 
 

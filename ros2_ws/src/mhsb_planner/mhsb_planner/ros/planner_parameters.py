@@ -1,4 +1,4 @@
-"""Parameters of the planner node: declaration, ranges, and what a change is refused for."""
+"""Parameters of the planner node: declaration, ranges, and the checks of a change."""
 
 from __future__ import annotations
 
@@ -19,72 +19,104 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import Position
 from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import (
-    FARTHEST,
+    MAX_REGION_SIZE,
     WIDEST_ANGLE,
     Angle,
     Region,
     check_angle,
-    region_of,
+    create_region,
 )
-from mhsb_planner.online.settings import Settings
+from mhsb_planner.online.settings import REACHED_TOLERANCE, Settings
 from mhsb_planner.planners.options import (
     DEFAULT_SPEED_EXCESS,
     HIGHEST_SPEED_EXCESS,
     HIGHEST_WEIGHT,
     PlanOptions,
 )
-from mhsb_planner.planners.registry import ONLINE_PLANNER, PLANNERS, summaries, weighing_area
-from mhsb_planner.ros.flat_arrays import FARTHEST_POINT, declare_array, rows_of
-from mhsb_planner.ros.zone_parameters import ZONES, declare_zones, zones_of
+from mhsb_planner.planners.registry import (
+    ONLINE_PLANNER,
+    REGISTERED_PLANNERS,
+    planner_summaries,
+    planners_weighing_area,
+)
+from mhsb_planner.ros.flat_arrays import FARTHEST_POINT, declare_array, split_rows
+from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS, declare_zones, make_zones
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
-READINGS = ("paper", "series")
+ENERGY_READINGS = ("paper", "series")
+"""Values of the parameter `energy_reading`."""
+
 PAYLOAD_FROM = ("file", "estimate")
+"""Values of the parameter `payload_from`."""
+
 FREE_PSI = math.nan
+"""Value of an angle parameter that leaves the angle free."""
+
 FREE_ANGLES = "goal_psi", "goal_psi_min", "goal_psi_max"
+"""Parameters of the end link's angle at the goal; NaN leaves each of them free."""
+
 FREE_OR = f"[rad], {-WIDEST_ANGLE:g} to {WIDEST_ANGLE:g}; .nan is free"
-HIGHEST_PRESSURE = 5e7  # Pa
-HEAVIEST_PAYLOAD = 1e4  # kg
-FASTEST_PISTON = 1.0  # m/s
-SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0  # s
+"""Unit and range of these parameters, for their descriptions."""
+
+HIGHEST_PRESSURE = 5e7
+"""Upper limit of the parameter `supply_pressure` [Pa]."""
+
+HEAVIEST_PAYLOAD = 1e4
+"""Upper limit of the parameter `payload` [kg]."""
+
+FASTEST_PISTON = 1.0
+"""Upper limit of the parameter `v_max` [m/s]."""
+
+SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0
+"""Limits of the parameters of the commit horizon [s]."""
+
 LEAD_IS = "time from a plan's stamp to its first new motion [s]"
-HIGHEST_AREA_WEIGHT = HIGHEST_WEIGHT  # 1/m
+"""Definition of the commit horizon, for descriptions of its parameters."""
+
+HIGHEST_AREA_WEIGHT = HIGHEST_WEIGHT
+"""Upper limit of the parameter `area_weight` [1/m]."""
+
 OWN_RANGES = {
     "weights": (0.0, HIGHEST_WEIGHT),
     **dict.fromkeys(FREE_ANGLES, (-WIDEST_ANGLE, WIDEST_ANGLE)),
-    "goal_segment": (-FARTHEST, FARTHEST),
-    "goal_box": (-FARTHEST, FARTHEST),
+    "goal_segment": (-MAX_REGION_SIZE, MAX_REGION_SIZE),
+    "goal_box": (-MAX_REGION_SIZE, MAX_REGION_SIZE),
     "goal_via": (-FARTHEST_POINT, FARTHEST_POINT),
-    **dict.fromkeys(ZONES, (-FARTHEST_POINT, FARTHEST_POINT)),
+    **dict.fromkeys(ZONE_PARAMETERS, (-FARTHEST_POINT, FARTHEST_POINT)),
 }
-"""Least and greatest number of parameters whose descriptors cannot have rclpy look at a range: it
-does so for single numbers alone, and would refuse the NaN of angles that are free."""
+"""Least and greatest number of parameters whose ranges rclpy cannot check.
+
+rclpy checks single numbers alone, not arrays, and would refuse the NaN of angles that are free.
+"""
 
 
 @dataclass(frozen=True)
 class PlannerParameters:
-    """What the parameters ask for; SI units.
+    """Values of the planner node's parameters, in SI units.
 
-    planner          where postures come from, one of `registry.PLANNERS`
-    weights          (w1, w2, w3) of energy, time and mode switches
-    energy_reading   price of boosted oil, `paper` or `series`
-    payload          kg
-    payload_from     whether that is planned with, or what the arm has learnt, one of `PAYLOAD_FROM`
-    supply_pressure  Pa
-    v_max            m/s, piston speed, of actuators whose own V_max is no lower
-    lead_min, lead_max  s, between which the time adapts from a plan's stamp to where it leaves the
-                     one before
-    planning_budget  s, that time where it shall not adapt; 0 where it shall
-    goal_psi         rad, angle of the end link at the goal, or the least and the greatest that
-                     will do; None leaves it free
-    goal_region      where else than at the goal the tip may end
-    goal_via         points that the tip passes on its way to a goal, in this order: (x, z) m, where
-                     the arm slews (x, y, z) m
-    goal_via_tolerance  m, at what distance at most
-    area_weight      1/m, of the velocity polytope's area; 0 leaves it out
-    max_speed_excess greatest |v|/V_max − 1 of a piston on a polynomial
-    zones            that the arm or its tip keeps out of
+    Attributes:
+        planner: Name of the planner, one of `registry.REGISTERED_PLANNERS`.
+        weights: Weights (w1, w2, w3) of energy, time and mode switches.
+        energy_reading: Price of boosted oil, `paper` or `series`.
+        payload: Payload at the tip [kg].
+        payload_from: Whether to plan with `payload` (`file`) or with the arm's estimate
+            (`estimate`).
+        supply_pressure: Pressure of the main pump [Pa].
+        v_max: Piston speed limit [m/s]; an actuator with a lower limit of its own keeps that.
+        lead_min: Lower bound of the commit horizon [s].
+        lead_max: Upper bound of the commit horizon [s].
+        planning_budget: Fixed commit horizon [s]; 0 lets it adapt between its bounds.
+        goal_psi: End link's angle at the goal [rad], or its least and greatest value; None leaves
+            it free.
+        goal_region: Region around the goal in which the tip may end; None for the exact goal.
+        goal_via: Via points on the way to a goal, in this order, each (x, z) or (x, y, z) [m].
+        goal_via_tolerance: Largest distance at which the tip passes a via point [m].
+        area_weight: Weight of the velocity polytope's area [1/m]; 0 leaves it out.
+        max_speed_excess: Largest abs(v)/V_max - 1 of a piston on a polynomial.
+        reached_tolerance: Largest distance of the measured tip from a reached goal or its region
+            [m].
+        zones: Keep-out zones of the whole arm and of its tip.
     """
 
     planner: str
@@ -103,11 +135,12 @@ class PlannerParameters:
     goal_via_tolerance: float
     area_weight: float
     max_speed_excess: float
+    reached_tolerance: float
     zones: Zones
 
     @property
     def options(self) -> PlanOptions:
-        """What a plan is to be like."""
+        """Options of a plan."""
         return PlanOptions(
             weights=Weights(*self.weights),
             energy_reading=self.energy_reading,
@@ -120,31 +153,40 @@ class PlannerParameters:
             max_speed_excess=self.max_speed_excess,
         )
 
-    def settings(
+    def make_settings(
         self,
         base: Machine,
         lost_servo_pumps: tuple[int, ...] = (),
-        learnt_payload: float | None = None,
+        estimated_payload: float | None = None,
     ) -> Settings:
-        """How plans are made, by the machine of the file, some of whose servo pumps may be lost.
+        """Return the settings by which plans are made.
 
-        learnt_payload: kg, planned with where `payload_from` asks for it.
+        Args:
+            base: Machine of the file.
+            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each reduces the machine's
+                number of booster modules by one.
+            estimated_payload: Payload that the arm has estimated [kg], None without an estimate. It
+                is used if `payload_from` is `estimate`.
+
+        Returns:
+            Settings with the machine of the file, changed by the parameters, and the options.
         """
         modules = max(base.arrays.module_count - len(lost_servo_pumps), 0)
-        machine = self.machine(base)
-        if self.payload_from == "estimate" and learnt_payload is not None:
-            machine = machine.changed(payload=learnt_payload)
+        machine = self.apply_to_machine(base)
+        if self.payload_from == "estimate" and estimated_payload is not None:
+            machine = machine.changed(payload=estimated_payload)
         return Settings(
             machine.changed(module_count=modules),
             self.options,
             self.lead_min,
             self.lead_max,
             self.planning_budget,
+            self.reached_tolerance,
             lost_servo_pumps,
         )
 
-    def machine(self, base: Machine) -> Machine:
-        """The machine of the file with payload, supply pressure, V_max and zones as asked for."""
+    def apply_to_machine(self, base: Machine) -> Machine:
+        """Return the machine of the file with the payload, pressure, V_max and zones given here."""
         return base.changed(
             payload=self.payload,
             supply_pressure=self.supply_pressure,
@@ -154,59 +196,87 @@ class PlannerParameters:
 
 
 def declare_machine(node: Node) -> Machine:
-    """Declare `machine` and read the file that it names; raises MachineFileError."""
+    """Declare the parameter `machine`, and load the machine file that it names.
+
+    Args:
+        node: Planner node.
+
+    Returns:
+        The machine; the suite's own arm if the parameter is empty.
+
+    Raises:
+        MachineFileError: The file cannot be used.
+    """
     node.declare_parameter(
         "machine",
         "",
-        _described("machine file (YAML); empty for the suite's own arm", read_only=True),
+        _make_descriptor("machine file (YAML); empty for the suite's own arm", read_only=True),
     )
     return load_machine(node.get_parameter("machine").value or None)
 
 
 def declare_table_path(node: Node) -> Path | None:
-    """Declare `table`: a posture table's file, None for the one in the user's cache."""
+    """Declare the parameter `table`, and return the path of the posture table.
+
+    Args:
+        node: Planner node.
+
+    Returns:
+        Path of the file; None for the table in the user's cache.
+    """
     node.declare_parameter(
         "table",
         "",
-        _described("posture table (npz); empty builds one and keeps it", read_only=True),
+        _make_descriptor("posture table (npz); empty builds one and keeps it", read_only=True),
     )
     value = node.get_parameter("table").value
     return Path(value) if value else None
 
 
 def declare_frame_prefix(node: Node) -> str:
-    """Declare `frame_prefix`: what stands before the frames' names."""
+    """Declare the parameter `frame_prefix`, and return the text before the names of frames."""
     node.declare_parameter(
-        "frame_prefix", "", _described("put before base_link and work_plane", read_only=True)
+        "frame_prefix", "", _make_descriptor("put before base_link and work_plane", read_only=True)
     )
     return str(node.get_parameter("frame_prefix").value)
 
 
-def declare(node: Node, machine: Machine) -> None:
-    """Declare all parameters that can be changed between plans; UsageError where they clash."""
+def declare_changeable(node: Node, machine: Machine) -> None:
+    """Declare all parameters that can be changed between plans.
+
+    Args:
+        node: Planner node.
+        machine: Machine of the file, which gives the defaults of payload, supply pressure, V_max
+            and zones.
+
+    Raises:
+        UsageError: The values cannot be used together, such as those given on the command line.
+    """
     arrays = machine.arrays
     node.declare_parameter(
         "planner",
         ONLINE_PLANNER,
-        _described(f"one of {', '.join(PLANNERS)}: {summaries()}"),
+        _make_descriptor(f"one of {', '.join(REGISTERED_PLANNERS)}: {planner_summaries()}"),
     )
     node.declare_parameter(
         "weights",
         [0.5, 0.0, 2.0],
-        _described(
+        _make_descriptor(
             "of energy [1/J], time [1/s] and mode switches [-]", OWN_RANGES["weights"]
         ),
     )
     node.declare_parameter(
-        "energy_reading", READINGS[0], _described(f"one of {', '.join(READINGS)}")
+        "energy_reading",
+        ENERGY_READINGS[0],
+        _make_descriptor(f"one of {', '.join(ENERGY_READINGS)}"),
     )
     node.declare_parameter(
-        "payload", arrays.payload, _described("at the tip [kg]", (0.0, HEAVIEST_PAYLOAD))
+        "payload", arrays.payload, _make_descriptor("at the tip [kg]", (0.0, HEAVIEST_PAYLOAD))
     )
     node.declare_parameter(
         "payload_from",
         PAYLOAD_FROM[0],
-        _described(
+        _make_descriptor(
             "file: plans are made for the parameter payload; estimate: for what the arm has learnt "
             "on `estimates`, once that is known well, until then for the parameter"
         ),
@@ -214,12 +284,12 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "supply_pressure",
         arrays.supply_pressure,
-        _described("of the main pump, P_S [Pa]", (1e5, HIGHEST_PRESSURE)),
+        _make_descriptor("of the main pump, P_S [Pa]", (1e5, HIGHEST_PRESSURE)),
     )
     node.declare_parameter(
         "v_max",
         machine.config.motion.max_piston_speed,
-        _described(
+        _make_descriptor(
             "piston speed of the discrete plan, V_max [m/s]; an actuator whose own is lower keeps "
             "that, none is faster",
             (1e-4, FASTEST_PISTON),
@@ -228,36 +298,45 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "lead_min",
         0.03,
-        _described(f"least {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
+        _make_descriptor(f"least {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
     )
     node.declare_parameter(
         "lead_max",
         1.0,
-        _described(f"longest {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
+        _make_descriptor(f"longest {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
     )
     node.declare_parameter(
         "planning_budget",
         0.0,
-        _described(
+        _make_descriptor(
             f"{LEAD_IS}; 0 lets it adapt between lead_min and lead_max",
             (0.0, LONGEST_LEAD),
         ),
     )
     node.declare_parameter(
-        "goal_psi", FREE_PSI, _described(f"angle of the end link at the goal {FREE_OR}")
+        "goal_psi", FREE_PSI, _make_descriptor(f"angle of the end link at the goal {FREE_OR}")
     )
     for name, which in (("goal_psi_min", "least"), ("goal_psi_max", "greatest")):
         text = f"{which} angle of the end link that will do at the goal {FREE_OR}"
-        node.declare_parameter(name, FREE_PSI, _described(text))
+        node.declare_parameter(name, FREE_PSI, _make_descriptor(text))
     node.declare_parameter(
         "goal_tolerance",
         0.0,
-        _described("distance from the goal at which the tip may end as well [m]", (0.0, 2.0)),
+        _make_descriptor("distance from the goal at which the tip may end as well [m]", (0.0, 2.0)),
+    )
+    node.declare_parameter(
+        "reached_tolerance",
+        REACHED_TOLERANCE,
+        _make_descriptor(
+            "how near the measured tip must come to the goal, or its region, within 1 s of the "
+            "plan's end [m]",
+            (1e-4, 2.0),
+        ),
     )
     node.declare_parameter(
         "goal_segment",
         [0.0, 0.0],
-        _described(
+        _make_descriptor(
             "x z [m] from the goal to the other end of a line on which the tip may end",
             OWN_RANGES["goal_segment"],
         ),
@@ -265,7 +344,7 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "goal_box",
         [0.0, 0.0],
-        _described(
+        _make_descriptor(
             "x z [m], how far to either side of the goal the tip may end",
             OWN_RANGES["goal_box"],
         ),
@@ -280,12 +359,14 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "goal_via_tolerance",
         PlanOptions.via_tolerance,
-        _described("distance at which the tip may pass the points of goal_via [m]", (1e-3, 2.0)),
+        _make_descriptor(
+            "distance at which the tip may pass the points of goal_via [m]", (1e-3, 2.0)
+        ),
     )
     node.declare_parameter(
         "area_weight",
         0.0,
-        _described(
+        _make_descriptor(
             "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for planners "
             "that can weigh it",
             (0.0, HIGHEST_AREA_WEIGHT),
@@ -294,32 +375,53 @@ def declare(node: Node, machine: Machine) -> None:
     node.declare_parameter(
         "max_speed_excess",
         DEFAULT_SPEED_EXCESS,
-        _described(
+        _make_descriptor(
             "how far pistons may pass V_max on the published polynomials, as a share of it [-]",
             (0.0, HIGHEST_SPEED_EXCESS),
         ),
     )
     declare_zones(node, machine)
-    if reason := refusal(node, machine, ()):
+    if reason := find_refusal(node, machine, ()):
         raise UsageError(reason)
 
 
-def read(node: Node, machine: Machine, own: Sequence[Parameter] = ()) -> PlannerParameters:
-    """The parameters as they are now for a machine, some of them replaced by a goal's own."""
-    return _from_values(machine, _values(node, own))
+def read_parameters(
+    node: Node, machine: Machine, goal_parameters: Sequence[Parameter] = ()
+) -> PlannerParameters:
+    """Return the present values of the parameters.
+
+    Args:
+        node: Planner node.
+        machine: Machine of the file.
+        goal_parameters: A goal's own parameters, which replace the node's.
+    """
+    return _from_values(machine, _values(node, goal_parameters))
 
 
-def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
-    """Why a set of changes cannot be made, in one sentence, or None where it can."""
+def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
+    """Return why a set of parameter changes is refused.
+
+    The changes are checked together with the present values of all other parameters. Checked are
+    names of planner and readings, ranges, finiteness, and whether planning accepts the options.
+    Nothing is changed.
+
+    Args:
+        node: Planner node.
+        machine: Machine of the file.
+        changes: Parameters with their new values.
+
+    Returns:
+        One sentence on the first problem; None if the changes can be made.
+    """
     values = _values(node, changes)
     for name, allowed in (
-        ("planner", tuple(PLANNERS)),
-        ("energy_reading", READINGS),
+        ("planner", tuple(REGISTERED_PLANNERS)),
+        ("energy_reading", ENERGY_READINGS),
         ("payload_from", PAYLOAD_FROM),
     ):
         if values[name] not in allowed:
             return f"{name} '{values[name]}' is not there; give one of: {', '.join(allowed)}"
-    if reason := _beyond_range(values):
+    if reason := _find_number_out_of_range(values):
         return reason
     weights = list(values["weights"])
     if len(weights) != 3 or not all(math.isfinite(w) and w >= 0 for w in weights):
@@ -340,24 +442,33 @@ def refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str |
             f"planning_budget {values['planning_budget']:g} s is too short for a hand-over; give "
             f"at least {SHORTEST_LEAD:g} s, or 0 to let the lead adapt"
         )
-    if values["area_weight"] > 0.0 and not PLANNERS[values["planner"]].weighs_area:
+    if values["area_weight"] > 0.0 and not REGISTERED_PLANNERS[values["planner"]].weighs_area:
         return (
-            f"area_weight {values['area_weight']:g} needs planner {weighing_area()} (is "
+            f"area_weight {values['area_weight']:g} needs planner {planners_weighing_area()} (is "
             f"'{values['planner']}'); set it to 0 or choose that planner"
         )
     try:
         asked = _from_values(machine, values)
         for point in asked.goal_via:
             _check_via(machine, point)
-        asked.machine(machine)
-        _ = asked.options  # raises where they cannot be planned with
+        asked.apply_to_machine(machine)
+        _ = asked.options  # raises an error if planning refuses them
     except MhsbError as error:
         return str(error)
     return None
 
 
-def _beyond_range(values: Mapping[str, Any]) -> str | None:
-    """Return which number of a parameter is out of a range that rclpy does not look at, or None."""
+def _find_number_out_of_range(values: Mapping[str, Any]) -> str | None:
+    """Find a number that is out of the range of its parameter in `OWN_RANGES`.
+
+    rclpy does not check these ranges. NaN and infinity pass.
+
+    Args:
+        values: Values of all parameters by name.
+
+    Returns:
+        One sentence on the first number out of its range; None if there is none.
+    """
     for name, (least, greatest) in OWN_RANGES.items():
         value = values[name]
         for number in value if isinstance(value, Sequence) else (value,):
@@ -368,11 +479,12 @@ def _beyond_range(values: Mapping[str, Any]) -> str | None:
 
 
 def _values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
-    values = {name: node.get_parameter(name).value for name in CHANGEABLE}
+    """Return the present values of all changeable parameters by name, replaced by `changes`."""
+    values = {name: node.get_parameter(name).value for name in CHANGEABLE_PARAMETERS}
     return values | {change.name: change.value for change in changes if change.name in values}
 
 
-CHANGEABLE = (
+CHANGEABLE_PARAMETERS = (
     "planner",
     "weights",
     "energy_reading",
@@ -385,17 +497,31 @@ CHANGEABLE = (
     "planning_budget",
     *FREE_ANGLES,
     "goal_tolerance",
+    "reached_tolerance",
     "goal_segment",
     "goal_box",
     "goal_via",
     "goal_via_tolerance",
     "area_weight",
     "max_speed_excess",
-    *ZONES,
+    *ZONE_PARAMETERS,
 )
+"""Names of the parameters that can be changed between plans."""
 
 
 def _from_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParameters:
+    """Convert the values of parameters to their typed form.
+
+    Args:
+        machine: Machine of the file. If it slews, points have three coordinates instead of two.
+        values: Values of all changeable parameters by name.
+
+    Returns:
+        The parameters with angles, region, via points and zones as objects.
+
+    Raises:
+        RequestError: Angles, region, via points or zones cannot be used.
+    """
     first, second, third = values["weights"]
     return PlannerParameters(
         planner=values["planner"],
@@ -408,22 +534,37 @@ def _from_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParamete
         lead_min=values["lead_min"],
         lead_max=values["lead_max"],
         planning_budget=values["planning_budget"],
-        goal_psi=_angle(*(values[name] for name in FREE_ANGLES)),
-        goal_region=region_of(
+        goal_psi=_combine_angles(*(values[name] for name in FREE_ANGLES)),
+        goal_region=create_region(
             values["goal_tolerance"] or None,
-            _pair("goal_segment", values["goal_segment"]),
-            _pair("goal_box", values["goal_box"]),
+            _convert_pair("goal_segment", values["goal_segment"]),
+            _convert_pair("goal_box", values["goal_box"]),
         ),
-        goal_via=rows_of("goal_via", values["goal_via"], *_point_numbers(machine)),
+        goal_via=split_rows("goal_via", values["goal_via"], *_describe_point(machine)),
         goal_via_tolerance=values["goal_via_tolerance"],
         area_weight=values["area_weight"],
         max_speed_excess=values["max_speed_excess"],
-        zones=zones_of(values, machine.slews),
+        reached_tolerance=values["reached_tolerance"],
+        zones=make_zones(values, machine.slews),
     )
 
 
-def _angle(exact: float, least: float, greatest: float) -> Angle:
-    """The end link's angle asked for; NaN is free. Raises RequestError where they clash."""
+def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
+    """Combine the three parameters of the end link's angle at the goal; NaN means free.
+
+    Args:
+        exact: Parameter `goal_psi` [rad].
+        least: Parameter `goal_psi_min` [rad].
+        greatest: Parameter `goal_psi_max` [rad].
+
+    Returns:
+        One of three: the exact angle [rad], its least and greatest value [rad], or None if the
+        angle is free.
+
+    Raises:
+        RequestError: Only one bound is given, or bounds are given together with an exact angle. Or
+            the angles cannot be used.
+    """
     free = [math.isnan(value) for value in (exact, least, greatest)]
     if free[1] != free[2] or not (free[0] or free[1]):
         rule = "must be given both or not at all, and not with goal_psi"
@@ -433,8 +574,19 @@ def _angle(exact: float, least: float, greatest: float) -> Angle:
     return psi
 
 
-def _pair(name: str, value: Any) -> tuple[float, float] | None:
-    """Two numbers, None where both are 0; raises RequestError where it is something else."""
+def _convert_pair(name: str, value: Any) -> tuple[float, float] | None:
+    """Return two numbers of a parameter as floats, or None if both are 0.
+
+    Args:
+        name: Name of the parameter, for the error, such as `goal_segment` or `goal_box`.
+        value: Value of the parameter.
+
+    Returns:
+        (x, z) [m]; None if both are 0.
+
+    Raises:
+        RequestError: The value is not two numbers.
+    """
     numbers = [] if isinstance(value, str) or not isinstance(value, Sequence) else list(value)
     if len(numbers) != 2 or not all(isinstance(each, (int, float)) for each in numbers):
         raise RequestError(name, repr(value), "must be two numbers, x z [m]")
@@ -442,7 +594,12 @@ def _pair(name: str, value: Any) -> tuple[float, float] | None:
 
 
 def _check_via(machine: Machine, point: Position) -> None:
-    """Raise RequestError where the tip can never be at a point on its way."""
+    """Raise RequestError if a via point is not finite or lies outside the workspace.
+
+    Args:
+        machine: Machine with its workspace.
+        point: Via point in `base_link`, (x, z) or (x, y, z) [m].
+    """
     if not all(map(math.isfinite, point)):
         raise RequestError("goal_via", point, "must be finite numbers [m]")
     try:
@@ -451,15 +608,24 @@ def _check_via(machine: Machine, point: Position) -> None:
         raise RequestError("goal_via", point, f"cannot be passed: {error}") from error
 
 
-def _point_numbers(machine: Machine) -> tuple[int, str]:
-    """How many numbers a point has, and what they are."""
+def _describe_point(machine: Machine) -> tuple[int, str]:
+    """Return how many coordinates a point has, and a text that names them for errors."""
     return len(machine.axes), f"{' '.join(machine.axes)} [m] of a point"
 
 
-
-def _described(
+def _make_descriptor(
     text: str, limits: tuple[float, float] | None = None, *, read_only: bool = False
 ) -> ParameterDescriptor:
+    """Return the descriptor of a parameter.
+
+    Args:
+        text: Description.
+        limits: Least and greatest value that rclpy accepts; None for no range.
+        read_only: Whether the parameter cannot be changed after the start.
+
+    Returns:
+        The descriptor.
+    """
     descriptor = ParameterDescriptor(description=text, read_only=read_only)
     if limits is not None:
         descriptor.floating_point_range = [

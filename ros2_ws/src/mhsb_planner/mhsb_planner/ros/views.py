@@ -1,7 +1,7 @@
-"""What viewers are shown: a plan's tip path, coloured by mode, its goal posture, and obstacles.
+"""Messages for viewers: tip path coloured by mode, goal posture and obstacles.
 
-Everything is drawn twice: in the arm's own plane (base_link) and in the same plane laid flat
-(work_plane), where tools that know only x and y can show it.
+Everything is drawn in two frames: in the arm's plane (`base_link`), and in the same plane laid flat
+(`work_plane`) for tools that know only x and y.
 """
 
 from __future__ import annotations
@@ -20,40 +20,61 @@ from mhsb_model.figure_style import PATH_COLOR, rgb
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.obstacles.zones import (
-    BOX_IN_SPACE,
-    CIRCLE,
-    CYLINDER,
-    KIND,
-    LINK,
-    NUMBER,
-    PART,
-    RADIUS,
-    SHAPE,
-    SPHERE,
+    CIRCLE_KIND,
+    COLUMN_COUNT,
+    CYLINDER_KIND,
+    KIND_COLUMN,
+    LINK_COLUMN,
+    LINK_KIND,
+    RADIUS_COLUMN,
+    SHAPE_COLUMN,
+    SPACE_BOX_KIND,
+    SPHERE_KIND,
 )
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.names import BASE_FRAME, WORK_PLANE_FRAME, frame_name
 
 PATH_SPACING_NS = 50_000_000
-LINE_WIDTH = 0.006  # m
-GOAL_SIZE = 0.04  # m
+"""Time between the points of a drawn path [ns]."""
+
+LINE_WIDTH = 0.006
+"""Width of drawn lines [m]."""
+
+GOAL_SIZE = 0.04
+"""Diameter of the sphere at the goal [m]."""
+
 GOAL_COLOR = (0.2, 0.3, 0.8)
+"""Colour of goal and goal posture, red, green, blue from 0 to 1."""
+
 OBSTACLE_COLORS = {True: (0.9, 0.5, 0.1), False: (0.8, 0.1, 0.1)}
-"""Of what holds for the tip alone, and for links."""
+"""Colours of obstacles: True for the tip alone, False for links."""
 
 OBSTACLE_OPACITY = 0.4
-OBSTACLE_DEPTH = 0.02  # m, across the arm's plane
+"""Opacity of obstacles, 0 to 1."""
+
+OBSTACLE_DEPTH = 0.02
+"""Thickness of planar obstacles across the arm's plane [m]."""
+
 SEEN_AROUND = 1.2
-"""Obstacles are drawn as far as so many reaches of the arm from its base."""
+"""Half size of the drawn region around the base, as a multiple of the sum of link lengths [-]."""
 
 ON_ITS_SIDE = Quaternion(x=math.sqrt(0.5), w=math.sqrt(0.5))
-"""Turns the axis of a cylinder from z to y."""
+"""Orientation that turns the axis of a cylinder from z to y."""
 
 
-def paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
-    """The tip's path in base_link and in work_plane."""
-    _, postures = _along(command)
+def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
+    """Return the tip's path of a command in both frames.
+
+    Args:
+        machine: Machine that moves.
+        command: Command whose trajectory is drawn.
+        prefix: Text before the names of frames.
+
+    Returns:
+        Paths in `base_link` and in `work_plane`, with the command's stamp.
+    """
+    _, postures = _sample_command(command)
     in_base, laid_flat = (
         Path(
             header=_header(command.stamp_ns, frame, prefix),
@@ -61,7 +82,7 @@ def paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
                 PoseStamped(
                     header=_header(command.stamp_ns, frame, prefix), pose=Pose(position=tip)
                 )
-                for tip in _tips(machine, postures, frame)
+                for tip in _compute_tip_points(machine, postures, frame)
             ],
         )
         for frame in (BASE_FRAME, WORK_PLANE_FRAME)
@@ -69,75 +90,115 @@ def paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
     return in_base, laid_flat
 
 
-def markers(
+def make_markers(
     machine: Machine, command: Command | None, prefix: str, stamp_ns: int
 ) -> MarkerArray:
-    """Obstacles and, of a command, path, goal and goal posture, in both frames.
+    """Return markers of the obstacles and of a command, in both frames.
 
-    They replace all that have been shown before.
+    The first marker deletes all that were shown before.
+
+    Args:
+        machine: Machine with the zones to draw.
+        command: Command whose path, goal and goal posture are drawn; None for obstacles alone.
+        prefix: Text before the names of frames.
+        stamp_ns: Stamp of the markers [ns].
+
+    Returns:
+        All markers.
     """
     shown = [Marker(header=_header(stamp_ns, BASE_FRAME, prefix), action=Marker.DELETEALL)]
     for frame in (BASE_FRAME, WORK_PLANE_FRAME):
         header = _header(stamp_ns, frame, prefix)
-        shown += _obstacle_markers(machine, header, frame)
+        shown += _make_obstacle_markers(machine, header, frame)
         if command is not None:
-            shown += _command_markers(machine, command, header, frame)
+            shown += _make_command_markers(machine, command, header, frame)
     return MarkerArray(markers=shown)
 
 
-def _obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[Marker]:
-    """Zones, base, and the ground as far as the arm can get.
+def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[Marker]:
+    """Yield one marker for each zone, for the base and for the ground.
 
-    Zones in space stay where they are: they are not shown in work_plane, which turns with the arm.
+    Shapes are cut off at the distance `SEEN_AROUND` times the sum of the link lengths from the
+    base. Zones in space do not turn with the arm, so they are not drawn in `work_plane`. Links as
+    obstacles of each other are not drawn.
+
+    Args:
+        machine: Machine with the zones to draw.
+        header: Header of the markers.
+        frame: `base_link` or `work_plane`.
+
+    Yields:
+        Markers, whose ids are the numbers of the obstacles.
     """
     flat = frame == WORK_PLANE_FRAME
     edge = SEEN_AROUND * float(machine.arrays.link_length.sum())
     shown: set[int] = set()
     for row in machine.obstacles.rows:
-        kind, part, number = row[KIND], row[PART], int(row[NUMBER])
-        if kind == LINK or number in shown or (kind >= BOX_IN_SPACE and flat):
+        kind, part, number = row[KIND_COLUMN], row[LINK_COLUMN], int(row[COLUMN_COUNT])
+        if kind == LINK_KIND or number in shown or (kind >= SPACE_BOX_KIND and flat):
             continue
         shown.add(number)
         marker = _marker(header, f"obstacles_{frame}", Marker.CUBE, OBSTACLE_DEPTH)
-        if kind >= BOX_IN_SPACE:
-            _shape_in_space(marker, row, edge)
+        if kind >= SPACE_BOX_KIND:
+            _set_shape_in_space(marker, row, edge)
         else:
-            _shape_in_plane(marker, row, edge, machine, frame)
+            _set_shape_in_plane(marker, row, edge, machine, frame)
         marker.id = number
         marker.frame_locked = machine.slews  # stays in place in a viewer whose frame turns
         marker.color = _color(OBSTACLE_COLORS[part == machine.joint_count], OBSTACLE_OPACITY)
         yield marker
 
 
-def _shape_in_space(marker: Marker, row: FloatArray, edge: float) -> None:
-    """Kind, place and size of a zone in `base_link`, of its row."""
-    x, y, z, *more = row[SHAPE:RADIUS].tolist()
-    if row[KIND] == SPHERE:
+def _set_shape_in_space(marker: Marker, row: FloatArray, half_size: float) -> None:
+    """Set type, position and size of the marker of a box, cylinder or sphere in space.
+
+    Boxes are cut off at ± `half_size` in all directions, cylinders in z only.
+
+    Args:
+        marker: Marker in `base_link`, written in place.
+        row: Row of the obstacle: its kind and the numbers of its shape [m], in the columns that
+            `obstacles.zones` names.
+        half_size: Half size of the drawn region [m].
+    """
+    x, y, z, *more = row[SHAPE_COLUMN:RADIUS_COLUMN].tolist()
+    if row[KIND_COLUMN] == SPHERE_KIND:
         marker.type, size = Marker.SPHERE, 3 * (2 * more[0],)
-    elif row[KIND] == CYLINDER:
-        low, high = np.clip((z, more[0]), -edge, edge).tolist()
+    elif row[KIND_COLUMN] == CYLINDER_KIND:
+        low, high = np.clip((z, more[0]), -half_size, half_size).tolist()
         z, width = (low + high) / 2, 2 * more[1]
         marker.type, size = Marker.CYLINDER, (width, width, high - low)
     else:
-        low, high = np.clip(((x, y, z), more), -edge, edge)
+        low, high = np.clip(((x, y, z), more), -half_size, half_size)
         (x, y, z), size = ((low + high) / 2).tolist(), (high - low).tolist()
     marker.pose.position = Point(x=x, y=y, z=z)
     marker.scale = Vector3(**dict(zip("xyz", size, strict=True)))
 
 
-def _shape_in_plane(
-    marker: Marker, row: FloatArray, edge: float, machine: Machine, frame: str
+def _set_shape_in_plane(
+    marker: Marker, row: FloatArray, half_size: float, machine: Machine, frame: str
 ) -> None:
-    """Kind, place and size of what is in the arm's plane, of its row."""
-    flat, shape = frame == WORK_PLANE_FRAME, row[SHAPE:SHAPE + 4]
-    if row[KIND] == CIRCLE:
+    """Set type, pose and size of the marker of a box or circle in the arm's plane.
+
+    Boxes are cut off at ± `half_size`. For an arm that slews, ground and base are drawn in
+    `base_link` as boxes that reach equally far on all sides of the slew's axis.
+
+    Args:
+        marker: Marker, written in place.
+        row: Row of the obstacle: its kind and the numbers of its shape [m], in the columns that
+            `obstacles.zones` names.
+        half_size: Half size of the drawn region [m].
+        machine: Machine of the arm.
+        frame: `base_link` or `work_plane`.
+    """
+    flat, shape = frame == WORK_PLANE_FRAME, row[SHAPE_COLUMN : SHAPE_COLUMN + 4]
+    if row[KIND_COLUMN] == CIRCLE_KIND:
         marker.type = Marker.CYLINDER
         marker.pose.position = _point(shape[:2], frame)
         marker.pose.orientation = Quaternion(w=1.0) if flat else ON_ITS_SIDE
         marker.scale.x = marker.scale.y = 2 * float(shape[2])
         return
-    x_min, z_min, x_max, z_max = np.clip(shape, -edge, edge).tolist()
-    if machine.slews and not flat:  # ground and base, which stand around the slew's axis
+    x_min, z_min, x_max, z_max = np.clip(shape, -half_size, half_size).tolist()
+    if machine.slews and not flat:  # ground and base lie around the slew's axis
         x_max = x_max + machine.arrays.slew_offset
         x_min = -x_max
     marker.pose.position = _point(np.array([x_min + x_max, z_min + z_max]) / 2, frame)
@@ -147,18 +208,34 @@ def _shape_in_plane(
     marker.scale.y, marker.scale.z = (height, OBSTACLE_DEPTH) if flat else (depth, height)
 
 
-def _command_markers(
+def _make_command_markers(
     machine: Machine, command: Command, header: Header, frame: str
 ) -> Iterable[Marker]:
-    times, postures = _along(command)
-    tips = _tips(machine, postures, frame)
+    """Yield markers of the tip's path, the last posture and the last tip position of a command.
+
+    Each point of the path has the colour of the strongest mode that any actuator has there.
+
+    Args:
+        machine: Machine that moves.
+        command: Command to draw.
+        header: Header of the markers.
+        frame: `base_link` or `work_plane`.
+
+    Yields:
+        Three markers in this order: line of the path, line through the joints of the last posture,
+        and sphere at the last tip position.
+    """
+    times, postures = _sample_command(command)
+    tips = _compute_tip_points(machine, postures, frame)
     boosted = strongest(command.schedule.modes_at_many(times))
     line = _marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
     line.points = tips
     line.colors = [_color(rgb(PATH_COLOR[Mode(mode)])) for mode in boosted.tolist()]
     yield line
     posture = _marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
-    posture.points = _places(machine, machine.joint_positions(postures[-1]), postures[-1:], frame)
+    posture.points = _convert_to_points(
+        machine, machine.joint_positions(postures[-1]), postures[-1:], frame
+    )
     posture.color = _color(GOAL_COLOR)
     yield posture
     goal = _marker(header, f"goal_{frame}", Marker.SPHERE, GOAL_SIZE)
@@ -167,8 +244,16 @@ def _command_markers(
     yield goal
 
 
-def _along(command: Command) -> tuple[IntArray, FloatArray]:
-    """Absolute times [ns] and postures along the trajectory, its end included."""
+def _sample_command(command: Command) -> tuple[IntArray, FloatArray]:
+    """Sample a command's trajectory every `PATH_SPACING_NS` and at its end.
+
+    Args:
+        command: The command.
+
+    Returns:
+        Absolute times, int64[k], [ns], and joint positions at these times, float64[k, n], [rad or
+        m].
+    """
     trajectory = command.trajectory
     times = np.append(
         np.arange(trajectory.stamp_ns, trajectory.end_ns, PATH_SPACING_NS, dtype=np.int64),
@@ -177,22 +262,55 @@ def _along(command: Command) -> tuple[IntArray, FloatArray]:
     return times, trajectory.sample_many(times)[0]
 
 
-def _tips(machine: Machine, postures: FloatArray, frame: str) -> list[Point]:
-    """Where the tip is in postures float64[k, n]."""
-    return _places(machine, machine.tip_positions(postures), postures, frame)
+def _compute_tip_points(machine: Machine, postures: FloatArray, frame: str) -> list[Point]:
+    """Return the tip's place in each posture.
+
+    Args:
+        machine: Machine of the arm.
+        postures: Joint positions, float64[k, n], [rad or m].
+        frame: `base_link` or `work_plane`.
+
+    Returns:
+        One point for each posture, in this frame [m].
+    """
+    return _convert_to_points(machine, machine.tip_positions(postures), postures, frame)
 
 
-def _places(
+def _convert_to_points(
     machine: Machine, in_plane: FloatArray, postures: FloatArray, frame: str
 ) -> list[Point]:
-    """Places float64[k, 2] of the plane of an arm that may slew, as it is in the postures."""
+    """Convert places in the arm's plane to points in a frame.
+
+    In `base_link`, the plane of an arm that slews stands at the posture's slew angle.
+
+    Args:
+        machine: Machine of the arm.
+        in_plane: Places (x, z) in the arm's plane, float64[k, 2], [m].
+        postures: Joint positions, [rad or m]: float64[k, n], one row for each place, or float64[1,
+            n] for all places. Only the slew angle in column 0 counts.
+        frame: `base_link` or `work_plane`.
+
+    Returns:
+        k points in this frame [m].
+    """
     if frame == WORK_PLANE_FRAME or not machine.slews:
         return [_point(place, frame) for place in in_plane]
     slew = np.broadcast_to(postures[:, 0], len(in_plane))
-    return [Point(x=x, y=y, z=z) for x, y, z in machine.in_base(in_plane, slew).tolist()]
+    return [Point(x=x, y=y, z=z) for x, y, z in machine.convert_to_base(in_plane, slew).tolist()]
 
 
 def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
+    """Return a marker to be added, with equal size in all directions and id 0.
+
+    Args:
+        header: Header of the marker.
+        namespace: Namespace of the marker.
+        kind: Type of the marker.
+        size: Scale along x, y and z [m]; a line's width.
+
+    Returns:
+        Marker without a pose and a colour.
+    """
     return Marker(
         header=header,
         ns=namespace,
@@ -208,6 +326,7 @@ def _header(stamp_ns: int, frame: str, prefix: str) -> Header:
 
 
 def _point(place: FloatArray, frame: str) -> Point:
+    """Return a place (x, z) in the arm's plane as a point of a frame."""
     x, z = float(place[0]), float(place[1])
     return Point(x=x, y=z, z=0.0) if frame == WORK_PLANE_FRAME else Point(x=x, y=0.0, z=z)
 

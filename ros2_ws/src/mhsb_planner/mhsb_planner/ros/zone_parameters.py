@@ -1,8 +1,8 @@
-"""Parameters of keep-out zones: flat arrays, a kind of zone each, for the whole arm or its tip.
+"""Parameters of keep-out zones: one flat array for each kind of zone, for the whole arm or its tip.
 
-Every planner node has all of them, whatever its arm: a zone of a kind that the arm cannot have is
-refused with the kinds that it can, where a parameter that is not there would be ignored, and the
-arm would move through the zone.
+Every planner node declares all of them, whatever its arm. A zone of a kind that the arm cannot have
+is refused, and the error names the possible kinds. If such a parameter were not declared, ROS would
+ignore its value, and the arm would move through the zone.
 """
 
 from __future__ import annotations
@@ -11,57 +11,112 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import IN_PLANE, IN_SPACE, Numbers, Zones, zone_numbers
 from mhsb_planner.errors import RequestError
-from mhsb_planner.ros.flat_arrays import declare_array, rows_of
+from mhsb_planner.ros.flat_arrays import declare_array, split_rows
 
 PLANAR_TEXTS = {
     "boxes": "x z x z [m] of two opposite corners",
     "circles": "x z [m] of the centre, radius [m]",
 }
+"""Numbers of a zone for arms that move in a plane, by kind."""
+
 SPATIAL_TEXTS = {
     "boxes": "x y z x y z [m] of two opposite corners",
     "cylinders": "x y [m] of the upright axis, z z [m] of both ends, radius [m]",
     "spheres": "x y z [m] of the centre, radius [m]",
 }
-"""What the numbers of a zone are, of arms in a plane, and of those that slew."""
+"""Numbers of a zone for arms that slew, by kind."""
 
 
 class ZoneParameter(NamedTuple):
-    """What a parameter sets: field of `Zones`, kind of zone, and what keeps out of it."""
+    """Meaning of a zone parameter.
+
+    Attributes:
+        field: Field of `Zones` that it sets.
+        kind: Kind of zone: boxes, circles, cylinders or spheres.
+        holds_for: What keeps out of the zone: "the whole arm" or "the tip".
+    """
 
     field: str
     kind: str
-    who: str
+    holds_for: str
 
 
-ZONES = {
+ZONE_PARAMETERS = {
     f"{tip}zone_{kind}": ZoneParameter(f"{tip}{kind}", kind, who)
     for tip, who in (("", "the whole arm"), ("tip_", "the tip"))
     for kind in dict.fromkeys([*IN_PLANE, *IN_SPACE])
 }
+"""Zone parameters by name, such as `zone_boxes` and `tip_zone_boxes`."""
 
 
 def declare_zones(node: Node, machine: Machine) -> None:
-    """Declare all of them, with the zones of the machine file."""
-    for name, (field, kind, who) in ZONES.items():
+    """Declare all zone parameters, with the zones of the machine file as initial values.
+
+    Args:
+        node: Planner node.
+        machine: Machine of the file.
+    """
+    for name, (field, kind, who) in ZONE_PARAMETERS.items():
         zones = getattr(machine.zones, field)
-        text = f"keep-out {kind} for {who}, one after the other: {_numbers(kind)}"
+        text = f"keep-out {kind} for {who}, one after the other: {_describe_numbers(kind)}"
         declare_array(node, name, [value for zone in zones for value in zone], text)
 
 
-def zones_of(values: Mapping[str, Any], slews: bool) -> Zones:
-    """The zones of the parameters' values; raises RequestError where these are none.
+def replace_deletions(changes: list[Parameter]) -> list[Parameter]:
+    """Replace every deletion of a zone parameter by a change to no zones.
 
-    slews  whether they are those of an arm that slews
+    After a deletion ROS would forget the parameter, and it could not be set again.
+
+    Args:
+        changes: Parameters that are to be set.
+
+    Returns:
+        The changes in the same order; other parameters are unchanged.
     """
-    return Zones(**{each.field: _zones(name, values[name], slews) for name, each in ZONES.items()})
+    return [
+        Parameter(change.name, Parameter.Type.DOUBLE_ARRAY, [])
+        if change.name in ZONE_PARAMETERS and change.type_ is Parameter.Type.NOT_SET
+        else change
+        for change in changes
+    ]
 
 
-def _numbers(kind: str) -> str:
-    """What each zone of a kind is given by, for all arms."""
+def make_zones(values: Mapping[str, Any], slews: bool) -> Zones:
+    """Return the zones that the parameters describe.
+
+    Args:
+        values: Values of at least all zone parameters by name.
+        slews: Whether joint 1 slews. Zones then have three dimensions, otherwise two.
+
+    Returns:
+        The zones of all kinds, each with its numbers [m].
+
+    Raises:
+        RequestError: A value is not an array of numbers, does not fill whole zones, or holds zones
+            of a kind that this arm cannot have.
+    """
+    return Zones(
+        **{
+            each.field: _split_zones(name, values[name], slews)
+            for name, each in ZONE_PARAMETERS.items()
+        }
+    )
+
+
+def _describe_numbers(kind: str) -> str:
+    """Return the text that says which numbers a zone has, for arms with and without a slew.
+
+    Args:
+        kind: Kind of zone: boxes, circles, cylinders or spheres.
+
+    Returns:
+        A text such as "x z [m] of the centre, radius [m]; only where the arm does not slew".
+    """
     planar, spatial = PLANAR_TEXTS.get(kind), SPATIAL_TEXTS.get(kind)
     if planar and spatial:
         return f"{planar}; where the arm slews {spatial}"
@@ -70,13 +125,26 @@ def _numbers(kind: str) -> str:
     return f"{spatial}; only where the arm slews"
 
 
-def _zones(name: str, value: Any, slews: bool) -> tuple[Numbers, ...]:
-    """Zones of a flat array; raises RequestError where it is not one, or not of such an arm."""
-    kind, there = ZONES[name].kind, zone_numbers(slews)
+def _split_zones(name: str, value: Any, slews: bool) -> tuple[Numbers, ...]:
+    """Split the value of a zone parameter into zones.
+
+    Args:
+        name: Name of the parameter.
+        value: Its value, a flat array.
+        slews: Whether the arm slews.
+
+    Returns:
+        One tuple of numbers for each zone; empty if the arm cannot have this kind.
+
+    Raises:
+        RequestError: The value does not fill whole zones, or it is not empty although the arm
+            cannot have this kind of zone.
+    """
+    kind, there = ZONE_PARAMETERS[name].kind, zone_numbers(slews)
     if kind in there:
         texts = SPATIAL_TEXTS if slews else PLANAR_TEXTS
-        return rows_of(name, value, len(there[kind]), texts[kind])
-    if rows_of(name, value, 1, "none for this arm"):
+        return split_rows(name, value, len(there[kind]), texts[kind])
+    if split_rows(name, value, 1, "none for this arm"):
         where = "joint 1 slews, its zones are in space" if slews else "this arm moves in x and z"
         others = " or ".join(f"{name.removesuffix(kind)}{other}" for other in there)
         raise RequestError(name, list(value), f"must be empty: {where}; give {others}")

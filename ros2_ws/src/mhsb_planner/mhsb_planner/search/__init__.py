@@ -1,1 +1,1 @@
-"""S2: the path over positions and modes."""
+"""S2: search for the discrete path over tip positions and mode patterns."""

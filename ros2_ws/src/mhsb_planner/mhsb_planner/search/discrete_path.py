@@ -1,4 +1,4 @@
-"""A discrete path: the result of the search over postures and modes."""
+"""The discrete path: result of the search over tip positions, postures and mode patterns."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ from mhsb_model.types import FloatArray, ModeArray, frozen
 
 @dataclass(frozen=True)
 class SearchStatistics:
-    """What a search took: states expanded, states generated (steps looked at), seconds.
+    """Effort of a search.
 
-    out_of_time: whether a deadline ended it, with the best path found until then
+    Attributes:
+        expanded: Number of states whose outgoing steps were examined.
+        generated: Number of steps examined.
+        seconds: Duration of the search [s].
+        out_of_time: True if a deadline ended the search with the best path found so far.
     """
 
     expanded: int
@@ -24,19 +28,25 @@ class SearchStatistics:
 
 @dataclass(frozen=True, eq=False)
 class DiscretePath:
-    """k steps of an arm with n joints, each at constant piston speeds and in one mode pattern.
+    """Discrete path of k steps for an arm with n joints.
 
-    tip            float64[k + 1, 2], (x, z) m; float64[k + 1, 3], (x, y, z), where joint 1 slews
-    posture        float64[k + 1, n], rad
-    modes          uint8[k, n], mode of every actuator during each step
-    duration       float64[k], s
-    energy         float64[k], J, reading `paper`
-    energy_series  float64[k], J, reading `series`
-    cost           w₁ Σ E + w₂ Σ T + w₃ switches, the first step's switches included, and w₄ M
-                   where the polytope's area has a weight (`area_shortfall`)
-    start_modes    uint8[n], in force before the first step
-    lower_bound    J, what any plan to one of the admissible goal postures must at least take
-    statistics     of the search
+    Each step has constant piston speeds and one mode pattern, that is, one mode for each actuator.
+    The energy reading `paper` is the published energy model. The reading `series` counts main pump
+    and servo pump in series (`s2_step`).
+
+    Attributes:
+        tip: Tip positions, shape (k + 1, 2), (x, z) [m]. Shape (k + 1, 3), (x, y, z), if joint 1
+            slews.
+        posture: Joint positions at the ends of the steps, shape (k + 1, n) [rad or m].
+        modes: Mode codes of every actuator during each step, shape (k, n).
+        duration: Duration of each step, shape (k,) [s].
+        energy: Energy of each step under the energy reading `paper`, shape (k,) [J].
+        energy_series: Energy of each step under the energy reading `series`, shape (k,) [J].
+        cost: Total cost w₁ Σ E + w₂ Σ T + w₃ switches [-]. The switches into the first step count.
+            The term w₄ M of `manipulability_loss` is added if the polytope's area has a weight.
+        start_modes: Modes in force before the first step, shape (n,).
+        lower_bound: Lower bound on the energy of any plan to an admissible goal posture [J].
+        statistics: Effort of the search.
     """
 
     tip: FloatArray
@@ -51,16 +61,28 @@ class DiscretePath:
     statistics: SearchStatistics
 
     def __post_init__(self) -> None:
+        """Convert all arrays to read-only arrays of their types."""
         for name in ("tip", "posture", "duration", "energy", "energy_series"):
             object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=float)))
         for name in ("modes", "start_modes"):
             object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=np.uint8)))
 
     @classmethod
-    def standing(
+    def create_without_steps(
         cls, tip: FloatArray, posture: FloatArray, modes: ModeArray, seconds: float
     ) -> DiscretePath:
-        """The path without steps of a start that is at its goal; `seconds` of search."""
+        """Create a path without steps, for a start that is already at its goal.
+
+        Args:
+            tip: Tip position of the start, shape (2,) or (3,) [m].
+            posture: Joint positions of the start, shape (n,) [rad or m].
+            modes: Modes in force, shape (n,).
+            seconds: Duration of the search, for the statistics [s].
+
+        Returns:
+            A path with one posture, no steps, cost 0 and lower bound 0. The statistics count 0
+            states and 0 steps.
+        """
         nothing = np.empty(0)
         return cls(
             tip=np.atleast_2d(tip),
@@ -82,16 +104,19 @@ class DiscretePath:
 
     @property
     def switches(self) -> int:
-        """How often an actuator changes its mode, from the modes in force at the start on."""
+        """Total number of mode changes, summed over the actuators.
+
+        Changes from the modes in force at the start to the first step's modes count.
+        """
         first = np.count_nonzero(self.modes[:1] != self.start_modes)
         return int(first + np.count_nonzero(self.modes[1:] != self.modes[:-1]))
 
     @property
     def time(self) -> FloatArray:
-        """Time at each posture, from 0, float64[k + 1] s."""
+        """Time at each posture, starting from 0, shape (k + 1,) [s]."""
         return np.concatenate([[0.0], np.cumsum(self.duration)])
 
     @property
     def length(self) -> float:
-        """Length of the tip's path as a polygon [m]."""
+        """Length of the polygon through the tip positions [m]."""
         return float(np.linalg.norm(np.diff(self.tip, axis=0), axis=1).sum())

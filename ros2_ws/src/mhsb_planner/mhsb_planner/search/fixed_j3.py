@@ -1,11 +1,12 @@
-"""The conventional method: joint 3 stays where it is (paper, Section 3.3, after its reference 18).
+"""The conventional method: joint 3 keeps its angle (paper, Section 3.3, after its reference 18).
 
-An initial J3 is given. At a tip position J1 and J2 then have at most two solutions; where neither
-is within limits, J3 is changed by 1° at a time until one is. That gives one posture for each node
-whatever the modes, from which the search takes path and modes at the same step costs as ever.
+An initial angle J3 of joint 3 is given. At a tip position the angles of joints 1 and 2 then have at
+most two solutions. If neither is within limits, J3 is changed in steps of 1° until one is. This
+gives one posture for each workspace node, whatever the modes. The search then finds path and modes
+with the usual step costs.
 
-With more joints all but two are kept, those that the machine file names, and one of them is changed
-where it must be. The elbow is then the second of the two that move.
+In an arm with more joints all but two keep their angles; the machine file names the kept ones. One
+kept joint is changed if necessary. The elbow is then the second of the two joints that move.
 """
 
 from __future__ import annotations
@@ -16,12 +17,15 @@ from contextlib import suppress
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.inverse_kinematics.tip_postures import posture_with, side_of
+from mhsb_model.inverse_kinematics.tip_postures import (
+    find_closure_side,
+    solve_posture_with_held_joints,
+)
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import radians
+from mhsb_model.kinematics import compute_radian_equivalents
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import InfeasibleGoalError, RequestError
 from mhsb_planner.posture.grid import Grid
 from mhsb_planner.posture.s1_polytope import polytope_areas
@@ -29,18 +33,21 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 
 J3_STEP = math.radians(1.0)
-"""By how much a kept joint is changed at a time where the others have no solution [rad]; of one
-that slides in its unit (`kinematics.radians`)."""
+"""Step by which a kept joint is changed if the others have no solution [rad].
+
+For a prismatic joint the step is scaled by `kinematics.compute_radian_equivalents`."""
 
 NODES_AT_ONCE = 50
-"""Nodes of a table that are filled between two looks at a deadline."""
+"""Number of table nodes that are filled between two checks of the deadline."""
 
 ELBOW_UP, ELBOW_DOWN = -1, 1
-"""Side of the elbow, by the sign of the angle from what is before to the line from elbow to tip."""
+"""Side of the elbow: -1 up, +1 down.
+
+It is the sign of the angle from the link before the elbow to the line from elbow to tip."""
 
 
 @kernel
-def _posture(
+def _find_posture(
     m: MachineArrays,
     x: float,
     z: float,
@@ -49,12 +56,26 @@ def _posture(
     elbow: int,
     q: FloatArray,
 ) -> bool:
-    """Posture at (x, z) m with one kept joint the fewest steps off, on side `elbow` if possible.
+    """Find a posture at (x, z) that changes one kept joint by as few steps as possible.
 
-    The first joint that will do, and of changes up and down by the same angle that up come first.
-    False where none will do.
+    The change starts at 0 and grows in steps of `J3_STEP`. It ends if a solution is within limits,
+    or if every kept joint would be beyond its limits. For each change all kept joints are tried in
+    order, upwards before downwards. For each of these, the elbow side `elbow` is tried before the
+    other side.
+
+    Args:
+        m: Arrays of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        moved: Indices i < j of the two joints that move freely, shape (2,).
+        kept: Wanted positions of all other joints in joint order, shape (n - 2,) [rad or m].
+        elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
+        q: Posture found, shape (n,) [rad or m]. Written in place.
+
+    Returns:
+        True if a posture was found; otherwise q is not valid.
     """
-    changed, unit = kept.copy(), radians(m)
+    changed, unit = kept.copy(), compute_radian_equivalents(m)
     i, j = moved[0], moved[1]
     change, left = 0, True
     while left:
@@ -68,7 +89,7 @@ def _posture(
             for sign in (1, -1):
                 changed[at] = kept[at] + sign * step
                 for side in (elbow, -elbow):
-                    if posture_with(m, x, z, i, j, changed, side, q):
+                    if solve_posture_with_held_joints(m, x, z, i, j, changed, side, q):
                         return True
             changed[at] = kept[at]
             at += 1
@@ -77,7 +98,7 @@ def _posture(
 
 
 @kernel(borrows=True)
-def _fill(
+def _fill_postures(
     m: MachineArrays,
     position: FloatArray,
     moved: IntArray,
@@ -85,91 +106,170 @@ def _fill(
     elbow: int,
     posture: FloatArray,
 ) -> None:
+    """Compute the conventional method's posture at many tip positions, each by `_find_posture`.
+
+    Args:
+        m: Arrays of the machine.
+        position: Tip positions (x, z), shape (k, 2) [m].
+        moved: Indices of the two joints that move freely, shape (2,).
+        kept: Wanted positions of the kept joints, shape (n - 2,) [rad or m].
+        elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
+        posture: Postures, shape (k, n) [rad or m]. Written in place; NaN if there is no solution.
+    """
     for i in range(len(position)):
-        if not _posture(m, position[i, 0], position[i, 1], moved, kept, elbow, posture[i]):
+        if not _find_posture(m, position[i, 0], position[i, 1], moved, kept, elbow, posture[i]):
             posture[i] = np.nan
 
 
-def _moved(machine: Machine) -> IntArray:
-    """The two joints that are not kept."""
+def _list_moved_joints(machine: Machine) -> IntArray:
+    """Return the indices of the two joints that are not kept, in ascending order."""
     kept = machine.kept_joints
     return frozen(np.array([j for j in range(machine.joint_count) if j not in kept]))
 
 
-def kept_angles(machine: Machine, q: FloatArray) -> FloatArray:
-    """Angles of the kept joints in posture q, put within their limits, float64[n - 2] rad."""
+def read_kept_angles(machine: Machine, q: FloatArray) -> FloatArray:
+    """Return the positions of the kept joints in a posture, clipped to their limits.
+
+    Args:
+        machine: Machine that names the kept joints.
+        q: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        Positions of the kept joints in joint order, shape (n - 2,) [rad or m].
+    """
     kept, a = list(machine.kept_joints), machine.arrays
     return np.clip(np.asarray(q, dtype=np.float64)[kept], a.joint_min[kept], a.joint_max[kept])
 
 
-def elbow_side(machine: Machine, q: FloatArray) -> int:
-    """On which side of the line from shoulder to tip the elbow is in posture q [rad]."""
-    i, j = _moved(machine)
-    return int(side_of(machine.arrays, np.array(q, dtype=np.float64), i, j))
+def find_elbow_side(machine: Machine, q: FloatArray) -> int:
+    """Return the side of the elbow in a posture.
+
+    Args:
+        machine: Machine whose two free joints form the elbow.
+        q: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        ELBOW_UP or ELBOW_DOWN.
+    """
+    i, j = _list_moved_joints(machine)
+    return int(find_closure_side(machine.arrays, np.array(q, dtype=np.float64), i, j))
 
 
-def fixed_j3_posture(
+def compute_fixed_j3_posture(
     machine: Machine, x: float, z: float, j3: float | FloatArray, elbow: int = ELBOW_UP
 ) -> FloatArray:
-    """Posture float64[n] [rad] of the conventional method at (x, z) m.
+    """Compute the posture of the conventional method at a tip position.
 
-    j3     initial angle of joint 3 or, of several kept joints, their angles, float64[n - 2] rad,
-           within limits
-    elbow  the side tried first
+    The kept joints stay at their given positions. One of them is changed in steps of 1° only if the
+    other two joints have no solution within limits.
 
-    Raises InfeasibleGoalError, RequestError.
+    Args:
+        machine: Machine without a slewing joint (`Machine.planar_arm`).
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        j3: Initial position of joint 3 [rad or m], within its limits. For several kept joints their
+            positions in joint order, shape (n - 2,).
+        elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
+
+    Returns:
+        Joint positions, shape (n,) [rad or m], read-only.
+
+    Raises:
+        InfeasibleGoalError: No change of a kept joint gives a posture within limits.
+        RequestError: j3 has the wrong length or is beyond a joint limit.
     """
-    kept, q = _checked(machine, j3), np.empty(machine.joint_count)
-    if not _posture(machine.arrays, x, z, _moved(machine), kept, elbow, q):
+    kept, q = _check_kept_angles(machine, j3), np.empty(machine.joint_count)
+    if not _find_posture(machine.arrays, x, z, _list_moved_joints(machine), kept, elbow, q):
         raise InfeasibleGoalError(x, z)
     return frozen(q)
 
 
-def fixed_j3_graph(
+def build_fixed_j3_graph(
     machine: Machine,
-    like: PostureTable,
+    template_table: PostureTable,
     j3: float | FloatArray,
     elbow: int,
     jobs: int | None = None,
     grid: Grid | None = None,
-    deadline: Deadline = NEVER,
+    deadline: Deadline = NO_DEADLINE,
 ) -> StepGraph:
-    """The steps between the conventional method's postures, on the nodes of another table.
+    """Build the graph of steps between the conventional method's postures.
 
-    j3     as of `fixed_j3_posture`; RequestError where it is not within limits
-    elbow  the side tried first
-    grid   of the nodes, where it is known
+    The graph has the nodes and mode patterns of a given posture table. Every pattern of a node has
+    the same posture; NaN marks a node without one. All steps are priced, that is, their durations
+    and energies are computed, before the function returns.
 
-    Raises DeadlineError.
+    Args:
+        machine: Machine without a slewing joint (`Machine.planar_arm`).
+        template_table: Posture table whose nodes, spacing and mode patterns are used.
+        j3: Initial position of the kept joint or joints, as in `compute_fixed_j3_posture`
+            [rad or m].
+        elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
+        jobs: Number of threads; None means one per processor.
+        grid: Grid of the table's nodes if it exists already; None builds it.
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        The graph. Postures at tip positions off the grid are computed by
+        `compute_fixed_j3_posture`.
+
+    Raises:
+        RequestError: j3 has the wrong length or is beyond a joint limit.
+        DeadlineError: The deadline passed.
     """
-    kept, moved = _checked(machine, j3), _moved(machine)
-    patterns, position = like.patterns, like.nodes * like.spacing
+    kept, moved = _check_kept_angles(machine, j3), _list_moved_joints(machine)
+    patterns, position = template_table.patterns, template_table.nodes * template_table.spacing
     posture = np.empty((len(position), machine.joint_count))
     area = np.empty((len(position), len(patterns)))
     for first in range(0, len(position), NODES_AT_ONCE):
         deadline.check("the table with joints fixed")
         part = slice(first, first + NODES_AT_ONCE)
-        _fill(machine.arrays, position[part], moved, kept, elbow, posture[part])
+        _fill_postures(machine.arrays, position[part], moved, kept, elbow, posture[part])
         area[part] = polytope_areas(machine, posture[part], patterns)
     table = PostureTable(
         machine_name=machine.name,
-        machine_hash=machine.hash,
-        spacing=like.spacing,
-        nodes=like.nodes,
+        machine_hash=machine.table_hash,
+        spacing=template_table.spacing,
+        nodes=template_table.nodes,
         patterns=patterns,
         posture=np.repeat(posture[:, None, :], len(patterns), axis=1),
         area=area,
     )
 
-    def resolve(machine: Machine, x: float, z: float, _: Deadline) -> FloatArray:
-        q = fixed_j3_posture(machine, x, z, j3, elbow)
+    def find_postures(machine: Machine, x: float, z: float, _: Deadline) -> FloatArray:
+        """Return the conventional method's posture at (x, z) [m], repeated for every mode pattern.
+
+        The initial J3, the elbow side and the number of mode patterns come from the enclosing
+        function.
+
+        Args:
+            machine: Machine whose posture is wanted.
+            x: Tip position forward [m].
+            z: Tip position upward [m].
+            _: Unused deadline; the signature is that of `PostureRule`.
+
+        Returns:
+            Joint positions, shape (patterns, n) [rad or m], with equal rows.
+        """
+        q = compute_fixed_j3_posture(machine, x, z, j3, elbow)
         return np.repeat(q[None, :], len(patterns), axis=0)
 
-    return StepGraph(machine, table, jobs, resolve=resolve, grid=grid, deadline=deadline)
+    return StepGraph(machine, table, jobs, posture_rule=find_postures, grid=grid, deadline=deadline)
 
 
-def _checked(machine: Machine, j3: float | FloatArray) -> FloatArray:
-    """The kept joints' angles, float64[n - 2] rad; RequestError where not within limits."""
+def _check_kept_angles(machine: Machine, j3: float | FloatArray) -> FloatArray:
+    """Convert the positions of the kept joints to an array and check them.
+
+    Args:
+        machine: Machine that names the kept joints and their limits.
+        j3: One position, or one for each kept joint [rad or m].
+
+    Returns:
+        Positions of the kept joints, shape (n - 2,) [rad or m], read-only.
+
+    Raises:
+        RequestError: The number of positions is wrong, or a position is beyond its joint limits.
+    """
     kept, angles = machine.kept_joints, np.atleast_1d(np.asarray(j3, dtype=np.float64))
     if len(angles) != len(kept):
         rule = f"is of one joint, {len(kept)} are kept; they stay as they are at the start"
@@ -184,13 +284,22 @@ def _checked(machine: Machine, j3: float | FloatArray) -> FloatArray:
 
 
 def warm_up(graph: StepGraph) -> None:
-    """Compile the kernels of this module."""
+    """Compile the kernels of this module.
+
+    Args:
+        graph: Graph whose machine and mode patterns give the argument types.
+    """
     machine, n = graph.machine, graph.machine.joint_count
-    kept = kept_angles(machine, machine.arrays.joint_max)
-    _fill(
-        machine.arrays, np.empty((0, 2)), _moved(machine), frozen(kept), ELBOW_UP, np.empty((0, n))
+    kept = read_kept_angles(machine, machine.arrays.joint_max)
+    _fill_postures(
+        machine.arrays,
+        np.empty((0, 2)),
+        _list_moved_joints(machine),
+        frozen(kept),
+        ELBOW_UP,
+        np.empty((0, n)),
     )
-    elbow_side(machine, machine.arrays.joint_max)
+    find_elbow_side(machine, machine.arrays.joint_max)
     with suppress(InfeasibleGoalError):
-        fixed_j3_posture(machine, 0.0, 0.0, kept)
+        compute_fixed_j3_posture(machine, 0.0, 0.0, kept)
     polytope_areas(machine, np.empty((0, n)), graph.table.patterns)

@@ -1,4 +1,8 @@
-"""Goals at which the arm would be in an obstacle or nearer to one than paths get; starts in one."""
+"""Obstacle checks of start and goal.
+
+A goal is refused if the arm would be in an obstacle there, or nearer to one than paths may get.
+A start in an obstacle is only described.
+"""
 
 from __future__ import annotations
 
@@ -14,30 +18,52 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import FloatArray, Position, frozen
 from mhsb_planner.errors import ZoneError, place_text
 
-TOUCHING = 5e-4
-"""Clearance up to which the arm touches an obstacle [m]; motions that keep clear stay away."""
+CONTACT_CLEARANCE = 5e-4
+"""Clearance up to which the arm counts as touching an obstacle [m].
+
+Motions that keep clear of obstacles stay farther away than this."""
 
 
-def start_in(machine: Machine, posture: FloatArray) -> str:
-    """What obstacle the arm is in or touches in a posture [rad], as a clause; else nothing.
+def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
+    """Describe the obstacle that the arm is in or touches in its start posture.
 
-    Zones can be set over an arm, which may leave them.
+    A start in an obstacle is allowed: zones can be set over an arm, and the arm may leave them.
+
+    Args:
+        machine: Machine with its obstacles.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        A clause such as "the arm touches zone 1 at the start". Empty if the clearance is greater
+        than CONTACT_CLEARANCE.
     """
     clearance, name = machine.clearance(posture)
-    if clearance > TOUCHING:
+    if clearance > CONTACT_CLEARANCE:
         return ""
-    return f"the arm starts {-clearance:.4g} m deep in {name}" if clearance < -TOUCHING else (
-        f"the arm touches {name} at the start"
+    return (
+        f"the arm starts {-clearance:.4g} m deep in {name}"
+        if clearance < -CONTACT_CLEARANCE
+        else (f"the arm touches {name} at the start")
     )
 
 
-def check_tip(machine: Machine, goal: Position) -> None:
-    """Raise ZoneError where the tip alone at a goal in `base_link` is too near to an obstacle."""
+def check_tip_clearance(machine: Machine, goal: Position) -> None:
+    """Check that the tip alone keeps the margin from all obstacles at a goal.
+
+    The check does not need a posture. If the arm slews, zones in space are checked as well.
+
+    Args:
+        machine: Machine with its obstacles and margin.
+        goal: Tip position in `base_link`, (x, z) or, if the arm slews, (x, y, z) [m].
+
+    Raises:
+        ZoneError: The tip is nearer to an obstacle than the margin.
+    """
     rows, margin = machine.obstacles.path_rows, machine.config.keep_out.margin
     if len(rows) == 0:
         return
     n = machine.joint_count
-    beyond, nearest = tip_clearance(rows, n, *machine.in_plane(goal, 0.0).tip)
+    beyond, nearest = tip_clearance(rows, n, *machine.convert_to_plane(goal, 0.0).tip)
     if machine.slews:
         x, y, z = goal
         in_space = tip_clearance_in_space(rows, n, x, y, z)
@@ -52,10 +78,21 @@ def check_tip(machine: Machine, goal: Position) -> None:
         )
 
 
-def clear_postures(machine: Machine, x: float, z: float, posture: FloatArray) -> np.ndarray:
-    """Which postures float64[count, n] [rad] with the tip at (x, z) m keep clear, bool[count].
+def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArray) -> np.ndarray:
+    """Find the postures at a goal that keep the margin from all obstacles.
 
-    Raises ZoneError where none does.
+    Args:
+        machine: Machine with its obstacles and margin.
+        x: Tip position of all postures, forward [m]; only for the error message.
+        z: Tip position of all postures, upward [m]; only for the error message.
+        posture: Joint positions, shape (count, n) [rad or m].
+
+    Returns:
+        Boolean array of shape (count,), aligned with `posture`: True if the posture is clear. All
+        True if the machine has no obstacles.
+
+    Raises:
+        ZoneError: No posture is clear.
     """
     rows = machine.obstacles.path_rows
     if len(rows) == 0:
@@ -74,9 +111,13 @@ def clear_postures(machine: Machine, x: float, z: float, posture: FloatArray) ->
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels that are needed, whether there are obstacles or not."""
+    """Compile the clearance kernels, whether the machine has obstacles or not.
+
+    Args:
+        machine: Machine whose number of joints gives the argument types.
+    """
     rows, n = machine.obstacles.path_rows, machine.joint_count
     tip_clearance(rows, n, 0.0, 0.0)
     tip_clearance_in_space(rows, n, 0.0, 0.0, 0.0)
     clearances(machine.arrays, rows, frozen(np.zeros((1, n))))
-    machine.changed(zones=Zones(circles=((0.5, 0.5, 0.01),)))  # whose place is checked
+    machine.changed(zones=Zones(circles=((0.5, 0.5, 0.01),)))  # checks its place

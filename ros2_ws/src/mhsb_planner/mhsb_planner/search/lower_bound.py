@@ -1,14 +1,14 @@
-"""What every plan between two postures must at least take, whatever its path and modes.
+"""Lower bounds on the cost of every plan between two postures, whatever its path and modes.
 
-Cylinder strokes add up to no less than the distance between start and goal, each litre costs at
-least P_S, and leakage flows for as long as the motion must last:
+The cylinder strokes add up to at least the difference between start and goal lengths. Oil costs
+at least P_S per volume, and leakage flows for the whole motion:
 
     T_lb = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − n q_leak) )
     E_lb = P_S [ Σ_j A_dir |ΔL_j| + n q_leak T_lb ]
 
-Both hold step by step for the costs of `s2_step`, since boosted oil never costs less than P_S
-there, and no valve leaks less than at P_S; so w₁ E_lb + w₂ T_lb is also a consistent estimate of
-the cost that remains in the search.
+Both bounds hold for each step at the costs of `s2_step`: boosted oil never costs less than P_S
+there, and no valve leaks less than at P_S. Hence w₁ E_lb + w₂ T_lb is a consistent heuristic for
+the search.
 """
 
 from __future__ import annotations
@@ -19,16 +19,21 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, frozen
-from mhsb_planner.search.s2_step import Circuit, Postures, circuit_of, describe
+from mhsb_planner.search.s2_step import (
+    HydraulicCoefficients,
+    Postures,
+    compute_hydraulic_coefficients,
+    describe_postures,
+)
 
 ENERGY_ALONE = frozen(np.array([1.0, 0.0]))
-"""Weights of energy [1/J] and time [1/s] for a bound on the energy itself."""
+"""Weights of energy [1/J] and time [1/s] that make the bound one on the energy alone."""
 
 
 @kernel(inline="always")
-def least_cost(
+def compute_lower_bound(
     area: FloatArray,
-    pace: FloatArray,
+    inverse_speed_limit: FloatArray,
     shared_flow: float,
     leakage: float,
     other_oil: float,
@@ -38,33 +43,61 @@ def least_cost(
     volume_weight: float,
     time_weight: float,
 ) -> float:
-    """Least cost from cylinder lengths start[n] to goal[n] [m].
+    """Compute a lower bound on the weighted cost between two sets of cylinder lengths.
 
-    area, pace, shared_flow  see `s2_step.Circuit`
-    leakage                  of all valves [m³/s]
-    other_oil, other_time    see `s2_step.Circuit`
-    volume_weight            w₁ P_S [1/m³]
-    time_weight              w₂ [1/s]
+        V = other_oil + Σ_j A_dir |ΔL_j|
+        T_lb = max( other_time, max_j |ΔL_j| / V_max,j, V / shared_flow )
+        cost = w₁ P_S (V + leakage · T_lb) + w₂ T_lb
+
+    ΔL_j is the difference of cylinder length j. V_max,j is its speed limit in mode N, whose inverse
+    is given. Mode switches are not in the bound.
+
+    Args:
+        area: Piston areas A_dir, shape (n, 2): extension, retraction [m²].
+        inverse_speed_limit: Inverse of the largest piston speed, shape (n, modes, 2) [s/m]. Only
+            mode N is read.
+        shared_flow: Main pump flow less leakage, shared by all cylinders [m³/s].
+        leakage: Leakage of all valves together at P_S [m³/s].
+        other_oil: Oil for what moves beside these joints, such as a slew [m³].
+        other_time: Least time that what moves beside these joints takes [s].
+        start: Cylinder lengths at the start, shape (n,) [m].
+        goal: Cylinder lengths at the goal, shape (n,) [m].
+        volume_weight: Cost of oil, w₁ P_S [1/m³].
+        time_weight: Weight of time, w₂ [1/s].
+
+    Returns:
+        Lower bound on the cost [-].
     """
     duration = other_time
     volume = other_oil
     for j in range(len(start)):
         delta = goal[j] - start[j]
         d = 0 if delta > 0.0 else 1
-        duration = max(duration, abs(delta) * pace[j, Mode.N, d])
+        duration = max(duration, abs(delta) * inverse_speed_limit[j, Mode.N, d])
         volume += area[j, d] * abs(delta)
     duration = max(duration, volume / shared_flow)
     return volume_weight * (volume + leakage * duration) + time_weight * duration
 
 
 @kernel(borrows=True)
-def least_cost_between(
-    c: Circuit, start: FloatArray, goal: FloatArray, weight: FloatArray
+def bound_cost_between(
+    c: HydraulicCoefficients, start: FloatArray, goal: FloatArray, weight: FloatArray
 ) -> float:
-    """The same with the weights float64[2 or more] of energy [1/J] and time [1/s]."""
-    return least_cost(
+    """Compute a lower bound on the weighted cost between two sets of cylinder lengths.
+
+    Args:
+        c: Hydraulic coefficients of the machine (areas, speed limits, flows, P_S). Their
+            `other_oil` and `other_time` count in the bound.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        goal: Cylinder lengths at the goal, shape (n,) [m].
+        weight: Weights of energy [1/J] and time [1/s]. Further entries are ignored.
+
+    Returns:
+        Lower bound on w₁ E + w₂ T [-].
+    """
+    return compute_lower_bound(
         c.area,
-        c.pace,
+        c.inverse_speed_limit,
         c.shared_flow,
         len(start) * c.leakage_flow + c.idle_leakage,
         c.other_oil,
@@ -76,32 +109,73 @@ def least_cost_between(
     )
 
 
-def with_others(c: Circuit, oil: float, time: float) -> Circuit:
-    """The same for bounds that count what others take meanwhile: oil [m³], and least time [s]."""
+def add_other_motion(c: HydraulicCoefficients, oil: float, time: float) -> HydraulicCoefficients:
+    """Return coefficients whose lower bounds include the oil and time of other motions.
+
+    Args:
+        c: Hydraulic coefficients of the n joints.
+        oil: Oil for what moves beside the n joints, such as a slew [m³].
+        time: Least time that these other motions take [s].
+
+    Returns:
+        A copy of c with `other_oil` and `other_time` set. Only lower bounds use these two; the
+        costs of steps do not change.
+    """
     return c._replace(other_oil=oil, other_time=time)
 
 
 @kernel
-def least_costs_between(
-    c: Circuit, start: FloatArray, goals: FloatArray, weight: FloatArray
+def bound_costs_between(
+    c: HydraulicCoefficients, start: FloatArray, goals: FloatArray, weight: FloatArray
 ) -> FloatArray:
-    """The same to each of goals[goals, n] [m], float64[goals]."""
+    """Compute a lower bound on the weighted cost from a start to each of several goals.
+
+    Args:
+        c: Hydraulic coefficients of the machine (areas, speed limits, flows, P_S). Their
+            `other_oil` and `other_time` count in the bound.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        goals: Cylinder lengths at the goals, shape (goals, n) [m].
+        weight: Weights of energy [1/J] and time [1/s]. Further entries are ignored.
+
+    Returns:
+        Lower bounds on w₁ E + w₂ T, shape (goals,), aligned with `goals` [-].
+    """
     least = np.empty(len(goals))
     for k in range(len(goals)):
-        least[k] = least_cost_between(c, start, goals[k], weight)
+        least[k] = bound_cost_between(c, start, goals[k], weight)
     return least
 
 
 def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
-    """E_lb [J] from the posture start[n] to the cheapest of the postures goals[goals, n] [rad]."""
+    """Compute a lower bound on the energy from a posture to the cheapest of several postures.
+
+    Args:
+        machine: Machine with its payload and hydraulics.
+        start: Joint positions at the start, shape (n,) [rad or m].
+        goals: Joint positions of the goal postures, shape (goals, n) [rad or m].
+
+    Returns:
+        Least of the lower bounds E_lb over the goal postures [J].
+    """
     arrays = machine.arrays
-    one, many = (describe(arrays, np.atleast_2d(np.asarray(q, float))) for q in (start, goals))
-    circuit = circuit_of(arrays, machine.patterns)
-    return float(least_costs_between(circuit, one.length[0], many.length, ENERGY_ALONE).min())
-
-
-def energy_bound_between(circuit: Circuit, start: Postures, goals: Postures) -> float:
-    """The same from the only posture of `start` to the cheapest of `goals`, lengths known [J]."""
-    return float(
-        least_costs_between(circuit, start.length[0], goals.length, ENERGY_ALONE).min()
+    one, many = (
+        describe_postures(arrays, np.atleast_2d(np.asarray(q, float))) for q in (start, goals)
     )
+    circuit = compute_hydraulic_coefficients(arrays, machine.patterns)
+    return float(bound_costs_between(circuit, one.length[0], many.length, ENERGY_ALONE).min())
+
+
+def energy_bound_between(circuit: HydraulicCoefficients, start: Postures, goals: Postures) -> float:
+    """Compute a lower bound on the energy from a start to the cheapest of several postures.
+
+    Cylinder lengths are taken from the arguments, so no kinematics is computed.
+
+    Args:
+        circuit: Hydraulic coefficients of the machine.
+        start: Description of the start; only its first posture counts.
+        goals: Descriptions of the goal postures.
+
+    Returns:
+        Least of the lower bounds E_lb over the goal postures [J].
+    """
+    return float(bound_costs_between(circuit, start.length[0], goals.length, ENERGY_ALONE).min())

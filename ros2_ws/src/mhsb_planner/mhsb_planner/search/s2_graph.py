@@ -1,10 +1,10 @@
 """The explicit graph of the search: every step between neighbouring nodes, with its cost.
 
-A state is a node and the pattern in which it was reached; its posture is the table's. Of the
-patterns of a node many share a posture, and a step depends on where it starts only through the
-posture, so steps are stored once per distinct posture. Weights and the choice of the energy
-reading enter in the search and leave the graph as it is; for another payload, supply pressure,
-V_max or zones, with the table kept, steps are priced anew where a search comes by.
+A state is a node and the pattern in which it was reached; its posture is the table's. Many patterns
+of a node share a posture. A step depends on its start only through the posture, so steps are stored
+once per distinct posture. The search applies the weights and the energy reading, which leave
+the graph as it is. For another payload, supply pressure, V_max or set of zones the table is kept,
+and a step is priced again when a search needs it.
 """
 
 from __future__ import annotations
@@ -16,42 +16,68 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.posture.grid import Grid
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.search.s2_layout import Layout, layout_of
-from mhsb_planner.search.s2_pricing import (
+from mhsb_planner.search.s2_edge_costs import (
+    CylinderForces,
     Edges,
-    Loads,
     PricedSteps,
-    Terms,
-    middle_loads,
-    posture_loads,
+    StepCostModel,
+    compute_move_forces,
+    compute_posture_forces,
 )
-from mhsb_planner.search.s2_step import Postures, circuit_of, describe
+from mhsb_planner.search.s2_layout import Layout, create_layout
+from mhsb_planner.search.s2_step import Postures, compute_hydraulic_coefficients, describe_postures
 
 PostureRule = Callable[[Machine, float, float, Deadline], FloatArray]
-"""Posture for each pattern at a tip position (x, z) m, float64[patterns, n] [rad]; raises
-InfeasibleGoalError where there is none, DeadlineError where there is not the time."""
+"""Function (machine, x, z, deadline) that returns the posture for each pattern at a tip position.
+
+x and z in m; the result has the shape (patterns, n) [rad or m]. It raises InfeasibleGoalError if
+there is no posture, and DeadlineError."""
 
 
-def largest_polytope(machine: Machine, x: float, z: float, deadline: Deadline) -> FloatArray:
-    """The rule of the posture table."""
+def find_largest_polytope_postures(
+    machine: Machine, x: float, z: float, deadline: Deadline
+) -> FloatArray:
+    """Return the posture of largest velocity polytope for each mode pattern.
+
+    The posture table is built by this rule.
+
+    Args:
+        machine: Machine whose posture is wanted.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        Joint positions, shape (patterns, n) [rad or m].
+
+    Raises:
+        InfeasibleGoalError: No posture within joint limits reaches the point.
+        DeadlineError: The deadline passed.
+    """
     return postures_at(machine, x, z, deadline).posture
 
 
 class StepGraph:
-    """All steps of a machine on its posture table.
+    """All steps between neighbouring nodes of a machine's posture table.
 
-    The machine may differ from the table's in what `Machine.changed` changes.
+    The machine may differ from the table's machine in the quantities that `Machine.changed`
+    changes.
 
-    machine, table, grid
-    layout    distinct postures and the states that share them
-    postures  these postures with cylinder lengths and forces
-    steps     the steps: priced at once, with `like` only where they are asked for
-    switches  int64[patterns, patterns], actuators that change their mode between two patterns
-    resolve   the rule by which the table's postures were chosen, for points off the grid
+    Attributes:
+        machine: Machine that moves.
+        table: Posture table.
+        jobs: Number of threads for pricing steps; None means one per processor.
+        posture_rule: Rule by which the table's postures were chosen, for points off the grid.
+        grid: Grid of the table's nodes.
+        layout: Distinct postures and the states that share them.
+        switches: Number of actuators that change between two patterns, shape (patterns, patterns).
+        circuit: Hydraulic coefficients of the machine.
+        postures: The layout's postures with cylinder lengths and forces.
+        steps: Steps with their costs.
     """
 
     def __init__(
@@ -59,34 +85,56 @@ class StepGraph:
         machine: Machine,
         table: PostureTable,
         jobs: int | None = None,
-        like: StepGraph | None = None,
-        resolve: PostureRule = largest_polytope,
+        template: StepGraph | None = None,
+        posture_rule: PostureRule = find_largest_polytope_postures,
         grid: Grid | None = None,
-        deadline: Deadline = NEVER,
+        deadline: Deadline = NO_DEADLINE,
     ) -> None:
-        """Graph of a machine; `like`, a graph on the same table, saves what they share.
+        """Build the graph of a machine.
 
-        grid: of the table's nodes, where it is known. Raises DeadlineError.
+        Pricing a step means computing its duration and energies. Without `template` all steps are
+        priced at once. With `template` each is priced when it is needed.
+
+        Args:
+            machine: Machine that moves.
+            table: Posture table of this machine, or of one that differs as `Machine.changed`
+                allows.
+            jobs: Number of threads; None means one per processor.
+            template: Graph on the same table. Everything that does not depend on the changed
+                quantities is taken from it, and `posture_rule` and `grid` are ignored. None
+                computes everything.
+            posture_rule: Rule by which the table's postures were chosen.
+            grid: Grid of the table's nodes if it exists already; None builds it.
+            deadline: Instant at which the work is given up.
+
+        Raises:
+            DeadlineError: The deadline passed.
         """
         self.machine = machine
         self.table = table
         self.jobs = jobs
-        self.resolve: PostureRule = like.resolve if like else resolve
-        self.grid: Grid = like.grid if like else grid or Grid(table.nodes, table.spacing)
-        self.layout: Layout = like.layout if like else layout_of(table, self.grid)
-        self.switches: IntArray = like.switches if like else self._switches()
+        self.posture_rule: PostureRule = template.posture_rule if template else posture_rule
+        self.grid: Grid = template.grid if template else grid or Grid(table.nodes, table.spacing)
+        self.layout: Layout = template.layout if template else create_layout(table, self.grid)
+        self.switches: IntArray = template.switches if template else self._count_switches()
         arrays = machine.arrays
-        self._loads: Loads = like._loads if like else posture_loads(arrays, self.layout)
-        deadline.check("the graph of all steps")
-        self._middle: Loads = (
-            like._middle if like else middle_loads(arrays, self.layout, jobs, deadline)
+        self._loads: CylinderForces = (
+            template._loads if template else compute_posture_forces(arrays, self.layout)
         )
-        self.circuit = circuit_of(arrays, table.patterns)
-        self.postures: Postures = like.postures if like else describe(arrays, self.layout.posture)
+        deadline.check("the graph of all steps")
+        self._middle: CylinderForces = (
+            template._middle
+            if template
+            else compute_move_forces(arrays, self.layout, jobs, deadline)
+        )
+        self.circuit = compute_hydraulic_coefficients(arrays, table.patterns)
+        self.postures: Postures = (
+            template.postures if template else describe_postures(arrays, self.layout.posture)
+        )
         force = self._loads.bare + arrays.payload * self._loads.for_each_kg
         self.postures = self.postures._replace(force=frozen(force))
         obstacles = machine.obstacles.path_rows
-        terms = Terms(
+        terms = StepCostModel(
             self.circuit,
             table.patterns,
             self.layout,
@@ -96,14 +144,14 @@ class StepGraph:
             obstacles,
             frozen(self._clearance(obstacles)),
         )
-        room = len(like.steps.edges.state) if like else 0
+        room = len(template.steps.edges.state) if template else 0
         self.steps: PricedSteps = PricedSteps(terms, jobs, room)
-        if like is None:
+        if template is None:
             self.steps.price_all(deadline)
 
     @property
     def edges(self) -> Edges:
-        """All steps, read-only."""
+        """All steps as read-only views. Steps without a price are priced first."""
         self.steps.price_all()
         edges = self.steps.edges
         used = slice(int(edges.used[0]))
@@ -119,19 +167,46 @@ class StepGraph:
             view.setflags(write=False)
         return views
 
-    def switches_from(self, modes: ModeArray) -> IntArray:
-        """How many actuators change their mode from `modes` to each pattern, int64[patterns]."""
+    def count_switches_from(self, modes: ModeArray) -> IntArray:
+        """Count the actuators that change their mode from `modes` to each pattern.
+
+        Args:
+            modes: Mode codes, shape (n,).
+
+        Returns:
+            Number of actuators, shape (patterns,).
+        """
         return (self.table.patterns != modes).sum(axis=1)
 
-    def changed(self, machine: Machine) -> StepGraph:
-        """The graph for another payload, supply pressure, V_max or zones, on the same table."""
-        return StepGraph(machine, self.table, self.jobs, like=self)
+    def create_for(self, machine: Machine) -> StepGraph:
+        """Create the graph of a changed machine on the same posture table.
+
+        Args:
+            machine: Machine with another payload, supply pressure, V_max or other zones.
+
+        Returns:
+            A graph that shares what did not change. Its steps are priced when they are needed.
+        """
+        return StepGraph(machine, self.table, self.jobs, template=self)
 
     def _clearance(self, obstacles: FloatArray) -> FloatArray:
+        """Compute the clearance of all postures from the nearest obstacle.
+
+        Args:
+            obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
+
+        Returns:
+            Clearance, shape (postures,) [m], negative if too near. Empty if there are no obstacles.
+        """
         if len(obstacles) == 0:
             return np.empty(0)
         return clearances(self.machine.arrays, obstacles, self.layout.posture)[0]
 
-    def _switches(self) -> IntArray:
-        rows = [self.switches_from(pattern) for pattern in self.table.patterns]
+    def _count_switches(self) -> IntArray:
+        """Count the actuators that change their mode between each pair of patterns.
+
+        Returns:
+            Number of actuators, shape (patterns, patterns), read-only.
+        """
+        rows = [self.count_switches_from(pattern) for pattern in self.table.patterns]
         return frozen(np.array(rows))

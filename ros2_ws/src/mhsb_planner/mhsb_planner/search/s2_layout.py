@@ -1,4 +1,4 @@
-"""Which postures and states the graph has, and which moves between them: of the table alone."""
+"""Numbering of the graph's postures, states and moves; it depends on the posture table alone."""
 
 from __future__ import annotations
 
@@ -13,21 +13,44 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
 class Layout(NamedTuple):
-    """Distinct postures, the states that share them, and the moves between neighbours."""
+    """Distinct postures, the states that share them, and the moves between neighbouring nodes.
 
-    posture: FloatArray  # [postures, n] distinct ones, node by node [rad]
-    node: IntArray  # [postures] node that a posture belongs to
-    first: IntArray  # [nodes + 1] first posture of a node
-    owner: IntArray  # [nodes, patterns] posture of a state; −1 where the node is infeasible
-    neighbors: IntArray  # [nodes, 8] −1 where there is none
-    move: IntArray  # [postures + 1] first move of a posture; moves run over neighbours' postures
+    State number: node · patterns + pattern. Moves are numbered by the posture that they leave, then
+    by neighbouring node, then by that node's postures.
+
+    Attributes:
+        posture: Distinct postures, node by node, shape (postures, n) [rad or m].
+        node: Node of each posture, shape (postures,).
+        first_posture: First posture of each node, shape (nodes + 1,).
+        posture_of_state: Posture of each state, shape (nodes, patterns); -1 if the node is
+            infeasible.
+        neighbors: Neighbours of each node, shape (nodes, 8); -1 if there is none.
+        move: Number of the first move that leaves each posture, shape (postures + 1,).
+    """
+
+    posture: FloatArray
+    node: IntArray
+    first_posture: IntArray
+    posture_of_state: IntArray
+    neighbors: IntArray
+    move: IntArray
 
 
 @kernel
 def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> int:
-    """Number the distinct postures of table[nodes, patterns, n] node by node.
+    """Assign numbers to the distinct postures of a table.
 
-    Written: owner[nodes, patterns]; first_of[postures] = node · patterns + first pattern.
+    The order is by node, then by the first pattern that has the posture.
+
+    Args:
+        table: Joint positions, shape (nodes, patterns, n) [rad or m]; NaN if infeasible.
+        owner: Posture number of each state, shape (nodes, patterns); -1 if infeasible. Written in
+            place.
+        first_of: First state that has each posture, node · patterns + pattern. Written in place; it
+            has room for nodes · patterns entries.
+
+    Returns:
+        Number of distinct postures, which is the number of valid entries of `first_of`.
     """
     nodes, patterns, n = table.shape
     count = 0
@@ -50,8 +73,19 @@ def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> 
     return count
 
 
-def layout_of(table: PostureTable, grid: Grid) -> Layout:
-    """Layout of a table; equal postures of a node become one."""
+def create_layout(table: PostureTable, grid: Grid) -> Layout:
+    """Assign numbers to the postures, states and moves of a posture table.
+
+    Equal postures of one node become one posture. A move leads from a posture to a posture of a
+    neighbouring node.
+
+    Args:
+        table: Posture table.
+        grid: Grid of the table's nodes, for their neighbours.
+
+    Returns:
+        Layout with read-only arrays.
+    """
     nodes, patterns, n = table.posture.shape
     owner = np.empty((nodes, patterns), dtype=np.int64)
     first_of = np.empty(nodes * patterns, dtype=np.int64)
@@ -63,8 +97,8 @@ def layout_of(table: PostureTable, grid: Grid) -> Layout:
     return Layout(
         posture=frozen(table.posture.reshape(-1, n)[first_of]),
         node=frozen(node),
-        first=frozen(np.concatenate([[0], np.cumsum(per_node)])),
-        owner=frozen(owner),
+        first_posture=frozen(np.concatenate([[0], np.cumsum(per_node)])),
+        posture_of_state=frozen(owner),
         neighbors=grid.neighbors,
         move=frozen(np.concatenate([[0], np.cumsum(reached[node])])),
     )

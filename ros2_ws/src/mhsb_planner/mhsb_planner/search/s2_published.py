@@ -1,14 +1,14 @@
-"""The search as published (paper, Section 2.2): A* over the nodes, one label for each.
+"""The search as published (paper, Section 2.2): A* over the nodes with one label for each node.
 
-A label is the cheapest way found to a node: its cost, the pattern it arrives in and with it the
-table's posture. A step is priced from the label's posture and modes in every admissible pattern,
-and the cheapest of these is the step's cost. Labels are taken in the order of
+A label is the cheapest path found to a node: its cost, and the pattern of arrival, which fixes the
+table's posture. A step is priced from the label's posture and modes in every admissible pattern;
+the cheapest of these is the step's cost. Labels are taken in the order of
 
     w₁ Σ E + w₂ Σ T + w₃ switches + H,    H = scale · |goal − node|
 
-and are final once taken. Two known defects: since the next step's cost depends on posture and
-modes as well, the best way to a node need not be part of the best way on; and H, a distance, is
-no bound of a cost, whatever its scale. `s2_astar` has neither.
+and are final once taken. The method has two known defects. The next step's cost depends on posture
+and modes too, so the best path to a node need not be part of the best path beyond it. H is a
+distance and bounds no cost, whatever its scale. `s2_astar` has neither defect.
 """
 
 from __future__ import annotations
@@ -21,18 +21,23 @@ import numpy as np
 
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.errors import RequestError
-from mhsb_planner.search.frontier import EXHAUSTED, FOUND, NOWHERE, PAUSED
+from mhsb_planner.search.open_list import GOAL_FOUND, NO_STATE, SEARCH_EXHAUSTED, SEARCH_PAUSED
 from mhsb_planner.search.s2_query import Query
-from mhsb_planner.search.s2_step import DURATION
+from mhsb_planner.search.s2_step import DURATION_COLUMN
 
 DEFAULT_HEURISTIC_SCALE = 1.0
-"""Cost per distance from the goal [1/m]; the paper gives none and adds metres to the rest."""
+"""Heuristic cost per distance to the goal [1/m].
+
+The paper gives no scale: it adds metres to the rest."""
 
 
-class Link(NamedTuple):
-    """One step: the state it leaves (None: start), the one it reaches (None: goal), its number.
+class SearchEdge(NamedTuple):
+    """One step of the search.
 
-    The number is as of `Search.way`.
+    Attributes:
+        parent: State that the step leaves; None is the start.
+        state: State that the step reaches; None is the goal.
+        step: Number of the step, in the numbering of `Search.trace_path`.
     """
 
     parent: int | None
@@ -41,15 +46,26 @@ class Link(NamedTuple):
 
 
 class PublishedSearch:
-    """The search under way; the goal is one more node, the last.
+    """The published search, with its labels and open list.
 
-    Oracle: the same search written with dictionaries, on steps priced by the book.
+    The goal counts as one more node, the last.
+
+    Test oracle: the same search written with dictionaries, on steps whose costs follow the
+    equations.
     """
 
     first_portion, portion = 5, 100
 
     def __init__(self, query: Query, scale: float = DEFAULT_HEURISTIC_SCALE) -> None:
-        """Raises RequestError where the scale [1/m] is not finite or negative."""
+        """Prepare a search without expanding anything.
+
+        Args:
+            query: Problem to solve; all steps of its graph get priced.
+            scale: Heuristic cost per distance to the goal [1/m].
+
+        Raises:
+            RequestError: The scale is negative or not finite.
+        """
         if not (math.isfinite(scale) and scale >= 0.0):
             raise RequestError("heuristic scale", scale, "must be finite and not negative")
         table = query.graph.table
@@ -58,93 +74,147 @@ class PublishedSearch:
         self._patterns = len(table.patterns)
         self._goal = nodes = len(table.nodes)
         away = np.hypot(*(table.nodes * table.spacing - query.goal.tip).T)
-        self._to_go = [*(scale * away).tolist(), 0.0]
+        self._heuristic = [*(scale * away).tolist(), 0.0]
         self._cost = [math.inf] * (nodes + 1)
-        self._taken = [False] * (nodes + 1)
-        self._link = [Link(None, None, 0)] * (nodes + 1)
-        self._open: list[tuple[float, int]] = []  # estimate and node; outdated entries stay
+        self._is_closed = [False] * (nodes + 1)
+        self._best_edge = [SearchEdge(None, None, 0)] * (nodes + 1)
+        self._open: list[tuple[float, int]] = []  # (estimate, node); outdated entries stay
         self.expanded = 0
         self.generated = 0
 
     @property
     def cost(self) -> float:
-        """Cost of the path found."""
+        """Cost of the path found; inf before."""
         return self._cost[self._goal]
 
     def expand(self, limit: int) -> int:
-        """Expand up to `limit` labels; PAUSED, FOUND or EXHAUSTED."""
+        """Expand up to `limit` labels.
+
+        The first call expands the start. A label is final once it has been taken.
+
+        Args:
+            limit: Largest number of labels to expand.
+
+        Returns:
+            SEARCH_PAUSED if the limit is reached, GOAL_FOUND or SEARCH_EXHAUSTED.
+        """
         for _ in range(limit):
             if self.expanded == 0:
-                self._leave_start()
+                self._expand_start()
             else:
-                node = self._next_label()
+                node = self._pop_next_label()
                 if node is None:
-                    return EXHAUSTED
+                    return SEARCH_EXHAUSTED
                 if node == self._goal:
-                    return FOUND
-                self._leave(node)
+                    return GOAL_FOUND
+                self._expand_label(node)
             self.expanded += 1
-        return PAUSED
+        return SEARCH_PAUSED
 
-    def way(self) -> tuple[IntArray, IntArray]:
-        """The path found: the states between start and goal, and the numbers of its steps."""
-        link = self._link[self._goal]
+    def trace_path(self) -> tuple[IntArray, IntArray]:
+        """Return the states and steps of the path found.
+
+        Returns:
+            Numbers node · patterns + pattern of the states between start and goal, shape (k - 1,),
+            and numbers of the k steps. The first step's number is a row of `Query.from_start`, the
+            last one's a row of `Query.to_goal`. All others are rows of the graph's edges.
+        """
+        link = self._best_edge[self._goal]
         states, steps = [], [link.step]
         while link.parent is not None:
             states.append(link.parent)
-            link = self._link[link.parent // self._patterns]
+            link = self._best_edge[link.parent // self._patterns]
             steps.append(link.step)
         return np.array(states[::-1], dtype=np.int64), np.array(steps[::-1])
 
-    def _next_label(self) -> int | None:
-        """The node whose label comes first, final from now on; None where there is none."""
+    def _pop_next_label(self) -> int | None:
+        """Take the node with the least estimate from the open list and make its label final.
+
+        Entries of nodes whose label is final already are dropped.
+
+        Returns:
+            Index of the node; None if the open list is empty.
+        """
         while self._open:
             _, node = heapq.heappop(self._open)
-            if not self._taken[node]:
-                self._taken[node] = True
+            if not self._is_closed[node]:
+                self._is_closed[node] = True
                 return node
         return None
 
-    def _leave_start(self) -> None:
+    def _expand_start(self) -> None:
+        """Relax all steps that leave the start.
+
+        A node that such a step reaches, or the goal, gets a new label if this is cheaper.
+
+        The cost of a label includes the mode switches from the modes in force. A step's number is
+        its row in `Query.from_start`.
+        """
         query, steps = self._query, self._query.from_start
-        total = self._priced(steps.cost) + query.weight[2] * query.start_switches[steps.pattern]
+        total = (
+            self._weigh_costs(steps.cost) + query.weight[2] * query.start_switches[steps.pattern]
+        )
         offers = zip(steps.state.tolist(), total.tolist(), strict=True)
         for step, (state, cost) in enumerate(offers):
-            self._offer(Link(None, None if state == NOWHERE else state, step), cost)
+            self._relax(SearchEdge(None, None if state == NO_STATE else state, step), cost)
 
-    def _leave(self, node: int) -> None:
-        """Offer labels to all nodes that steps from this one's label lead to."""
+    def _expand_label(self, node: int) -> None:
+        """Relax all steps that leave the posture and pattern of a node's label.
+
+        A node that such a step reaches, or the goal, gets a new label if this is cheaper.
+
+        The new label's cost is the cost of the node's label plus the costs of the step and of its
+        mode switches.
+
+        Args:
+            node: Index of a node whose label is final.
+        """
         query, graph = self._query, self._query.graph
-        own = self._link[node].state
+        own = self._best_edge[node].state
         assert own is not None
-        posture, pattern = graph.layout.owner.flat[own], own % self._patterns
+        posture, pattern = graph.layout.posture_of_state.flat[own], own % self._patterns
         so_far, switches = self._cost[node], query.weight[2] * graph.switches[pattern]
 
         edges = self._edges
         part = slice(edges.first[posture], edges.last[posture])
-        total = so_far + self._priced(edges.cost[part])
+        total = so_far + self._weigh_costs(edges.cost[part])
         total += switches[edges.pattern[part]]
         states = edges.state[part].tolist()
         for step, (state, cost) in enumerate(zip(states, total.tolist(), strict=True), part.start):
-            self._offer(Link(own, state, step), cost)
+            self._relax(SearchEdge(own, state, step), cost)
 
         part = slice(query.goal_first[posture], query.goal_first[posture + 1])
-        total = so_far + self._priced(query.to_goal.cost[part])
+        total = so_far + self._weigh_costs(query.to_goal.cost[part])
         total += switches[query.to_goal.pattern[part]]
         for step, cost in enumerate(total.tolist(), part.start):
-            self._offer(Link(own, None, step), cost)
+            self._relax(SearchEdge(own, None, step), cost)
 
-    def _priced(self, cost: FloatArray) -> FloatArray:
-        """w₁ E + w₂ T of steps."""
+    def _weigh_costs(self, cost: FloatArray) -> FloatArray:
+        """Compute the weighted costs w₁ E + w₂ T of steps.
+
+        Args:
+            cost: Step costs, shape (steps, 3): T [s], E paper [J], E series [J].
+
+        Returns:
+            Weighted costs without mode switches, shape (steps,) [-].
+        """
         weight = self._query.weight
-        return weight[0] * cost[:, self._query.column] + weight[1] * cost[:, DURATION]
+        return weight[0] * cost[:, self._query.energy_column] + weight[1] * cost[:, DURATION_COLUMN]
 
-    def _offer(self, link: Link, cost: float) -> None:
-        """Make a label of it if it is cheaper than the one there; the first of equals stays."""
+    def _relax(self, link: SearchEdge, cost: float) -> None:
+        """Replace the label of the node that a step reaches if the step's path is cheaper.
+
+        A final label stays. Of two labels of equal cost the earlier one stays. The method counts
+        the step as generated and pushes a new label to the open list.
+
+        Args:
+            link: Step that reaches the node or the goal.
+            cost: Cost of the path from the start including this step.
+        """
         self.generated += 1
         node = self._goal if link.state is None else link.state // self._patterns
-        if self._taken[node] or cost >= self._cost[node]:
+        if self._is_closed[node] or cost >= self._cost[node]:
             return
         self._cost[node] = cost
-        self._link[node] = link
-        heapq.heappush(self._open, (cost + self._to_go[node], node))
+        self._best_edge[node] = link
+        heapq.heappush(self._open, (cost + self._heuristic[node], node))

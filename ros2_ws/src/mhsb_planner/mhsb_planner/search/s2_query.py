@@ -1,4 +1,4 @@
-"""A question to the search, the graph extended by a start and a goal, and the answer's assembly."""
+"""One search problem: the graph extended by a start and a goal, and the assembly of the path."""
 
 from __future__ import annotations
 
@@ -8,19 +8,26 @@ from typing import Protocol
 import numpy as np
 
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import energy_bound_between
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_joining import Goal, Start, Steps, steps_from_start, steps_to_goal
-from mhsb_planner.search.s2_step import DURATION, ENERGY_PAPER, ENERGY_SERIES
+from mhsb_planner.search.s2_start_goal_edges import (
+    JoiningSteps,
+    SearchGoal,
+    SearchStart,
+    steps_from_start,
+    steps_to_goal,
+)
+from mhsb_planner.search.s2_step import DURATION_COLUMN, ENERGY_PAPER_COLUMN, ENERGY_SERIES_COLUMN
 
 
 class Search(Protocol):
-    """A search under way, taken further portion by portion.
+    """A search under way, continued in portions.
 
-    first_portion, portion  states to expand before the first look at the clock, and between two of
-                            them at most
+    Attributes:
+        first_portion: Number of states to expand before the first check of the clock.
+        portion: Largest number of states to expand between two checks of the clock.
     """
 
     first_portion: int
@@ -28,65 +35,98 @@ class Search(Protocol):
 
     @property
     def expanded(self) -> int:
-        """States expanded so far."""
+        """Number of states expanded so far."""
 
     @property
     def generated(self) -> int:
-        """Steps looked at so far."""
+        """Number of steps examined so far."""
 
     @property
     def cost(self) -> float:
         """Cost of the path found."""
 
     def expand(self, limit: int) -> int:
-        """Expand up to `limit` states; PAUSED, FOUND or EXHAUSTED."""
+        """Expand up to `limit` states.
 
-    def way(self) -> tuple[IntArray, IntArray]:
-        """The path found: the states between start and goal, and the numbers of its steps.
+        Args:
+            limit: Largest number of states to expand.
 
-        A number is that of the step in `Query.from_start`, in the graph's edges or in
-        `Query.to_goal`, whichever the states before and behind it imply.
+        Returns:
+            SEARCH_PAUSED if the limit is reached, GOAL_FOUND or SEARCH_EXHAUSTED.
+        """
+
+    def trace_path(self) -> tuple[IntArray, IntArray]:
+        """Return the states and steps of the path found.
+
+        The number of a step refers to one of three lists. The first step is in `Query.from_start`,
+        the last in `Query.to_goal`, all between are in the graph's edges. A path with one step has
+        it in `Query.from_start`.
+
+        Returns:
+            Numbers of the states between start and goal, shape (k - 1,), and numbers of the k
+            steps.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """What is asked for.
+    """Problem of one search: the graph joined to a start and a goal.
 
-    start_modes     uint8[n], in force at the start
-    weight          float64[3], of energy [1/J], time [1/s] and mode switches
-    column          of the energy reading in a step's cost
-    from_start      steps that leave the start
-    start_switches  int64[patterns], actuators that change their mode from those in force
-    to_goal         steps to the goal; of posture i those from goal_first[i] to goal_first[i + 1]
+    Attributes:
+        graph: Steps between the nodes.
+        start: Tip position and posture of the start.
+        start_modes: Modes in force at the start, shape (n,).
+        goal: Admissible postures of the goal.
+        weight: Weights of energy [1/J], time [1/s] and mode switches [-], shape (3,).
+        energy_column: Column of the energy reading in step costs.
+        from_start: Steps that leave the start.
+        start_switches: Number of actuators that change from the modes in force, shape (patterns,).
+        to_goal: Steps to the goal, sorted by the posture that they leave.
+        goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1,
+            shape (postures + 1,).
     """
 
     graph: StepGraph
-    start: Start
+    start: SearchStart
     start_modes: ModeArray
-    goal: Goal
+    goal: SearchGoal
     weight: FloatArray
-    column: int
-    from_start: Steps
+    energy_column: int
+    from_start: JoiningSteps
     start_switches: IntArray
-    to_goal: Steps
+    to_goal: JoiningSteps
     goal_first: IntArray
 
     @classmethod
-    def joined(
+    def join(
         cls,
         graph: StepGraph,
-        start: Start,
+        start: SearchStart,
         start_modes: ModeArray,
-        goal: Goal,
+        goal: SearchGoal,
         weight: FloatArray,
         column: int,
         rings: int,
-        deadline: Deadline = NEVER,
+        deadline: Deadline = NO_DEADLINE,
     ) -> Query:
-        """The question with start and goal joined to so many rings of nodes around them.
+        """Create a problem and compute the steps that join start and goal to the graph.
 
-        Raises DeadlineError.
+        Args:
+            graph: Steps between the nodes.
+            start: Tip position and posture of the start.
+            start_modes: Modes in force at the start, shape (n,).
+            goal: Admissible postures of the goal.
+            weight: Weights of energy [1/J], time [1/s] and mode switches [-], shape (3,).
+            column: Column of the energy reading in step costs.
+            rings: Number of further rings of nodes around the cell corners to which start and goal
+                are joined; 0 means the corners alone.
+            deadline: Instant at which the work is given up.
+
+        Returns:
+            The problem.
+
+        Raises:
+            DeadlineError: The deadline passed.
         """
         to_goal, goal_first = steps_to_goal(graph, goal, rings, deadline)
         return cls(
@@ -95,34 +135,45 @@ class Query:
             start_modes=start_modes,
             goal=goal,
             weight=weight,
-            column=column,
+            energy_column=column,
             from_start=steps_from_start(graph, start, goal, rings),
-            start_switches=graph.switches_from(start_modes),
+            start_switches=graph.count_switches_from(start_modes),
             to_goal=to_goal,
             goal_first=goal_first,
         )
 
-    def path(self, found: Search, seconds: float) -> DiscretePath:
-        """The path that a search has found, `seconds` after it was asked for."""
+    def assemble_path(self, found: Search, seconds: float) -> DiscretePath:
+        """Assemble the discrete path that a search has found.
+
+        Args:
+            found: Search of this problem that has reached the goal.
+            seconds: Duration of the search, for the statistics [s].
+
+        Returns:
+            The path: tip positions, postures, modes, durations, energies, cost, the lower bound on
+            the energy of any plan between start and goal, and the statistics of the search.
+        """
         graph, table = self.graph, self.graph.table
-        state, step = found.way()
+        state, step = found.trace_path()
         node, pattern = np.divmod(state, len(table.patterns))
         first, last = self.from_start, self.to_goal if len(step) > 1 else self.from_start
         end, final = last.end[step[-1]], last.pattern[step[-1]]
-        cost = np.concatenate([
-            first.cost[step[:-1][:1]], graph.steps.edges.cost[step[1:-1]], last.cost[step[-1:]]
-        ])
+        cost = np.concatenate(
+            [first.cost[step[:-1][:1]], graph.steps.edges.cost[step[1:-1]], last.cost[step[-1:]]]
+        )
         return DiscretePath(
             tip=np.vstack([self.start.tip, table.nodes[node] * table.spacing, self.goal.tip]),
-            posture=np.vstack([
-                self.start.postures.posture,
-                table.posture[node, pattern],
-                self.goal.postures.posture[end],
-            ]),
+            posture=np.vstack(
+                [
+                    self.start.postures.posture,
+                    table.posture[node, pattern],
+                    self.goal.postures.posture[end],
+                ]
+            ),
             modes=table.patterns[np.append(pattern, final)],
-            duration=cost[:, DURATION],
-            energy=cost[:, ENERGY_PAPER],
-            energy_series=cost[:, ENERGY_SERIES],
+            duration=cost[:, DURATION_COLUMN],
+            energy=cost[:, ENERGY_PAPER_COLUMN],
+            energy_series=cost[:, ENERGY_SERIES_COLUMN],
             cost=found.cost,
             start_modes=self.start_modes,
             lower_bound=energy_bound_between(

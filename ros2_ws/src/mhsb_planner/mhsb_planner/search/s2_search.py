@@ -1,7 +1,7 @@
-"""Search for the discrete path and its modes (paper, step S2): `exact` or as `published`.
+"""Search for the discrete path and its modes (paper, step S2), `exact` or as `published`.
 
-The exact search (`s2_astar`) finds the cheapest path; the published one (`s2_published`) keeps
-one label per node, which may miss it.
+The exact search (`s2_astar`) finds the cheapest path. The published search (`s2_published`) keeps
+one label per node and may miss it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.deadline import NEVER, Deadline
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import (
     DeadlineError,
     ExpansionLimitError,
@@ -25,40 +25,51 @@ from mhsb_planner.errors import (
     PlanningCancelledError,
     RequestError,
 )
-from mhsb_planner.goal_region import Angle, is_met
+from mhsb_planner.goal_region import Angle, is_goal_met
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.frontier import FOUND, PAUSED
 from mhsb_planner.search.lower_bound import energy_lower_bound
+from mhsb_planner.search.open_list import GOAL_FOUND, SEARCH_PAUSED
 from mhsb_planner.search.s2_astar import ExactSearch
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_joining import goal_at, start_at
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE, PublishedSearch
 from mhsb_planner.search.s2_query import Query, Search
+from mhsb_planner.search.s2_start_goal_edges import create_goal, create_start
 from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading
 
-SEARCHING = "the search for a path"
+SEARCH_TASK = "the search for a path"
 
 SearchMethod = Literal["exact", "published"]
 SEARCH_METHODS: tuple[SearchMethod, ...] = ("exact", "published")
 
-RINGS = (0, 1)
-"""Start and goal are joined to the corners of their cells; where this leads nowhere, because
-these are out of reach, also to the ring of nodes around."""
+NODE_RINGS = (0, 1)
+"""Numbers of further rings of nodes to which start and goal are joined, in the order of trial.
+
+With 0 they are joined to the corners of their cells. If no path is found, because these are out of
+reach, the next ring of nodes is added."""
 
 SAME_POINT = 1e-6
-"""A start this close to the goal, in m and, where ψ is asked for, in rad, is at the goal."""
+"""Distance [m] within which a start is at the goal; for an end-link angle, the angle [rad]."""
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the cost w₁ E + w₂ T + w₃ switches; each finite and not negative."""
+    """Weights of the cost w₁ E + w₂ T + w₃ switches.
 
-    energy: float  # 1/J
-    time: float  # 1/s
+    Raises RequestError if a weight is negative or not finite.
+
+    Attributes:
+        energy: Weight w₁ [1/J].
+        time: Weight w₂ [1/s].
+        switches: Weight w₃ [-].
+    """
+
+    energy: float
+    time: float
     switches: float
 
     def __post_init__(self) -> None:
+        """Raise RequestError if a weight is negative or not finite."""
         for name in ("energy", "time", "switches"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
@@ -76,50 +87,88 @@ def search(
     method: SearchMethod = "exact",
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE,
     goal_psi: Angle = None,
-    deadline: Deadline = NEVER,
+    deadline: Deadline = NO_DEADLINE,
     max_expansions: int | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> DiscretePath:
-    """Discrete path from a posture [rad] and the modes in force to a tip position [m].
+    """Search a discrete path from a posture and the modes in force to a tip position.
 
-    method           `exact`, the cheapest path, or `published`, one label per node
-    heuristic_scale  of the published search, cost per distance from the goal [1/m]
-    goal_psi         end-link angle asked for at the goal [rad]; of a range some are looked at
-    deadline         after which a search that has not ended is given up
-    max_expansions   states after whose expansion likewise
-    cancelled        asked now and then whether anybody still wants the path
+    Start and goal are first joined to the corners of their grid cells. If that gives no path, they
+    are also joined to the next ring of nodes. A start at the goal gives a path without steps.
 
-    A start at the goal gives a path without steps. Raises OutOfWorkspaceError,
-    InfeasibleGoalError, ZoneError, NoPathError, DeadlineError, ExpansionLimitError,
-    PlanningCancelledError and, for useless values, RequestError.
+    Args:
+        graph: Steps between the nodes.
+        start_posture: Joint positions of the start, shape (n,) [rad or m].
+        start_modes: Modes in force at the start, shape (n,).
+        goal_xz: Tip position of the goal, (x, z) [m].
+        weights: Weights of energy [1/J], time [1/s] and switches [-].
+        energy_reading: Energy model that the cost uses.
+        method: `exact` finds the cheapest path; `published` keeps one label per node.
+        heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
+        goal_psi: End-link angle at the goal [rad]. A pair is a range, of which samples are tried;
+            None leaves it free.
+        deadline: Instant at which an unfinished search is given up.
+        max_expansions: Number of expanded states after which the search is given up; None means no
+            limit.
+        cancelled: Function that returns True to stop the search; it is called after every portion.
+
+    Returns:
+        The path found.
+
+    Raises:
+        OutOfWorkspaceError: The goal is outside the workspace.
+        InfeasibleGoalError: No posture within joint limits reaches the goal.
+        ZoneError: The goal is too near to an obstacle.
+        NoPathError: No path leads to the goal.
+        DeadlineError: The deadline passed.
+        ExpansionLimitError: max_expansions was reached.
+        PlanningCancelledError: `cancelled` returned True.
+        RequestError: A weight, the posture or an option is invalid.
     """
     began = time.perf_counter()
     weights = weights if isinstance(weights, Weights) else Weights(*weights)
     if energy_reading not in ENERGY_COLUMN:
         raise RequestError("energy_reading", energy_reading, "must be paper or series")
-    posture = _checked_posture(graph, start_posture)
+    posture = _check_posture(graph, start_posture)
     modes = np.array(start_modes, dtype=np.uint8)
     x, z = float(goal_xz[0]), float(goal_xz[1])
-    deadline.check(SEARCHING)
-    start, goal = start_at(graph, posture), goal_at(graph, x, z, goal_psi, deadline)
+    deadline.check(SEARCH_TASK)
+    start, goal = create_start(graph, posture), create_goal(graph, x, z, goal_psi, deadline)
     angle = graph.machine.end_link_angle(posture)
-    if is_met((x, z), None, goal_psi, np.array(start.tip), angle, SAME_POINT, SAME_POINT):
+    if is_goal_met((x, z), None, goal_psi, np.array(start.tip), angle, SAME_POINT, SAME_POINT):
         seconds = time.perf_counter() - began
-        return DiscretePath.standing(np.array(start.tip), posture, modes, seconds)
+        return DiscretePath.create_without_steps(np.array(start.tip), posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
     expanded = 0
-    for rings in RINGS:
-        query = Query.joined(
+    for rings in NODE_RINGS:
+        query = Query.join(
             graph, start, modes, goal, weight, ENERGY_COLUMN[energy_reading], rings, deadline
         )
-        under_way = _begun(query, method, heuristic_scale, deadline)
-        if _ends_at_goal(under_way, deadline, max_expansions, expanded, cancelled):
-            return query.path(under_way, time.perf_counter() - began)
+        under_way = _create_search(query, method, heuristic_scale, deadline)
+        if _run_to_goal(under_way, deadline, max_expansions, expanded, cancelled):
+            return query.assemble_path(under_way, time.perf_counter() - began)
         expanded += under_way.expanded
     raise NoPathError(start.tip, goal.tip, graph.machine.obstacles.names)
 
 
-def _begun(query: Query, method: str, heuristic_scale: float, deadline: Deadline) -> Search:
+def _create_search(query: Query, method: str, heuristic_scale: float, deadline: Deadline) -> Search:
+    """Create the search of a method for a problem.
+
+    For `published` all steps of the graph are priced first.
+
+    Args:
+        query: Problem to solve.
+        method: `exact` or `published`.
+        heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
+        deadline: Instant at which the pricing of steps is given up.
+
+    Returns:
+        A search that has expanded nothing.
+
+    Raises:
+        RequestError: The method or the scale is invalid.
+        DeadlineError: The deadline passed.
+    """
     if method == "exact":
         return ExactSearch(query)
     if method == "published":
@@ -128,36 +177,81 @@ def _begun(query: Query, method: str, heuristic_scale: float, deadline: Deadline
     raise RequestError("search method", method, f"must be one of {', '.join(SEARCH_METHODS)}")
 
 
-def _ends_at_goal(
-    under_way: Search,
+def _run_to_goal(
+    running_search: Search,
     deadline: Deadline,
     max_expansions: int | None,
-    before: int,
+    expanded_before: int,
     cancelled: Callable[[], bool] | None,
 ) -> bool:
-    """Take a search to its end; `before` states were expanded by others that count."""
-    for portion in deadline.portions(under_way.first_portion, under_way.portion):
-        status = under_way.expand(_within(portion, under_way, max_expansions, before))
-        if status == FOUND:
+    """Expand the states of a search in portions until the goal is found or no state is left.
+
+    Args:
+        running_search: Search to run.
+        deadline: Instant at which the search is given up, checked between portions.
+        max_expansions: Limit on expanded states; None means no limit.
+        expanded_before: States expanded by earlier searches that count towards the limit.
+        cancelled: Function that returns True to stop the search, or None.
+
+    Returns:
+        True if the goal was found, False if no state was left to expand.
+
+    Raises:
+        DeadlineError: The deadline passed.
+        ExpansionLimitError: max_expansions was reached.
+        PlanningCancelledError: `cancelled` returned True.
+    """
+    for portion in deadline.portions(running_search.first_portion, running_search.portion):
+        status = running_search.expand(
+            _limit_portion(portion, running_search, max_expansions, expanded_before)
+        )
+        if status == GOAL_FOUND:
             return True
         if cancelled is not None and cancelled():
             raise PlanningCancelledError("planning")
-        if status != PAUSED:
+        if status != SEARCH_PAUSED:
             return False
-    raise DeadlineError(SEARCHING)
+    raise DeadlineError(SEARCH_TASK)
 
 
-def _within(portion: int, under_way: Search, max_expansions: int | None, before: int) -> int:
-    """What of a portion may be expanded."""
+def _limit_portion(
+    portion: int, running_search: Search, max_expansions: int | None, expanded_before: int
+) -> int:
+    """Reduce a portion so that the limit on expanded states is kept.
+
+    Args:
+        portion: Number of states to expand next.
+        running_search: Search whose expanded states count.
+        max_expansions: Limit on expanded states; None leaves the portion as it is.
+        expanded_before: States expanded by earlier searches that count towards the limit.
+
+    Returns:
+        Number of states that may be expanded next, at least 1.
+
+    Raises:
+        ExpansionLimitError: The limit has been reached.
+    """
     if max_expansions is None:
         return portion
-    rest = max_expansions - before - under_way.expanded
+    rest = max_expansions - expanded_before - running_search.expanded
     if rest <= 0:
         raise ExpansionLimitError(max_expansions)
     return min(portion, rest)
 
 
-def _checked_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
+def _check_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
+    """Convert a start posture to an array and check its shape and values.
+
+    Args:
+        graph: Graph whose machine gives the number of joints n.
+        posture: Joint positions [rad].
+
+    Returns:
+        A copy, shape (n,) [rad or m].
+
+    Raises:
+        RequestError: The posture does not consist of n finite numbers.
+    """
     posture = np.array(posture, dtype=np.float64)
     n = graph.machine.joint_count
     if posture.shape != (n,) or not np.all(np.isfinite(posture)):
@@ -166,14 +260,20 @@ def _checked_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
 
 
 def warm_up(graph: StepGraph) -> None:
-    """Compile everything that a search can run through."""
+    """Compile the kernels that an exact search runs through.
+
+    Two short searches are run: to a goal that is a node, and to one with a given end-link angle.
+
+    Args:
+        graph: Graph on which the searches run.
+    """
     machine, table = graph.machine, graph.table
     here, *_, there = np.flatnonzero(table.feasible)
     start = table.posture[here, 0]
     x, z = table.nodes[there] * table.spacing
-    # A goal that is a node of the graph, and one that has to be joined to it.
+    # Without ψ the goal is a node of the graph; with ψ it must be joined to the graph.
     for psi in (None, machine.end_link_angle(table.posture[there, 0])):
-        with suppress(NoPathError, InfeasibleGoalError):  # of longer chains ψ is met by samples
+        with suppress(NoPathError, InfeasibleGoalError):  # longer chains meet ψ by samples
             search(graph, start, table.patterns[0], (x, z), (1.0, 1.0, 1.0), goal_psi=psi)
     postures_at(machine, x, z)
     machine.postures(x, z, np.zeros(1))

@@ -1,30 +1,33 @@
 """Cost of one step of the discrete path: a joint-space move between two postures in one pattern.
 
-Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀), all cylinders in the same time (quasi-static):
+Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀). All cylinders take the same time (quasi-static):
 
     T = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − Σ_j q_leak,j) )
     V_max,j = min(the actuator's V_max, servo pump limit of its mode and direction)
 
-A cylinder that moves against its load needs boost where p_L + m(v) + margin exceeds P_S at the
-start, middle or end of the step. A pattern is self-consistent if it boosts exactly the joints
-that need it. Where, among the patterns that lead to a node, none is, boosting a joint without
-need is allowed; beyond the highest boost pressure a step is not possible, nor where the tip leaves
-the workspace on the way or the arm comes too near to an obstacle. A cylinder that moves by no more
-than `HELD` is held by its closed valve and needs nothing.
+A cylinder that moves against its load needs boost if p_L + m(v) + margin exceeds P_S at the start,
+middle or end of the step. A pattern is self-consistent if it boosts exactly the joints that need
+it. If no pattern that leads to a node is self-consistent, boosting a joint without need is allowed.
+A step is inadmissible beyond the highest boost pressure. It is also inadmissible if the tip leaves
+the workspace on the way, or if the arm comes too near to an obstacle. A cylinder that moves by no
+more than `MAX_HELD_STROKE` is held by its closed valve and needs nothing.
 
-A motion boosts what it holds for long: where `Circuit.rest_speed` is above 0, a cylinder that moves
-slower is at rest, and needs boost where p_L + margin of its load exceeds P_S at the start, middle
-or end of the step, unless that is beyond the highest boost: then its valve alone holds it.
+A cylinder that is held for long may need boost as well. If `HydraulicCoefficients.rest_speed` is
+above 0, a slower cylinder is at rest. It needs boost if p_L + margin of its load exceeds P_S at the
+start, middle or end of the step. If that is beyond the highest boost pressure, its valve alone
+holds it.
 
     E = Σ_j price_j (A_dir |ΔL_j| + q_leak,j T), load taken at the middle of the step
 
-Prices: P_S in N, whatever the load. Boosted, reading `paper`: p_L/η; reading `series`:
-P_S + (p_supply − P_S)/η with p_supply = p_L + m(v) + margin, for shared boost that of its most
-loaded actuator, one rail. Boosted oil never costs less than P_S, since the main pump feeds the
+The price is the energy per volume of oil [J/m³ = Pa]. In mode N it is P_S, whatever the load. The
+price of a boosted joint is p_L/η in the reading `paper`. In the reading `series` it is P_S +
+(p_supply − P_S)/η with p_supply = p_L + m(v) + margin. In shared boost the most loaded actuator
+sets p_supply of the rail. Boosted oil never costs less than P_S, since the main pump feeds the
 servo pumps. Source: paper, Section 2.2.
 
-A valve leaks as in `hydraulics.leakage`, by p_supply at the middle with m(V_max): so in T and in
-the reading `series`. The reading `paper` has it leak as at P_S in E, in every mode.
+A valve leaks as in `hydraulics.compute_valve_leakage`, at p_supply at the middle of the step with
+m(V_max). This leakage counts in T and in the reading `series`. In the reading `paper` the leakage
+in E is that at P_S in every mode.
 """
 
 from __future__ import annotations
@@ -40,39 +43,57 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
-from mhsb_model.modes import BOOSTED, MODE_COUNT, ON_RAIL, Mode
+from mhsb_model.modes import BOOSTED_MODES, MODE_COUNT, RAIL_MODES, Mode
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_model.workspace import stays_inside
+from mhsb_model.workspace import move_stays_in_workspace
 
-HELD = 1e-6
-"""A cylinder that moves by no more than this is held by its closed valve [m]."""
+MAX_HELD_STROKE = 1e-6
+"""Largest stroke of a cylinder that counts as held by its closed valve [m]."""
 
-INADMISSIBLE = 0
-WITHOUT_NEED = 1  # some joint is boosted that does not need it
-CONSISTENT = 2  # exactly the joints that need boost are boosted
+STEP_INADMISSIBLE = 0  # no step in this pattern
+WITHOUT_NEED = 1  # the pattern boosts a joint that does not need it
+STEP_CONSISTENT = 2  # the pattern boosts exactly the joints that need it
 
-DURATION, ENERGY_PAPER, ENERGY_SERIES = 0, 1, 2
-"""Columns of a step's cost: s, J, J."""
+DURATION_COLUMN, ENERGY_PAPER_COLUMN, ENERGY_SERIES_COLUMN = 0, 1, 2
+"""Columns of a step's cost: duration T [s], energy E paper [J], energy E series [J]."""
 
 NO_PATTERN = -1
-"""As a set of joints that must be boosted: more than any pattern boosts."""
+"""Set of joints that must be boosted (bit mask) which no pattern satisfies: all bits are set."""
 
 EnergyReading = Literal["paper", "series"]
-ENERGY_COLUMN: dict[str, int] = {"paper": ENERGY_PAPER, "series": ENERGY_SERIES}
+"""Energy model: `paper` is the published one, `series` counts main and servo pump in series."""
+ENERGY_COLUMN: dict[str, int] = {"paper": ENERGY_PAPER_COLUMN, "series": ENERGY_SERIES_COLUMN}
 
 
 class Postures(NamedTuple):
-    """Postures with what steps need of them."""
+    """Postures with the quantities from which step costs are computed.
 
-    posture: FloatArray  # [count, n] rad
-    length: FloatArray  # [count, n] m, of the cylinders
-    force: FloatArray  # [count, n] N, of the cylinders under gravity
+    Attributes:
+        posture: Joint positions, shape (count, n) [rad or m].
+        length: Cylinder lengths, shape (count, n) [m].
+        force: Cylinder forces under gravity, shape (count, n), positive if they resist extension
+            [N].
+    """
+
+    posture: FloatArray
+    length: FloatArray
+    force: FloatArray
 
 
 @kernel
 def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute the cylinder lengths and the piston forces under gravity of postures.
+
+    Args:
+        m: Arrays of the machine, with its payload.
+        posture: Joint positions, shape (count, n) [rad or m].
+
+    Returns:
+        Cylinder lengths [m] and piston forces, positive if they resist extension [N], both of shape
+        (count, n).
+    """
     length = np.empty(posture.shape)
     force = np.empty(posture.shape)
     q = np.empty(posture.shape[1])
@@ -84,50 +105,93 @@ def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArr
     return length, force
 
 
-def describe(m: MachineArrays, posture: FloatArray) -> Postures:
-    """Postures float64[count, n] [rad] with their cylinders' lengths and forces."""
+def describe_postures(m: MachineArrays, posture: FloatArray) -> Postures:
+    """Compute the cylinder lengths and the piston forces under gravity of postures.
+
+    Args:
+        m: Arrays of the machine, with its payload.
+        posture: Joint positions, shape (count, n) [rad or m].
+
+    Returns:
+        Copy of the postures, with cylinder lengths [m] and piston forces, positive if they resist
+        extension [N]. All are read-only, shape (count, n).
+    """
     posture = frozen(posture)
     length, force = _lengths_and_forces(m, posture)
     return Postures(posture, frozen(length), frozen(force))
 
 
-class Circuit(NamedTuple):
-    """A machine's numbers in the form in which step costs need them.
+class HydraulicCoefficients(NamedTuple):
+    """Hydraulic numbers of a machine in the form that step costs use.
 
-    Direction 0 is extension, 1 retraction. `hydraulics.pressure_against` is taken apart into what
-    a direction fixes: p_L + m(v) = load · per_area + outlet + valve · v², the load being ±F.
+    Direction 0 is extension, 1 retraction. The terms of
+    `hydraulics.compute_pressure_without_margin` that a direction fixes are stored separately: p_L +
+    m(v) = load · per_area + outlet + valve · v². The load is +F in extension and −F in retraction.
+
+    Attributes:
+        supply_pressure: Supply pressure P_S of the main pump [Pa].
+        max_boost_pressure: Highest boost pressure [Pa].
+        boost_margin: Extra pressure margin [Pa].
+        tank_pressure: Tank pressure p_T [Pa].
+        shared_flow: Main pump flow less the leakage with all joints in mode N [m³/s].
+        leakage_flow: Leakage of one valve at P_S [m³/s].
+        idle_leakage: Leakage of further valves, which serve none of the n joints [m³/s].
+        efficiency: Efficiency of the servo pumps η [-].
+        area: Piston area A_dir that the supply fills, shape (n, 2) [m²].
+        per_area: 1/A_dir, shape (n, 2) [1/m²].
+        outlet_pressure: Part of p_L that the tank pressure on the outlet causes, shape (n, 2) [Pa].
+        valve_drop_factor: Pressure drop of the valve per speed squared, m(v)/v², shape (n, 2) [Pa
+            s²/m²].
+        valve_drop_at_v_max: Pressure drop m(V_max), shape (n, 2) [Pa].
+        inverse_speed_limit: Inverse of the largest piston speed by mode, shape (n, modes, 2) [s/m].
+        boosted: Bit mask of the boosted joints of each pattern, shape (patterns,).
+        rest_speed: Piston speed below which a cylinder counts as held and may need boost [m/s].
+            0 switches this rule off.
+        other_oil: Oil for what moves beside the n joints; only lower bounds use it [m³].
+        other_time: Least time that this takes; only lower bounds use it [s].
     """
 
-    supply_pressure: float  # Pa
-    max_boost_pressure: float  # Pa
-    boost_margin: float  # Pa
-    tank_pressure: float  # Pa
-    shared_flow: float  # m³/s, main pump less leakage with all in N
-    leakage_flow: float  # m³/s, one valve in N
-    idle_leakage: float  # m³/s, of valves beside those of the n joints
-    efficiency: float  # of the servo pumps
-    area: FloatArray  # [n, 2] A_dir [m²]
-    per_area: FloatArray  # [n, 2] 1/A_dir [1/m²]
-    outlet: FloatArray  # [n, 2] p_L without load, from the tank pressure on the outlet [Pa]
-    valve: FloatArray  # [n, 2] m(v)/v² [Pa s²/m²]
-    valve_at_top: FloatArray  # [n, 2] m(V_max) [Pa]
-    pace: FloatArray  # [n, modes, 2] 1/V_max by mode [s/m]
-    boosted: IntArray  # [patterns] bit j is set where joint j is boosted
-    rest_speed: float  # below it a cylinder is held in boost where P_S is too little [m/s]
-    other_oil: float  # m³ that what moves beside the n joints takes in all, for bounds alone
-    other_time: float  # s that it takes, likewise
+    supply_pressure: float
+    max_boost_pressure: float
+    boost_margin: float
+    tank_pressure: float
+    shared_flow: float
+    leakage_flow: float
+    idle_leakage: float
+    efficiency: float
+    area: FloatArray
+    per_area: FloatArray
+    outlet_pressure: FloatArray
+    valve_drop_factor: FloatArray
+    valve_drop_at_v_max: FloatArray
+    inverse_speed_limit: FloatArray
+    boosted: IntArray
+    rest_speed: float
+    other_oil: float
+    other_time: float
 
 
 @kernel
-def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
-    """The numbers of a machine and its patterns uint8[patterns, n]."""
+def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> HydraulicCoefficients:
+    """Compute the constants of a machine that the cost of a step needs.
+
+    Args:
+        m: Arrays of the machine.
+        patterns: Mode patterns, shape (patterns, n).
+
+    Returns:
+        Pressures, leakages and the main pump's flow; for each cylinder and direction its area, its
+        valve drop and its largest speed in each mode; and the boosted joints of each pattern.
+        `rest_speed` is 0: the rule for held cylinders is off. `other_oil` and `other_time` are 0:
+        nothing moves beside the n joints. The caller may replace all three.
+    """
     n = len(m.cap_area)
     area = np.empty((n, 2))
     outlet = np.empty((n, 2))
     valve = np.empty((n, 2))
     valve_at_top = np.empty((n, 2))
     pace = np.empty((n, MODE_COUNT, 2))
-    oil = hydraulics.oil_of(m)
+    oil = hydraulics.get_shared_hydraulics(m)
     for j in range(n):
         cap, rod = m.cap_area[j], m.rod_area[j]
         for d in range(2):
@@ -137,20 +201,20 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
             valve[j, d] = hydraulics.valve_margin(m.valve_coefficient[j], cap, rod, sign)
             valve_at_top[j, d] = valve[j, d] * m.max_piston_speed[j] ** 2
             for mode in range(MODE_COUNT):
-                pumped = hydraulics.highest_flow(oil, m.modules_per_mode[mode])
+                pumped = hydraulics.get_max_servo_pump_flow(oil, m.modules_per_mode[mode])
                 pace[j, mode, d] = 1.0 / min(m.max_piston_speed[j], pumped / area[j, d])
     boosted = np.zeros(len(patterns), dtype=np.int64)
     for p in range(len(patterns)):
         for j in range(n):
-            boosted[p] |= np.int64(BOOSTED[patterns[p, j]]) << j
-    return Circuit(
+            boosted[p] |= np.int64(BOOSTED_MODES[patterns[p, j]]) << j
+    return HydraulicCoefficients(
         m.supply_pressure,
         m.max_boost_pressure,
         m.boost_margin,
         m.tank_pressure,
         m.main_pump_flow - n * m.leakage_flow,
         m.leakage_flow,
-        m.idle_leakage,
+        m.external_leakage,
         m.servo_pump_efficiency,
         area,
         1.0 / area,
@@ -166,55 +230,113 @@ def circuit_of(m: MachineArrays, patterns: ModeArray) -> Circuit:
 
 
 @kernel(borrows=True)
-def _hold_pressure(c: Circuit, j: int, force: float) -> float:
-    """p_L of a cylinder that holds its load [Pa]."""
+def _hold_pressure(c: HydraulicCoefficients, j: int, force: float) -> float:
+    """Compute the load pressure p_L of a cylinder that holds its load.
+
+    The hold counts as an extension if the force is positive, otherwise as a retraction.
+
+    Args:
+        c: Hydraulic coefficients of the machine.
+        j: Index of the joint.
+        force: Piston force, positive if it resists extension [N].
+
+    Returns:
+        Load pressure without margins [Pa].
+    """
     d = 0 if force > 0.0 else 1
-    return abs(force) * c.per_area[j, d] + c.outlet[j, d]
+    return abs(force) * c.per_area[j, d] + c.outlet_pressure[j, d]
 
 
 @kernel(borrows=True)
-def _more_leakage(c: Circuit, need: float) -> float:
-    """What a valve leaks more at the supply pressure `need` [Pa] than at P_S [m³/s]."""
+def _compute_extra_leakage(c: HydraulicCoefficients, need: float) -> float:
+    """Compute by how much a valve leaks more at a higher supply pressure than at P_S.
+
+    Args:
+        c: Hydraulic coefficients of the machine.
+        need: Supply pressure that the joint needs [Pa]; limited to the highest boost pressure.
+
+    Returns:
+        Additional leakage [m³/s]; 0 if P_S is enough.
+    """
     if need <= c.supply_pressure:
         return 0.0
     supply = min(need, c.max_boost_pressure)
-    leaks = hydraulics.leakage_at(
+    leaks = hydraulics.compute_orifice_leakage(
         c.leakage_flow, c.supply_pressure, c.tank_pressure, supply
     )
     return leaks - c.leakage_flow
 
 
-STROKE, DIRECTION, OIL, WORST, MIDDLE, VALVE, LEAK = 0, 1, 2, 3, 4, 5, 6
-"""What a pattern's cost needs of each joint's move: |ΔL| [m]; 0 extension, 1 retraction;
-A_dir |ΔL| [m³]; largest p_L met against the load at start, middle and end [Pa], −∞ where the load
-never opposes or the joint is held; p_L at the middle [Pa]; m(v)/v² [Pa s²/m²]; what its valve leaks
-more, boosted by itself [m³/s]."""
+(
+    STROKE_COLUMN,
+    DIRECTION_COLUMN,
+    OIL_COLUMN,
+    WORST_PRESSURE_COLUMN,
+    MIDDLE_PRESSURE_COLUMN,
+    VALVE_COLUMN,
+    LEAKAGE_COLUMN,
+) = 0, 1, 2, 3, 4, 5, 6
+"""Columns of a joint's move, from which the cost in a pattern is computed.
+
+STROKE: |ΔL| [m]. DIRECTION: 0 extension, 1 retraction. OIL: A_dir |ΔL| [m³]. WORST_PRESSURE:
+largest p_L against the load at start, middle and end [Pa], −∞ if the load never opposes the motion
+or the valve holds the joint. MIDDLE_PRESSURE: p_L at the middle [Pa]. VALVE: m(v)/v² [Pa s²/m²].
+LEAKAGE: additional leakage of the valve if the joint is boosted by itself [m³/s]."""
 
 MOVE_WIDTH = 7
+"""Number of columns of a joint's move."""
 
 
 @kernel(inline="always")
 def _is_loaded(move: FloatArray) -> bool:
-    """Whether a joint moves, or is held in boost; closed valves hold the others, as in N."""
-    return move[STROKE] > HELD or move[WORST] > -math.inf
+    """Return whether a joint moves or is held in boost.
+
+    All other joints are held by closed valves and cost as much as in mode N.
+
+    Args:
+        move: One joint's row with the columns STROKE_COLUMN and so on, shape (MOVE_WIDTH,).
+
+    Returns:
+        True if the joint's pressure counts in the cost of the step.
+    """
+    return move[STROKE_COLUMN] > MAX_HELD_STROKE or move[WORST_PRESSURE_COLUMN] > -math.inf
 
 
-class Scratch(NamedTuple):
-    """Working memory and results of `steps_to_node`, so that it allocates nothing."""
+class StepBuffers(NamedTuple):
+    """Results and working memory of `price_steps_to_node`, so that it allocates nothing.
 
-    cost: FloatArray  # [patterns, 3] T [s], E paper [J], E series [J]
-    status: IntArray  # [patterns] INADMISSIBLE, WITHOUT_NEED or CONSISTENT
-    move: FloatArray  # [postures of a node, n, MOVE_WIDTH]
-    must: IntArray  # [postures of a node] bit j: joint j needs boost at any speed
-    may: IntArray  # [postures of a node] bit j: joint j may need boost
-    middle: FloatArray  # [postures of a node, n] room for their `middle_force`
+    Attributes:
+        cost: Cost in each pattern, shape (patterns, 3): T [s], E paper [J], E series [J].
+        status: STEP_INADMISSIBLE, WITHOUT_NEED or STEP_CONSISTENT for each pattern, shape
+            (patterns,).
+        move: Columns of each joint's move to each posture, shape (postures of a node, n,
+            MOVE_WIDTH).
+        must_boost: Bit mask of joints that need boost at any speed, shape (postures of a node,).
+        may_boost: Bit mask of joints that may need boost, depending on speed, shape (postures of a
+            node,).
+        middle: Room for the forces at the middle of the moves, shape (postures of a node, n) [N].
+    """
+
+    cost: FloatArray
+    status: IntArray
+    move: FloatArray
+    must_boost: IntArray
+    may_boost: IntArray
+    middle: FloatArray
 
 
 @kernel
-def new_scratch(patterns: ModeArray) -> Scratch:
-    """Working memory for one thread."""
+def create_step_buffers(patterns: ModeArray) -> StepBuffers:
+    """Allocate working memory of `price_steps_to_node` for one thread.
+
+    Args:
+        patterns: Mode patterns, shape (patterns, n).
+
+    Returns:
+        Uninitialised arrays with room for a node with one posture per pattern.
+    """
     count, n = patterns.shape
-    return Scratch(
+    return StepBuffers(
         np.empty((count, 3)),
         np.empty(count, dtype=np.int64),
         np.empty((count, n, MOVE_WIDTH)),
@@ -225,8 +347,8 @@ def new_scratch(patterns: ModeArray) -> Scratch:
 
 
 @kernel(borrows=True)
-def steps_to_node(
-    c: Circuit,
+def price_steps_to_node(
+    c: HydraulicCoefficients,
     patterns: ModeArray,
     start: Postures,
     i: int,
@@ -235,23 +357,40 @@ def steps_to_node(
     count: int,
     owner: IntArray,
     middle_force: FloatArray,
-    s: Scratch,
+    buffers: StepBuffers,
 ) -> int:
-    """All steps from posture i of `start` to one node, each pattern ending in its own posture.
+    """Compute the costs of all steps from one posture to one node.
 
-    first, count  the node's postures: first … first + count − 1 of `end`
-    owner         int64[patterns], the one of them in which a step in that pattern ends
-    middle_force  float64[count, n] as `middle_forces` gives them [N]
+    Each mode pattern is one step, and each ends in the posture that the node has for this pattern.
+    Patterns that boost exactly the joints that need boost are tried first. If none of them is
+    admissible, patterns that also boost other joints are admitted. Test oracle: the module's
+    equations in plain NumPy.
 
-    Writes s.cost and s.status; the steps with the status returned may be taken, none where it
-    is INADMISSIBLE. Oracle: the formulas above in plain NumPy.
+    Args:
+        c: Hydraulic coefficients.
+        patterns: Mode patterns, shape (patterns, n).
+        start: Descriptions that contain the posture to leave.
+        i: Row of `start` that the steps leave.
+        end: Descriptions that contain the node's postures.
+        first: Row of `end` with the node's first posture.
+        count: Number of postures of the node.
+        owner: Row of `end` in which a step ends, by pattern, shape (patterns,).
+        middle_force: Piston forces at the middle of each move, shape (count, n) [N]. A move is
+            inadmissible if its first entry is NaN. `middle_forces` and `mark_collisions` compute
+            this array.
+        buffers: Results `buffers.cost` and `buffers.status`, and working memory. Written in place.
+
+    Returns:
+        Status of the admissible steps, STEP_CONSISTENT or WITHOUT_NEED. Exactly the patterns whose
+        `buffers.status` has this value may be taken; only their rows of `buffers.cost` are valid.
+        STEP_INADMISSIBLE means that there is none.
     """
-    area, per_area, outlet, pace = c.area, c.per_area, c.outlet, c.pace
-    valve, valve_at_top, boosted = c.valve, c.valve_at_top, c.boosted
+    area, per_area, outlet, pace = c.area, c.per_area, c.outlet_pressure, c.inverse_speed_limit
+    valve, valve_at_top, boosted = c.valve_drop_factor, c.valve_drop_at_v_max, c.boosted
     highest, margin, efficiency = c.max_boost_pressure, c.boost_margin, c.efficiency
     start_length, start_force = start.length, start.force
     end_length, end_force = end.length, end.force
-    cost, status, move, must, may, _ = s
+    cost, status, move, must, may, _ = buffers
     n = patterns.shape[1]
     for k in range(count):
         must[k] = may[k] = 0
@@ -270,22 +409,22 @@ def steps_to_node(
             at_middle = sign * middle_force[k, j]
             load = max(sign * start_force[i, j], at_middle, sign * end_force[first + k, j])
             worst = -math.inf
-            if load > 0.0 and abs(delta) > HELD:
+            if load > 0.0 and abs(delta) > MAX_HELD_STROKE:
                 worst = load * per_area[j, d] + outlet[j, d]
                 if worst + margin > c.supply_pressure:
                     must[k] |= 1 << j
                 if worst + margin + valve_at_top[j, d] > c.supply_pressure:
                     may[k] |= 1 << j
-            move[k, j, STROKE] = abs(delta)
-            move[k, j, DIRECTION] = d
-            move[k, j, OIL] = area[j, d] * abs(delta)
-            move[k, j, WORST] = worst
-            move[k, j, MIDDLE] = at_middle * per_area[j, d] + outlet[j, d]
-            move[k, j, VALVE] = valve[j, d]
-            move[k, j, LEAK] = 0.0
-            if abs(delta) > HELD:
-                need = move[k, j, MIDDLE] + valve_at_top[j, d] + margin
-                move[k, j, LEAK] = _more_leakage(c, need)
+            move[k, j, STROKE_COLUMN] = abs(delta)
+            move[k, j, DIRECTION_COLUMN] = d
+            move[k, j, OIL_COLUMN] = area[j, d] * abs(delta)
+            move[k, j, WORST_PRESSURE_COLUMN] = worst
+            move[k, j, MIDDLE_PRESSURE_COLUMN] = at_middle * per_area[j, d] + outlet[j, d]
+            move[k, j, VALVE_COLUMN] = valve[j, d]
+            move[k, j, LEAKAGE_COLUMN] = 0.0
+            if abs(delta) > MAX_HELD_STROKE:
+                need = move[k, j, MIDDLE_PRESSURE_COLUMN] + valve_at_top[j, d] + margin
+                move[k, j, LEAKAGE_COLUMN] = _compute_extra_leakage(c, need)
             if shortest > 0.0 and abs(delta) <= c.rest_speed * shortest:
                 held = _hold_pressure(c, j, middle_force[k, j])
                 worst = max(held, _hold_pressure(c, j, start_force[i, j]))
@@ -293,92 +432,105 @@ def steps_to_node(
                 if c.supply_pressure < worst + margin <= highest:
                     must[k] |= 1 << j
                     may[k] |= 1 << j
-                    move[k, j, WORST] = worst
-                    move[k, j, MIDDLE] = held
-                    move[k, j, VALVE] = 0.0
-                    move[k, j, LEAK] = _more_leakage(c, held + margin)
-    for wanted in (CONSISTENT, WITHOUT_NEED):
-        best = INADMISSIBLE
+                    move[k, j, WORST_PRESSURE_COLUMN] = worst
+                    move[k, j, MIDDLE_PRESSURE_COLUMN] = held
+                    move[k, j, VALVE_COLUMN] = 0.0
+                    move[k, j, LEAKAGE_COLUMN] = _compute_extra_leakage(c, held + margin)
+    for wanted in (STEP_CONSISTENT, WITHOUT_NEED):
+        best = STEP_INADMISSIBLE
         for p in range(len(patterns)):
-            status[p] = INADMISSIBLE
+            status[p] = STEP_INADMISSIBLE
             k = owner[p] - first
-            if must[k] & ~boosted[p] or (wanted == CONSISTENT and boosted[p] & ~may[k]):
+            if must[k] & ~boosted[p] or (wanted == STEP_CONSISTENT and boosted[p] & ~may[k]):
                 continue
-            # The price of move k in pattern p.
+            # Duration and energies of move k in pattern p.
             duration = volume = rail_leak = 0.0
             shared = c.shared_flow
             for j in range(n):
-                d, mode = int(move[k, j, DIRECTION]), patterns[p, j]
-                duration = max(duration, move[k, j, STROKE] * pace[j, mode, d])
-                volume += move[k, j, OIL]
-                if ON_RAIL[mode]:
-                    rail_leak = max(rail_leak, move[k, j, LEAK])
-                elif BOOSTED[mode]:
-                    shared -= move[k, j, LEAK]
+                d, mode = int(move[k, j, DIRECTION_COLUMN]), patterns[p, j]
+                duration = max(duration, move[k, j, STROKE_COLUMN] * pace[j, mode, d])
+                volume += move[k, j, OIL_COLUMN]
+                if RAIL_MODES[mode]:
+                    rail_leak = max(rail_leak, move[k, j, LEAKAGE_COLUMN])
+                elif BOOSTED_MODES[mode]:
+                    shared -= move[k, j, LEAKAGE_COLUMN]
             if rail_leak > 0.0:
                 for j in range(n):
-                    if ON_RAIL[patterns[p, j]] and _is_loaded(move[k, j]):
+                    if RAIL_MODES[patterns[p, j]] and _is_loaded(move[k, j]):
                         shared -= rail_leak
             if shared <= 0.0:
                 continue
             duration = max(duration, volume / shared)
-            found = CONSISTENT
+            found = STEP_CONSISTENT
             rail = 0.0
             for j in range(n):
                 needed = False
                 if _is_loaded(move[k, j]):
-                    speed = move[k, j, STROKE] / duration
-                    reserve = move[k, j, VALVE] * speed * speed + margin
-                    worst = move[k, j, WORST] + reserve
+                    speed = move[k, j, STROKE_COLUMN] / duration
+                    reserve = move[k, j, VALVE_COLUMN] * speed * speed + margin
+                    worst = move[k, j, WORST_PRESSURE_COLUMN] + reserve
                     if worst > highest:
-                        found = INADMISSIBLE
+                        found = STEP_INADMISSIBLE
                         break
                     needed = worst > c.supply_pressure
-                    if ON_RAIL[patterns[p, j]]:
-                        rail = max(rail, move[k, j, MIDDLE] + reserve)
-                if needed and not BOOSTED[patterns[p, j]]:
-                    found = INADMISSIBLE
+                    if RAIL_MODES[patterns[p, j]]:
+                        rail = max(rail, move[k, j, MIDDLE_PRESSURE_COLUMN] + reserve)
+                if needed and not BOOSTED_MODES[patterns[p, j]]:
+                    found = STEP_INADMISSIBLE
                     break
-                if BOOSTED[patterns[p, j]] and not needed:
+                if BOOSTED_MODES[patterns[p, j]] and not needed:
                     found = WITHOUT_NEED
-            if found == INADMISSIBLE:
+            if found == STEP_INADMISSIBLE:
                 continue
             paper_sum = series_sum = c.supply_pressure * c.idle_leakage * duration
             for j in range(n):
                 paper = series = c.supply_pressure
                 more = 0.0
-                if BOOSTED[patterns[p, j]] and _is_loaded(move[k, j]):
+                if BOOSTED_MODES[patterns[p, j]] and _is_loaded(move[k, j]):
                     supply, more = rail, rail_leak
-                    if not ON_RAIL[patterns[p, j]]:
-                        more = move[k, j, LEAK]
-                        speed = move[k, j, STROKE] / duration
-                        supply = move[k, j, MIDDLE] + move[k, j, VALVE] * speed * speed + margin
-                    paper = max(paper, move[k, j, MIDDLE] / efficiency)
+                    if not RAIL_MODES[patterns[p, j]]:
+                        more = move[k, j, LEAKAGE_COLUMN]
+                        speed = move[k, j, STROKE_COLUMN] / duration
+                        supply = (
+                            move[k, j, MIDDLE_PRESSURE_COLUMN]
+                            + move[k, j, VALVE_COLUMN] * speed * speed
+                            + margin
+                        )
+                    paper = max(paper, move[k, j, MIDDLE_PRESSURE_COLUMN] / efficiency)
                     series += max(0.0, supply - c.supply_pressure) / efficiency
-                oil = move[k, j, OIL] + c.leakage_flow * duration
+                oil = move[k, j, OIL_COLUMN] + c.leakage_flow * duration
                 paper_sum += paper * oil
                 series_sum += series * (oil + more * duration)
-            cost[p, DURATION] = duration
-            cost[p, ENERGY_PAPER] = paper_sum
-            cost[p, ENERGY_SERIES] = series_sum
+            cost[p, DURATION_COLUMN] = duration
+            cost[p, ENERGY_PAPER_COLUMN] = paper_sum
+            cost[p, ENERGY_SERIES_COLUMN] = series_sum
             status[p] = found
             best = max(best, found)
         if best == wanted:
             return best
-    return INADMISSIBLE
+    return STEP_INADMISSIBLE
 
 
 @kernel
 def middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
-    """Cylinder forces half-way from start[n] to end[first …], written to force[count, n] [N].
+    """Compute the piston forces under gravity at the middle of moves from one posture to several.
 
-    Not a number where the tip leaves the workspace on the way: such a move is no step.
+    A move is straight in joint space.
+
+    Args:
+        m: Arrays of the machine, with its payload.
+        start: Joint positions that the moves leave, shape (n,) [rad or m].
+        end: Joint positions, shape (postures, n) [rad or m].
+        first: Row of `end` that the first move reaches; further moves reach the following rows.
+        force: Forces, positive if they resist extension, shape (count, n) [N]. Written in place;
+            count is the number of moves. NaN if the tip leaves the workspace on the way, which
+            makes the move inadmissible.
     """
     middle = np.empty(len(start))
     for k in range(len(force)):
-        if not stays_inside(m, start, end[first + k]):
+        if not move_stays_in_workspace(m, start, end[first + k]):
             force[k] = math.nan
             continue
         for j in range(len(start)):
@@ -387,7 +539,7 @@ def middle_forces(
 
 
 @kernel(borrows=True)
-def bar_collisions(
+def mark_collisions(
     m: MachineArrays,
     obstacles: FloatArray,
     start: FloatArray,
@@ -395,9 +547,16 @@ def bar_collisions(
     first: int,
     force: FloatArray,
 ) -> None:
-    """Make `force` not a number also where the arm comes too near to an obstacle on the way.
+    """Set the middle forces of moves to NaN if the arm comes too near to an obstacle on the way.
 
-    obstacles  `Obstacles.path_rows`
+    Args:
+        m: Arrays of the machine.
+        obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
+        start: Joint positions that the moves leave, shape (n,) [rad or m].
+        end: Joint positions, shape (postures, n) [rad or m].
+        first: Row of `end` that the first move reaches; further moves reach the following rows.
+        force: Piston forces at the middle of each move, shape (count, n) [N]. Written in place: all
+            entries of a move that is not clear become NaN.
     """
     if len(obstacles) == 0:
         return
@@ -408,12 +567,13 @@ def bar_collisions(
 
 @dataclass(frozen=True, eq=False)
 class StepCosts:
-    """One step between two postures, in every pattern.
+    """Costs of one step between two postures in every mode pattern.
 
-    admissible     bool[patterns]
-    duration       float64[patterns], s; NaN where not admissible, as all of the following
-    energy         float64[patterns], J, reading `paper`
-    energy_series  float64[patterns], J, reading `series`
+    Attributes:
+        admissible: True for each pattern in which the step may be taken, shape (patterns,).
+        duration: Duration, shape (patterns,) [s]; NaN if inadmissible.
+        energy: Energy in the reading `paper`, shape (patterns,) [J]; NaN if inadmissible.
+        energy_series: Energy in the reading `series`, shape (patterns,) [J]; NaN if inadmissible.
     """
 
     admissible: np.ndarray
@@ -425,28 +585,41 @@ class StepCosts:
 def step_costs(
     machine: Machine, start: FloatArray, end: FloatArray, rest_speed: float = 0.0
 ) -> StepCosts:
-    """Costs of the step from posture `start` to posture `end` [rad], wherever these lie.
+    """Compute the costs of the step between two postures in every mode pattern.
 
-    rest_speed  of the `Circuit` [m/s]
+    The postures need not belong to a posture table. The step is inadmissible in all patterns if the
+    tip leaves the workspace or the arm comes too near to an obstacle on the way.
+
+    Args:
+        machine: Machine with its payload, mode patterns and obstacles.
+        start: Joint positions at the start, shape (n,) [rad or m].
+        end: Joint positions at the end, shape (n,) [rad or m].
+        rest_speed: Piston speed below which a cylinder counts as held and may need boost [m/s]. 0
+            switches this rule off.
+
+    Returns:
+        Admissibility, duration [s] and energies [J] by pattern.
     """
     arrays, patterns = machine.arrays, machine.patterns
-    from_start = describe(arrays, np.array([start], dtype=np.float64))
-    to_end = describe(arrays, np.array([end], dtype=np.float64))
+    from_start = describe_postures(arrays, np.array([start], dtype=np.float64))
+    to_end = describe_postures(arrays, np.array([end], dtype=np.float64))
     middle = np.empty((1, machine.joint_count))
     middle_forces(arrays, from_start.posture[0], to_end.posture, 0, middle)
     obstacles = machine.obstacles.path_rows
-    bar_collisions(arrays, obstacles, from_start.posture[0], to_end.posture, 0, middle)
+    mark_collisions(arrays, obstacles, from_start.posture[0], to_end.posture, 0, middle)
     owner = np.zeros(len(patterns), dtype=np.int64)
-    scratch = new_scratch(patterns)
-    circuit = circuit_of(arrays, patterns)._replace(rest_speed=rest_speed)
-    status = steps_to_node(circuit, patterns, from_start, 0, to_end, 0, 1, owner, middle, scratch)
-    admissible = (scratch.status == status) & (status != INADMISSIBLE)
+    scratch = create_step_buffers(patterns)
+    circuit = compute_hydraulic_coefficients(arrays, patterns)._replace(rest_speed=rest_speed)
+    status = price_steps_to_node(
+        circuit, patterns, from_start, 0, to_end, 0, 1, owner, middle, scratch
+    )
+    admissible = (scratch.status == status) & (status != STEP_INADMISSIBLE)
     cost = np.where(admissible[:, None], scratch.cost, np.nan)
     return StepCosts(
         frozen(admissible),
-        frozen(cost[:, DURATION]),
-        frozen(cost[:, ENERGY_PAPER]),
-        frozen(cost[:, ENERGY_SERIES]),
+        frozen(cost[:, DURATION_COLUMN]),
+        frozen(cost[:, ENERGY_PAPER_COLUMN]),
+        frozen(cost[:, ENERGY_SERIES_COLUMN]),
     )
 
 

@@ -1,1 +1,1 @@
-"""Arms that slew: paths in their plane, the turning of that plane, and zones in space."""
+"""Arms that slew: paths in their plane, the slew motion along them, and zones in space."""

@@ -1,16 +1,19 @@
-"""When the plane turns along a path in it, so that the arm keeps clear of zones in space.
+"""Slew motion along a path in the arm's plane such that the arm keeps clear of zones in space.
 
-The path is cut into stretches and the slew's way into even parts; a state is a corner between two
-stretches and how far the slew is. From it the plane's joints go on by a stretch, the slew turning
-by some parts in the same time or resting, or the slew turns by one part while they rest. Every step
-that is taken is clear (`move_is_clear`, in all steps of the path that the stretch consists of), and
-none leads back: the least time to each state follows from those before. Between the ends of a
-stretch the slew's way grows with the path's time, and each of its steps lasts as long as
+The path is cut into stretches at corners, and the slew's stroke into equal parts. A state is a
+corner and the number of parts done. There are two kinds of steps from a state:
+
+- The joints in the plane move by one stretch while the slew turns by several parts, or by none.
+- The slew turns by one part while the joints in the plane rest.
+
+A step is allowed if `move_is_clear` accepts every path step in it. No step leads back, so dynamic
+programming gives the least time to each state. Within a stretch the slew's stroke grows in
+proportion to the path's time, and each path step takes the time
 
     max(tᵢ, sᵢ/V_max, (Vᵢ + A sᵢ)/Q)
 
-with the symbols of `sharing_out`. The oil that all this takes is the same whenever the slew turns,
-so that the shortest is the cheapest, too.
+with the symbols of `slew_distribution`. The slew takes the same oil whenever it turns, so the
+quickest motion is also the cheapest.
 """
 
 from __future__ import annotations
@@ -25,65 +28,97 @@ from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.slewing.sharing_out import path_oil, slew_way
-from mhsb_planner.slewing.turned_path import RESTS, Turning, turning_evenly
+from mhsb_planner.slewing.slew_distribution import compute_path_oil, compute_slew_stroke
+from mhsb_planner.slewing.turned_path import REST_STEP, SlewMotion, compute_even_turning
 
-STRETCHES = 24
-"""Into so many a path is cut, at most."""
+MAX_STRETCHES = 24
+"""Largest number of stretches into which a path is cut."""
 
-PART, MOST_PARTS = 0.06, 32
-"""The slew's way is cut into parts of so many rad, but at most into so many."""
+SLEW_PART_ANGLE, MAX_SLEW_PARTS = 0.06, 32
+"""Largest slew angle of one part of the stroke [rad], and largest number of parts.
+
+If the number of parts is at its limit, the angle of each part is larger."""
 
 AT_ONCE = 5
-"""Parts that the slew may turn by while the path goes on by one stretch."""
+"""Largest number of parts that the slew turns during one stretch of the path."""
 
 
-def turning_among_zones(
-    machine: Machine, path: DiscretePath, began: float, ended: float
-) -> Turning | None:
-    """A turning from one angle to the other [rad] that keeps clear; None: there is none.
+def find_clear_turning(
+    machine: Machine, path: DiscretePath, start_angle: float, end_angle: float
+) -> SlewMotion | None:
+    """Find a slew motion along a path on which the arm keeps clear of zones in space.
 
-    path  in the plane
+    The even slew motion (`compute_even_turning`) is taken if no zone in space is touched, else the
+    quickest clear one (`find_quickest_turning`).
 
-    The even one where that is clear, else the quickest over the states above.
+    Args:
+        machine: Whole arm, which slews.
+        path: Path in the arm's plane.
+        start_angle: Slew angle at the start of the path [rad].
+        end_angle: Slew angle at its end [rad].
+
+    Returns:
+        Slew motion: the path step, the slew angle [rad] and the duration [s] of each step of the
+        whole arm. None if no clear one is found.
     """
-    rows = _rows_in_space(machine)
-    even = turning_evenly(machine, path, began, ended)
-    posture = np.column_stack([even.angle, path.posture[even.places]])
-    if way_is_clear(machine.arrays, rows, posture):
+    rows = _list_rows_in_space(machine)
+    even = compute_even_turning(machine, path, start_angle, end_angle)
+    posture = np.column_stack([even.angle, path.posture[even.path_index]])
+    if is_way_clear(machine.arrays, rows, posture):
         return even
-    return quickest_turning(machine, path, began, ended)
+    return find_quickest_turning(machine, path, start_angle, end_angle)
 
 
-def quickest_turning(
-    machine: Machine, path: DiscretePath, began: float, ended: float
-) -> Turning | None:
-    """The turning of least time over the states above, as `turning_among_zones`."""
-    m, rows = machine.arrays, _rows_in_space(machine)
-    parts = min(MOST_PARTS, math.ceil(abs(ended - began) / PART - 1e-9))
-    way = slew_way(machine, began, ended) / max(1, parts)
-    evenly = np.linspace(0, path.steps, min(STRETCHES, path.steps) + 1)
+def find_quickest_turning(
+    machine: Machine, path: DiscretePath, start_angle: float, end_angle: float
+) -> SlewMotion | None:
+    """Find the quickest slew motion along a path that keeps clear, by dynamic programming.
+
+    The path is cut into stretches and the slew's stroke into parts; the module describes states and
+    steps. The result is the quickest only among motions that consist of these stretches and parts.
+
+    Args:
+        machine: Whole arm, which slews.
+        path: Path in the arm's plane.
+        start_angle: Slew angle at the start of the path [rad].
+        end_angle: Slew angle at its end [rad].
+
+    Returns:
+        Slew motion: the path step, the slew angle [rad] and the duration [s] of each step of the
+        whole arm. None if there is no clear one.
+    """
+    m, rows = machine.arrays, _list_rows_in_space(machine)
+    parts = min(MAX_SLEW_PARTS, math.ceil(abs(end_angle - start_angle) / SLEW_PART_ANGLE - 1e-9))
+    way = compute_slew_stroke(machine, start_angle, end_angle) / max(1, parts)
+    evenly = np.linspace(0, path.steps, min(MAX_STRETCHES, path.steps) + 1)
     corner = np.unique(evenly.round().astype(np.int64))
     posture = np.column_stack([np.zeros(path.steps + 1), path.posture])
-    oil = path_oil(machine.plane, path.posture)
-    angle = np.linspace(began, ended, parts + 1)
+    oil = compute_path_oil(machine.planar_arm, path.posture)
+    angle = np.linspace(start_angle, end_angle, parts + 1)
     flow = m.main_pump_flow - machine.joint_count * m.leakage_flow
     slew = np.array([way, m.max_piston_speed[0], flow, m.cap_area[0]])
-    least, came = least_times(m, rows, posture, path.duration, oil, corner, angle, slew)
+    least, came = compute_least_times(m, rows, posture, path.duration, oil, corner, angle, slew)
     if least[-1, -1] == math.inf:
         return None
-    return _followed_back(came, corner, angle, path.duration, oil, slew)
+    return _reconstruct_turning(came, corner, angle, path.duration, oil, slew)
 
 
-def _rows_in_space(machine: Machine) -> FloatArray:
-    """Of the obstacles, those of zones in space, with the margin of paths."""
+def _list_rows_in_space(machine: Machine) -> FloatArray:
+    """Return the obstacle rows of zones in space, with the margin of discrete paths."""
     obstacles = machine.obstacles
-    return frozen(obstacles.path_rows[obstacles.in_space])
+    return frozen(obstacles.path_rows[obstacles.is_in_space])
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module, whether the machine slews or not."""
-    plane = machine.plane
+    """Compile the kernels of this module.
+
+    They are called with a path of one step that rests, which also works for machines that do not
+    slew.
+
+    Args:
+        machine: Any machine.
+    """
+    plane = machine.planar_arm
     posture = np.tile(0.5 * (plane.arrays.joint_min + plane.arrays.joint_max), (2, 1))
     modes, nothing = np.zeros((1, plane.joint_count), dtype=np.uint8), np.zeros(1)
     path = DiscretePath(
@@ -98,13 +133,22 @@ def warm_up(machine: Machine) -> None:
         lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
-    for turning in (turning_among_zones, quickest_turning):
+    for turning in (find_clear_turning, find_quickest_turning):
         turning(machine.without_obstacles(), path, 0.0, 0.0)
 
 
 @kernel
-def way_is_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> bool:
-    """Whether all moves from each of the postures float64[k + 1, n] to the next are clear."""
+def is_way_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> bool:
+    """Return whether all moves from each posture to the next keep clear of obstacles.
+
+    Args:
+        m: Whole arm.
+        rows: Obstacles, float64[rows, ROW_WIDTH], each with its kind and shape [m].
+        posture: Postures in order, float64[k + 1, n], the slew first [rad or m].
+
+    Returns:
+        True if all k moves, straight in joint space, are clear; also if k is 0.
+    """
     for i in range(len(posture) - 1):
         if not move_is_clear(m, rows, posture[i], posture[i + 1], False):
             return False
@@ -112,15 +156,38 @@ def way_is_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> boo
 
 
 @kernel
-def _step_time(duration: float, oil: float, way: float, slew: FloatArray) -> float:
-    """How long a step of the path lasts in which the slew's piston goes so far [m]; [s]."""
-    _, fastest, flow, area = slew
-    return max(duration, max(way / fastest, (oil + area * way) / flow))
+def _compute_step_time(
+    duration: float, oil: float, stroke: float, slew_limits: FloatArray
+) -> float:
+    """Return the duration of a path step during which the slew also moves.
+
+    Args:
+        duration: Duration of the step without the slew [s].
+        oil: Oil volume that the step takes without the slew [m³].
+        stroke: Stroke of the slew's piston in this step [m].
+        slew_limits: Slew limits, float64[4]: element 1 is V_max of the slew's piston [m/s], 2 the
+            flow that slew and path share [m³/s], 3 the piston area [m²]. Element 0 is not used.
+
+    Returns:
+        max(duration, stroke/V_max, (oil + area · stroke)/flow) [s].
+    """
+    _, fastest, flow, area = slew_limits
+    return max(duration, max(stroke / fastest, (oil + area * stroke) / flow))
 
 
 @kernel
-def _share(duration: FloatArray, first: int, last: int, s: int) -> float:
-    """Of a stretch's time, that of its step s; an equal one where it takes none."""
+def _compute_time_share(duration: FloatArray, first: int, last: int, s: int) -> float:
+    """Return the share of a stretch's time that one of its steps takes.
+
+    Args:
+        duration: Duration of each path step, float64[k], [s].
+        first: Index of the first step of the stretch.
+        last: Index after its last step.
+        s: Index of the step.
+
+    Returns:
+        Share, 0 … 1; an equal share for each step if the stretch takes no time.
+    """
     whole = duration[first:last].sum()
     return duration[s] / whole if whole > 0.0 else 1.0 / (last - first)
 
@@ -136,12 +203,30 @@ def _is_clear(
     begin: float,
     end: float,
 ) -> bool:
-    """Whether a stretch keeps clear while the slew turns from `begin` to `end` [rad]."""
+    """Return whether the arm keeps clear in a stretch while the slew turns between two angles.
+
+    A stretch is the part of the path from step `first` to before step `last`. The slew angle
+    changes in proportion to the time of the path steps.
+
+    Args:
+        m: Whole arm.
+        rows: Obstacles, float64[rows, ROW_WIDTH], each with its kind and shape [m].
+        posture: Postures of the path, float64[k + 1, n], [rad or m]. Column 0, the slew, is
+            ignored.
+        duration: Duration of each path step, float64[k], [s].
+        first: Index of the first step of the stretch.
+        last: Index after its last step.
+        begin: Slew angle at the start of the stretch [rad].
+        end: Slew angle at its end [rad].
+
+    Returns:
+        True if all moves of the stretch are clear.
+    """
     here, there = posture[first].copy(), posture[first].copy()
     here[0] = begin
     for s in range(first, last):
         there[:] = posture[s + 1]
-        there[0] = here[0] + _share(duration, first, last, s) * (end - begin)
+        there[0] = here[0] + _compute_time_share(duration, first, last, s) * (end - begin)
         if not move_is_clear(m, rows, here, there, False):
             return False
         here[:] = there
@@ -149,7 +234,7 @@ def _is_clear(
 
 
 @kernel
-def least_times(
+def compute_least_times(
     m: MachineArrays,
     rows: FloatArray,
     posture: FloatArray,
@@ -157,27 +242,40 @@ def least_times(
     oil: FloatArray,
     corner: IntArray,
     angle: FloatArray,
-    slew: FloatArray,
+    slew_limits: FloatArray,
 ) -> tuple[FloatArray, IntArray]:
-    """Least time to every state, float64[corners, parts + 1] s; inf where there is no way.
+    """Compute the least time to each state of path and slew by dynamic programming.
 
-    And in how many parts the slew turned with the stretch before, int64 likewise; RESTS where the
-    plane's joints rested.
+    State (i, k) means that the path has been followed to corner i and that k parts of the slew's
+    stroke are done. A step either turns the slew by one part, or follows one stretch while the slew
+    turns by 0 to AT_ONCE parts. Steps on which the arm touches an obstacle are left out.
 
-    rows      of the zones in space
-    posture   float64[k + 1, n], the slew's angle being free
-    duration, oil  of the path's steps, float64[k] s, m³
-    corner    int64[corners], numbers of postures
-    angle     float64[parts + 1], of the slew [rad]
-    slew      its piston's way within a part, V_max, the flow that it shares, its area
+    Tests compare the result with scipy.sparse.csgraph.dijkstra over the same states and steps.
 
-    Oracle: scipy.sparse.csgraph.dijkstra over the same states and steps.
+    Args:
+        m: Whole arm.
+        rows: Obstacle rows of zones in space, float64[rows, ROW_WIDTH], each with kind and shape
+            [m].
+        posture: Postures of the path, float64[k + 1, n], [rad or m]. Column 0, the slew, is
+            ignored.
+        duration: Duration of each path step without the slew, float64[k], [s].
+        oil: Oil volume of each path step without the slew, float64[k], [m³].
+        corner: Indices of the postures between which the stretches lie, int64[corners]; first 0,
+            last k.
+        angle: Slew angle after each number of parts, float64[parts + 1], [rad].
+        slew_limits: Slew limits, float64[4]: stroke of the piston in one part [m], V_max [m/s],
+            flow that slew and path share [m³/s], piston area [m²].
+
+    Returns:
+        Least time to each state, float64[corners, parts + 1], [s]; inf if it cannot be reached.
+        Then the last step to each state, int64 of the same shape. It is the number of parts by
+        which the slew turned during the stretch before, or REST_STEP if the slew turned alone.
     """
     corners, parts = len(corner), len(angle) - 1
     least = np.full((corners, parts + 1), math.inf)
     came = np.zeros((corners, parts + 1), dtype=np.int64)
     least[0, 0] = 0.0
-    alone = _step_time(0.0, 0.0, slew[0], slew)
+    alone = _compute_step_time(0.0, 0.0, slew_limits[0], slew_limits)
     begin = np.empty(posture.shape[1])
     end = np.empty(posture.shape[1])
     for i in range(corners):
@@ -190,15 +288,15 @@ def least_times(
                 begin[0], end[0] = angle[k], angle[k + 1]
                 if move_is_clear(m, rows, begin, end, False):
                     least[i, k + 1] = least[i, k] + alone
-                    came[i, k + 1] = RESTS
+                    came[i, k + 1] = REST_STEP
             if i == corners - 1:
                 continue
             first, last = corner[i], corner[i + 1]
             for more in range(min(AT_ONCE, parts - k) + 1):
                 there = least[i, k]
                 for s in range(first, last):
-                    way = more * slew[0] * _share(duration, first, last, s)
-                    there += _step_time(duration[s], oil[s], way, slew)
+                    way = more * slew_limits[0] * _compute_time_share(duration, first, last, s)
+                    there += _compute_step_time(duration[s], oil[s], way, slew_limits)
                 if there >= least[i + 1, k + more]:
                     continue
                 ends = angle[k], angle[k + more]
@@ -208,29 +306,46 @@ def least_times(
     return least, came
 
 
-def _followed_back(
-    came: IntArray,
+def _reconstruct_turning(
+    last_steps: IntArray,
     corner: IntArray,
     angle: FloatArray,
     duration: FloatArray,
     oil: FloatArray,
-    slew: FloatArray,
-) -> Turning:
-    """The turning that led to the last state; arguments as of `least_times`."""
+    slew_limits: FloatArray,
+) -> SlewMotion:
+    """Reconstruct the quickest slew motion by following the steps back from the last state.
+
+    Args:
+        last_steps: Last step to each state, second result of `compute_least_times`.
+        corner: Indices of the postures between which the stretches lie, int64[corners].
+        angle: Slew angle after each number of parts, float64[parts + 1], [rad].
+        duration: Duration of each path step without the slew, float64[k], [s].
+        oil: Oil volume of each path step without the slew, float64[k], [m³].
+        slew_limits: Slew limits, float64[4]: stroke of the piston in one part [m], V_max [m/s],
+            flow that slew and path share [m³/s], piston area [m²].
+
+    Returns:
+        Slew motion from the first to the last angle along the whole path: the path step, the slew
+        angle [rad] and the duration [s] of each step of the whole arm.
+    """
     i, k = len(corner) - 1, len(angle) - 1
-    steps: list[tuple[int, float, float]] = []  # of the path, angle at its end, how long it lasts
+    # Path step or REST_STEP, slew angle at its end [rad], duration [s]; the last step first.
+    steps: list[tuple[int, float, float]] = []
     while (i, k) != (0, 0):
-        turned_by = came[i, k]
-        if turned_by == RESTS:
-            steps.append((RESTS, angle[k], _step_time(0.0, 0.0, slew[0], slew)))
+        turned_by = last_steps[i, k]
+        if turned_by == REST_STEP:
+            steps.append(
+                (REST_STEP, angle[k], _compute_step_time(0.0, 0.0, slew_limits[0], slew_limits))
+            )
             k -= 1
             continue
         first, last = corner[i - 1], corner[i]
         i, k, end = i - 1, k - turned_by, angle[k]
         for s in range(last - 1, first - 1, -1):
-            share = _share(duration, first, last, s)
-            way = turned_by * slew[0] * share
-            steps.append((s, end, _step_time(duration[s], oil[s], way, slew)))
+            share = _compute_time_share(duration, first, last, s)
+            way = turned_by * slew_limits[0] * share
+            steps.append((s, end, _compute_step_time(duration[s], oil[s], way, slew_limits)))
             end -= share * (angle[k + turned_by] - angle[k])
     step, ends, lasting = (np.array(each) for each in zip(*reversed(steps), strict=True))
-    return Turning(step, np.append(angle[0], ends), lasting)
+    return SlewMotion(step, np.append(angle[0], ends), lasting)

@@ -1,16 +1,19 @@
-"""Paths of an arm that slews, by any planner of its plane: one after the other, ever cheaper.
+"""Paths of an arm that slews, from the paths of any planner in the arm's plane.
 
-Without zones in space each path of the plane is one, the plane turning meanwhile. Among zones there
-are three ways, and paths are taken from each in turn:
+The arm's plane is the vertical plane that turns with the slew. Without zones in space, it turns
+evenly along each path of the planner. With zones there are three methods, and paths are taken from
+each in turn. The shadow of a zone is an obstacle in the plane: a posture clear of it is clear of
+the zone at all slew angles of a turn.
 
-1. as if there were none, turned when that is clear (`among_zones`);
-2. among the shadows of all that the plane turns past;
-3. over a point on the way where it may turn all the way (`carrying`), among the shadows of what
-   stands at the start before it, and of what stands at the goal after it.
+1. Direct: plan as if there were no zones, and find a slew motion that is clear (`among_zones`).
+2. Past shadows: plan among the shadows of all zones past which the plane turns.
+3. Carried: plan over a via point at which the plane may turn all the way. Before the
+   via point, the shadows at the start's slew angle are obstacles, after it those at the goal's.
 
-Where the first way loses no time to zones there is no need for the others. The second and third are
-also those of the planners that the plan is compared with; the first of these is the quickest, and
-its paths are taken one after the other until there is a motion, then every second one.
+If zones raise the cost of the direct path by at most FREE_COST_FACTOR, the other methods are
+dropped. Methods 2 and 3 are also used with the planner's baselines. The first baseline is the
+quickest: its paths are taken one after the other until there is a motion, then in every second
+turn.
 """
 
 from __future__ import annotations
@@ -22,97 +25,242 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import NamedTuple
 
+import numpy as np
+
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
+from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.trajectory import MotionState
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, frozen
+from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.planners.legs import PlanePaths, joined, path_of_leg
 from mhsb_planner.planners.path_planner import (
     NOTHING_ELSE,
-    Candidate,
-    Meanwhile,
     PathPlanner,
-    Task,
-    in_both_ways,
+    PathProposal,
+    PathRequest,
+    SlewDemand,
+    propose_in_both_ways,
 )
-from mhsb_planner.planners.resting import with_rests
+from mhsb_planner.planners.resting import insert_rests
+from mhsb_planner.planners.via_paths import PlanePaths, join_paths, plan_leg
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.goal_clearance import check_tip
+from mhsb_planner.search.goal_clearance import check_tip_clearance
+from mhsb_planner.search.lower_bound import bound_costs_between
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import SEARCHING
-from mhsb_planner.search.search_time import SearchTime
-from mhsb_planner.slewing.among_zones import turning_among_zones
-from mhsb_planner.slewing.carrying import carrying_postures
-from mhsb_planner.slewing.sharing_out import slewing_meanwhile
-from mhsb_planner.slewing.turned_path import RESTS, corners, turned, turning_evenly
+from mhsb_planner.search.s2_search import SEARCH_TASK
+from mhsb_planner.slewing.among_zones import find_clear_turning
+from mhsb_planner.slewing.slew_distribution import compute_slew_demand
+from mhsb_planner.slewing.turned_path import (
+    REST_STEP,
+    combine_with_slew,
+    compute_even_turning,
+    find_rest_steps,
+)
+
+MIN_GRID_DISTANCE = 3.0
+"""Least distance between the tip positions of two postures, in grid spacings [-]."""
+
+
+def yield_carrying_postures(
+    machine_among_shadows: Machine, graph: StepGraph, task: PathRequest
+) -> Iterator[FloatArray]:
+    """Yield postures of the table in which the plane can turn from start to goal without collision.
+
+    Only postures with all actuators in mode N count. They come in the order of a lower bound: that
+    on the cost from the start posture over the posture to the goal. Each tip is at least
+    MIN_GRID_DISTANCE grid spacings away from all tips before.
+
+    Args:
+        machine_among_shadows: Arm in its plane, with the shadows of all zones past which the plane
+            turns (`Machine.make_planar_arm_with_shadows`).
+        graph: Step graph of the plane, with the posture table.
+        task: Path request in the plane.
+
+    Yields:
+        Posture in the plane, float64[n], [rad or m].
+    """
+    postures, tips = _list_node_postures(graph)
+    rows = machine_among_shadows.obstacles.path_rows
+    clear = clearances(machine_among_shadows.arrays, rows, frozen(postures))[0] >= 0.0
+    postures, tips = postures[clear], tips[clear]
+    if len(postures) == 0:
+        return
+    weights = task.options.weights
+    weight = frozen(np.array([weights.energy, weights.time, weights.switches]))
+    lengths = frozen(np.array([machine_among_shadows.cylinder_lengths(q) for q in postures]))
+    ends = (
+        machine_among_shadows.cylinder_lengths(task.departure),
+        _find_goal_lengths(graph, task.goal),
+    )
+    over = [bound_costs_between(graph.circuit, end, lengths, weight) for end in ends]
+    left = np.argsort(over[0] + over[1], kind="stable")
+    while len(left) > 0:
+        best = left[0]
+        yield postures[best]
+        away = np.linalg.norm(tips[left] - tips[best], axis=1)
+        left = left[away >= MIN_GRID_DISTANCE * graph.table.spacing]
+
+
+def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
+    """Return the table's postures with all actuators in mode N, and their tip positions.
+
+    Nodes without such a posture are left out.
+
+    Args:
+        graph: Step graph with the posture table.
+
+    Returns:
+        Postures, float64[nodes, n], [rad or m], and tip positions (x, z), float64[nodes, 2], [m].
+    """
+    postures = graph.table.posture[:, 0]
+    feasible = np.isfinite(postures).all(axis=1)
+    tips = graph.table.nodes[feasible].astype(np.float64) * graph.table.spacing
+    return postures[feasible], tips
+
+
+def _find_goal_lengths(graph: StepGraph, goal: tuple[float, ...]) -> FloatArray:
+    """Return the cylinder lengths in the table's posture whose tip is nearest to the goal.
+
+    Args:
+        graph: Step graph with the posture table.
+        goal: Goal (x, z) in the plane [m].
+
+    Returns:
+        Length of each cylinder in the plane, float64[n], [m].
+    """
+    postures, tips = _list_node_postures(graph)
+    nearest = np.argmin(np.linalg.norm(tips - np.array(goal), axis=1))
+    return graph.machine.cylinder_lengths(postures[nearest])
+
 
 CARRIED_OVER = 4
-"""Points on the way that are tried, at most."""
+"""Largest number of via points that the method "carried" tries."""
 
-FREE = 1.005
-"""A path whose cost zones raise by no more than this factor is worth no other way."""
+FREE_COST_FACTOR = 1.005
+"""Cost of the direct path relative to that without zones, up to which other methods are dropped."""
 
 NEAR_CARRYING = 0.15
-"""How far from the posture that may turn the one that is planned may turn its end link [rad]."""
+"""Largest deviation of the end-link angle at a via point from that in the carrying posture [rad].
+"""
 
 
-class InPlane(NamedTuple):
-    """A path of the plane, and the number of the step that follows its corner, if it has one."""
+class PlanarPath(NamedTuple):
+    """Path in the arm's plane, and the position of its via point."""
 
-    candidate: Candidate
-    corner: int | None = None
+    proposal: PathProposal
+    """Path in the arm's plane."""
+
+    via_step: int | None = None
+    """Index of the path step after the via point; None if the path has no via point."""
 
 
 @dataclass(frozen=True, eq=False)
 class SlewingPaths:
-    """Paths of the whole arm.
-
-    machine  that slews
-    planner  of paths in its plane
-    graph    of the plane
-    """
+    """Source of paths of the whole arm, for an arm that slews."""
 
     machine: Machine
+    """Whole arm, which slews."""
+
     planner: PathPlanner
+    """Planner of paths in the arm's plane."""
+
     graph: StepGraph
+    """Step graph of the arm's plane."""
 
-    def bound(self, task: Task) -> float:
-        """No plan takes less energy [J]."""
-        return self._in_plane(task)[0].bound(self.graph)
+    def bound(self, task: PathRequest) -> float:
+        """Return a lower bound on the energy of every plan for a request.
 
-    def paths(self, task: Task, time: SearchTime) -> Iterator[Candidate]:
-        """Paths from the task's departure to its goal in `base_link`; raises as `PathPlanner`."""
-        in_plane, slew = self._in_plane(task)
-        if not self.machine.obstacles.in_space.any():
+        The bound includes the oil that the slew takes.
+
+        Args:
+            task: Path request of the whole arm.
+
+        Returns:
+            Energy [J].
+        """
+        return self._convert_to_plane(task)[0].energy_lower_bound(self.graph)
+
+    def paths(self, task: PathRequest, time: SearchTime) -> Iterator[PathProposal]:
+        """Yield paths of the whole arm from the start posture to the goal.
+
+        Without zones in space each path of the planner is yielded with an even slew motion. With
+        zones, `_yield_paths_among_zones` yields clear paths.
+
+        Args:
+            task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
+            time: Time budget of the search.
+
+        Yields:
+            Path proposals, with their cost and a lower bound on the energy [J].
+
+        Raises:
+            MhsbError: The tip at the goal is too near to a zone, or no path exists or is found in
+                time.
+        """
+        in_plane, slew = self._convert_to_plane(task)
+        if not self.machine.obstacles.is_in_space.any():
             for candidate in self.planner.paths(self.graph, in_plane, time):
-                yield candidate._replace(path=self._evenly(task, candidate.path, slew))
+                yield candidate._replace(path=self._turn_evenly(task, candidate.path, slew))
             return
-        check_tip(self.machine, task.goal)
-        yield from self._among_zones(task, in_plane, slew, time)
+        check_tip_clearance(self.machine, task.goal)
+        yield from self._yield_paths_among_zones(task, in_plane, slew, time)
 
-    def _evenly(self, task: Task, path: DiscretePath, slew: float) -> DiscretePath:
-        """A path of the plane that turns to this angle [rad], as if nothing were in its way."""
+    def _turn_evenly(self, task: PathRequest, path: DiscretePath, end_angle: float) -> DiscretePath:
+        """Return the path of the whole arm with an even slew motion, ignoring zones.
+
+        Args:
+            task: Path request of the whole arm.
+            path: Path in the arm's plane.
+            end_angle: Slew angle at the goal [rad].
+
+        Returns:
+            Path of the whole arm.
+        """
         began = float(task.departure[0])
-        return turned(self.machine, task, path, turning_evenly(self.machine, path, began, slew))
-
-    def _among_zones(
-        self, task: Task, in_plane: Task, slew: float, time: SearchTime
-    ) -> Iterator[Candidate]:
-        began, bound = float(task.departure[0]), in_plane.bound(self.graph)
-        direct: Iterator[InPlane] = map(
-            InPlane, self.planner.paths(self.graph, in_plane, time)
+        return combine_with_slew(
+            self.machine, task, path, compute_even_turning(self.machine, path, began, end_angle)
         )
-        rivals, turn = self.planner.rivals, (began, slew)
+
+    def _yield_paths_among_zones(
+        self, task: PathRequest, in_plane: PathRequest, slew: float, time: SearchTime
+    ) -> Iterator[PathProposal]:
+        """Yield clear paths of the whole arm among zones in space, by all methods in turn.
+
+        The module describes the methods and their order. A planar path without a clear slew motion
+        is skipped. A path with a via point, or with a step in which the slew turns alone, comes a
+        second time with added rests there. A direct path may cost at most FREE_COST_FACTOR times as
+        much as with an even slew motion that ignores zones. All other methods are then dropped. An
+        error ends only its own method. When the time is up, the search ends if a path has been
+        found.
+
+        Args:
+            task: Path request of the whole arm.
+            in_plane: Path request in the arm's plane.
+            slew: Slew angle at the goal [rad].
+            time: Time budget of the search; `has_motion` says whether the caller already has a
+                motion.
+
+        Yields:
+            Paths of the whole arm.
+
+        Raises:
+            MhsbError: No method has given a clear path; `_create_error` chooses the error.
+        """
+        began, bound = float(task.departure[0]), in_plane.energy_lower_bound(self.graph)
+        direct: Iterator[PlanarPath] = map(
+            PlanarPath, self.planner.paths(self.graph, in_plane, time)
+        )
+        baselines, turn = self.planner.baselines, (began, slew)
         others = [
             way(planner, in_plane, turn, time)
-            for planner in (*rivals[:1], self.planner, *rivals[1:])
-            for way in (self._past_shadows, self._carried)
+            for planner in (*baselines[:1], self.planner, *baselines[1:])
+            for way in (self._yield_paths_past_shadows, self._yield_carried_paths)
         ]
         ways, quick = deque([direct, *others]), others[:2]
         found, refused = False, None
-        while ways and not (found and time.until.passed):
+        while ways and not (found and time.search_deadline.has_passed):
             way = ways.popleft()
             try:
                 candidate, corner = next(way)
@@ -122,103 +270,201 @@ class SlewingPaths:
                 refused = refused or (error if way is direct else None)
                 continue
             if way in quick:
-                ways.insert(1 if time.found else 0, way)
+                ways.insert(1 if time.has_motion else 0, way)
             else:
                 ways.append(way)
             path = replace(candidate.path, lower_bound=bound)
-            turning = turning_among_zones(self.machine, path, began, slew)
+            turning = find_clear_turning(self.machine, path, began, slew)
             if turning is None:
                 continue
-            found, whole = True, turned(self.machine, task, path, turning)
-            if way is direct and whole.cost <= FREE * self._evenly(task, path, slew).cost:
+            found, whole = True, combine_with_slew(self.machine, task, path, turning)
+            if (
+                way is direct
+                and whole.cost <= FREE_COST_FACTOR * self._turn_evenly(task, path, slew).cost
+            ):
                 ways = deque([direct])
             yield candidate._replace(path=whole)
-            if corner is not None or RESTS in turning.step:
-                before, weights = corners(turning, corner), task.options.weights
-                rested = with_rests(self.machine, whole, before, weights)
+            if corner is not None or REST_STEP in turning.step:
+                before, weights = find_rest_steps(turning, corner), task.options.weights
+                rested = insert_rests(self.machine, whole, before, weights)
                 yield candidate._replace(path=rested)
         if not found:
-            raise self._nothing_found(task, refused, time)
+            raise self._create_error(task, refused, time)
 
-    def _nothing_found(
-        self, task: Task, refused: MhsbError | None, time: SearchTime
+    def _create_error(
+        self, task: PathRequest, refused: MhsbError | None, time: SearchTime
     ) -> MhsbError:
-        if time.until.passed:
-            return DeadlineError(SEARCHING)
+        """Return the error to raise if no method has given a clear path.
+
+        Args:
+            task: Path request of the whole arm.
+            refused: Error of the direct method, if it had one.
+            time: Time budget of the search.
+
+        Returns:
+            DeadlineError if the time is up, else `refused`, else NoPathError.
+        """
+        if time.search_deadline.has_passed:
+            return DeadlineError(SEARCH_TASK)
         start = tuple(self.machine.tip_in_base(task.departure).tolist())
         return refused or NoPathError(start, task.goal, self.machine.obstacles.names)
 
-    def _past_shadows(
+    def _yield_paths_past_shadows(
         self,
         planner: PathPlanner,
-        in_plane: Task,
-        turn: tuple[float, float],
+        in_plane: PathRequest,
+        slew_angles: tuple[float, float],
         time: SearchTime,
-    ) -> Iterator[InPlane]:
-        """Paths of the plane on which it may turn at any time, from one angle to the other."""
-        for path in self._among(planner, *turn).paths(in_plane, time):
-            for candidate in self._as_ways(planner, path, in_plane):
-                yield InPlane(candidate)
+    ) -> Iterator[PlanarPath]:
+        """Yield planar paths on which the arm is clear at every slew angle (method "past shadows").
 
-    def _carried(
+        Args:
+            planner: Own planner or a baseline.
+            in_plane: Path request in the arm's plane.
+            slew_angles: Slew angles at start and goal [rad].
+            time: Time budget of the search.
+
+        Yields:
+            Planar paths without a via point.
+        """
+        for path in self._create_source_among_shadows(planner, *slew_angles).paths(in_plane, time):
+            for candidate in self._yield_proposals(planner, path, in_plane):
+                yield PlanarPath(candidate)
+
+    def _yield_carried_paths(
         self,
         planner: PathPlanner,
-        in_plane: Task,
-        turn: tuple[float, float],
+        in_plane: PathRequest,
+        slew_angles: tuple[float, float],
         time: SearchTime,
-    ) -> Iterator[InPlane]:
-        """Paths of the plane over a point where it may turn all the way: quick ones over each of
-        several, then cheaper ones over these."""
-        turning = self.machine.plane_among(*turn)
-        postures = list(islice(carrying_postures(turning, self.graph, in_plane), CARRIED_OVER))
-        ends = self._among(planner, turn[0], turn[0]), self._among(planner, turn[1], turn[1])
+    ) -> Iterator[PlanarPath]:
+        """Yield planar paths over a via point where the plane may turn (method "carried").
+
+        Each via point is the tip in a posture of `yield_carrying_postures`. There are two rounds
+        over at most CARRIED_OVER via points. In the first, each leg is the first path found; in the
+        second, the cheapest. Via points without a path are skipped.
+
+        Args:
+            planner: Own planner or a baseline.
+            in_plane: Path request in the arm's plane.
+            slew_angles: Slew angles at start and goal [rad].
+            time: Time budget of the search.
+
+        Yields:
+            Planar paths, each with the index of the step after its via point (`via_step`). A
+            baseline's path may come in two ways (`_yield_proposals`).
+        """
+        turning = self.machine.make_planar_arm_with_shadows(*slew_angles)
+        postures = list(
+            islice(yield_carrying_postures(turning, self.graph, in_plane), CARRIED_OVER)
+        )
+        ends = (
+            self._create_source_among_shadows(planner, slew_angles[0], slew_angles[0]),
+            self._create_source_among_shadows(planner, slew_angles[1], slew_angles[1]),
+        )
         for thorough in (False, True):
             for posture in postures:
                 with suppress(MhsbError):
-                    legs = self._over(posture, ends, in_plane, time, thorough)
-                    for candidate in self._as_ways(planner, Candidate(joined(legs)), in_plane):
-                        yield InPlane(candidate, legs[0].steps)
+                    legs = self._plan_over_via_point(posture, ends, in_plane, time, thorough)
+                    for candidate in self._yield_proposals(
+                        planner, PathProposal(join_paths(legs)), in_plane
+                    ):
+                        yield PlanarPath(candidate, legs[0].steps)
 
-    def _as_ways(
-        self, planner: PathPlanner, path: Candidate, in_plane: Task
-    ) -> Iterator[Candidate]:
-        """An own path as it is, a rival's as one that is compared."""
+    def _yield_proposals(
+        self, planner: PathPlanner, path: PathProposal, in_plane: PathRequest
+    ) -> Iterator[PathProposal]:
+        """Yield a path once for the own planner, or in up to two ways for a baseline.
+
+        A baseline's path is marked as `for_comparison`. It comes once for the kind of trajectory
+        (S3) of the own planner. It comes a second time for the baseline's own kind, unless the
+        request sets the kind (`propose_in_both_ways`).
+
+        Args:
+            planner: Planner that has made the path.
+            path: Path in the arm's plane.
+            in_plane: Path request in the arm's plane.
+
+        Yields:
+            The path as one or two proposals.
+        """
         if planner is self.planner:
             yield path
         else:
-            yield from in_both_ways(path._replace(compared=True), planner, in_plane)
+            yield from propose_in_both_ways(path._replace(for_comparison=True), planner, in_plane)
 
-    def _over(
+    def _plan_over_via_point(
         self,
         posture: FloatArray,
         ends: tuple[PlanePaths, PlanePaths],
-        in_plane: Task,
+        in_plane: PathRequest,
         time: SearchTime,
         thorough: bool,
     ) -> tuple[DiscretePath, DiscretePath]:
-        """Paths to a posture's tip, in about that posture there, and on from it."""
-        plane = self.machine.plane
+        """Plan a path to the tip of a carrying posture, and from rest there on to the goal.
+
+        At the via point the end-link angle must be within NEAR_CARRYING of the angle in the
+        carrying posture. Both legs are planned without the slew demand.
+
+        Args:
+            posture: Carrying posture in the plane, float64[n], [rad or m].
+            ends: Path sources among the shadows at the start's and at the goal's slew angle.
+            in_plane: Path request in the arm's plane.
+            time: Time budget of the search.
+            thorough: Whether to take the cheapest path of each leg instead of the first.
+
+        Returns:
+            Path to the via point and path from there to the goal.
+
+        Raises:
+            MhsbError: A leg has no path.
+        """
+        plane = self.machine.planar_arm
         x, z = plane.tip_position(posture).tolist()
         psi = plane.end_link_angle(posture)
         alike = (psi - NEAR_CARRYING, psi + NEAR_CARRYING)
-        options = replace(in_plane.options.on_the_way, goal_psi=alike)
-        leg = replace(in_plane, goal=(x, z), options=options, meanwhile=NOTHING_ELSE)
-        first = path_of_leg(ends[0], leg, time, thorough)
-        onward = replace(leg.from_rest(first), goal=in_plane.goal, options=in_plane.options)
-        return first, path_of_leg(ends[1], onward, time, thorough)
+        options = replace(in_plane.options.for_via_point, goal_psi=alike)
+        leg = replace(in_plane, goal=(x, z), options=options, slew_demand=NOTHING_ELSE)
+        first = plan_leg(ends[0], leg, time, thorough)
+        onward = replace(leg.continued_from(first), goal=in_plane.goal, options=in_plane.options)
+        return first, plan_leg(ends[1], onward, time, thorough)
 
-    def _among(self, planner: PathPlanner, began: float, ended: float) -> PlanePaths:
-        """A planner's paths among what stands where the plane gets to between two angles."""
-        among = self.machine.plane_among(began, ended)
-        return PlanePaths(planner, self.graph.changed(among))
+    def _create_source_among_shadows(
+        self, planner: PathPlanner, start_angle: float, end_angle: float
+    ) -> PlanePaths:
+        """Return a planner's paths in the plane among the shadows between two slew angles.
 
-    def _in_plane(self, task: Task) -> tuple[Task, float]:
-        """What is asked of the plane alone, and the slew's angle at the goal [rad]; how a moving
-        start comes to rest is for the whole arm."""
+        Args:
+            planner: Own planner or a baseline.
+            start_angle: Slew angle at one end of the turn [rad].
+            end_angle: Slew angle at the other end [rad]; equal angles give the shadows for a plane
+                at rest.
+
+        Returns:
+            Path source with a step graph for these obstacles.
+        """
+        among = self.machine.make_planar_arm_with_shadows(start_angle, end_angle)
+        return PlanePaths(planner, self.graph.create_for(among))
+
+    def _convert_to_plane(self, task: PathRequest) -> tuple[PathRequest, float]:
+        """Convert a path request of the whole arm into one in the arm's plane.
+
+        Oil and least time of the slew become the slew demand of the request. `brake` is None,
+        because the motion of the whole arm includes coming to rest from a moving start.
+
+        Args:
+            task: Path request of the whole arm.
+
+        Returns:
+            Path request in the plane, and the slew angle at the goal [rad].
+
+        Raises:
+            OutOfWorkspaceError: The slew's limits do not allow the goal.
+        """
         start, modes = task.start, task.modes
-        tip, slew = self.machine.in_plane(task.goal, float(task.departure[0]))
+        tip, slew = self.machine.convert_to_plane(task.goal, float(task.departure[0]))
         assert slew is not None
-        meanwhile = Meanwhile(*slewing_meanwhile(self.machine, start.position[0], slew))
+        slew_demand = SlewDemand(*compute_slew_demand(self.machine, start.position[0], slew))
         alone = MotionState(start.position[1:], start.velocity[1:], start.acceleration[1:])
         in_plane = replace(
             task,
@@ -227,6 +473,6 @@ class SlewingPaths:
             modes=StartModes(modes.modes[1:], modes.age[1:]),
             brake=None,
             departure=task.departure[1:],
-            meanwhile=meanwhile,
+            slew_demand=slew_demand,
         )
         return in_plane, slew

@@ -1,7 +1,7 @@
-"""A path in the arm's plane with the turning of that plane: a path of the whole arm.
+"""Combination of a path in the arm's plane with a slew motion into a path of the whole arm.
 
-Gravity asks nothing of a slew, so that postures and modes are chosen in the plane alone, and the
-slew takes its oil at P_S whenever it turns.
+Gravity does not load a slew. So postures and modes are chosen in the plane alone, and the slew
+takes its oil at P_S whenever it turns.
 """
 
 from __future__ import annotations
@@ -14,91 +14,153 @@ from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.planners.path_planner import Task
+from mhsb_planner.planners.path_planner import PathRequest
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.slewing.sharing_out import NOTHING, path_oil, shared_out, slew_way
+from mhsb_planner.slewing.slew_distribution import (
+    STROKE_ROUNDING,
+    compute_path_oil,
+    compute_slew_stroke,
+    distribute_stroke,
+)
 
-RESTS = -1
+REST_STEP = -1
+"""Mark of a step in which the joints of the plane rest and the slew alone turns."""
 
 
 @dataclass(frozen=True, eq=False)
-class Turning:
-    """How the plane turns along a path of k steps in it.
-
-    step      int64[p], of the path that each step of the whole arm takes, in order; RESTS where the
-              plane's joints rest and the slew alone turns
-    angle     float64[p + 1], of the slew, at the ends of these steps [rad]
-    duration  float64[p], of these steps [s]
-    """
+class SlewMotion:
+    """Slew motion along a planar path of k steps, in p ≥ k steps of the whole arm."""
 
     step: IntArray
+    """Index of the path step in each step of the whole arm, int64[p], ascending.
+
+    REST_STEP stands for a step in which the slew turns alone."""
+
     angle: FloatArray
+    """Slew angle at the start and after each step of the whole arm, float64[p + 1], [rad]."""
+
     duration: FloatArray
+    """Duration of each step of the whole arm, float64[p], [s]."""
 
     @property
-    def places(self) -> IntArray:
-        """Where on the path each end of a step is, int64[p + 1]."""
-        return np.append(0, np.cumsum(self.step != RESTS))
+    def path_index(self) -> IntArray:
+        """Index of the path's posture at the start and after each step of the arm, int64[p + 1]."""
+        return np.append(0, np.cumsum(self.step != REST_STEP))
 
 
-def turning_evenly(machine: Machine, path: DiscretePath, began: float, ended: float) -> Turning:
-    """In the time that the path takes, or as little longer as it needs (`sharing_out`)."""
-    way, m = slew_way(machine, began, ended), machine.arrays
+def compute_even_turning(
+    machine: Machine, path: DiscretePath, start_angle: float, end_angle: float
+) -> SlewMotion:
+    """Compute a slew motion at an even speed along a path, without regard to zones.
+
+    `distribute_stroke` distributes the slew's stroke over the steps. The steps last as long as
+    before, or longer by one factor if the slew cannot keep up. For a path without steps the slew
+    turns alone, as quickly as possible.
+
+    Args:
+        machine: Whole arm, which slews.
+        path: Path in the arm's plane.
+        start_angle: Slew angle at the start of the path [rad].
+        end_angle: Slew angle at its end [rad].
+
+    Returns:
+        Slew motion with one step for each path step. For a path without steps: a single REST_STEP,
+        or no step if the two slew angles are equal.
+    """
+    way, m = compute_slew_stroke(machine, start_angle, end_angle), machine.arrays
     flow = m.main_pump_flow - machine.joint_count * m.leakage_flow
-    if path.steps == 0 and way > NOTHING:
-        step, duration, oil = np.array([RESTS]), np.zeros(1), np.zeros(1)
+    if path.steps == 0 and way > STROKE_ROUNDING:
+        step, duration, oil = np.array([REST_STEP]), np.zeros(1), np.zeros(1)
     else:
         step, duration = np.arange(path.steps), path.duration
-        oil = path_oil(machine.plane, path.posture)
-    share, longer = shared_out(way, duration, oil, m.max_piston_speed[0], flow, m.cap_area[0])
-    done = np.append(0.0, np.cumsum(share)) / way if way > NOTHING else np.zeros(len(share) + 1)
-    return Turning(step, (1.0 - done) * began + done * ended, longer)
+        oil = compute_path_oil(machine.planar_arm, path.posture)
+    share, longer = distribute_stroke(
+        way, duration, oil, m.max_piston_speed[0], flow, m.cap_area[0]
+    )
+    done = (
+        np.append(0.0, np.cumsum(share)) / way
+        if way > STROKE_ROUNDING
+        else np.zeros(len(share) + 1)
+    )
+    return SlewMotion(step, (1.0 - done) * start_angle + done * end_angle, longer)
 
 
-def corners(turning: Turning, corner: int | None) -> IntArray:
-    """Numbers of the steps before which the plane's joints stop for the slew or go on after it.
+def find_rest_steps(turning: SlewMotion, via_step: int | None) -> IntArray:
+    """Return the steps of the whole arm before which the joints in the plane rest.
 
-    corner  number of the step of the path after a corner of its own, which is one of them; None:
-            there is none
+    The slew turns alone in some series of steps. The result has the first step of each series,
+    unless it is step 0, the first step after each series, and the step after a via point.
+
+    Args:
+        turning: Slew motion along a path.
+        via_step: Index of the path step after a via point; None if there is none.
+
+    Returns:
+        Indices of steps of the whole arm in ascending order.
     """
-    alone = turning.step == RESTS
+    alone = turning.step == REST_STEP
     before = np.flatnonzero(alone[1:] != alone[:-1]) + 1
-    if corner is not None:
-        before = np.union1d(before, np.flatnonzero(turning.step == corner))
+    if via_step is not None:
+        before = np.union1d(before, np.flatnonzero(turning.step == via_step))
     return before
 
 
-def turned(machine: Machine, task: Task, path: DiscretePath, turning: Turning) -> DiscretePath:
-    """The path of the whole arm; joint 1 is in N throughout.
+def combine_with_slew(
+    machine: Machine, task: PathRequest, path: DiscretePath, turning: SlewMotion
+) -> DiscretePath:
+    """Combine a planar path and a slew motion into a path of the whole arm.
 
-    machine, task  the whole arm, and what is asked of it
-    path           in its plane
+    Joint 1 is in mode N throughout. In each step the slew's piston of area A [m²] moves by s [m],
+    and the step becomes longer by ΔT [s]. The energy of the step then grows by
+
+        ΔE = P_S (A s + n q_leak ΔT)
+
+    with the supply pressure P_S [Pa] and the leakage flow q_leak of each of n valves [m³/s]. The
+    cost grows by the weighted sums of ΔE and ΔT. The path's lower bound is kept.
+
+    Args:
+        machine: Whole arm, which slews.
+        task: Path request of the whole arm, for weights and start modes.
+        path: Path in the arm's plane.
+        turning: Slew motion along it.
+
+    Returns:
+        Path of the whole arm, the slew first in postures and modes, with tip positions (x, y, z) in
+        `base_link` [m].
     """
     m, n, weights = machine.arrays, machine.joint_count, task.options.weights
-    rests, moves = turning.step == RESTS, np.maximum(turning.step, 0)
-    at = turning.places
+    rests, moves = turning.step == REST_STEP, np.maximum(turning.step, 0)
+    at = turning.path_index
     length = [cylinder_length(m.linkage[0], angle) for angle in turning.angle]
     way = np.abs(np.diff(length))
 
-    def of_steps(values: FloatArray) -> FloatArray:
-        """What the path has for each step; nothing where it rests."""
+    def spread_over_steps(values: FloatArray) -> FloatArray:
+        """Return a quantity of the path in each step of the whole arm; 0 while the path rests.
+
+        Args:
+            values: Value of each path step, float64[k].
+
+        Returns:
+            Value of each step of the whole arm, float64[p].
+        """
         return np.where(rests, 0.0, values[moves]) if path.steps else np.zeros(len(rests))
 
-    if path.steps > 0:  # while it rests, in the modes of the step that follows, or of the last
+    # A rest has the modes of the path step that follows, or of the last one.
+    if path.steps > 0:
         modes = path.modes[np.minimum(at[:-1], path.steps - 1)]
     else:
         modes = np.repeat(path.start_modes[None, :], len(rests), axis=0)
-    later = turning.duration - of_steps(path.duration)
+    later = turning.duration - spread_over_steps(path.duration)
     added = m.supply_pressure * (m.cap_area[0] * way + n * m.leakage_flow * later)
     dearer = weights.energy * added.sum() + weights.time * later.sum()
     return replace(
         path,
-        tip=machine.in_base(path.tip[at], turning.angle),
+        tip=machine.convert_to_base(path.tip[at], turning.angle),
         posture=np.column_stack([turning.angle, path.posture[at]]),
         modes=np.insert(modes, 0, Mode.N, axis=1),
         duration=turning.duration,
-        energy=of_steps(path.energy) + added,
-        energy_series=of_steps(path.energy_series) + added,
+        energy=spread_over_steps(path.energy) + added,
+        energy_series=spread_over_steps(path.energy_series) + added,
         cost=path.cost + float(dearer),
         start_modes=task.modes.modes,
     )

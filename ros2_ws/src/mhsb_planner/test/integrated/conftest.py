@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine
-from mhsb_planner.integrated.route import Terms, terms
-from mhsb_planner.search.area_shortfall import WITHOUT_AREA
+from mhsb_planner.integrated.cylinder_path import PathCostModel, cost_model
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
 
 
 @pytest.fixture(params=["slider_cranks", "four_bars"])
@@ -16,12 +16,12 @@ def arm(request: pytest.FixtureRequest, machine: Machine, four_bar_machine: Mach
 
 
 @pytest.fixture(scope="session")
-def terms_of() -> Callable[..., Terms]:
+def terms_of() -> Callable[..., PathCostModel]:
     """Function (machine, weights=(0.5, 1, 2), area=none) that gives terms from NNN, `paper`."""
 
-    def make(machine: Machine, weights=(0.5, 1.0, 2.0), area=WITHOUT_AREA) -> Terms:
+    def make(machine: Machine, weights=(0.5, 1.0, 2.0), area=WITHOUT_AREA) -> PathCostModel:
         normal, weight = np.zeros(3, dtype=np.uint8), np.array(weights, dtype=float)
-        return terms(machine, normal, weight, 1, area)
+        return cost_model(machine, normal, weight, 1, area)
 
     return make
 

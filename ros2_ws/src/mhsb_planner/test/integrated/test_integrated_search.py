@@ -11,8 +11,8 @@ from mhsb_model.errors import OutOfWorkspaceError
 from mhsb_model.holding import holding_modes
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
-from mhsb_planner.integrated.integrated_search import Effort, IntegratedSearch, search
-from mhsb_planner.integrated.route import REST_SPEED
+from mhsb_planner.integrated.cylinder_path import REST_SPEED
+from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_search import search as table_search
@@ -22,8 +22,10 @@ ENERGY, TIME = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
 LOOKS_TO_END = 12
 """Looks at the clock that stages may take to see, one after the other, that time is up."""
-QUICK = Effort(expansions=500)
-THOROUGH = Effort(psi_spacing=0.01, cells=40, finer=1.4, expansions=30_000, sweeps=20)
+QUICK = SearchLimits(max_expansions=500)
+THOROUGH = SearchLimits(
+    psi_spacing=0.01, finest_step_count=40, spacing_ratio=1.4, max_expansions=30_000, max_sweeps=20
+)
 
 
 def tasks(machine, posture_within, count, seed=0):
@@ -120,7 +122,7 @@ def test_an_angle_of_the_end_link_is_kept_when_asked_for(machine, posture_within
 def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture_within):
     several = 0
     for start, goal in tasks(machine, posture_within, 6, seed=6):
-        found = IntegratedSearch(machine, start, NORMAL, goal, ENERGY, effort=QUICK)
+        found = IntegratedSearch(machine, start, NORMAL, goal, ENERGY, limits=QUICK)
         paths = [path for path in found.paths() if path is not None]
         for path in paths:
             check_possible(machine, path, start, goal)
@@ -150,9 +152,7 @@ def test_when_time_is_up_the_best_so_far_is_taken_and_told(machine, posture_with
         for after in range(0, needed - 1, max(3, needed // 30)):
             try:
                 soon = looks.deadline_after(after)
-                hurried = search(
-                    machine, start, NORMAL, goal, ENERGY, deadline=soon, effort=QUICK
-                )
+                hurried = search(machine, start, NORMAL, goal, ENERGY, deadline=soon, effort=QUICK)
             except DeadlineError:
                 continue
             finally:

@@ -10,25 +10,29 @@ from scipy.sparse.csgraph import dijkstra
 
 from mhsb_model.holding import holding_modes
 from mhsb_model.types import frozen
-from mhsb_model.workspace import node_set_excess
+from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.integrated import lattice as lattice_module
-from mhsb_planner.integrated.certificate import least_cost_to
+from mhsb_planner.integrated.cylinder_path import REST_SPEED, new_path_cost_buffers
 from mhsb_planner.integrated.goal_postures import GoalPostures
-from mhsb_planner.integrated.lattice import LatticeSearch, evenly_long, evenly_turned
-from mhsb_planner.integrated.route import REST_SPEED, new_memory
-from mhsb_planner.search.s2_step import Postures, describe, step_costs
+from mhsb_planner.integrated.lattice import (
+    LatticeSearch,
+    lattice_even_in_angles,
+    lattice_even_in_lengths,
+)
+from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
+from mhsb_planner.search.s2_step import Postures, describe_postures, step_costs
 
 SPACING, REACH = 22e-3, 0.4  # m
 SWITCH = 2.0
 
 
 def long_steps(machine, start):
-    return evenly_long(machine, start, SPACING)
+    return lattice_even_in_lengths(machine, start, SPACING)
 
 
 def wide_turns(machine, start):
-    return evenly_turned(machine, start, REACH)
+    return lattice_even_in_angles(machine, start, REACH)
 
 
 def problems(machine, posture_within, count):
@@ -48,7 +52,7 @@ def problems(machine, posture_within, count):
 
 def goal_at(machine, goal):
     """As the only goal posture; in arrays of the kind for which the search is compiled."""
-    return Postures(*(np.array(each) for each in describe(machine.arrays, goal[None, :])))
+    return Postures(*(np.array(each) for each in describe_postures(machine.arrays, goal[None, :])))
 
 
 def by_dijkstra(machine, lattice, goal):
@@ -102,7 +106,7 @@ def by_dijkstra(machine, lattice, goal):
 
 
 def outside(machine, q):
-    return node_set_excess(machine.arrays, *machine.tip_position(q))
+    return compute_workspace_excess(machine.arrays, *machine.tip_position(q))
 
 
 @pytest.mark.parametrize("lattice_of", [long_steps, wide_turns])
@@ -114,35 +118,37 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
     for start, goal in problems(machine, posture_within, 3):
         goals = goal_at(machine, goal)
         lattice = lattice_of(machine, start)
-        searching = LatticeSearch(t, new_memory(t), lattice, goals)
+        searching = LatticeSearch(t, new_path_cost_buffers(t), lattice, goals)
         route = searching.search(math.inf, 10**6)
         expected = by_dijkstra(machine, lattice, goal)
         if route is None:
             assert searching.exhausted
             assert expected == math.inf
-            at_all = LatticeSearch(t, new_memory(t), lattice, goals)
-            assert at_all.search(math.inf, 10**6, haste=2.0, once=True) is None
+            at_all = LatticeSearch(t, new_path_cost_buffers(t), lattice, goals)
+            assert (
+                at_all.search(math.inf, 10**6, heuristic_weight=2.0, reachability_only=True) is None
+            )
             assert at_all.exhausted
             continue
         assert searching.cost == pytest.approx(expected, rel=1e-9)
-        hasty = LatticeSearch(t, new_memory(t), lattice, goals)
-        assert hasty.search(math.inf, 10**6, haste=2.0) is not None
+        hasty = LatticeSearch(t, new_path_cost_buffers(t), lattice, goals)
+        assert hasty.search(math.inf, 10**6, heuristic_weight=2.0) is not None
         assert expected * (1 - 1e-9) <= hasty.cost <= 2.0 * expected
-        assert hasty.expanded <= searching.expanded
-        at_all = LatticeSearch(t, new_memory(t), lattice, goals)
-        assert at_all.search(math.inf, 10**6, haste=2.0, once=True) is not None
+        assert hasty.expanded_count <= searching.expanded_count
+        at_all = LatticeSearch(t, new_path_cost_buffers(t), lattice, goals)
+        assert (
+            at_all.search(math.inf, 10**6, heuristic_weight=2.0, reachability_only=True) is not None
+        )
         assert at_all.cost >= expected * (1 - 1e-9)
-        assert at_all.priced <= searching.priced
+        assert at_all.priced_count <= searching.priced_count
         via, reached = route
         assert reached == 0
         assert via[0] == pytest.approx(machine.cylinder_lengths(start))
         assert via[-1] == pytest.approx(machine.cylinder_lengths(goal))
         tip = machine.tip_position(goal)
         psi, still = np.array([[goal.sum()]]), np.zeros(1)
-        exactly = GoalPostures(
-            (tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, still, None
-        )
-        bound = least_cost_to(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
+        exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, still, None)
+        bound = lower_bound_to_goals(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1
     assert found >= 2
@@ -152,8 +158,8 @@ def test_lattices_cover_the_joints_ranges_with_steps_as_asked(machine, posture_w
     start = posture_within(machine, np.random.default_rng(2))
     limits, links = machine.arrays, machine.arrays.link_length
     for lattice, step in (
-        (evenly_long(machine, start, 5e-3), None),
-        (evenly_turned(machine, start, 0.05), 0.05 / np.cumsum(links[::-1])[::-1]),
+        (lattice_even_in_lengths(machine, start, 5e-3), None),
+        (lattice_even_in_angles(machine, start, 0.05), 0.05 / np.cumsum(links[::-1])[::-1]),
     ):
         first = (lattice.start // lattice.stride) % lattice.shape
         for j in range(3):
@@ -177,24 +183,26 @@ def test_room_that_is_added_on_the_way_changes_nothing(
     t = terms_of(machine, weights=(0.5, 1.0, SWITCH))
     start, goal = next(problems(machine, posture_within, 1))
     goals = goal_at(machine, goal)
-    roomy = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
+    roomy = LatticeSearch(
+        t, new_path_cost_buffers(t), lattice_even_in_lengths(machine, start, SPACING / 2), goals
+    )
     monkeypatch.setattr(lattice_module, "FIRST_ROWS", 1)
-    tight = LatticeSearch(t, new_memory(t), evenly_long(machine, start, SPACING / 2), goals)
+    tight = LatticeSearch(
+        t, new_path_cost_buffers(t), lattice_even_in_lengths(machine, start, SPACING / 2), goals
+    )
     (one, _), (other, _) = (each.search(math.inf, 10**6) for each in (roomy, tight))
     assert np.array_equal(one, other)
-    assert roomy.expanded == tight.expanded
-    assert tight.met > 54  # more than twice the first room
+    assert roomy.expanded_count == tight.expanded_count
+    assert tight.reached_count > 54  # more than twice the first room
 
 
-def test_nothing_is_found_that_costs_as_much_as_is_known_already(
-    machine, terms_of, posture_within
-):
+def test_nothing_is_found_that_costs_as_much_as_is_known_already(machine, terms_of, posture_within):
     t = terms_of(machine)
     start, goal = next(problems(machine, posture_within, 1))
     goals = goal_at(machine, goal)
 
     def searching():
-        return LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
+        return LatticeSearch(t, new_path_cost_buffers(t), long_steps(machine, start), goals)
 
     best = searching()
     assert best.search(math.inf, 10**6) is not None
@@ -206,9 +214,9 @@ def test_a_search_stops_when_it_is_late_or_has_expanded_enough(machine, terms_of
     t = terms_of(machine)
     start, goal = next(problems(machine, posture_within, 1))
     goals = goal_at(machine, goal)
-    late = LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
+    late = LatticeSearch(t, new_path_cost_buffers(t), long_steps(machine, start), goals)
     assert late.search(math.inf, 10**6, Deadline.after(-1.0)) is None
-    assert late.expanded == 0
-    short = LatticeSearch(t, new_memory(t), long_steps(machine, start), goals)
+    assert late.expanded_count == 0
+    short = LatticeSearch(t, new_path_cost_buffers(t), long_steps(machine, start), goals)
     assert short.search(math.inf, 2) is None
-    assert short.expanded == 2
+    assert short.expanded_count == 2

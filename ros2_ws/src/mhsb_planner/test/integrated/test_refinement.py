@@ -5,13 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mhsb_planner.integrated.refinement import goal_lengths, shortcut, sweep
-from mhsb_planner.integrated.route import (
-    begin_route,
-    continue_route,
-    costs_ahead,
-    new_memory,
-    price_route,
+from mhsb_planner.integrated.cylinder_path import (
+    begin_path,
+    compute_costs_to_go,
+    continue_path,
+    new_path_cost_buffers,
+    price_path,
+)
+from mhsb_planner.integrated.refinement import (
+    compute_goal_lengths,
+    remove_waypoints,
+    sweep_waypoints,
 )
 
 
@@ -25,7 +29,7 @@ def random_route(machine, terms, posture_within, seed, corners=3):
         via = here + np.linspace(0, 1, corners + 2)[:, None] * (there - here)
         via[1:-1] += random.uniform(-3e-3, 3e-3, (corners, 3))
         via = np.clip(via, np.minimum(low, high), np.maximum(low, high))
-        cost = price_route(terms, new_memory(terms), via, start, np.inf)
+        cost = price_path(terms, new_path_cost_buffers(terms), via, start, np.inf)
         if np.isfinite(cost):
             return start, via, end, cost
 
@@ -44,11 +48,15 @@ def test_a_sweep_never_makes_a_route_dearer_and_tells_its_cost(
     tip = tuple(machine.tip_position(end))
     elbow, free = (1 if end[1] > 0 else -1), end.sum(keepdims=True)
     turn = np.array([0.05])
-    moved = sweep(t, new_memory(t), via, start, cost, tip, elbow, free, 2e-3, turn)
+    moved = sweep_waypoints(
+        t, new_path_cost_buffers(t), via, start, cost, tip, elbow, free, 2e-3, turn
+    )
     assert moved <= cost
-    assert moved == pytest.approx(price_route(t, new_memory(t), via, start, np.inf), rel=1e-12)
+    assert moved == pytest.approx(
+        price_path(t, new_path_cost_buffers(t), via, start, np.inf), rel=1e-12
+    )
     length = np.empty(3)
-    assert goal_lengths(t, tip, elbow, free, length)
+    assert compute_goal_lengths(t, tip, elbow, free, length)
     assert via[-1] == pytest.approx(length, abs=1e-9)
     ends = np.sort([machine.cylinder_lengths(q) for q in limits(machine)], axis=0)
     assert np.all((via[1:-1] >= ends[0]) & (via[1:-1] <= ends[1]))
@@ -58,13 +66,13 @@ def test_what_is_behind_a_corner_and_what_is_ahead_add_up_to_the_whole(
     machine, terms_of, posture_within
 ):
     t = terms_of(machine)
-    w, parent = new_memory(t), np.empty((1, len(t.patterns)), dtype=np.int64)
+    w, parent = new_path_cost_buffers(t), np.empty((1, len(t.patterns)), dtype=np.int64)
     for seed in range(5):
         start, via, _, cost = random_route(machine, t, posture_within, seed)
-        ahead = costs_ahead(t, w, via, start)
+        ahead = compute_costs_to_go(t, w, via, start)
         for i in range(1, len(via)):
-            begin_route(t, w, via[0], start)
-            continue_route(t, w, via[: i + 1], np.inf, parent, False)
+            begin_path(t, w, via[0], start)
+            continue_path(t, w, via[: i + 1], np.inf, parent, False)
             assert np.min(w.value[0, :-1] + ahead[i]) == pytest.approx(cost, rel=1e-12)
 
 
@@ -73,7 +81,9 @@ def test_a_route_that_is_not_possible_stays_as_it_is(machine, terms_of, posture_
     start, via, end, _ = random_route(machine, t, posture_within, 0)
     tip, elbow = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1)
     free, turn, before = end.sum(keepdims=True), np.array([0.05]), via.copy()
-    cost = sweep(t, new_memory(t), via, start, np.inf, tip, elbow, free, 2e-3, turn)
+    cost = sweep_waypoints(
+        t, new_path_cost_buffers(t), via, start, np.inf, tip, elbow, free, 2e-3, turn
+    )
     assert (cost, free[0]) == (np.inf, end.sum())
     assert np.array_equal(via, before)
 
@@ -83,10 +93,10 @@ def test_a_route_that_is_not_possible_stays_as_it_is(machine, terms_of, posture_
 def test_a_shortcut_has_fewer_corners_and_costs_no_more(machine, terms_of, posture_within, seed):
     t = terms_of(machine)
     start, via, _, cost = random_route(machine, t, posture_within, seed)
-    shorter, less = shortcut(t, new_memory(t), via, start, cost)
+    shorter, less = remove_waypoints(t, new_path_cost_buffers(t), via, start, cost)
     assert len(shorter) <= len(via)
     assert less <= cost
-    price = price_route(t, new_memory(t), shorter, start, np.inf)
+    price = price_path(t, new_path_cost_buffers(t), shorter, start, np.inf)
     assert price == pytest.approx(less, rel=1e-8)
     assert np.all(shorter[[0, -1]] == via[[0, -1]])
 
@@ -95,13 +105,15 @@ def test_sweeps_lead_a_detour_in_n_back_to_the_lower_bound(machine, terms_of, po
     t = terms_of(machine, weights=(1.0, 0.0, 0.0))
     for seed in range(100):
         start, via, end, cost = random_route(machine, t, posture_within, seed, corners=1)
-        straight = price_route(t, new_memory(t), via[[0, 2]], start, np.inf)
+        straight = price_path(t, new_path_cost_buffers(t), via[[0, 2]], start, np.inf)
         if straight > 0.99 * cost:
             continue
         tip, elbow = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1)
         free, stay = end.sum(keepdims=True), np.zeros(1)
         for stroke in np.repeat([1e-3, 3e-4, 1e-4, 3e-5], 6):
-            cost = sweep(t, new_memory(t), via, start, cost, tip, elbow, free, stroke, stay)
+            cost = sweep_waypoints(
+                t, new_path_cost_buffers(t), via, start, cost, tip, elbow, free, stroke, stay
+            )
         assert cost <= 1.02 * straight
         return
     pytest.fail("no route with a detour was drawn")

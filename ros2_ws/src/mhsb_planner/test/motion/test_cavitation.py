@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.motion.cavitation import cavitating_steps, cavitations_of
+from mhsb_planner.motion.cavitation import find_cavitating_steps, find_cavitations
 from mhsb_planner.planner import Planner, PlanOptions
 
 
@@ -29,7 +29,7 @@ def test_a_plan_tells_of_the_steps_and_times_at_which_inlets_empty(machine, tabl
         [emptied(loaded, q, qd) for q, qd in zip(motion.position, motion.velocity, strict=True)]
     )
     assert expected.any()
-    found = {each.actuator: each for each in cavitations_of(loaded, motion)}
+    found = {each.actuator: each for each in find_cavitations(loaded, motion)}
     span = np.append(np.diff(motion.offset_ns), 0) / SECOND_NS
     for j, name in enumerate(loaded.actuator_names):
         assert expected[:, j].any() == (name in found)
@@ -40,7 +40,7 @@ def test_a_plan_tells_of_the_steps_and_times_at_which_inlets_empty(machine, tabl
     assert plan.cavitations == tuple(found.values())
     assert all(str(each) in plan.warnings for each in plan.cavitations)
 
-    steps = cavitating_steps(loaded, plan.path)
+    steps = find_cavitating_steps(loaded, plan.path)
     for k in range(plan.path.steps):
         start, end = plan.path.posture[k : k + 2]
         velocity = (end - start) / plan.path.duration[k]

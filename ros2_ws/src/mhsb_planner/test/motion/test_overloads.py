@@ -6,7 +6,7 @@ import pytest
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.trajectory import standstill
 from mhsb_planner.motion.motion_profile import MotionProfile
-from mhsb_planner.motion.overloads import overloads
+from mhsb_planner.motion.overloads import find_overloads
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 
@@ -31,9 +31,9 @@ def heavy(machine):
 
 def test_only_rests_beyond_the_highest_boost_are_named(machine, heavy):
     light = 0.5 * heavy
-    assert overloads(machine, TIME, profile(light, 0.0)) == ()
-    assert overloads(machine, TIME, profile(heavy, -0.01)) == ()
-    (found,) = overloads(machine, TIME, profile([light, heavy, heavy, light], 0.0))
+    assert find_overloads(machine, TIME, profile(light, 0.0)) == ()
+    assert find_overloads(machine, TIME, profile(heavy, -0.01)) == ()
+    (found,) = find_overloads(machine, TIME, profile([light, heavy, heavy, light], 0.0))
     assert (found.actuator, found.duration, found.at_end) == ("actuator_1", 2.0, False)
     assert found.pressure == pytest.approx(required_pressure(machine.arrays, 0, heavy, 0.0))
     assert "closed valve" in str(found)
@@ -42,7 +42,7 @@ def test_only_rests_beyond_the_highest_boost_are_named(machine, heavy):
 def test_a_load_that_is_pulled_counts_like_one_that_is_pushed(machine):
     m = machine.arrays
     pulled = -1.02 * m.max_boost_pressure * m.rod_area[0]
-    (found,) = overloads(machine, TIME, profile([0.0, 0.0, pulled, pulled], 0.0))
+    (found,) = find_overloads(machine, TIME, profile([0.0, 0.0, pulled, pulled], 0.0))
     assert found.pressure == pytest.approx(required_pressure(m, 0, pulled, 0.0))
     assert found.at_end
     assert "at the goal" in str(found)
@@ -51,7 +51,10 @@ def test_a_load_that_is_pulled_counts_like_one_that_is_pushed(machine):
 def test_a_motion_says_what_it_leaves_to_the_valves(machine):
     loaded = machine.changed(payload=40.0)
     stretched = np.array([0.3, -0.3, -0.3])
-    motion = fit_braking(loaded, standstill(stretched), StartModes.settled([0, 0, 0]))
+    motion = fit_braking(loaded, standstill(stretched), StartModes.create_settled([0, 0, 0]))
     assert [overload.actuator for overload in motion.overloads][:1] == ["actuator_1"]
     folded = np.array(machine.config.simulation.start_posture)
-    assert fit_braking(machine, standstill(folded), StartModes.settled([0, 0, 0])).overloads == ()
+    assert (
+        fit_braking(machine, standstill(folded), StartModes.create_settled([0, 0, 0])).overloads
+        == ()
+    )

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.linkages.linkage import cylinder_length
-from mhsb_planner.motion.s3_following import followed_path, following_motion
+from mhsb_planner.motion.s3_following import compute_followed_path, smooth_path
 from mhsb_planner.motion.s3_ramps import Ramp
 
 FINE = 1e-4  # s
@@ -32,9 +32,9 @@ def convolved(machine, path, motion, ramp):
 
 def test_a_followed_path_is_the_discrete_path_smoothed_by_the_ramps(machine, walk):
     path, ramp = walk(np.random.default_rng(0), 6), Ramp(0.08, 0.038)
-    motion = following_motion(machine, path, ramp, 1.0)
+    motion = smooth_path(machine, path, ramp, 1.0)
     time, expected = convolved(machine, path, motion, ramp)
-    assert motion.pistons(time)[0] == pytest.approx(expected, abs=2e-7)
+    assert motion.sample_pistons(time)[0] == pytest.approx(expected, abs=2e-7)
     q, qd, qdd = motion.sample(time)
     assert lengths(machine, q) == pytest.approx(expected, abs=2e-7)
     assert np.diff(q, axis=0) / FINE == pytest.approx(0.5 * (qd[1:] + qd[:-1]), abs=1e-5)
@@ -47,7 +47,7 @@ def test_following_keeps_joint_limits_speeds_and_flow_of_the_discrete_path(
     machine, walk, seed, slower
 ):
     path = walk(np.random.default_rng(seed), 8)
-    motion = followed_path(machine, path, slower, None, 1.0)
+    motion = compute_followed_path(machine, path, slower, None, 1.0)
     t = np.linspace(0, motion.end, 2000)
     q, qd, _ = motion.sample(t)
     assert np.all(q >= path.posture.min(axis=0) - 1e-12)
@@ -67,23 +67,23 @@ def test_following_keeps_joint_limits_speeds_and_flow_of_the_discrete_path(
 @given(st.integers(0, 2**32))
 def test_acceleration_and_jerk_stay_within_their_limits(machine, walk, seed):
     path = walk(np.random.default_rng(seed), 8, leap=0.5)
-    motion, m = followed_path(machine, path, 1.0, None, 1.0), machine.arrays
+    motion, m = compute_followed_path(machine, path, 1.0, None, 1.0), machine.arrays
     t = np.arange(0, motion.end, 1e-4)
-    acceleration = motion.pistons(t)[2]
+    acceleration = motion.sample_pistons(t)[2]
     assert np.abs(acceleration).max() <= m.max_piston_acceleration * (1 + 1e-6)
     assert np.abs(np.diff(acceleration, axis=0)).max() <= m.max_piston_jerk * 1e-4 * (1 + 1e-6)
 
 
 def test_a_followed_path_lasts_one_ramp_longer_than_the_discrete_one(machine, walk):
     path, ramp = walk(np.random.default_rng(2), 7), Ramp(0.08, 0.038)
-    motion = following_motion(machine, path, ramp, 1.0)
+    motion = smooth_path(machine, path, ramp, 1.0)
     longer = motion.end - path.duration.sum()
     assert 0.118 - 1e-9 <= longer <= 0.118 + 1e-3 * path.steps
 
 
 def test_a_followed_path_starts_and_ends_at_rest_in_the_end_postures(machine, walk):
     path = walk(np.random.default_rng(2), 7)
-    motion = followed_path(machine, path, 1.0, None, 1.0)
+    motion = compute_followed_path(machine, path, 1.0, None, 1.0)
     q, qd, qdd = motion.sample(motion.breaks[[0, -1]])
     assert q == pytest.approx(path.posture[[0, -1]], abs=1e-12)
     assert qd == pytest.approx(np.zeros((2, 3)), abs=1e-10)
@@ -94,19 +94,21 @@ def test_a_shorter_last_ramp_ends_sooner_in_the_same_posture_and_changes_nothing
     machine, walk
 ):
     path = walk(np.random.default_rng(5), 3, leap=3.0)
-    even, brisk = (followed_path(machine, path, 1.0, None, 1.0, last) for last in (1.0, 0.72))
+    even, brisk = (
+        compute_followed_path(machine, path, 1.0, None, 1.0, last) for last in (1.0, 0.72)
+    )
     sooner = even.end - brisk.end
     ramp = even.rise[-1] + even.blend[-1]
     assert sooner == pytest.approx(0.5 * (1.0 - 0.72) * ramp, abs=2.5e-3)
-    t = np.linspace(0.0, even.at[-1], 300)
-    assert brisk.pistons(t)[0] == pytest.approx(even.pistons(t)[0], abs=1e-12)
+    t = np.linspace(0.0, even.ramp_begin[-1], 300)
+    assert brisk.sample_pistons(t)[0] == pytest.approx(even.sample_pistons(t)[0], abs=1e-12)
     q, qd, _ = brisk.sample(np.array([0.0, brisk.end]))
     assert q == pytest.approx(path.posture[[0, -1]], abs=1e-12)
     assert qd == pytest.approx(np.zeros((2, 3)), abs=1e-10)
 
 
 def test_corners_lie_between_breaks_that_are_a_millisecond_apart(machine, walk):
-    motion = followed_path(machine, walk(np.random.default_rng(3), 9), 1.0, None, 1.0)
+    motion = compute_followed_path(machine, walk(np.random.default_rng(3), 9), 1.0, None, 1.0)
     assert np.diff(motion.breaks).min() > 0.999e-3
     assert motion.breaks[[0, -1]] == pytest.approx([0.0, motion.end])
 
@@ -115,7 +117,7 @@ def test_shorter_ramps_come_closer_to_the_nodes(machine, walk):
     path = walk(np.random.default_rng(4), 10)
     worst = []
     for slower in (8.0, 2.0, 1.0):
-        motion = followed_path(machine, path, slower, None, 1.0)
+        motion = compute_followed_path(machine, path, slower, None, 1.0)
         worst.append(np.abs(motion.sample(motion.node_time)[0] - path.posture).max())
     assert worst[0] > worst[1] > worst[2]
     assert worst[2] < 0.02

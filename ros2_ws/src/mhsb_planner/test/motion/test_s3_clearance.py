@@ -6,7 +6,7 @@ import pytest
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
-from mhsb_planner.motion.s3_clearance import CLOSEST_LOOKS, START_LEEWAY, first_contact
+from mhsb_planner.motion.s3_clearance import CLOSEST_LOOKS, START_LEEWAY, find_first_contact
 
 SPACING_NS = 20_000_000
 ZONES = Zones(boxes=((0.7, -0.1, 0.9, 0.1),), tip_circles=((0.4, 0.6, 0.1),))
@@ -42,7 +42,7 @@ def test_a_contact_is_told_where_sampling_finds_one_and_nowhere_else(machine):
         if crowded.clearance(start)[0] < START_LEEWAY:
             continue
         trajectory = swing(start, start + 0.4 * (other - start), random.uniform(1.0, 4.0))
-        contact = first_contact(crowded, trajectory)
+        contact = find_first_contact(crowded, trajectory)
         time, distance = sampled(crowded, trajectory)
         if contact is None:
             assert distance.min() > 0.0
@@ -61,7 +61,7 @@ def test_a_fast_swing_does_not_pass_through_a_thin_wall_between_two_instants(mac
     wall = machine.changed(zones=Zones(tip_boxes=((0.3, 0.0, 1.1, 1e-5),)))
     up, down = np.array([0.4, -0.5, 0.0]), np.array([-0.4, -0.5, 0.0])
     for seconds in np.linspace(0.3, 0.5, 7).round(2):
-        assert "box" in first_contact(wall, swing(up, down, seconds)).name
+        assert "box" in find_first_contact(wall, swing(up, down, seconds)).name
 
 
 def test_an_arm_in_a_zone_may_leave_it_once_and_go_no_deeper(machine):
@@ -70,9 +70,9 @@ def test_an_arm_in_a_zone_may_leave_it_once_and_go_no_deeper(machine):
     zone = machine.changed(zones=Zones(tip_boxes=((x - 0.3, z - 0.4, x + 0.02, z + 0.4),)))
     turn = np.append(np.linalg.solve(machine.jacobian(q)[:, :2], [0.1, 0.0]), 0.0)
     out = swing(q, q + turn, 2.0)
-    assert first_contact(zone, out) is None
-    assert first_contact(zone, standstill(q)) is None
-    deeper = first_contact(zone, swing(q, q - turn, 2.0))
+    assert find_first_contact(zone, out) is None
+    assert find_first_contact(zone, standstill(q)) is None
+    deeper = find_first_contact(zone, swing(q, q - turn, 2.0))
     assert deeper.clearance == pytest.approx(-0.02 - START_LEEWAY, abs=1e-3)
     back = swing(q + turn, q, 2.0)
     there_and_back = Trajectory(
@@ -83,11 +83,11 @@ def test_an_arm_in_a_zone_may_leave_it_once_and_go_no_deeper(machine):
             for name in ("position", "velocity", "acceleration")
         ),
     )
-    contact = first_contact(zone, there_and_back)
+    contact = find_first_contact(zone, there_and_back)
     assert contact.time > 2.0
     assert contact.clearance == pytest.approx(0.0, abs=1e-3)
 
 
 def test_without_obstacles_there_is_no_contact(machine):
     limits = machine.arrays.joint_min, machine.arrays.joint_max
-    assert first_contact(machine, swing(*limits, 2.0)) is None
+    assert find_first_contact(machine, swing(*limits, 2.0)) is None

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.motion.s3_coasting import coasting
+from mhsb_planner.motion.s3_blend_in import compute_coasting
 from mhsb_planner.motion.s3_trajectory import FitMethod, FitRules, fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 
-NORMAL = StartModes.settled([0, 0, 0])
-RULES = FitRules.following()
+NORMAL = StartModes.create_settled([0, 0, 0])
+RULES = FitRules.create_following()
 
 
 def left_on_the_way(machine, walk, seed):
@@ -21,8 +21,8 @@ def left_on_the_way(machine, walk, seed):
     )
     at_ns = going.trajectory.duration_ns // 2
     state = going.trajectory.sample(at_ns)
-    coast = coasting(machine, state)
-    modes = StartModes.during(going.schedule, at_ns)
+    coast = compute_coasting(machine, state)
+    modes = StartModes.read_from(going.schedule, at_ns)
     return state, modes, coast, walk(random, 5, coast.posture, 0.0)
 
 

@@ -6,7 +6,7 @@ import pytest
 from mhsb_model.braking import brake_along
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.motion.s3_candidates import FitRules
-from mhsb_planner.motion.s3_hard_braking import ever_harder_brakings
+from mhsb_planner.motion.s3_hard_braking import iterate_harder_brakings
 from mhsb_planner.planner import Planner, PlanOptions
 
 STEP_NS = 2_000_000
@@ -17,7 +17,7 @@ GOALS = ((0.55, 0.60), (0.80, -0.30))
 def motion(request, machine, table):
     """A motion made of ramps, which itself keeps the machine's acceleration and jerk."""
     start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
-    options = PlanOptions(planner="integrated", trajectory=FitRules.following().trajectory)
+    options = PlanOptions(planner="integrated", trajectory=FitRules.create_following().trajectory)
     return Planner(machine, table).plan(request.param, start, options=options).motion.trajectory
 
 
@@ -25,7 +25,7 @@ def motion(request, machine, table):
 def brakings(request, machine, motion):
     """The time at which the motion is left [ns], and all brakings from there."""
     at_ns = round(request.param * motion.duration_ns)
-    return at_ns, list(ever_harder_brakings(machine, motion, at_ns))
+    return at_ns, list(iterate_harder_brakings(machine, motion, at_ns))
 
 
 def accelerations(machine, motion):
@@ -75,7 +75,7 @@ def test_a_motion_that_takes_all_that_is_allowed_already_is_braked_with_half_as_
     machine, motion
 ):
     for at_ns in np.linspace(0.02, 0.98, 25) * motion.duration_ns:
-        for braking in ever_harder_brakings(machine, motion, round(at_ns)):
+        for braking in iterate_harder_brakings(machine, motion, round(at_ns)):
             acceleration = accelerations(machine, braking)
             jerk = np.diff(acceleration, axis=0) / (STEP_NS / SECOND_NS)
             assert np.abs(acceleration).max() <= 1.55 * machine.arrays.max_piston_acceleration
@@ -83,6 +83,6 @@ def test_a_motion_that_takes_all_that_is_allowed_already_is_braked_with_half_as_
 
 
 def test_a_motion_that_rests_or_is_over_is_not_braked(machine, motion):
-    assert not list(ever_harder_brakings(machine, motion, motion.stamp_ns))
-    assert not list(ever_harder_brakings(machine, motion, motion.end_ns))
-    assert not list(ever_harder_brakings(machine, motion, motion.end_ns + SECOND_NS))
+    assert not list(iterate_harder_brakings(machine, motion, motion.stamp_ns))
+    assert not list(iterate_harder_brakings(machine, motion, motion.end_ns))
+    assert not list(iterate_harder_brakings(machine, motion, motion.end_ns + SECOND_NS))

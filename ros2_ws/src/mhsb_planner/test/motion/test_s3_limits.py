@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mhsb_model.hydraulics import needs_boost, oil_of, required_pressure
+from mhsb_model.hydraulics import get_shared_hydraulics, needs_boost, required_pressure
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_planner.motion import s3_limits
 from mhsb_planner.motion.motion_profile import MotionProfile
-from mhsb_planner.motion.s3_limits import Demand, Limit, first_violation
+from mhsb_planner.motion.s3_limits import Demand, Limit, find_first_violation
 
 FORCES = st.floats(-4000, 4500)
 MODES = st.sampled_from(list(Mode))
@@ -27,7 +27,7 @@ def speed_limit(machine, j, force, direction, mode):
     m = machine.arrays
     modules = m.modules_per_mode[mode]
     own = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
-    return s3_limits.speed_limit(oil_of(m), *own, force, direction, modules)
+    return s3_limits.speed_limit(get_shared_hydraulics(m), *own, force, direction, modules)
 
 
 def instant(speed, force, modes):
@@ -38,7 +38,7 @@ def instant(speed, force, modes):
 
 def usage(machine, speed, force, modes):
     """Usage at one instant."""
-    return Demand.of(machine, *instant(speed, force, modes)).usage[0]
+    return Demand.from_profile(machine, *instant(speed, force, modes)).usage[0]
 
 
 def ramp(start, end, duration=2.0, points=101):
@@ -154,7 +154,7 @@ def test_a_decoupled_actuator_has_the_flow_of_one_servo_pump_and_a_shared_one_th
 
 def test_a_motion_within_all_limits_has_no_violation(machine):
     motion = ramp(np.array([0.3, -1.4, -1.0]), [0.35, -1.45, -1.1])
-    assert first_violation(machine, motion, hold_schedule(1, 1, 1)) is None
+    assert find_first_violation(machine, motion, hold_schedule(1, 1, 1)) is None
 
 
 def test_a_joint_limit_is_seen_between_the_points(machine):
@@ -162,7 +162,7 @@ def test_a_joint_limit_is_seen_between_the_points(machine):
     q = np.array([[0.3, -1.4, upper[2] - 1e-6]] * 2)
     qd = np.array([[0.0, 0.0, 0.01], [0.0, 0.0, -0.01]])
     motion = Trajectory(0, [0, 20_000_000], q, qd, np.zeros((2, 3)))
-    violation = first_violation(machine, motion, hold_schedule(0, 0, 0))
+    violation = find_first_violation(machine, motion, hold_schedule(0, 0, 0))
     assert violation.limit == Limit.JOINT
     assert 0 < violation.time < 0.02
     assert "joint limit" in str(violation)
@@ -174,7 +174,7 @@ def test_a_joint_beyond_its_limits_may_come_back_but_go_no_farther(machine):
 
     def way_out(*beyond):  # of joint 2, past its lower limit
         position = np.array([[inside[0], m.joint_min[1] - each, inside[2]] for each in beyond])
-        return s3_limits.way_out(m, position)
+        return s3_limits.compute_outward_excess(m, position)
 
     assert way_out(0.03, 0.02, -0.1) == 0.0
     assert way_out(0.03, 0.01, 0.015) == pytest.approx(0.005)
@@ -193,7 +193,7 @@ def test_no_quintic_leaves_the_bound_on_its_joints(machine, seed):
     bound = s3_limits._joint_bound(
         m, motion.offset_ns / SECOND_NS, motion.position, motion.velocity, motion.acceleration
     )
-    inside, _, _ = motion.inside(np.array([0]), np.linspace(0, 1, 200))
+    inside, _, _ = motion.sample_intervals(np.array([0]), np.linspace(0, 1, 200))
     assert s3_limits.joint_excess(m, inside).max() <= bound[0] + 1e-12
 
 
@@ -201,7 +201,7 @@ def test_leaving_the_node_set_is_seen(slider_crank_machine):
     machine = slider_crank_machine
     motion = ramp(np.array([1.4, 0.0, 0.0]), [1.5, 0.12, 0.15], 20.0)
     assert machine.tip_position(motion.position[-1])[0] < 0
-    violation = first_violation(machine, motion, hold_schedule(1, 1, 1))
+    violation = find_first_violation(machine, motion, hold_schedule(1, 1, 1))
     assert violation.limit == Limit.NODE_SET
     assert "workspace" in str(violation)
 
@@ -209,15 +209,15 @@ def test_leaving_the_node_set_is_seen(slider_crank_machine):
 def test_a_load_above_the_supply_pressure_is_not_lifted_in_normal_mode(slider_crank_machine):
     machine = slider_crank_machine
     motion = ramp(np.array([0.0, 0.0, 0.0]), [0.05, 0.0, 0.0], 2.0)
-    refused = first_violation(machine, motion, hold_schedule(0, 0, 0))
+    refused = find_first_violation(machine, motion, hold_schedule(0, 0, 0))
     assert refused.limit == Limit.USAGE
     assert refused.amount == np.inf
-    assert first_violation(machine, motion, hold_schedule(1, 0, 0)) is None
+    assert find_first_violation(machine, motion, hold_schedule(1, 0, 0)) is None
 
 
 def test_modules_beyond_the_budget_are_counted(machine):
     motion = ramp(np.array([0.3, -1.4, -1.0]), [0.35, -1.45, -1.1])
-    violation = first_violation(machine, motion, hold_schedule(2, 2, 1))
+    violation = find_first_violation(machine, motion, hold_schedule(2, 2, 1))
     assert (violation.limit, violation.amount) == (Limit.MODULES, 1.0)
 
 
@@ -234,7 +234,7 @@ def test_violations_agree_with_a_dense_oracle(machine, worst, seed):
     modes = machine.patterns[random.integers(len(machine.patterns))]
     schedule = hold_schedule(*modes)
     measured = worst(motion, schedule)
-    found = first_violation(machine, motion, schedule)
+    found = find_first_violation(machine, motion, schedule)
     broken = {name for name, excess in measured.items() if excess > 1e-6}
     assert (found is not None) == bool(broken), (found, measured)
     if found is not None:

@@ -6,7 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.motion.s3_polynomial import DEGREE, INSTANTS, fit_polynomial, node_times
+from mhsb_planner.motion.s3_polynomial import (
+    CHECK_INSTANTS,
+    POLYNOMIAL_DEGREE,
+    fit_polynomial,
+    node_times,
+)
 
 
 def moving_start(path, random):
@@ -19,19 +24,19 @@ def least_squares_with_conditions(path, start, delay, duration, moving):
     times = np.concatenate([[0.0], delay + node_times(path)]) if delay else node_times(path)
     nodes = np.vstack([start.position, path.posture]) if delay else path.posture
     times = times * duration / times[-1]
-    t = INSTANTS * duration
+    t = CHECK_INSTANTS * duration
     position = np.column_stack([np.interp(t, times, nodes[:, j]) for j in range(3)])
     step = np.searchsorted(times, t, "right") - 1
     velocity = (np.diff(nodes, axis=0) / np.diff(times)[:, None])[step]
 
     def powers(s, order=0):
-        rows = np.zeros((len(s), DEGREE + 1))
-        for i in range(order, DEGREE + 1):
+        rows = np.zeros((len(s), POLYNOMIAL_DEGREE + 1))
+        for i in range(order, POLYNOMIAL_DEGREE + 1):
             factor = np.prod(np.arange(i, i - order, -1.0))
             rows[:, i] = factor * s ** (i - order)
         return rows
 
-    rows = np.vstack([powers(INSTANTS), powers(INSTANTS, 1)])
+    rows = np.vstack([powers(CHECK_INSTANTS), powers(CHECK_INSTANTS, 1)])
     wanted = np.vstack([position, duration * velocity])
     ends = np.array([0.0]), np.array([1.0])
     fixed = [powers(ends[0]), powers(ends[0], 1), powers(ends[1]), powers(ends[1], 1)]
@@ -43,7 +48,7 @@ def least_squares_with_conditions(path, start, delay, duration, moving):
     count = len(conditions)
     system = np.block([[rows.T @ rows, conditions.T], [conditions, np.zeros((count, count))]])
     solution = np.linalg.solve(system, np.vstack([rows.T @ wanted, np.array(given)]))
-    return solution[: DEGREE + 1]
+    return solution[: POLYNOMIAL_DEGREE + 1]
 
 
 @settings(max_examples=15)
@@ -55,7 +60,7 @@ def test_the_fit_is_the_constrained_least_squares_solution(walk, seed, moving):
     delay = 0.15 if moving else 0.0
     curve = fit_polynomial(path, start, delay, 1.3)
     oracle = least_squares_with_conditions(path, start, delay, curve.node_time[-1], moving)
-    s = np.linspace(0, 1, 50)[:, None] ** np.arange(DEGREE + 1)
+    s = np.linspace(0, 1, 50)[:, None] ** np.arange(POLYNOMIAL_DEGREE + 1)
     assert s @ curve.coefficient == pytest.approx(s @ oracle, abs=1e-8)
 
 

@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from mhsb_planner.motion.s3_ramps import SHARE, Ramp, ramp_at, ramp_time, shortest_ramp, whole_ticks
+from mhsb_planner.motion.s3_ramps import (
+    RAMP_LIMIT_SHARE,
+    Ramp,
+    evaluate_ramp,
+    find_ramp_time,
+    round_up_to_time_step,
+    shortest_ramp,
+)
 
 TIMES = st.tuples(st.floats(0.001, 0.5), st.floats(0.001, 0.5)).map(sorted)
 
@@ -23,7 +30,7 @@ def kernel_of(rise, blend, t):
 def test_a_ramp_is_the_convolution_of_two_boxes_integrated_twice(times, share):
     blend, rise = times
     t = share * (rise + blend)
-    way, speed, rate = ramp_at(rise, blend, t)
+    way, speed, rate = evaluate_ramp(rise, blend, t)
     assert rate == pytest.approx(kernel_of(rise, blend, t), rel=1e-9, abs=1e-9)
     corners = [c for c in (0.0, blend, rise, rise + blend) if c < t]
     points = [*corners, t]
@@ -41,8 +48,8 @@ def test_a_ramp_is_the_convolution_of_two_boxes_integrated_twice(times, share):
 def test_the_time_at_which_speed_and_acceleration_have_a_ratio_is_found(times, share):
     blend, rise = times
     t = share * (rise + blend)
-    _, speed, rate = ramp_at(rise, blend, t)
-    assert ramp_time(rise, blend, speed / rate) == pytest.approx(t, rel=1e-6, abs=1e-9)
+    _, speed, rate = evaluate_ramp(rise, blend, t)
+    assert find_ramp_time(rise, blend, speed / rate) == pytest.approx(t, rel=1e-6, abs=1e-9)
 
 
 def test_the_shortest_ramp_to_v_max_has_its_share_of_acceleration_and_jerk(machine):
@@ -50,10 +57,10 @@ def test_the_shortest_ramp_to_v_max_has_its_share_of_acceleration_and_jerk(machi
     assert ramp == pytest.approx((0.12, 0.05))
     fastest = m.max_piston_speed.max()
     acceleration = fastest / ramp.rise
-    assert acceleration == pytest.approx(SHARE * m.max_piston_acceleration, rel=0.02)
+    assert acceleration == pytest.approx(RAMP_LIMIT_SHARE * m.max_piston_acceleration, rel=0.02)
     jerk = fastest / (ramp.rise * ramp.blend)
-    assert jerk == pytest.approx(SHARE * m.max_piston_jerk, rel=0.03)
-    assert jerk <= SHARE * m.max_piston_jerk
+    assert jerk == pytest.approx(RAMP_LIMIT_SHARE * m.max_piston_jerk, rel=0.03)
+    assert jerk <= RAMP_LIMIT_SHARE * m.max_piston_jerk
 
 
 def test_ramps_are_those_of_the_fastest_piston(machine):
@@ -70,7 +77,7 @@ def test_a_slow_machine_never_reaches_its_largest_acceleration(machine):
 
 
 def test_times_are_whole_ticks_and_slower_ramps_are_slower():
-    assert whole_ticks(0.0101) == pytest.approx(0.011)
-    assert whole_ticks(0.011) == pytest.approx(0.011)
-    slower = Ramp(0.08, 0.038).slower(1.0, 3.0)
+    assert round_up_to_time_step(0.0101) == pytest.approx(0.011)
+    assert round_up_to_time_step(0.011) == pytest.approx(0.011)
+    slower = Ramp(0.08, 0.038).scale(1.0, 3.0)
     assert slower == pytest.approx((0.114, 0.08))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from mhsb_planner.motion.s3_stepped import stepped_path
+from mhsb_planner.motion.s3_candidates import compute_stepped_path
 
 
 def test_the_stepped_path_rests_at_every_node_and_is_straight_between_them(machine, walk):
     path = walk(np.random.default_rng(6), 5)
-    curve = stepped_path(machine, path, 1.0)
+    curve = compute_stepped_path(machine, path, 1.0)
     q, qd, qdd = curve.sample(curve.node_time)
     assert q == pytest.approx(path.posture, abs=1e-12)
     assert qd == pytest.approx(np.zeros_like(q), abs=1e-12)
@@ -19,7 +19,7 @@ def test_the_stepped_path_rests_at_every_node_and_is_straight_between_them(machi
 
 def test_the_stepped_path_takes_so_long_that_no_joint_exceeds_the_steps_mean_speed(machine, walk):
     path = walk(np.random.default_rng(7), 5)
-    curve = stepped_path(machine, path, 1.0)
+    curve = compute_stepped_path(machine, path, 1.0)
     speed = np.abs(curve.sample(np.linspace(0, curve.breaks[-1], 4000))[1]).max(axis=0)
     mean = np.abs(np.diff(path.posture, axis=0) / path.duration[:, None]).max(axis=0)
     assert np.all(speed <= mean * (1 + 1e-9))
@@ -27,8 +27,8 @@ def test_the_stepped_path_takes_so_long_that_no_joint_exceeds_the_steps_mean_spe
 
 def test_steps_of_a_short_time_are_no_jerkier_than_others(machine, walk):
     path = walk(np.random.default_rng(8), 5)
-    curve = stepped_path(machine, path, 0.1 * 1.0)
-    slow = stepped_path(machine, path, 1.0)
+    curve = compute_stepped_path(machine, path, 0.1 * 1.0)
+    slow = compute_stepped_path(machine, path, 1.0)
     assert curve.node_time == pytest.approx(0.1 * slow.node_time)
     q, qd, qdd = slow.sample(np.linspace(0, slow.breaks[-1], 9000))
     arms = np.array([machine.moment_arms(row) for row in q])

@@ -26,7 +26,7 @@ from mhsb_planner.motion.s3_trajectory import (
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.search.s2_search import Weights, search
 
-NORMAL = StartModes.settled([0, 0, 0])
+NORMAL = StartModes.create_settled([0, 0, 0])
 TOLERANCE = {"joint": 1e-7, "tip": 2e-6, "modules": 0.0}
 
 
@@ -86,7 +86,7 @@ def test_every_motion_from_a_moving_start_keeps_every_limit(machine, walk, worst
     ((old, at),) = moving_starts(machine, walk, random, 1)
     start = old.trajectory.sample(at)
     brake = brake_along(machine, old.trajectory, at)
-    modes = StartModes.during(old.schedule, at)
+    modes = StartModes.read_from(old.schedule, at)
     path = walk(random, int(random.integers(1, 10)), start=brake.position[-1], leap=0.1)
     motion = fit_trajectory(machine, path, start, modes, brake)
     assert_well_formed(motion, start, path.posture[-1])
@@ -142,7 +142,7 @@ def test_the_last_resort_goes_from_node_to_node_at_rest(machine, walk, worst):
         narrow = changed(
             machine, joint_min=path.posture.min(axis=0), joint_max=path.posture.max(axis=0)
         )
-        motion = from_rest(narrow, path, FitRules(slowness=()))
+        motion = from_rest(narrow, path, FitRules(ramp_factors=()))
         if motion.method == FitMethod.STEPPED:
             break
     assert motion.joint_deviation < 1e-12
@@ -181,7 +181,7 @@ def test_a_start_that_moves_away_at_full_speed_does_not_run_on(machine, walk, wo
             modes=np.zeros((5, 3)),
             duration=np.full(5, max(1.0, at / SECOND_NS / 5)),
         )
-        motion = fit_trajectory(machine, path, start, StartModes.during(old.schedule, at), brake)
+        motion = fit_trajectory(machine, path, start, StartModes.read_from(old.schedule, at), brake)
         assert_keeps_limits(motion, worst, machine)
         turned += motion.braked
 
@@ -212,7 +212,7 @@ def test_a_start_inside_a_mode_change_keeps_the_mode_that_was_just_switched_on(
     path = walk(np.random.default_rng(6), 5)
     start = MotionState.at_rest(path.posture[0])
     changing = ModeSchedule(0, [0, SECOND_NS], [[0, 0, 0], [0, 0, 1]])
-    modes = StartModes.during(changing, SECOND_NS + 50_000_000)
+    modes = StartModes.read_from(changing, SECOND_NS + 50_000_000)
     motion = fit_trajectory(machine, path, start, modes)
     assert motion.schedule.modes[0][2] > 0
     assert motion.schedule.modes_at(200_000_000)[2] > 0
@@ -267,7 +267,7 @@ def test_stopping_brakes_along_the_path_and_holds(machine, walk, worst):
     random = np.random.default_rng(10)
     for old, at in moving_starts(machine, walk, random, 5):
         brake = brake_along(machine, old.trajectory, at)
-        stop = fit_braking(machine, brake, StartModes.during(old.schedule, at))
+        stop = fit_braking(machine, brake, StartModes.read_from(old.schedule, at))
         assert stop.method == FitMethod.BRAKING
         assert stop.trajectory.duration_ns <= 0.8 * SECOND_NS
         assert not stop.trajectory.velocity[-1].any()
@@ -291,13 +291,13 @@ def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
     kernels = [
         s3_limits._demand,
         s3_limits._joint_bound,
-        piston_motion.joint_motion,
-        ramped_motion._pistons,
+        piston_motion.convert_to_joints,
+        ramped_motion._sample_pistons,
         s4_mode_schedule._interval_modes,
     ]
     before = [len(kernel.signatures) for kernel in kernels]
     path = walk(np.random.default_rng(12), 6)
-    from_rest(machine, path, FitRules(slowness=(1.0,)))
+    from_rest(machine, path, FitRules(ramp_factors=(1.0,)))
     assert [len(kernel.signatures) for kernel in kernels] == before
 
 

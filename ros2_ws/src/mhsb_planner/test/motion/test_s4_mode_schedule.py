@@ -24,7 +24,7 @@ from mhsb_planner.motion.s4_mode_schedule import (
 N, DB, SB = Mode.N, Mode.DB, Mode.SB
 LIGHT, HEAVY = 500.0, 3000.0  # N, against extension: below and above what P_S lifts
 SPACING = 0.02
-NORMAL = StartModes.settled([N, N, N])
+NORMAL = StartModes.create_settled([N, N, N])
 
 
 def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)):
@@ -57,9 +57,7 @@ def lifts(begin, end):
 def runs(modes, time, j=0):
     """(mode, begin, end) of the runs of actuator j."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(modes[:, j])) + 1, [len(modes)]])
-    return [
-        (int(modes[a, j]), float(time[a]), float(time[b])) for a, b in pairwise(edges)
-    ]
+    return [(int(modes[a, j]), float(time[a]), float(time[b])) for a, b in pairwise(edges)]
 
 
 def test_a_light_motion_stays_in_normal_mode(machine):
@@ -165,13 +163,13 @@ def test_a_heavy_load_is_boosted_while_it_is_held_for_long_but_not_at_a_short_st
 
 def test_boost_in_force_at_the_start_goes_on_if_it_is_needed_again_soon(machine):
     time, motion = profile(3, [0.006, 0.0, 0.0], lifts(0.25, 2.0))
-    boosted = StartModes.settled([DB, N, N])
+    boosted = StartModes.create_settled([DB, N, N])
     assert runs(scheduled(machine, time, motion, boosted), time)[0][0] == DB
 
 
 def test_boost_in_force_at_the_start_ends_at_once_if_it_is_not_needed(machine):
     time, motion = profile(3, [0.006, 0.0, 0.0])
-    boosted = StartModes.settled([DB, N, N])
+    boosted = StartModes.create_settled([DB, N, N])
     assert not scheduled(machine, time, motion, boosted).any()
 
 
@@ -186,10 +184,10 @@ def test_a_mode_that_has_just_been_switched_on_stays_for_its_dwell(machine):
 
 def test_start_modes_know_since_when_they_are_in_force():
     schedule = ModeSchedule(1000, [0, SECOND_NS, 3 * SECOND_NS], [[0, 0, 0], [1, 0, 0], [1, 2, 0]])
-    start = StartModes.during(schedule, 1000 + 4 * SECOND_NS)
+    start = StartModes.read_from(schedule, 1000 + 4 * SECOND_NS)
     assert start.modes.tolist() == [1, 2, 0]
     assert start.age == pytest.approx([3.0, 1.0, np.inf])
-    early = StartModes.during(schedule, 1000 + 2 * SECOND_NS)
+    early = StartModes.read_from(schedule, 1000 + 2 * SECOND_NS)
     assert early.modes.tolist() == [1, 0, 0]
     assert early.age == pytest.approx([1.0, np.inf, np.inf])
 
@@ -291,7 +289,7 @@ def test_a_motion_that_is_too_short_for_its_switches_is_told_from_others(machine
     modes = interval_modes(machine, time, motion, NORMAL, hold)
     assert modes[:, 0].all()
     assert not keeps_dwell(time, modes, NORMAL, hold)
-    assert keeps_dwell(time, modes, StartModes.settled([DB, N, N]), hold)
+    assert keeps_dwell(time, modes, StartModes.create_settled([DB, N, N]), hold)
     assert not keeps_dwell(time, modes, StartModes([DB, N, N], [0.05, 9.0, 9.0]), hold)
 
 

@@ -28,7 +28,7 @@ def short_move(machine, posture, seconds=0.2):
 
 def test_a_motion_long_enough_for_its_switches_stays_as_it_is(machine):
     motion = short_move(machine, FOLDED)
-    made = ScheduledMotion.of(machine, motion, StartModes.settled([N, N, N]))
+    made = ScheduledMotion.create(machine, motion, StartModes.create_settled([N, N, N]))
     assert made.trajectory is motion
     assert made.keeps_dwell
     assert made.schedule.end_ns == motion.end_ns
@@ -37,20 +37,20 @@ def test_a_motion_long_enough_for_its_switches_stays_as_it_is(machine):
 def test_boost_that_has_just_begun_ends_after_a_rest(machine):
     motion = short_move(machine, FOLDED)
     young = StartModes([DB, N, N], [0.0, 9.0, 9.0])
-    made = ScheduledMotion.of(machine, motion, young)
+    made = ScheduledMotion.create(machine, motion, young)
     assert made.keeps_dwell
     assert made.trajectory.end_ns > motion.end_ns
     rest = made.trajectory.sample(motion.end_ns + 1)
     assert not rest.velocity.any()
     assert rest.position == pytest.approx(motion.position[-1], abs=0)
     assert np.max(np.diff(made.trajectory.offset_ns)) <= 20_000_000
-    assert made.schedule.switched_ns(made.schedule.end_ns)[0] >= 0.3 * SECOND_NS
+    assert made.schedule.find_last_switches(made.schedule.end_ns)[0] >= 0.3 * SECOND_NS
     assert made.schedule.modes[-1].tolist() == [N, N, N]
 
 
 def test_an_arm_at_rest_keeps_boost_for_its_least_time(machine):
     young = StartModes([DB, N, N], [0.1, 9.0, 9.0])
-    made = ScheduledMotion.of(machine, standstill(FOLDED), young)
+    made = ScheduledMotion.create(machine, standstill(FOLDED), young)
     assert made.keeps_dwell
     assert made.schedule.modes_at(int(0.19 * SECOND_NS)).tolist() == [DB, N, N]
     held = holding_modes(machine, machine.piston_forces(FOLDED))

@@ -10,7 +10,7 @@ import pytest
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Verdict
-from mhsb_planner.evaluation.lock_step import World
+from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
@@ -20,7 +20,7 @@ FASTEST = 3.0
 """No joint of the suite's arm is ever planned to turn as fast [rad/s]."""
 
 
-class CheckedWorld(World):
+class CheckedWorld(LockStepWorld):
     """A world that can be asked whether all went well."""
 
     def check_that_nothing_sent_jumps(self) -> None:
@@ -36,7 +36,10 @@ class CheckedWorld(World):
         for stamp in range(1, self.goals + 1):
             [verdict] = self.verdicts(stamp)
             wanted = 1 if verdict.code is Verdict.OK else 0
-            assert len(self.endings(stamp)) == wanted, (verdict, self.endings(stamp))
+            assert len(self.execution_reports(stamp)) == wanted, (
+                verdict,
+                self.execution_reports(stamp),
+            )
 
 
 @pytest.fixture(scope="session")
@@ -45,7 +48,7 @@ def new_world(machine: Machine, table: PostureTable) -> Callable[..., CheckedWor
     replanner = Replanner(machine, table)
 
     def make(planner: str = "table", **settings: float) -> CheckedWorld:
-        replanner.change(machine)
+        replanner.change_machine(machine)
         options = PlanOptions(planner=planner)
         return CheckedWorld(machine, replanner, Settings(machine, options, **settings))
 

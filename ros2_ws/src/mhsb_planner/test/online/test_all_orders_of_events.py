@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_stat
 
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.verdict import Verdict
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.settings import Settings
 
 POINTS = [(0.55, 0.60), (0.55, -0.60), (0.75, 0.55), (0.6, 0.1), (0.9, 0.0), (2.0, 0.0), (0.0, 0.3)]
@@ -33,7 +33,7 @@ class Life(RuleBasedStateMachine):
 
     @rule(point=st.sampled_from(POINTS))
     def a_goal_comes(self, point):
-        self.world.goal(*point)
+        self.world.send_goal(*point)
         self.stops.clear()
 
     @rule(seconds=st.sampled_from([0.005, 0.02, 0.05, 0.2, 1.0, 3.0]))
@@ -47,6 +47,10 @@ class Life(RuleBasedStateMachine):
     @rule(seconds=st.sampled_from([0.001, 0.01, 0.1]))
     def messages_take(self, seconds):
         self.world.transport = seconds
+
+    @rule(report=st.sampled_from([0.0, 0.1, 0.8]), in_force=st.sampled_from([0.0, 0.1, 0.8]))
+    def what_the_arm_tells_takes(self, report, in_force):
+        self.world.report_delay, self.world.in_force_delay = report, in_force
 
     @rule(count=st.integers(1, 3))
     def commands_get_lost(self, count):
@@ -73,8 +77,8 @@ class Life(RuleBasedStateMachine):
 
     @rule()
     def the_arm_starts_anew(self):
-        self.world.arm.start_anew(SECOND_NS)
-        self.world.life.clock_jumped("the clock went back")
+        self.world.arm.restart(SECOND_NS)
+        self.world.life.handle_clock_jump("the clock went back")
 
     @rule(fault=st.sampled_from(["", "a pump failed"]))
     def a_fault_comes_or_goes(self, fault):
@@ -85,14 +89,14 @@ class Life(RuleBasedStateMachine):
     @rule(zones=st.sampled_from([Zones(), BOX]), payload=st.sampled_from([5.0, 10.0]))
     def settings_change(self, zones, payload):
         machine = self.base.machine.changed(payload=payload, zones=zones)
-        self.world.life.change(
+        self.world.life.change_settings(
             Settings(machine, self.base.options, self.base.lead_min, self.base.lead_max)
         )
 
     @invariant()
     def no_goal_is_answered_twice(self):
         for stamp in range(1, self.world.goals + 1):
-            verdicts, endings = self.world.verdicts(stamp), self.world.endings(stamp)
+            verdicts, endings = self.world.verdicts(stamp), self.world.execution_reports(stamp)
             assert len(verdicts) <= 1
             assert len(endings) <= sum(each.code is Verdict.OK for each in verdicts)
 
@@ -113,19 +117,21 @@ class Life(RuleBasedStateMachine):
         stopped = bool(self.stops)
         world.lost, world.transport, world.planning_time = 0, 0.002, 0.02
         world.arm.frozen, world.arm.fault = False, ""
-        world.life.change(self.base)
+        world.report_delay = world.in_force_delay = 0.0
+        world.pass_time(1.0)  # what is still on its way
+        world.life.change_settings(self.base)
         world.pass_time(0.1)
         if stopped:
             world.pass_time(3.0)
             resting = world.arm.reference.position
             world.pass_time(5.0)
             np.testing.assert_array_equal(world.arm.reference.position, resting)
-        world.until(lambda: world.life.idle, 60.0)
+        world.pass_time_until(lambda: world.life.is_idle, 60.0)
         world.check_that_each_goal_was_answered_once()
         goal = (0.5, 0.3)
-        stamp = world.goal(*goal)
+        stamp = world.send_goal(*goal)
         assert world.verdict(stamp).code in (Verdict.OK, Verdict.AT_GOAL)
-        world.until(lambda: world.tip_is_at(*goal))
+        world.pass_time_until(lambda: world.tip_is_at(*goal))
 
 
 @pytest.mark.timeout(600)
@@ -141,3 +147,42 @@ def test_whatever_happens_goals_are_answered_once_and_the_next_one_is_reached(ne
             phases=[Phase.generate],  # a shorter example would take minutes to find
         ),
     )
+
+
+ORDERS = [(0.0, 0.0), (0.0, 0.1), (0.0, 0.8), (0.1, 0.0), (0.8, 0.0), (0.8, 0.7)]
+"""Delays of the arm's report and of `plan_in_force` [s]."""
+
+
+@pytest.mark.parametrize(("report", "in_force"), ORDERS)
+def test_a_fault_in_motion_aborts_with_its_reason_whichever_message_comes_first(
+    world, report, in_force
+):
+    stamp = world.send_goal(0.55, 0.60)
+    world.pass_time_until(lambda: world.arm.is_moving)
+    world.pass_time(1.0)
+    world.report_delay, world.in_force_delay = report, in_force
+    world.arm.fault = "the main pump failed"
+    world.arm.stop_at_once()
+    failed_ns = world.arm.clock_ns
+    ending = world.execution_report(stamp)
+    assert (ending.outcome, ending.reason) == (Outcome.ABORTED, Verdict.FAULT), ending
+    assert "the main pump failed" in ending.sentence
+    assert world.arm.clock_ns - failed_ns <= SECOND_NS
+    world.pass_time(3.0)
+    world.check_that_each_goal_was_answered_once()
+
+
+@pytest.mark.parametrize(("report", "in_force"), ORDERS)
+def test_an_arm_stopped_by_somebody_ends_stopped_whichever_message_comes_first(
+    world, report, in_force
+):
+    stamp = world.send_goal(0.55, 0.60)
+    world.pass_time_until(lambda: world.arm.is_moving)
+    world.pass_time(1.0)
+    world.report_delay, world.in_force_delay = report, in_force
+    world.arm.stop_at_once()
+    assert world.execution_report(stamp).outcome is Outcome.STOPPED, world.execution_report(
+        stamp
+    ).sentence
+    world.pass_time(3.0)
+    world.check_that_each_goal_was_answered_once()

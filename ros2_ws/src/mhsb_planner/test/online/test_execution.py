@@ -1,5 +1,7 @@
 """An accepted goal ends once its plan is in force, and in the right way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,10 +9,10 @@ from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
-from mhsb_model.verdict import Outcome, PlanSummary
-from mhsb_planner.online.arm_view import NO_PLAN, ArmView, Heard
+from mhsb_model.verdict import Outcome, PlanSummary, Verdict
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState, StampedState
 from mhsb_planner.online.execution import Execution
-from mhsb_planner.online.goal_in_hand import GoalInHand
+from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 
@@ -29,13 +31,20 @@ def ending(machine):
     plan = PlanSummary(STAMP, 100.0, 90.0, 5.0, 0, 20.0, 80.0)
     settings = Settings(machine, PlanOptions())
     goal = Goal(1, x, z)
-    execution = Execution(GoalInHand(goal, 0.0, 0.0), command, goal, plan, settings, 0)
-    return lambda view, now_ns: execution.ending(machine, view, now_ns)
+
+    def judge(view, now_ns, **changes):
+        made_with = replace(settings, **changes)
+        execution = Execution(PendingGoal(goal, 0.0, 0.0), command, goal, plan, made_with, 0)
+        executions.setdefault(made_with.reached_tolerance, execution)
+        return executions[made_with.reached_tolerance].judge(machine, view, now_ns)
+
+    executions = {}
+    return judge
 
 
-def view(in_force: int | None, posture=START, fault="") -> ArmView:
-    state = Heard(MotionState.at_rest(posture), STAMP, 0.0)
-    return ArmView(3, reference=state, measured=state, in_force_ns=in_force, fault=fault)
+def view(in_force: int | None, posture=START, fault="") -> ArmState:
+    state = StampedState(MotionState.at_rest(posture), STAMP, 0.0)
+    return ArmState(3, reference=state, measured=state, plan_in_force_ns=in_force, fault=fault)
 
 
 def test_it_goes_on_while_its_plan_is_in_force(ending):
@@ -54,16 +63,32 @@ def test_an_arm_that_ends_elsewhere_is_given_a_second_and_then_aborted(ending):
     assert ending(view(STAMP), FINISH + SECOND_NS).outcome is Outcome.ABORTED
 
 
-def test_an_arm_stopped_on_its_way_is_stopped_and_one_that_is_elsewhere_is_aborted(ending):
-    halfway = START + 0.4 * (END - START)
-    assert ending(view(NO_PLAN, halfway), HALFWAY).outcome is Outcome.STOPPED
-    assert ending(view(NO_PLAN, START - 0.5), HALFWAY).outcome is Outcome.ABORTED
+def test_how_near_the_tip_must_come_is_a_setting_and_judged_within_a_second(ending, machine):
+    beside = END + [0.02, 0.0, 0.0]
+    away = np.hypot(*(machine.tip_position(beside) - machine.tip_position(END)))
+    for tolerance, outcome in ((1.01 * away, Outcome.REACHED), (0.99 * away, Outcome.ABORTED)):
+        judged = ending(view(STAMP, beside), FINISH + SECOND_NS, reached_tolerance=tolerance)
+        assert judged.outcome is outcome
 
 
-def test_an_arm_at_a_fault_is_aborted_with_its_sentence(ending):
-    assert ending(view(NO_PLAN, START, "a pump failed"), HALFWAY) == (
+@pytest.mark.parametrize(
+    ("posture", "outcome"),
+    [(START + 0.4 * (END - START), Outcome.STOPPED), (START - 0.5, Outcome.ABORTED)],
+)
+def test_an_arm_that_holds_early_is_judged_by_its_place_when_no_reason_came_for_a_second(
+    ending, posture, outcome
+):
+    assert ending(view(NO_PLAN, posture), HALFWAY) is None
+    assert ending(view(NO_PLAN, posture), HALFWAY + SECOND_NS - 1) is None
+    assert ending(view(NO_PLAN, posture), HALFWAY + SECOND_NS).outcome is outcome
+
+
+def test_a_fault_is_the_reason_whenever_it_is_heard_within_a_second(ending):
+    assert ending(view(NO_PLAN, START), HALFWAY) is None
+    assert ending(view(NO_PLAN, START, "a pump failed"), HALFWAY + 4 * SECOND_NS // 5) == (
         Outcome.ABORTED,
         "a pump failed",
+        Verdict.FAULT,
     )
 
 

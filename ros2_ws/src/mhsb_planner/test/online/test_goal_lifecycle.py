@@ -10,7 +10,7 @@ from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.online.arm_view import NO_PLAN
+from mhsb_planner.online.arm_state import NO_PLAN
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 
@@ -19,8 +19,8 @@ STRETCHED = (0.95, 0.30)
 
 
 def under_way(world, goal=UP, seconds=1.0) -> int:
-    stamp = world.goal(*goal)
-    world.until(lambda: world.arm.moves)
+    stamp = world.send_goal(*goal)
+    world.pass_time_until(lambda: world.arm.is_moving)
     world.pass_time(seconds)
     return stamp
 
@@ -35,57 +35,57 @@ def across_the_way(world) -> Settings:
 
 
 def test_a_goal_is_planned_confirmed_and_reached(world):
-    stamp = world.goal(*UP)
+    stamp = world.send_goal(*UP)
     assert world.verdict(stamp).code is Verdict.OK
-    ending = world.ending(stamp)
+    ending = world.execution_report(stamp)
     assert ending.outcome is Outcome.REACHED
     assert ending.attempts == 1
     assert ending.plan_stamp_ns == world.verdict(stamp).plan.plan_stamp_ns
     assert world.tip_is_at(*UP)
-    assert world.life.idle
+    assert world.life.is_idle
 
 
 def test_a_goal_in_motion_replaces_the_one_before_when_the_arm_has_confirmed(world):
     first = under_way(world)
-    second = world.goal(*DOWN)
+    second = world.send_goal(*DOWN)
     assert world.verdict(second).code is Verdict.OK
-    assert world.endings(first) == []
-    assert world.ending(first).outcome is Outcome.REPLACED
-    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.execution_reports(first) == []
+    assert world.execution_report(first).outcome is Outcome.REPLACED
+    assert world.execution_report(second).outcome is Outcome.REACHED
 
 
 @pytest.mark.parametrize("pace", [0.3, 0.9])
 def test_goals_are_planned_and_reached_while_the_arm_is_slowed_and_later_than_planned(world, pace):
     first = under_way(world)
-    world.arm.pace = pace
+    world.arm.speed_scaling = pace
     world.pass_time(1.0)
-    second = world.goal(*DOWN)
+    second = world.send_goal(*DOWN)
     assert world.verdict(second).code is Verdict.OK
-    assert world.ending(first).outcome is Outcome.REPLACED
-    world.arm.pace = 1.0
+    assert world.execution_report(first).outcome is Outcome.REPLACED
+    world.arm.speed_scaling = 1.0
     world.pass_time(0.5)
-    third = world.goal(*UP)
-    ending = world.ending(third)
+    third = world.send_goal(*UP)
+    ending = world.execution_report(third)
     assert ending.outcome is Outcome.REACHED
     assert ending.attempts == 1
-    assert world.ending(second).outcome is Outcome.REPLACED
+    assert world.execution_report(second).outcome is Outcome.REPLACED
     assert world.tip_is_at(*UP)
     assert max(world.arm.jumps) < 1e-6
-    again = world.goal(*DOWN)
-    assert world.ending(again).outcome is Outcome.REACHED
+    again = world.send_goal(*DOWN)
+    assert world.execution_report(again).outcome is Outcome.REACHED
 
 
 def test_goals_passed_over_are_superseded_and_the_newest_is_executed(world):
-    stamps = [world.goal(0.6, 0.1 + 0.01 * k) for k in range(10)]
+    stamps = [world.send_goal(0.6, 0.1 + 0.01 * k) for k in range(10)]
     codes = [world.verdict(stamp).code for stamp in stamps]
     assert codes == [Verdict.OK, *[Verdict.SUPERSEDED] * 8, Verdict.OK]
-    assert world.ending(stamps[0]).outcome is Outcome.REPLACED
-    assert world.ending(stamps[-1]).outcome is Outcome.REACHED
+    assert world.execution_report(stamps[0]).outcome is Outcome.REPLACED
+    assert world.execution_report(stamps[-1]).outcome is Outcome.REACHED
 
 
 def test_the_lead_counts_from_the_goals_arrival_to_the_change(world):
     first = under_way(world)
-    lead_ms = world.verdict(world.goal(*DOWN)).plan.lead_ms
+    lead_ms = world.verdict(world.send_goal(*DOWN)).plan.lead_ms
     change_ns = world.life._execution and world.sent[-1]
     assert change_ns is not None
     assert 1e3 * world.planning_time < lead_ms < 150.0
@@ -98,30 +98,30 @@ def test_the_lead_counts_from_the_goals_arrival_to_the_change(world):
 def test_a_plan_that_the_arm_refuses_as_late_is_made_again_with_a_longer_lead(world):
     under_way(world)
     world.transport = 0.15
-    second = world.goal(*DOWN)
-    world.until(lambda: len(world.sent) == 2)
+    second = world.send_goal(*DOWN)
+    world.pass_time_until(lambda: len(world.sent) == 2)
     world.transport = 0.002
-    assert world.ending(second).outcome is Outcome.REACHED
-    assert world.ending(second).attempts > 1
-    leads = [request.lead for request in world.planned[1:]]
+    assert world.execution_report(second).outcome is Outcome.REACHED
+    assert world.execution_report(second).attempts > 1
+    leads = [request.commit_horizon for request in world.planned[1:]]
     assert leads[1] >= 1.5 * leads[0] * (1 - 1e-9)
-    assert world.ending(second).plan_stamp_ns > world.verdict(second).plan.plan_stamp_ns
+    assert world.execution_report(second).plan_stamp_ns > world.verdict(second).plan.plan_stamp_ns
     assert max(world.arm.jumps) <= 1e-6
 
 
 def test_a_plan_that_gets_lost_is_made_again(world):
     first = under_way(world)
     world.lost = 1
-    second = world.goal(*DOWN)
-    assert world.ending(second).outcome is Outcome.REACHED
-    assert world.ending(second).attempts == 2
-    assert world.ending(first).outcome is Outcome.REPLACED
+    second = world.send_goal(*DOWN)
+    assert world.execution_report(second).outcome is Outcome.REACHED
+    assert world.execution_report(second).attempts == 2
+    assert world.execution_report(first).outcome is Outcome.REPLACED
 
 
 def test_from_rest_a_lost_plan_is_only_stamped_anew(world):
     world.lost = 1
-    stamp = world.goal(*UP)
-    assert world.ending(stamp).attempts == 2
+    stamp = world.send_goal(*UP)
+    assert world.execution_report(stamp).attempts == 2
     assert len(world.planned) == 1
     first, again = (command.trajectory for command in world.sent)
     np.testing.assert_array_equal(first.position[-500:], again.position[-500:])
@@ -131,16 +131,16 @@ def test_from_rest_a_lost_plan_is_only_stamped_anew(world):
 def test_a_refused_plan_replaces_nothing_and_the_arm_can_be_stopped_all_the_same(world):
     first = under_way(world)
     world.lost = 99
-    world.goal(*DOWN)
+    world.send_goal(*DOWN)
     world.pass_time(0.3)
-    assert world.life.view.in_force_ns == world.verdict(first).plan.plan_stamp_ns
+    assert world.life.arm_state.plan_in_force_ns == world.verdict(first).plan.plan_stamp_ns
     world.lost = 0
     answers = []
     world.life.stop(lambda *answer: answers.append(answer))
-    world.until(lambda: bool(answers))
+    world.pass_time_until(lambda: bool(answers))
     world.pass_time(3.0)
     assert answers[0][0]
-    assert not world.arm.moves
+    assert not world.arm.is_moving
     assert not world.tip_is_at(*UP)
     assert not world.tip_is_at(*DOWN)
 
@@ -148,19 +148,19 @@ def test_a_refused_plan_replaces_nothing_and_the_arm_can_be_stopped_all_the_same
 def test_after_a_refused_plan_a_zone_across_the_way_stops_the_arm_all_the_same(world):
     first = under_way(world)
     world.lost = 99
-    second = world.goal(*DOWN)
+    second = world.send_goal(*DOWN)
     world.pass_time(0.3)
     world.lost = 0
     settings = across_the_way(world)
-    world.life.change(settings)
+    world.life.change_settings(settings)
     closest = np.inf
     for _ in range(200):
         world.pass_time(0.02)
         closest = min(closest, settings.machine.clearance(world.arm.reference.position)[0])
     assert closest > 0.0
     assert not world.tip_is_at(*UP)
-    world.until(lambda: world.life.idle)
-    assert world.ending(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
+    world.pass_time_until(lambda: world.life.is_idle)
+    assert world.execution_report(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
     assert world.verdict(second).code in (Verdict.OK, Verdict.INFEASIBLE)
 
 
@@ -168,11 +168,11 @@ def test_planning_that_never_comes_in_time_ends_with_not_found_or_deadline(new_w
     world = new_world(lead_max=0.1)
     under_way(world)
     world.planning_time = 0.5
-    stamp = world.goal(*DOWN)
+    stamp = world.send_goal(*DOWN)
     verdict = world.verdict(stamp)
     assert verdict.code is Verdict.DEADLINE
     assert re.search(r"3 tries at the longest lead, \d+\.\d s in all", verdict.sentence)
-    world.ending(1)
+    world.execution_report(1)
     world.check_that_each_goal_was_answered_once()
 
 
@@ -180,32 +180,32 @@ def test_an_accepted_goal_whose_plans_are_never_taken_is_aborted_with_the_reason
     world = new_world(lead_max=0.2)
     first = under_way(world)
     world.lost = 99
-    second = world.goal(*DOWN)
+    second = world.send_goal(*DOWN)
     assert world.verdict(second).code is Verdict.OK
-    ending = world.ending(second)
+    ending = world.execution_report(second)
     assert (ending.outcome, ending.reason) == (Outcome.ABORTED, Verdict.DEADLINE)
     assert ending.attempts >= 3
-    assert world.ending(first).outcome is Outcome.REACHED
+    assert world.execution_report(first).outcome is Outcome.REACHED
 
 
 def test_a_confirmation_that_comes_late_counts_all_the_same(world):
     first = under_way(world)
-    second = world.goal(*DOWN)
-    world.until(lambda: len(world.sent) == 2)
+    second = world.send_goal(*DOWN)
+    world.pass_time_until(lambda: len(world.sent) == 2)
     world.arm.frozen = True
     world.pass_time(1.5)
     world.arm.frozen = False
-    assert world.ending(second).outcome is Outcome.REACHED
-    assert world.ending(first).outcome is Outcome.REPLACED
+    assert world.execution_report(second).outcome is Outcome.REACHED
+    assert world.execution_report(first).outcome is Outcome.REPLACED
     world.check_that_each_goal_was_answered_once()
 
 
 def test_the_lead_falls_again_when_load_ends(world):
     def lead_after(goals: int) -> float:
         for k in range(goals):
-            world.goal(0.6, 0.1 * (-1) ** k)
+            world.send_goal(0.6, 0.1 * (-1) ** k)
             world.pass_time(0.7)
-        return world.life.lead.lead
+        return world.life.horizon_estimator.horizon
 
     idle = lead_after(20)
     world.transport = 0.08
@@ -218,17 +218,17 @@ def test_the_lead_falls_again_when_load_ends(world):
 def test_a_fixed_planning_budget_is_the_lead(new_world):
     world = new_world(planning_budget=0.3)
     under_way(world)
-    world.verdict(world.goal(*DOWN))
-    assert world.planned[-1].lead == pytest.approx(0.3)
+    world.verdict(world.send_goal(*DOWN))
+    assert world.planned[-1].commit_horizon == pytest.approx(0.3)
 
 
 def test_an_arm_that_runs_faster_is_given_its_own_time(world):
-    world.arm.speed = 10.0
+    world.arm.clock_rate = 10.0
     world.pass_time(4.0)
     under_way(world, seconds=0.1)
-    second = world.goal(*DOWN)
-    assert world.ending(second).outcome is Outcome.REACHED
-    assert world.planned[-1].lead > 5 * world.life.lead.lead
+    second = world.send_goal(*DOWN)
+    assert world.execution_report(second).outcome is Outcome.REACHED
+    assert world.planned[-1].commit_horizon > 5 * world.life.horizon_estimator.horizon
 
 
 @pytest.mark.parametrize(
@@ -244,12 +244,12 @@ def test_an_arm_that_froze_before_its_motion_ended_is_not_taken_to_rest(
     world.pass_time(left - left_over)
     world.arm.frozen = True
     world.pass_time(frozen)
-    second = world.goal(*DOWN)
+    second = world.send_goal(*DOWN)
     world.pass_time(0.01)
     world.arm.frozen = False
     assert world.verdict(second).code is Verdict.OK
-    assert world.ending(second).outcome is Outcome.REACHED
-    assert world.ending(first).outcome in (Outcome.REPLACED, Outcome.REACHED)
+    assert world.execution_report(second).outcome is Outcome.REACHED
+    assert world.execution_report(first).outcome in (Outcome.REPLACED, Outcome.REACHED)
     world.check_that_nothing_sent_jumps()
 
 
@@ -258,23 +258,23 @@ def test_an_arm_that_froze_before_its_motion_ended_is_not_taken_to_rest(
 
 @pytest.mark.parametrize("after", [0.0, 0.01, 0.021, 0.024, 0.03, 0.06])
 def test_a_stop_ends_goals_that_are_being_planned_for_or_sent(world, after):
-    stamp = world.goal(*UP)
+    stamp = world.send_goal(*UP)
     world.pass_time(after)
     answers = []
     world.life.stop(lambda *answer: answers.append(answer))
-    world.until(lambda: bool(answers))
+    world.pass_time_until(lambda: bool(answers))
     position = world.arm.command.trajectory.position[-1]
     world.pass_time(3.0)
     assert answers[0][0]
     np.testing.assert_array_equal(world.arm.reference.position, position)
-    assert not world.arm.moves
+    assert not world.arm.is_moving
     [verdict] = world.verdicts(stamp)
     if verdict.code is Verdict.OK:
-        assert world.ending(stamp).outcome is Outcome.STOPPED
+        assert world.execution_report(stamp).outcome is Outcome.STOPPED
     else:
         assert verdict.code is Verdict.STOPPED
-        assert world.endings(stamp) == []
-    assert world.life.idle
+        assert world.execution_reports(stamp) == []
+    assert world.life.is_idle
 
 
 def test_a_stop_whose_command_gets_lost_is_sent_again_and_then_asked_of_the_arm(world):
@@ -282,26 +282,26 @@ def test_a_stop_whose_command_gets_lost_is_sent_again_and_then_asked_of_the_arm(
     world.lost = 99
     answers = []
     world.life.stop(lambda *answer: answers.append(answer))
-    world.until(lambda: bool(answers))
+    world.pass_time_until(lambda: bool(answers))
     assert answers[0][0]
     assert world.asked_arm_to_stop == 1
-    assert world.ending(stamp).outcome is Outcome.STOPPED
-    assert not world.arm.moves
+    assert world.execution_report(stamp).outcome is Outcome.STOPPED
+    assert not world.arm.is_moving
 
 
 def test_a_frozen_arm_that_takes_a_revoked_plan_afterwards_is_braked_at_once(world):
     first = under_way(world)
-    world.goal(*DOWN)
-    world.until(lambda: len(world.sent) == 2)
+    world.send_goal(*DOWN)
+    world.pass_time_until(lambda: len(world.sent) == 2)
     world.arm.frozen = True
     answers = []
     world.life.stop(lambda *answer: answers.append(answer))
     world.pass_time(1.0)
     world.arm.frozen = False
-    world.until(lambda: bool(answers))
+    world.pass_time_until(lambda: bool(answers))
     world.pass_time(3.0)
-    assert not world.arm.moves
-    assert world.ending(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
+    assert not world.arm.is_moving
+    assert world.execution_report(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
     world.check_that_each_goal_was_answered_once()
 
 
@@ -309,54 +309,68 @@ def test_a_frozen_arm_that_takes_a_revoked_plan_afterwards_is_braked_at_once(wor
 @pytest.mark.parametrize("after", [0.0, 0.01, 0.02, 0.025, 0.03, 0.06])
 def test_when_somebody_stops_the_arm_goals_that_had_come_are_void(world, moving, after):
     first = under_way(world) if moving else None
-    stamp = world.goal(*DOWN)
+    stamp = world.send_goal(*DOWN)
     world.pass_time(after)
     world.arm.stop_at_once()
     world.pass_time(3.0)
     resting = world.arm.reference.position
     world.pass_time(5.0)
     np.testing.assert_array_equal(world.arm.reference.position, resting)
-    assert world.life.idle
+    assert world.life.is_idle
     [verdict] = world.verdicts(stamp)
     if verdict.code is Verdict.OK:
-        assert world.ending(stamp).outcome is Outcome.STOPPED
+        assert world.execution_report(stamp).outcome is Outcome.STOPPED
     else:
         assert (verdict.code, verdict.sentence) == (Verdict.STOPPED, "the arm was asked to stop")
     if first is not None:
-        assert world.ending(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
-    assert world.ending(world.goal(*UP)).outcome is Outcome.REACHED
+        assert world.execution_report(first).outcome in (Outcome.STOPPED, Outcome.REPLACED)
+    assert world.execution_report(world.send_goal(*UP)).outcome is Outcome.REACHED
 
 
 def test_a_goal_that_came_before_the_arm_was_stopped_is_void_also_when_it_is_read_later(world):
-    came = world.wall()
+    came = world.steady_time()
     world.pass_time(0.01)
     world.arm.stop_at_once()
     world.pass_time(0.05)
-    world.life.goal(Goal(1, *DOWN), came)
+    world.life.add_goal(Goal(1, *DOWN), came)
     assert world.verdict(1).code is Verdict.STOPPED
     assert not world.planned
 
 
+@pytest.mark.parametrize(("suspended", "code"), [(0.4, Verdict.STOPPED), (0.02, Verdict.OK)])
+def test_a_goal_read_right_after_the_report_of_a_stop_is_void_if_the_planner_was_suspended(
+    world, suspended, code
+):
+    stop_ns = world.arm.clock_ns
+    world.pass_time(suspended)
+    world.life.handle_arm_stop(stop_ns, world.steady_time())
+    world.pass_time(0.02)
+    world.life.add_goal(Goal(77, *DOWN), world.steady_time())
+    assert world.verdict(77).code is code
+    world.pass_time(0.2)
+    assert world.execution_report(world.send_goal(*UP)).outcome is Outcome.REACHED
+
+
 def test_a_plan_that_the_arm_took_after_somebody_had_stopped_it_is_braked(world):
     stamp = under_way(world, seconds=0.02)
-    world.life.heard_stop(world.arm.time_ns)
-    world.until(lambda: not world.arm.moves)
-    assert world.ending(stamp).outcome is Outcome.STOPPED
+    world.life.handle_arm_stop(world.arm.time_ns)
+    world.pass_time_until(lambda: not world.arm.is_moving)
+    assert world.execution_report(stamp).outcome is Outcome.STOPPED
     assert not world.tip_is_at(*UP)
     assert max(world.arm.jumps) <= 1e-6
 
 
 def test_a_stop_of_long_ago_voids_no_goal(world):
-    world.life.goal(Goal(1, *DOWN))
-    world.life.heard_stop(world.arm.time_ns - 3 * SECOND_NS)
+    world.life.add_goal(Goal(1, *DOWN))
+    world.life.handle_arm_stop(world.arm.time_ns - 3 * SECOND_NS)
     assert world.verdict(1).code is Verdict.OK
 
 
 def test_a_goal_after_a_stop_goes_on_from_there(world):
     under_way(world)
     world.life.stop(lambda *answer: None)
-    second = world.goal(*DOWN)
-    assert world.ending(second).outcome is Outcome.REACHED
+    second = world.send_goal(*DOWN)
+    assert world.execution_report(second).outcome is Outcome.REACHED
     assert max(world.arm.jumps) <= 1e-6
 
 
@@ -364,11 +378,11 @@ def test_a_goal_after_a_stop_goes_on_from_there(world):
 
 
 def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
-    stamp = world.goal(*UP)
+    stamp = world.send_goal(*UP)
     world.pass_time(0.01)
     old = world.life._settings
     changed = Settings(old.machine.changed(payload=0.0), old.options)
-    world.life.change(changed)
+    world.life.change_settings(changed)
     assert world.verdict(stamp).code is Verdict.OK
     assert [request.settings for request in world.planned] == [old, changed]
 
@@ -376,58 +390,58 @@ def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
 def test_a_goal_that_nothing_is_left_to_lift_to_is_refused_for_what_is_lost(world):
     old = world.life._settings
     without = old.machine.changed(module_count=0)
-    world.life.change(replace(old, machine=without, lost_servo_pumps=(1, 2, 3, 4)))
-    verdict = world.verdict(world.goal(*STRETCHED))
+    world.life.change_settings(replace(old, machine=without, lost_servo_pumps=(1, 2, 3, 4)))
+    verdict = world.verdict(world.send_goal(*STRETCHED))
     assert verdict.code is Verdict.INFEASIBLE
     assert verdict.sentence.endswith("; the arm does without servo pump 1, 2, 3, 4")
-    world.life.change(old)
-    assert world.verdict(world.goal(*STRETCHED)).code is Verdict.OK
+    world.life.change_settings(old)
+    assert world.verdict(world.send_goal(*STRETCHED)).code is Verdict.OK
 
 
 def test_the_same_goal_again_goes_on_without_a_new_plan(world):
     first = under_way(world)
-    second = world.goal(*UP)
+    second = world.send_goal(*UP)
     verdict = world.verdict(second)
     assert (verdict.code, verdict.plan.continued) == (Verdict.OK, True)
     assert verdict.plan.plan_stamp_ns == world.verdict(first).plan.plan_stamp_ns
-    assert world.ending(first).outcome is Outcome.REPLACED
-    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.execution_report(first).outcome is Outcome.REPLACED
+    assert world.execution_report(second).outcome is Outcome.REACHED
     assert len(world.sent) == 1
 
 
 def test_when_the_clock_goes_back_goals_are_planned_anew_from_the_new_state(world):
     first = under_way(world)
-    second = world.goal(*DOWN)
+    second = world.send_goal(*DOWN)
     world.pass_time(0.01)
-    world.arm.start_anew(5 * SECOND_NS)
-    world.life.clock_jumped("the clock went back")
+    world.arm.restart(5 * SECOND_NS)
+    world.life.handle_clock_jump("the clock went back")
     verdict = world.verdict(second)
     assert verdict.code is Verdict.OK
     assert verdict.plan.plan_stamp_ns < 20 * SECOND_NS
-    assert world.ending(first).outcome is Outcome.ABORTED
-    assert world.ending(second).outcome is Outcome.REACHED
+    assert world.execution_report(first).outcome is Outcome.ABORTED
+    assert world.execution_report(second).outcome is Outcome.REACHED
 
 
 def test_while_the_arm_reports_a_fault_goals_are_refused_with_its_sentence(world):
     first = under_way(world)
-    second = world.goal(*DOWN)
+    second = world.send_goal(*DOWN)
     world.arm.fault = "joint_1 is 0.2 rad behind"
     world.arm.stop_at_once()
     assert world.verdict(second).code is Verdict.FAULT
     assert world.verdict(second).sentence == "joint_1 is 0.2 rad behind"
-    ending = world.ending(first)
+    ending = world.execution_report(first)
     assert (ending.outcome, ending.reason) == (Outcome.ABORTED, Verdict.FAULT)
-    third = world.goal(*DOWN)
+    third = world.send_goal(*DOWN)
     assert world.verdict(third).code is Verdict.FAULT
     world.arm.fault = ""
     world.pass_time(0.1)
-    assert world.ending(world.goal(*DOWN)).outcome is Outcome.REACHED
+    assert world.execution_report(world.send_goal(*DOWN)).outcome is Outcome.REACHED
 
 
 def test_without_a_state_a_goal_waits_and_is_then_refused(world):
     world.arm.frozen = True
     world.pass_time(1.0)
-    stamp = world.goal(*UP)
+    stamp = world.send_goal(*UP)
     began = world.now
     assert world.verdict(stamp).code is Verdict.NO_STATE
     assert 1.9 < world.now - began < 2.2
@@ -435,24 +449,24 @@ def test_without_a_state_a_goal_waits_and_is_then_refused(world):
 
 def test_an_arm_moved_by_somebody_else_is_asked_to_stop_first(world):
     other = under_way(world)
-    world.life.clock_jumped("the planner was started anew")  # it forgets its own command
-    world.endings(other)
-    second = world.goal(*DOWN)
-    assert world.ending(second).outcome is Outcome.REACHED
+    world.life.handle_clock_jump("the planner was started anew")  # it forgets its own command
+    world.execution_reports(other)
+    second = world.send_goal(*DOWN)
+    assert world.execution_report(second).outcome is Outcome.REACHED
     assert world.asked_arm_to_stop == 1
 
 
 def test_goals_out_of_the_workspace_leave_the_motion_as_it_is(world):
     first = under_way(world)
-    assert world.verdict(world.goal(2.0, 0.0)).code is Verdict.OUT_OF_WORKSPACE
-    assert world.verdict(world.goal(0.0, 0.3)).code is Verdict.INFEASIBLE
-    assert world.ending(first).outcome is Outcome.REACHED
+    assert world.verdict(world.send_goal(2.0, 0.0)).code is Verdict.OUT_OF_WORKSPACE
+    assert world.verdict(world.send_goal(0.0, 0.3)).code is Verdict.INFEASIBLE
+    assert world.execution_report(first).outcome is Outcome.REACHED
 
 
 def test_a_goal_that_has_been_reached_is_accepted_and_costs_nothing(world):
-    world.ending(world.goal(*UP))
+    world.execution_report(world.send_goal(*UP))
     sent = len(world.sent)
-    verdict = world.verdict(world.goal(*UP))
+    verdict = world.verdict(world.send_goal(*UP))
     assert (verdict.code, verdict.plan.energy_j) == (Verdict.AT_GOAL, 0.0)
     assert len(world.sent) == sent
     assert world.arm.in_force_ns == NO_PLAN
@@ -460,16 +474,16 @@ def test_a_goal_that_has_been_reached_is_accepted_and_costs_nothing(world):
 
 def test_a_goal_waits_until_the_arm_receives_plans(world):
     world.reachable = False
-    stamp = world.goal(*UP)
+    stamp = world.send_goal(*UP)
     world.pass_time(1.0)
     assert world.planned == []
     world.reachable = True
-    assert world.ending(stamp).outcome is Outcome.REACHED
+    assert world.execution_report(stamp).outcome is Outcome.REACHED
 
 
 def test_an_arm_that_tells_a_reference_is_given_time_to_tell_the_plan_in_force(world):
-    world.life.view.in_force_ns = None
-    world.life.goal(Goal(7, *UP))
+    world.life.arm_state.plan_in_force_ns = None
+    world.life.add_goal(Goal(7, *UP))
     assert world.planned == []
     world.pass_time(0.01)
     assert len(world.planned) == 1

@@ -4,12 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
+from benchmarks.streaming_benchmark import lines
 
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.evaluation.lock_step import World
-from mhsb_planner.evaluation.streaming_benchmark import lines
-from mhsb_planner.online.goal_stream import FURTHEST, GoalStream
+from mhsb_planner.cases.lock_step import LockStepWorld
+from mhsb_planner.online.goal_stream import MAX_LOOKAHEAD_DISTANCE, GoalStream
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planners.options import PlanOptions
@@ -18,7 +18,7 @@ from mhsb_planner.planners.options import PlanOptions
 def heard(samples: list[tuple[float, float, float]]) -> GoalStream:
     stream = GoalStream()
     for x, z, time in samples:
-        stream.hear(Goal(0, x, z), time)
+        stream.add_goal(Goal(0, x, z), time)
     return stream
 
 
@@ -30,7 +30,7 @@ def moving(velocity: tuple[float, float], times: list[float]) -> GoalStream:
 def test_the_velocity_of_an_evenly_moving_goal_is_told_whatever_the_times_between(times):
     stream = moving((0.03, -0.04), times)
     np.testing.assert_allclose(stream.velocity, (0.03, -0.04), atol=1e-12)
-    assert stream.moves(times[-1])
+    assert stream.is_moving(times[-1])
 
 
 def test_with_jitter_of_arrival_the_velocity_is_that_of_the_straight_line_of_least_squares():
@@ -43,30 +43,30 @@ def test_with_jitter_of_arrival_the_velocity_is_that_of_the_straight_line_of_lea
 
 
 def test_two_goals_and_goals_far_apart_or_at_one_place_do_not_move():
-    assert not moving((0.1, 0.0), [1.0, 1.1]).moves(1.1)
-    assert not moving((0.1, 0.0), [1.0, 2.0, 3.0, 4.0]).moves(4.0)
-    assert not moving((0.0, 0.0), [1.0, 1.1, 1.2]).moves(1.2)
+    assert not moving((0.1, 0.0), [1.0, 1.1]).is_moving(1.1)
+    assert not moving((0.1, 0.0), [1.0, 2.0, 3.0, 4.0]).is_moving(4.0)
+    assert not moving((0.0, 0.0), [1.0, 1.1, 1.2]).is_moving(1.2)
 
 
 def test_a_goal_elsewhere_is_another_one():
     stream = moving((0.1, 0.0), [1.0, 1.1, 1.2])
-    stream.hear(Goal(0, 0.9, 0.4), 1.3)
+    stream.add_goal(Goal(0, 0.9, 0.4), 1.3)
     assert stream.velocity == (0.0, 0.0)
 
 
 def test_a_goal_that_comes_no_more_moves_no_more():
     stream = moving((0.1, 0.0), [1.0, 1.1, 1.2])
-    assert stream.moves(1.3)
-    assert not stream.moves(1.4)
+    assert stream.is_moving(1.3)
+    assert not stream.is_moving(1.4)
 
 
 @pytest.mark.parametrize("speed", [0.002, 0.1, 0.4])
 def test_a_plan_ends_at_most_a_little_beyond_where_the_goal_was_last(speed):
     stream = moving((speed, 0.0), [1.0, 1.1, 1.2])
     last = Goal(7, 0.5 + 1.2 * speed, 0.1)
-    ahead = stream.ahead(last, 0.1)
+    ahead = stream.extrapolate(last, 0.1)
     assert ahead.stamp_ns == 7
-    assert ahead.x - last.x == pytest.approx(min(0.1 * speed, FURTHEST))
+    assert ahead.x - last.x == pytest.approx(min(0.1 * speed, MAX_LOOKAHEAD_DISTANCE))
 
 
 def follow(world, speed, rate, seconds):
@@ -74,7 +74,7 @@ def follow(world, speed, rate, seconds):
     stamps = []
     for k in range(1, 1 + round(seconds * rate)):
         z = 0.1 + speed * k / rate
-        stamps.append(world.goal(0.55, z))
+        stamps.append(world.send_goal(0.55, z))
         world.pass_time(1.0 / rate)
     return z, stamps
 
@@ -84,17 +84,17 @@ def test_when_a_moving_goal_stops_the_arm_rests_exactly_there_and_each_goal_is_a
     new_world, planner
 ):
     world = new_world(planner)
-    world.ending(world.goal(0.55, 0.1))
+    world.execution_report(world.send_goal(0.55, 0.1))
     z, stamps = follow(world, 0.05, 20.0, 2.0)
     highest = [0.0]
 
     def ended():
         highest[0] = max(highest[0], world.machine.tip_position(world.arm.reference.position)[1])
-        return bool(world.endings(stamps[-1]))
+        return bool(world.execution_reports(stamps[-1]))
 
-    world.until(ended)
+    world.pass_time_until(ended)
     assert highest[0] <= z + 2e-3
-    assert world.ending(stamps[-1]).outcome is Outcome.REACHED
+    assert world.execution_report(stamps[-1]).outcome is Outcome.REACHED
     x_rest, z_rest = world.machine.tip_position(world.arm.reference.position)
     assert np.hypot(x_rest - 0.55, z_rest - z) < 2e-4
     world.check_that_each_goal_was_answered_once()
@@ -103,9 +103,9 @@ def test_when_a_moving_goal_stops_the_arm_rests_exactly_there_and_each_goal_is_a
 
 def test_where_goals_come_seldom_the_arm_rests_exactly_at_the_last_one_too(new_world):
     world = new_world("integrated")
-    world.ending(world.goal(0.55, 0.1))
+    world.execution_report(world.send_goal(0.55, 0.1))
     z, stamps = follow(world, 0.03, 5.0, 2.0)
-    assert world.ending(stamps[-1]).outcome is Outcome.REACHED
+    assert world.execution_report(stamps[-1]).outcome is Outcome.REACHED
     x_rest, z_rest = world.machine.tip_position(world.arm.reference.position)
     assert np.hypot(x_rest - 0.55, z_rest - z) < 2e-4
     world.check_that_each_goal_was_answered_once()
@@ -114,7 +114,7 @@ def test_where_goals_come_seldom_the_arm_rests_exactly_at_the_last_one_too(new_w
 @pytest.mark.parametrize("by_the_planner", [False, True])
 def test_an_arm_stopped_while_a_goal_moves_stays_stopped(new_world, by_the_planner):
     world = new_world("integrated")
-    world.ending(world.goal(0.55, 0.1))
+    world.execution_report(world.send_goal(0.55, 0.1))
     follow(world, 0.05, 20.0, 1.0)
     if by_the_planner:
         world.life.stop(lambda *answer: None)
@@ -124,16 +124,16 @@ def test_an_arm_stopped_while_a_goal_moves_stays_stopped(new_world, by_the_plann
     resting = world.arm.reference.position
     world.pass_time(3.0)
     np.testing.assert_array_equal(world.arm.reference.position, resting)
-    assert world.life.idle
+    assert world.life.is_idle
     world.check_that_each_goal_was_answered_once()
 
 
 def test_at_fifty_goals_a_second_plans_are_finished_and_the_newest_goal_follows(new_world):
     world = new_world("integrated", lead_min=0.03)
-    world.ending(world.goal(0.55, 0.1))
+    world.execution_report(world.send_goal(0.55, 0.1))
     planned = len(world.planned)
     _, stamps = follow(world, 0.05, 50.0, 2.0)
-    world.ending(stamps[-1])
+    world.execution_report(stamps[-1])
     codes = [world.verdict(stamp).code for stamp in stamps]
     assert set(codes) <= {Verdict.OK, Verdict.SUPERSEDED}
     assert codes.count(Verdict.OK) > 20
@@ -141,7 +141,7 @@ def test_at_fifty_goals_a_second_plans_are_finished_and_the_newest_goal_follows(
     world.check_that_each_goal_was_answered_once()
 
 
-class UnevenWorld(World):
+class UnevenWorld(LockStepWorld):
     """Planning takes now a few milliseconds, now much longer."""
 
     random = np.random.default_rng(0)
@@ -167,12 +167,12 @@ def test_however_long_plans_take_the_arm_does_not_swing_far_beyond_where_a_goal_
         machine, Replanner(machine, table), Settings(machine, PlanOptions(planner="integrated"))
     )
     world.random = np.random.default_rng(seed)
-    world.goal(*line.begin.tolist())
-    world.until(lambda: world.tip_is_at(*line.begin.tolist()), 30.0)
+    world.send_goal(*line.begin.tolist())
+    world.pass_time_until(lambda: world.tip_is_at(*line.begin.tolist()), 30.0)
     began = world.now
     while (passed := world.now - began) * 0.1 < line.length:
-        goal = line.at(0.1 * passed)
-        world.goal(*goal.tolist())
+        goal = line.point_at(0.1 * passed)
+        world.send_goal(*goal.tolist())
         world.pass_time(0.05)
     ahead = (line.end - line.begin) / line.length
     beyond = 0.0

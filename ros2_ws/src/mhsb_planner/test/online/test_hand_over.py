@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mhsb_model.braking import CLOSEST_POINTS_NS
+from mhsb_model.braking import MIN_POINT_SPACING_NS
 from mhsb_model.command import Command
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.online.hand_over import change_over, hand_over
+from mhsb_planner.online.hand_over import choose_hand_over_times, join_commands
 
 STAMP = 1_700_000_000 * SECOND_NS
 BUDGET = 100_000_000
@@ -49,8 +49,10 @@ def coasting(state, duration=2.0):
 
 
 def taken_over(command, now, budget=BUDGET):
-    times = change_over(command, now, budget)
-    return times, hand_over(command, times, coasting(command.trajectory.sample(times.change_ns)))
+    times = choose_hand_over_times(command, now, budget)
+    return times, join_commands(
+        command, times, coasting(command.trajectory.sample(times.change_ns))
+    )
 
 
 @settings(max_examples=60)
@@ -83,7 +85,7 @@ def test_points_are_neither_too_close_nor_too_far_apart(since, budget):
     old = swing()
     times, new = taken_over(old, STAMP + since, budget)
     gaps = np.diff(new.trajectory.offset_ns)
-    assert gaps.min() >= CLOSEST_POINTS_NS
+    assert gaps.min() >= MIN_POINT_SPACING_NS
     assert gaps.max() <= 20_000_000  # what receivers allow
     assert 0 <= times.stamp_ns - (STAMP + since) <= 10_000_000
     assert times.change_ns - times.stamp_ns == budget
@@ -91,8 +93,10 @@ def test_points_are_neither_too_close_nor_too_far_apart(since, budget):
 
 def test_an_old_point_just_after_now_becomes_the_stamp():
     old = swing()
-    assert change_over(old, STAMP + 400_000_000 - 1, BUDGET).stamp_ns == STAMP + 400_000_000
-    assert change_over(old, STAMP + 400_000_000, BUDGET).stamp_ns == STAMP + 400_000_000
+    assert (
+        choose_hand_over_times(old, STAMP + 400_000_000 - 1, BUDGET).stamp_ns == STAMP + 400_000_000
+    )
+    assert choose_hand_over_times(old, STAMP + 400_000_000, BUDGET).stamp_ns == STAMP + 400_000_000
 
 
 def test_stamps_increase_strictly_even_if_the_clock_does_not():
@@ -106,8 +110,8 @@ def test_stamps_increase_strictly_even_if_the_clock_does_not():
 def test_many_hand_overs_in_a_row_stay_on_one_curve():
     command, now = swing(), STAMP + 100_000_000
     for step in range(40):
-        times = change_over(command, now, BUDGET)
-        new = hand_over(command, times, coasting(command.trajectory.sample(times.change_ns)))
+        times = choose_hand_over_times(command, now, BUDGET)
+        new = join_commands(command, times, coasting(command.trajectory.sample(times.change_ns)))
         at = times.stamp_ns + np.arange(0, BUDGET, 1_000_000)
         drift = np.abs(new.trajectory.sample_many(at)[0] - command.trajectory.sample_many(at)[0])
         assert drift.max() < 1e-12
@@ -153,4 +157,4 @@ def test_a_held_arm_is_handed_over_like_a_moving_one():
 
 def test_a_budget_below_the_closest_points_is_refused():
     with pytest.raises(ValueError, match="too short"):
-        change_over(swing(), STAMP, 10)
+        choose_hand_over_times(swing(), STAMP, 10)

@@ -50,7 +50,7 @@ def why_refused(message, joints, now: float) -> str | None:
 def sent(world):
     """Commands from rest, in motion, and one that brakes."""
     for goal in (UP, DOWN, OUT):
-        world.verdict(world.goal(*goal))
+        world.verdict(world.send_goal(*goal))
         world.pass_time(0.7)
     world.life.stop(lambda success, sentence: None)
     world.pass_time(2.0)

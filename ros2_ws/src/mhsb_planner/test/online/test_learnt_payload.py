@@ -3,7 +3,7 @@
 import pytest
 
 from mhsb_model.arm_reports import Estimate
-from mhsb_planner.online.learnt_payload import payload_to_plan_with
+from mhsb_planner.online.settings import choose_payload
 
 
 def learnt(value: float, deviation: float, known: bool = True) -> list[Estimate]:
@@ -12,7 +12,7 @@ def learnt(value: float, deviation: float, known: bool = True) -> list[Estimate]
 
 
 def test_a_payload_that_is_known_well_is_planned_with():
-    assert payload_to_plan_with(learnt(12.0, 0.6), None) == 12.0
+    assert choose_payload(learnt(12.0, 0.6), None) == 12.0
 
 
 @pytest.mark.parametrize(
@@ -20,9 +20,9 @@ def test_a_payload_that_is_known_well_is_planned_with():
 )
 @pytest.mark.parametrize("before", [None, 9.0])
 def test_what_is_not_known_well_leaves_it_as_it_was(estimates, before):
-    assert payload_to_plan_with(estimates, before) == before
+    assert choose_payload(estimates, before) == before
 
 
 def test_small_changes_are_not_worth_new_prices():
-    assert payload_to_plan_with(learnt(12.3, 0.1), 12.0) == 12.0
-    assert payload_to_plan_with(learnt(12.4, 0.1), 12.0) == 12.4
+    assert choose_payload(learnt(12.3, 0.1), 12.0) == 12.0
+    assert choose_payload(learnt(12.4, 0.1), 12.0) == 12.4

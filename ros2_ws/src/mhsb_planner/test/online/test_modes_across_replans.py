@@ -36,7 +36,7 @@ def chain(replanner, machine, table, planner, rng):
             commands.append(made.command)
         now = commands[-1].stamp_ns + int(rng.choice((0.05, 0.2, 0.5, 2.0)) * SECOND_NS)
         if rng.random() < 0.2:
-            commands.append(replanner.stop(commands[-1], now, 0.03)[0])
+            commands.append(replanner.make_braking_command(commands[-1], now, 0.03)[0])
             now = commands[-1].stamp_ns + SECOND_NS // 20
     return commands
 

@@ -10,14 +10,19 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
+from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.planner import Planner, PlanOptions, warm_up
-from mhsb_planner.planners.path_planner import Candidate, Task
-from mhsb_planner.planners.registry import PLANNER_KINDS, PLANNERS, planner_named, summaries
-from mhsb_planner.planners.table import paths_over
+from mhsb_planner.planners.path_planner import PathProposal, PathRequest
+from mhsb_planner.planners.registry import (
+    PLANNER_KINDS,
+    REGISTERED_PLANNERS,
+    get_planner,
+    planner_summaries,
+)
+from mhsb_planner.planners.table import yield_graph_paths
 from mhsb_planner.ros import planner_parameters
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.search_time import SearchTime
 
 
 class DetourPlanner:
@@ -27,20 +32,22 @@ class DetourPlanner:
     summary = "takes the scenic route"
     trajectory = "followed"
     weighs_area = False
-    rivals = ()
+    baselines = ()
     takes = ()
 
     def __init__(self) -> None:
         self.asked = 0
 
-    def paths(self, graph: StepGraph, task: Task, time: SearchTime) -> Iterator[Candidate]:
+    def paths(
+        self, graph: StepGraph, task: PathRequest, time: SearchTime
+    ) -> Iterator[PathProposal]:
         """A path that costs too much, something impossible, then the table's."""
         self.asked += 1
-        [path] = paths_over(graph, task, time)
+        [path] = yield_graph_paths(graph, task, time)
         again = np.concatenate([np.arange(path.steps), [path.steps - 1]])
-        yield Candidate(longer(path, again))
-        assert time.found
-        yield Candidate(path)
+        yield PathProposal(longer(path, again))
+        assert time.has_motion
+        yield PathProposal(path)
         raise NoPathError(task.goal, task.goal)
 
     def warm_up(self, graph: StepGraph) -> None:
@@ -69,7 +76,7 @@ def longer(path, steps):
 @pytest.fixture
 def toy(monkeypatch: pytest.MonkeyPatch) -> DetourPlanner:
     toy = DetourPlanner()
-    monkeypatch.setitem(PLANNERS, toy.name, toy)
+    monkeypatch.setitem(REGISTERED_PLANNERS, toy.name, toy)
     return toy
 
 
@@ -87,27 +94,27 @@ def test_one_registration_makes_a_planner_plan(machine, table, toy):
 def test_one_registration_makes_it_known_to_warm_up_and_help(machine, table, toy):
     warm_up(Planner(machine, table))
     assert toy.asked == -1
-    assert "detour takes the scenic route" in summaries()
+    assert "detour takes the scenic route" in planner_summaries()
 
 
 def test_one_registration_makes_it_a_value_of_the_node_s_parameter(
     ros_context: Context, machine, toy
 ):
     node = Node("with_a_toy", context=ros_context)
-    planner_parameters.declare(node, machine)
+    planner_parameters.declare_changeable(node, machine)
     change = Parameter("planner", value="detour")
-    assert planner_parameters.refusal(node, machine, [change]) is None
+    assert planner_parameters.find_refusal(node, machine, [change]) is None
     node.set_parameters([change])
-    assert planner_parameters.read(node, machine).options.planner == "detour"
+    assert planner_parameters.read_parameters(node, machine).options.planner == "detour"
     assert "scenic" in node.describe_parameter("planner").description
     weight = Parameter("area_weight", value=1.0)
-    assert "needs planner 'integrated'" in planner_parameters.refusal(node, machine, [weight])
+    assert "needs planner 'integrated'" in planner_parameters.find_refusal(node, machine, [weight])
     node.destroy_node()
 
 
 def test_a_planner_that_is_not_there_is_refused_with_those_that_are(machine, table):
     with pytest.raises(RequestError, match="must be one of: table, fixed, integrated"):
-        planner_named("guess")
+        get_planner("guess")
     start = MotionState.at_rest(table.posture[table.feasible][0, 0])
     with pytest.raises(RequestError, match="planner must be one of"):
         Planner(machine, table).plan((0.5, 0.1), start, options=PlanOptions(planner="guess"))
@@ -115,7 +122,7 @@ def test_a_planner_that_is_not_there_is_refused_with_those_that_are(machine, tab
 
 def test_each_planner_is_registered_by_its_own_name():
     assert PLANNER_KINDS == ("table", "fixed", "integrated")
-    assert all(planner.name == name for name, planner in PLANNERS.items())
+    assert all(planner.name == name for name, planner in REGISTERED_PLANNERS.items())
 
 
 @pytest.mark.parametrize("kind", PLANNER_KINDS)

@@ -44,11 +44,11 @@ def test_a_node_is_found_by_its_position_and_no_other_point_is(grid):
     ],
 )
 def test_a_point_is_joined_to_the_corners_of_all_cells_it_lies_in(grid, point, corners):
-    assert {tuple(grid.nodes[node]) for node in grid.around(*point)} == corners
+    assert {tuple(grid.nodes[node]) for node in grid.cell_corners(*point)} == corners
 
 
 def test_a_ring_adds_the_nodes_around_the_corners(grid):
-    wide = {tuple(grid.nodes[node]) for node in grid.around(0.52, 0.31, rings=1)}
+    wide = {tuple(grid.nodes[node]) for node in grid.cell_corners(0.52, 0.31, rings=1)}
     assert wide == {(i, k) for i in range(9, 13) for k in range(5, 9)}
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mhsb_model.files.config_files import config_file
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_model.machine import load_machine
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.posture.s1_polytope import polytope_area
@@ -15,7 +15,7 @@ POINTS = [(0.55, 0.2), (0.9, -0.35), (0.25, 0.6), (1.05, 0.3)]
 
 @pytest.fixture(scope="module")
 def arm():
-    return load_machine(config_file("mhsb_arm4.yaml"))
+    return load_machine(find_config_file("mhsb_arm4.yaml"))
 
 
 @pytest.mark.parametrize("point", POINTS)
@@ -23,7 +23,7 @@ def test_no_entry_is_smaller_than_what_slsqp_finds_from_30_starts(arm, point):
     found = postures_at(arm, *point)
     for p in np.random.default_rng(31).choice(len(arm.patterns), 3, replace=False):
         q, area = largest_by_slsqp(arm, *point, arm.patterns[p], seed=int(p), starts=30)
-        assert within_limits(arm.arrays, q)
+        assert is_within_limits(arm.arrays, q)
         assert arm.tip_position(q) == pytest.approx(point, abs=1e-12)
         assert area == polytope_area(arm, q, arm.patterns[p])
         assert found.area[p] >= 0.999 * area
@@ -34,7 +34,7 @@ def test_every_posture_has_its_tip_at_the_point_is_within_limits_and_has_its_are
         found = postures_at(arm, x, z)
         for q, area, pattern in zip(found.posture, found.area, arm.patterns, strict=True):
             assert arm.tip_position(q) == pytest.approx((x, z), abs=1e-12)
-            assert within_limits(arm.arrays, q)
+            assert is_within_limits(arm.arrays, q)
             assert area == pytest.approx(polytope_area(arm, q, pattern), rel=1e-12)
 
 

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_planner.errors import InfeasibleGoalError, PlanningCancelledError
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.posture.s1_polytope import polytope_area
@@ -22,7 +22,7 @@ def test_every_entry_has_its_tip_on_its_node_within_the_joint_limits(machine, ta
     for node in np.flatnonzero(table.feasible):
         position = table.nodes[node] * table.spacing
         for q in table.posture[node]:
-            assert within_limits(machine.arrays, q)
+            assert is_within_limits(machine.arrays, q)
             assert machine.tip_position(q) == pytest.approx(position, abs=1e-12)
 
 

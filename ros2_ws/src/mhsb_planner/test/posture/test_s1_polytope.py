@@ -11,8 +11,8 @@ from mhsb_planner.posture.s1_polytope import (
     MODE_COUNT,
     cross_products,
     polytope_area,
+    polytope_area_from_limits,
     polytope_vertices,
-    projected_area,
 )
 
 OWN_VALVES = {
@@ -144,7 +144,7 @@ def kernel_area(columns, scale, limit, flow):
     by_mode = np.repeat(limit[:, None, :], MODE_COUNT, axis=1)
     pattern = np.zeros(n, dtype=np.uint8)
     pattern.setflags(write=False)
-    return projected_area(cross, scale, by_mode, pattern, flow)
+    return polytope_area_from_limits(cross, scale, by_mode, pattern, flow)
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5])

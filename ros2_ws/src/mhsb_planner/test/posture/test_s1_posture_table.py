@@ -48,7 +48,9 @@ def test_arrays_are_read_only(table):
 
 def test_a_table_of_another_machine_is_refused_by_name(file, machine):
     other = machine.changed(payload=3.0)
-    with pytest.raises(TableError, match=f"was made for machine mhsb_arm3 .{machine.hash[:12]}"):
+    with pytest.raises(
+        TableError, match=f"was made for machine mhsb_arm3 .{machine.table_hash[:12]}"
+    ):
         PostureTable.load(file, other)
 
 

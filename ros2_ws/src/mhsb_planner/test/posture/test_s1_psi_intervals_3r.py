@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from mhsb_model.inverse_kinematics.closed_form_3r import joint_angles, within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits, solve_last_three_joints
 from mhsb_model.machine import Machine
-from mhsb_planner.posture.s1_psi_intervals_3r import MAX_INTERVALS, feasible, feasible_intervals
+from mhsb_planner.posture.s1_psi_intervals_3r import (
+    MAX_INTERVALS,
+    find_feasible_intervals,
+    solve_posture_at_psi,
+)
 
 TURN = 2 * np.pi
 SCAN = np.linspace(-np.pi, np.pi, 3001)
@@ -13,12 +17,14 @@ SCAN = np.linspace(-np.pi, np.pi, 3001)
 
 def intervals(machine, x, z):
     found = np.empty((MAX_INTERVALS, 3))
-    return found[: feasible_intervals(machine.arrays, x, z, found)]
+    return found[: find_feasible_intervals(machine.arrays, x, z, found)]
 
 
 def is_feasible(machine, x, z, psi, elbow):
     q = np.empty(3)
-    return joint_angles(machine.arrays, x, z, psi, elbow, q) and within_limits(machine.arrays, q)
+    return solve_last_three_joints(machine.arrays, x, z, psi, elbow, q) and is_within_limits(
+        machine.arrays, q
+    )
 
 
 def distance_to_intervals(found, elbow, psi):
@@ -68,9 +74,11 @@ def test_interval_ends_are_feasible_and_the_angles_just_beyond_are_not(machine):
     for x, z in random_points(200):
         for elbow, lower, upper in intervals(machine, x, z):
             for end, outwards in ((lower, -1e-7), (upper, 1e-7)):
-                assert feasible(machine.arrays, x, z, end, int(elbow), q)
+                assert solve_posture_at_psi(machine.arrays, x, z, end, int(elbow), q)
                 joined = distance_to_intervals(intervals(machine, x, z), elbow, end + outwards) < 0
-                assert joined or not feasible(machine.arrays, x, z, end + outwards, int(elbow), q)
+                assert joined or not solve_posture_at_psi(
+                    machine.arrays, x, z, end + outwards, int(elbow), q
+                )
 
 
 def test_the_arm_straight_out_is_one_point(slider_crank_machine):

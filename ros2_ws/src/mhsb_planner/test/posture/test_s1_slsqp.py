@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.posture.s1_slsqp import largest_by_slsqp, search_by_slsqp
@@ -14,7 +14,7 @@ def assert_global_search_is_as_good(machine, table, nodes, patterns_of):
         x, z = table.nodes[node] * table.spacing
         for p in patterns_of(node):
             q, area = largest_by_slsqp(machine, x, z, table.patterns[p], seed=int(p))
-            assert within_limits(machine.arrays, q)
+            assert is_within_limits(machine.arrays, q)
             assert machine.tip_position(q) == pytest.approx((x, z), abs=1e-12)
             assert area == polytope_area(machine, q, table.patterns[p])
             assert table.area[node, p] >= area * (1 - 1e-6)

@@ -10,10 +10,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mhsb_model.command_line import UsageError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
-from mhsb_planner.goal_region import Box, Disc, Segment
+from mhsb_planner.goal_region import BoxRegion, Disc, Segment
 from mhsb_planner.planner import PLANNER_KINDS
 from mhsb_planner.ros import planner_parameters
 
@@ -21,64 +21,64 @@ from mhsb_planner.ros import planner_parameters
 @pytest.fixture
 def node(ros_context: Context, machine) -> Iterator[Node]:
     node = Node("parameters", context=ros_context)
-    planner_parameters.declare(node, machine)
+    planner_parameters.declare_changeable(node, machine)
     yield node
     node.destroy_node()
 
 
 @pytest.fixture(scope="module")
 def excavator():
-    return load_machine(config_file("excavator.yaml"))
+    return load_machine(find_config_file("excavator.yaml"))
 
 
 def test_left_alone_they_ask_for_the_machine_s_own_values(node, machine):
-    found = planner_parameters.read(node, machine)
+    found = planner_parameters.read_parameters(node, machine)
     assert (found.planner, found.options.planner) == ("integrated", "integrated")
-    assert found.machine(machine).hash == machine.hash
+    assert found.apply_to_machine(machine).table_hash == machine.table_hash
 
 
 @pytest.mark.parametrize("kind", PLANNER_KINDS)
 def test_the_planner_can_be_chosen(node, machine, kind):
     change = Parameter("planner", value=kind)
-    assert planner_parameters.refusal(node, machine, [change]) is None
+    assert planner_parameters.find_refusal(node, machine, [change]) is None
     node.set_parameters([change])
-    assert planner_parameters.read(node, machine).options.planner == kind
+    assert planner_parameters.read_parameters(node, machine).options.planner == kind
 
 
 def test_a_planner_that_is_not_there_is_refused_with_those_that_are(node, machine):
-    reason = planner_parameters.refusal(node, machine, [Parameter("planner", value="guess")])
+    reason = planner_parameters.find_refusal(node, machine, [Parameter("planner", value="guess")])
     assert reason == "planner 'guess' is not there; give one of: table, fixed, integrated"
 
 
 def test_the_area_is_weighed_by_the_integrated_planner_alone(node, machine):
     node.set_parameters([Parameter("planner", value="table")])
     weight = Parameter("area_weight", value=300.0)
-    reason = planner_parameters.refusal(node, machine, [weight])
+    reason = planner_parameters.find_refusal(node, machine, [weight])
     assert reason == (
         "area_weight 300 needs planner 'integrated' (is 'table'); "
         "set it to 0 or choose that planner"
     )
     together = [weight, Parameter("planner", value="integrated")]
-    assert planner_parameters.refusal(node, machine, together) is None
+    assert planner_parameters.find_refusal(node, machine, together) is None
     node.set_parameters(together)
-    assert planner_parameters.read(node, machine).options.area_weight == 300.0
+    assert planner_parameters.read_parameters(node, machine).options.area_weight == 300.0
 
 
 def test_parameters_that_clash_from_the_start_are_refused(ros_context, machine):
     overrides = [Parameter("area_weight", value=300.0), Parameter("planner", value="fixed")]
     node = Node("clashing", context=ros_context, parameter_overrides=overrides)
     with pytest.raises(UsageError, match="area_weight 300 needs planner 'integrated'"):
-        planner_parameters.declare(node, machine)
+        planner_parameters.declare_changeable(node, machine)
     node.destroy_node()
 
 
 def set_zones(node, machine, **values):
     node.set_parameters_atomically([Parameter(name, value=value) for name, value in values.items()])
-    return planner_parameters.read(node, machine)
+    return planner_parameters.read_parameters(node, machine)
 
 
 def test_zones_are_flat_arrays_of_numbers_and_replace_those_of_the_file(node, machine):
-    assert planner_parameters.read(node, machine).zones == machine.zones == Zones()
+    assert planner_parameters.read_parameters(node, machine).zones == machine.zones == Zones()
     found = set_zones(
         node,
         machine,
@@ -88,7 +88,7 @@ def test_zones_are_flat_arrays_of_numbers_and_replace_those_of_the_file(node, ma
     assert found.zones == Zones(
         boxes=((0.9, 0.3, 0.7, 0.1), (0.0, 0.9, 0.2, 1.0)), tip_circles=((1.0, 0.0, 1.0),)
     )
-    assert len(found.machine(machine).obstacles.names) == 3
+    assert len(found.apply_to_machine(machine).obstacles.names) == 3
     assert set_zones(node, machine, zone_boxes=[], tip_zone_circles=[]).zones == Zones()
 
 
@@ -96,8 +96,8 @@ def test_an_arm_that_slews_has_zones_in_space(ros_context, excavator):
     node = Node("slewing", context=ros_context)
     zones = Zones(boxes=((1.8, 0.6, -1.0, 2.2, 1.0, 0.5),), tip_spheres=((2.0, -1.0, 0.3, 0.2),))
     crowded = excavator.changed(zones=zones)
-    planner_parameters.declare(node, crowded)
-    assert planner_parameters.read(node, crowded).zones == zones
+    planner_parameters.declare_changeable(node, crowded)
+    assert planner_parameters.read_parameters(node, crowded).zones == zones
     found = set_zones(
         node,
         crowded,
@@ -109,15 +109,15 @@ def test_an_arm_that_slews_has_zones_in_space(ros_context, excavator):
         boxes=((1.8, -1.0, -1.0, 2.2, -0.6, 0.5), (1.8, 0.6, -1.0, 2.2, 1.0, 0.5)),
         tip_cylinders=((2.0, 1.0, 0.0, 1.0, 0.5),),
     )
-    assert len(found.machine(crowded).obstacles.names) == 3
+    assert len(found.apply_to_machine(crowded).obstacles.names) == 3
     node.destroy_node()
 
 
 def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, machine):
     zones = Zones(boxes=((0.7, 0.1, 0.9, 0.3),), circles=((0.5, 0.8, 0.1),))
     node = Node("with_zones", context=ros_context)
-    planner_parameters.declare(node, machine.changed(zones=zones))
-    assert planner_parameters.read(node, machine).zones == zones
+    planner_parameters.declare_changeable(node, machine.changed(zones=zones))
+    assert planner_parameters.read_parameters(node, machine).zones == zones
     node.destroy_node()
 
 
@@ -148,7 +148,7 @@ def test_the_machine_file_s_zones_are_there_until_they_are_changed(ros_context, 
     ],
 )
 def test_what_is_no_zone_is_refused_with_its_sentence(node, machine, name, value, reason):
-    said = planner_parameters.refusal(node, machine, [Parameter(name, value=value)])
+    said = planner_parameters.find_refusal(node, machine, [Parameter(name, value=value)])
     assert re.search(reason, said), said
     assert "\n" not in said
 
@@ -178,8 +178,8 @@ def test_what_is_no_zone_of_an_arm_that_slews_is_refused(
     ros_context, excavator, name, value, reason
 ):
     node = Node("slewing", context=ros_context)
-    planner_parameters.declare(node, excavator)
-    said = planner_parameters.refusal(node, excavator, [Parameter(name, value=value)])
+    planner_parameters.declare_changeable(node, excavator)
+    said = planner_parameters.find_refusal(node, excavator, [Parameter(name, value=value)])
     node.destroy_node()
     assert re.search(reason, said), said
     assert "\n" not in said
@@ -189,7 +189,7 @@ def test_a_zone_that_the_arm_cannot_have_is_refused_from_the_start(ros_context, 
     given = [Parameter("zone_circles", value=[0.5, 0.8, 0.1])]
     node = Node("unfit", context=ros_context, parameter_overrides=given)
     with pytest.raises(UsageError, match=r"zone_circles must be empty: joint 1 slews"):
-        planner_parameters.declare(node, excavator)
+        planner_parameters.declare_changeable(node, excavator)
     node.destroy_node()
 
 
@@ -211,43 +211,53 @@ def test_a_zone_that_the_arm_cannot_have_is_refused_from_the_start(ros_context, 
 )
 def test_what_makes_no_sense_is_refused_with_its_sentence(node, machine, changes, sentence):
     parameters = [Parameter(name, value=value) for name, value in changes.items()]
-    assert planner_parameters.refusal(node, machine, parameters) == sentence
+    assert planner_parameters.find_refusal(node, machine, parameters) == sentence
 
 
 def test_the_lead_adapts_unless_a_budget_is_set(node, machine):
-    assert planner_parameters.read(node, machine).settings(machine).planning_budget == 0.0
+    assert (
+        planner_parameters.read_parameters(node, machine).make_settings(machine).planning_budget
+        == 0.0
+    )
     node.set_parameters([Parameter("planning_budget", value=0.2)])
-    assert planner_parameters.read(node, machine).settings(machine).planning_budget == 0.2
+    assert (
+        planner_parameters.read_parameters(node, machine).make_settings(machine).planning_budget
+        == 0.2
+    )
 
 
 def test_what_will_do_at_the_goal_can_be_set(node, machine):
-    found = planner_parameters.read(node, machine).options
+    found = planner_parameters.read_parameters(node, machine).options
     assert (found.goal_psi, found.goal_region) == (None, None)
     node.set_parameters([Parameter("goal_tolerance", value=0.02)])
-    assert planner_parameters.read(node, machine).options.goal_region == Disc(0.02)
+    assert planner_parameters.read_parameters(node, machine).options.goal_region == Disc(0.02)
     node.set_parameters([Parameter("goal_tolerance", value=0.0)])
     node.set_parameters([Parameter("goal_segment", value=[0.1, -0.05])])
-    assert planner_parameters.read(node, machine).options.goal_region == Segment(0.1, -0.05)
+    assert planner_parameters.read_parameters(node, machine).options.goal_region == Segment(
+        0.1, -0.05
+    )
     node.set_parameters([Parameter("goal_segment", value=[0.0, 0.0])])
     node.set_parameters([Parameter("goal_box", value=[0.1, 0.05])])
-    assert planner_parameters.read(node, machine).options.goal_region == Box(0.1, 0.05)
+    assert planner_parameters.read_parameters(node, machine).options.goal_region == BoxRegion(
+        0.1, 0.05
+    )
     node.set_parameters_atomically(
         [Parameter("goal_psi_min", value=-0.5), Parameter("goal_psi_max", value=0.25)]
     )
-    assert planner_parameters.read(node, machine).options.goal_psi == (-0.5, 0.25)
+    assert planner_parameters.read_parameters(node, machine).options.goal_psi == (-0.5, 0.25)
 
 
 def test_points_on_the_way_are_a_flat_array_of_numbers(node, machine):
-    found = planner_parameters.read(node, machine).options
+    found = planner_parameters.read_parameters(node, machine).options
     assert (found.via, found.via_tolerance) == ((), 0.01)
     points = Parameter("goal_via", value=[0.6, -0.05, 0.7, 0.2])
     near = Parameter("goal_via_tolerance", value=0.02)
-    assert planner_parameters.refusal(node, machine, [points, near]) is None
+    assert planner_parameters.find_refusal(node, machine, [points, near]) is None
     node.set_parameters_atomically([points, near])
-    found = planner_parameters.read(node, machine).options
+    found = planner_parameters.read_parameters(node, machine).options
     assert (found.via, found.via_tolerance) == (((0.6, -0.05), (0.7, 0.2)), 0.02)
     node.set_parameters([Parameter("goal_via", Parameter.Type.DOUBLE_ARRAY, [])])
-    assert planner_parameters.read(node, machine).options.via == ()
+    assert planner_parameters.read_parameters(node, machine).options.via == ()
 
 
 @pytest.mark.parametrize(
@@ -265,7 +275,7 @@ def test_points_on_the_way_are_a_flat_array_of_numbers(node, machine):
 )
 def test_what_makes_no_sense_on_the_way_is_refused(node, machine, changes, reason):
     parameters = [Parameter(name, value=value) for name, value in changes.items()]
-    said = planner_parameters.refusal(node, machine, parameters)
+    said = planner_parameters.find_refusal(node, machine, parameters)
     assert reason in said
     assert "\n" not in said
 
@@ -292,13 +302,13 @@ def test_a_point_cannot_be_passed_at_less_than_no_distance(node):
 )
 def test_what_makes_no_sense_at_the_goal_is_refused(node, machine, changes, reason):
     parameters = [Parameter(name, value=value) for name, value in changes.items()]
-    said = planner_parameters.refusal(node, machine, parameters)
+    said = planner_parameters.find_refusal(node, machine, parameters)
     assert reason in said
     assert "\n" not in said
 
 
 def test_weights_that_are_all_zero_are_refused_with_the_reason(node, machine):
-    assert planner_parameters.refusal(
+    assert planner_parameters.find_refusal(
         node, machine, [Parameter("weights", value=[0.0, 0.0, 0.0])]
     ) == (
         "weights must not all be 0: any motion would be as good as any other; raise one of them "
@@ -309,7 +319,7 @@ def test_weights_that_are_all_zero_are_refused_with_the_reason(node, machine):
 def test_every_number_has_a_range_and_is_refused_beyond_it(node, machine):
     """Of what can be changed: rclpy refuses single numbers, the planner all others."""
     tried = 0
-    for name in planner_parameters.CHANGEABLE:
+    for name in planner_parameters.CHANGEABLE_PARAMETERS:
         descriptor, value = node.describe_parameter(name), node.get_parameter(name).value
         if isinstance(value, str):
             continue
@@ -324,7 +334,7 @@ def test_every_number_has_a_range_and_is_refused_beyond_it(node, machine):
                 change = change[:2] if name in ("goal_segment", "goal_box") else change
             parameter = Parameter(name, value=change)
             by_rclpy = not isinstance(change, list) and bool(ranges)
-            reason = planner_parameters.refusal(node, machine, [parameter])
+            reason = planner_parameters.find_refusal(node, machine, [parameter])
             if by_rclpy:
                 reason = node.set_parameters([parameter])[0].reason
             assert name in (reason or ""), name
@@ -335,5 +345,5 @@ def test_every_number_has_a_range_and_is_refused_beyond_it(node, machine):
 
 def test_weights_beyond_what_costs_can_be_summed_with_are_refused(node, machine):
     change = [Parameter("weights", value=[1e308, 0.0, 0.0])]
-    reason = planner_parameters.refusal(node, machine, change)
+    reason = planner_parameters.find_refusal(node, machine, change)
     assert reason == "weights must be from 0 to 1e+06 (is 1e+308)"

@@ -5,7 +5,7 @@ import pytest
 from visualization_msgs.msg import Marker
 
 from mhsb_model.command import Command
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.ros import views
@@ -21,7 +21,7 @@ def crowded(machine) -> Machine:
 
 
 def shown(machine, command=None):
-    markers = views.markers(machine, command, "", 5).markers
+    markers = views.make_markers(machine, command, "", 5).markers
     assert markers[0].action == Marker.DELETEALL
     keys = [(marker.ns, marker.id) for marker in markers]
     assert len(set(keys)) == len(keys)
@@ -63,7 +63,7 @@ def test_a_plan_is_shown_beside_the_obstacles(crowded, machine):
 
 
 def test_zones_in_space_are_shown_in_the_frame_in_which_they_stand():
-    machine = load_machine(config_file("excavator.yaml"))
+    machine = load_machine(find_config_file("excavator.yaml"))
     zones = Zones(
         boxes=((1.0, 0.5, -1.0, 2.0, 1.5, 0.2),),
         cylinders=((0.5, -2.0, -1.0, 100.0, 0.25),),  # as high as is shown at all

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from mhsb_model.command import Command
-from mhsb_model.inverse_kinematics.closed_form_3r import within_limits
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_planner.cases.paper_cases import paper_case
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, RequestError
-from mhsb_planner.evaluation.paper_cases import paper_case
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.search.fixed_j3 import (
     ELBOW_DOWN,
     ELBOW_UP,
-    elbow_side,
-    fixed_j3_graph,
-    fixed_j3_posture,
+    build_fixed_j3_graph,
+    compute_fixed_j3_posture,
+    find_elbow_side,
 )
 from mhsb_planner.search.s2_search import search
 
@@ -52,7 +52,7 @@ def random_postures(machine, count, seed):
 def test_where_joint_3_can_stay_it_stays(machine):
     for q in random_postures(machine, 300, seed=41):
         x, z = machine.tip_position(q)
-        found = fixed_j3_posture(machine, x, z, q[2], elbow_side(machine, q))
+        found = compute_fixed_j3_posture(machine, x, z, q[2], find_elbow_side(machine, q))
         assert found == pytest.approx(q, abs=1e-7)
         assert found[2] == q[2]
 
@@ -64,8 +64,8 @@ def test_it_is_changed_by_the_fewest_steps_that_give_a_solution(machine):
     for q in random_postures(machine, 60, seed=43):
         x, z = machine.tip_position(q)
         j3 = rng.uniform(low, high)
-        found = fixed_j3_posture(machine, x, z, j3)
-        assert within_limits(machine.arrays, found)
+        found = compute_fixed_j3_posture(machine, x, z, j3)
+        assert is_within_limits(machine.arrays, found)
         assert machine.tip_position(found) == pytest.approx((x, z), abs=1e-9)
         steps = (found[2] - j3) / DEGREE
         assert steps == pytest.approx(round(steps), abs=1e-9)
@@ -80,42 +80,46 @@ def test_the_side_of_the_elbow_is_kept_where_both_will_do(machine):
     both = 0
     for q in random_postures(machine, 500, seed=44):
         x, z = machine.tip_position(q)
-        up, down = (fixed_j3_posture(machine, x, z, q[2], e) for e in (ELBOW_UP, ELBOW_DOWN))
+        up, down = (
+            compute_fixed_j3_posture(machine, x, z, q[2], e) for e in (ELBOW_UP, ELBOW_DOWN)
+        )
         if not np.array_equal(up, down):
             both += 1
-            assert elbow_side(machine, up) == ELBOW_UP
-            assert elbow_side(machine, down) == ELBOW_DOWN
+            assert find_elbow_side(machine, up) == ELBOW_UP
+            assert find_elbow_side(machine, down) == ELBOW_DOWN
     assert both > 0
 
 
 def test_a_node_has_one_posture_for_all_modes(machine, table):
-    graph = fixed_j3_graph(machine, table, -1.0, ELBOW_UP)
+    graph = build_fixed_j3_graph(machine, table, -1.0, ELBOW_UP)
     assert len(graph.layout.posture) == np.count_nonzero(graph.table.feasible)
     for node in np.flatnonzero(graph.table.feasible)[::40]:
         x, z = table.nodes[node] * table.spacing
-        expected = fixed_j3_posture(machine, x, z, -1.0)
+        expected = compute_fixed_j3_posture(machine, x, z, -1.0)
         assert np.array_equal(graph.table.posture[node], np.tile(expected, (23, 1)))
 
 
 def test_a_graph_for_which_there_is_no_time_is_given_up(machine, table, looks):
-    fixed_j3_graph(machine, table, -1.0, ELBOW_UP, deadline=looks.deadline_after(math.inf))
+    build_fixed_j3_graph(machine, table, -1.0, ELBOW_UP, deadline=looks.deadline_after(math.inf))
     needed = looks.count
     assert needed > 10
     for after in range(needed):
         with pytest.raises(DeadlineError):
-            fixed_j3_graph(machine, table, -1.0, ELBOW_UP, deadline=looks.deadline_after(after))
+            build_fixed_j3_graph(
+                machine, table, -1.0, ELBOW_UP, deadline=looks.deadline_after(after)
+            )
         assert looks.count == after + 1
 
 
 def test_its_polytopes_are_smaller_than_those_of_the_posture_table(machine, table):
-    graph = fixed_j3_graph(machine, table, -1.0, ELBOW_UP)
+    graph = build_fixed_j3_graph(machine, table, -1.0, ELBOW_UP)
     reached = graph.table.feasible
     assert np.all(graph.table.area[reached] <= table.area[reached] * (1 + 1e-9))
 
 
 def test_a_path_keeps_joint_3_wherever_it_can(machine, table):
-    start = fixed_j3_posture(machine, 0.50, -0.15, -1.0)
-    graph = fixed_j3_graph(machine, table, -1.0, elbow_side(machine, start))
+    start = compute_fixed_j3_posture(machine, 0.50, -0.15, -1.0)
+    graph = build_fixed_j3_graph(machine, table, -1.0, find_elbow_side(machine, start))
     path = search(graph, start, NORMAL, (0.65, 0.45), WEIGHTS)
     for tip, q in zip(path.tip, path.posture, strict=True):
         if solutions(machine, *tip, -1.0):
@@ -123,16 +127,18 @@ def test_a_path_keeps_joint_3_wherever_it_can(machine, table):
 
 
 def test_a_goal_off_the_grid_is_reached_in_the_same_way(machine, table):
-    start = fixed_j3_posture(machine, 0.50, -0.15, -1.0)
-    graph = fixed_j3_graph(machine, table, -1.0, elbow_side(machine, start))
+    start = compute_fixed_j3_posture(machine, 0.50, -0.15, -1.0)
+    graph = build_fixed_j3_graph(machine, table, -1.0, find_elbow_side(machine, start))
     path = search(graph, start, NORMAL, (0.673, 0.281), WEIGHTS)
-    expected = fixed_j3_posture(machine, 0.673, 0.281, -1.0, elbow_side(machine, start))
+    expected = compute_fixed_j3_posture(
+        machine, 0.673, 0.281, -1.0, find_elbow_side(machine, start)
+    )
     assert np.array_equal(path.posture[-1], expected)
 
 
 def test_the_planner_keeps_joint_3_as_it_is_at_the_start(machine, table):
     planner = Planner(machine, table)
-    start = fixed_j3_posture(machine, 0.50, -0.15, -1.1)
+    start = compute_fixed_j3_posture(machine, 0.50, -0.15, -1.1)
     plan = planner.plan(
         (0.65, 0.45), MotionState.at_rest(start), options=PlanOptions(planner="fixed")
     )
@@ -146,7 +152,7 @@ def test_the_cases_of_the_paper_start_at_their_initial_angle(machine, name):
     case = paper_case(name)
     assert (case.planner, case.options.planner) == ("fixed", "fixed")
     start = case.start_posture(machine)
-    assert np.array_equal(start, fixed_j3_posture(machine, *case.start, case.initial_j3))
+    assert np.array_equal(start, compute_fixed_j3_posture(machine, *case.start, case.initial_j3))
     without = replace(case, initial_j3=None)
     assert machine.tip_position(without.start_posture(machine)) == pytest.approx(case.start)
 
@@ -154,20 +160,20 @@ def test_the_cases_of_the_paper_start_at_their_initial_angle(machine, name):
 def test_an_angle_out_of_its_limits_is_refused(machine, table):
     high = machine.arrays.joint_max[2]
     with pytest.raises(RequestError, match="initial J3 must be within"):
-        fixed_j3_posture(machine, 0.5, 0.1, high + 0.1)
+        compute_fixed_j3_posture(machine, 0.5, 0.1, high + 0.1)
     with pytest.raises(RequestError, match="initial J3 must be within"):
-        fixed_j3_graph(machine, table, float("nan"), ELBOW_UP)
+        build_fixed_j3_graph(machine, table, float("nan"), ELBOW_UP)
 
 
 def test_a_point_out_of_reach_has_no_posture(machine):
     with pytest.raises(InfeasibleGoalError):
-        fixed_j3_posture(machine, 1.1, 0.0, -1.0)
+        compute_fixed_j3_posture(machine, 1.1, 0.0, -1.0)
 
 
 def test_it_replans_from_a_moving_start_and_keeps_joint_3_from_there(machine, table):
     replanner = Replanner(machine, table)
     options = PlanOptions(planner="fixed")
-    start = fixed_j3_posture(machine, 0.50, -0.15, -1.1)
+    start = compute_fixed_j3_posture(machine, 0.50, -0.15, -1.1)
     hold = Command.hold(0, start, NORMAL)
     first = replanner.replan(hold, SECOND_NS, (0.65, 0.45), 0.1, options)
     second = replanner.replan(first.command, 2 * SECOND_NS, (0.60, 0.0), 0.1, options)

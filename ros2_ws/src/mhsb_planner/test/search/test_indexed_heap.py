@@ -4,13 +4,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_planner.search.frontier import empty_frontier
-from mhsb_planner.search.indexed_heap import NOT_IN_HEAP, pop, sift_up
+from mhsb_planner.search.open_list import NOT_IN_HEAP, create_open_list, pop, sift_up
 
 
 @given(keys=st.lists(st.tuples(st.integers(0, 5), st.integers(0, 3)), min_size=1, max_size=40))
 def test_states_come_out_in_order_of_estimate_steps_and_number(keys):
-    states, heap = empty_frontier(len(keys))[:2]
+    states, heap = create_open_list(len(keys))[:2]
     for state, (estimate, depth) in enumerate(keys):
         states[state].estimate, states[state].depth = estimate, depth
         sift_up(states, heap, state, state)
@@ -25,7 +24,7 @@ def test_states_come_out_in_order_of_estimate_steps_and_number(keys):
     less=st.floats(0, 10),
 )
 def test_a_state_whose_estimate_falls_moves_up(first, which, less):
-    states, heap = empty_frontier(len(first))[:2]
+    states, heap = create_open_list(len(first))[:2]
     for state, estimate in enumerate(first):
         states[state].estimate = estimate
         sift_up(states, heap, state, state)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from mhsb_planner.search.s2_edge_costs import PricedSteps
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_pricing import PricedSteps
 from mhsb_planner.search.s2_search import search
 
 
@@ -46,7 +46,7 @@ def test_edges_are_the_admissible_steps_to_the_neighbours(graph, machine, slow_s
 )
 def test_after_a_change_edges_are_those_of_the_changed_machine(graph, machine, slow_steps, change):
     arm = machine.changed(**change)
-    changed = graph.changed(arm)
+    changed = graph.create_for(arm)
     assert_edges_by_the_book(changed, arm, slow_steps, count=5, seed=2)
     fresh = StepGraph(arm, graph.table)
     assert np.array_equal(changed.edges.state, fresh.edges.state)
@@ -55,7 +55,7 @@ def test_after_a_change_edges_are_those_of_the_changed_machine(graph, machine, s
 
 def test_a_change_leaves_the_graph_it_came_from_as_it_was(graph, machine):
     before = graph.edges.cost.tobytes()
-    graph.changed(machine.changed(payload=1.0))
+    graph.create_for(machine.changed(payload=1.0))
     assert graph.edges.cost.tobytes() == before
     with pytest.raises(ValueError, match="read-only"):
         graph.edges.cost[0, 0] = 0.0
@@ -63,7 +63,7 @@ def test_a_change_leaves_the_graph_it_came_from_as_it_was(graph, machine):
 
 def test_a_search_prices_no_more_steps_than_it_comes_by(graph, machine):
     arm = machine.changed(payload=9.0)
-    changed = graph.changed(arm)
+    changed = graph.create_for(arm)
     assert not changed.steps.complete
     start = graph.table.posture[graph.grid.node_at(0.55, 0.20), 0]
     weights, normal = (0.5, 0.0, 2.0), np.zeros(3, dtype=np.uint8)
@@ -85,7 +85,7 @@ def test_a_search_prices_no_more_steps_than_it_comes_by(graph, machine):
 
 
 def test_room_for_steps_grows_as_they_are_priced(graph):
-    steps = PricedSteps(graph.steps.terms, jobs=1, room=0)
+    steps = PricedSteps(graph.steps.cost_model, jobs=1, room=0)
     for postures in np.array_split(np.arange(len(graph.layout.posture)), 7):
         steps.price(postures)
         steps.price(postures[:3])
@@ -94,8 +94,8 @@ def test_room_for_steps_grows_as_they_are_priced(graph):
 
 
 def test_a_search_makes_room_for_the_steps_it_prices(graph, machine):
-    changed = graph.changed(machine)
-    changed.steps = PricedSteps(graph.steps.terms, jobs=1, room=0)
+    changed = graph.create_for(machine)
+    changed.steps = PricedSteps(graph.steps.cost_model, jobs=1, room=0)
     start = graph.table.posture[graph.grid.node_at(0.55, 0.20), 0]
     goal, weights = (0.68, -0.32), (0.5, 0.0, 2.0)
     paths = [search(each, start, np.zeros(3), goal, weights) for each in (graph, changed)]
@@ -108,10 +108,12 @@ def test_every_state_has_its_posture_of_the_table(graph):
     layout, table = graph.layout, graph.table
     for node in range(len(table.nodes)):
         if table.feasible[node]:
-            assert np.array_equal(layout.posture[layout.owner[node]], table.posture[node])
-            assert np.all(layout.node[layout.owner[node]] == node)
+            assert np.array_equal(
+                layout.posture[layout.posture_of_state[node]], table.posture[node]
+            )
+            assert np.all(layout.node[layout.posture_of_state[node]] == node)
         else:
-            assert np.all(layout.owner[node] == -1)
+            assert np.all(layout.posture_of_state[node] == -1)
 
 
 def test_postures_of_a_node_are_distinct(graph):

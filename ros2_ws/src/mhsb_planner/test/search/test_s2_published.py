@@ -181,9 +181,7 @@ def test_both_searches_keep_a_limit_of_expansions(graph, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_both_searches_end_with_the_first_look_that_finds_the_deadline_passed(
-    graph, looks, method
-):
+def test_both_searches_end_with_the_first_look_that_finds_the_deadline_passed(graph, looks, method):
     start = graph.table.posture[graph.grid.node_at(0.55, -0.70), 0]
 
     def searched(after):
@@ -217,7 +215,7 @@ def test_what_it_cannot_work_with_is_refused(graph):
 
 
 def test_where_nothing_leads_it_says_so(graph, machine):
-    heavy = graph.changed(machine.changed(payload=200.0))
+    heavy = graph.create_for(machine.changed(payload=200.0))
     start = graph.table.posture[graph.grid.node_at(0.8, -0.3), 0]
     with pytest.raises(NoPathError):
         search(heavy, start, NORMAL, (0.8, 0.3), ENERGY_OPTIMAL, method="published")
@@ -225,7 +223,7 @@ def test_where_nothing_leads_it_says_so(graph, machine):
 
 def test_cancelling_is_noticed(graph):
     start = graph.table.posture[graph.grid.node_at(0.8, -0.3), 0]
-    heavy = graph.changed(graph.machine.changed(payload=200.0))
+    heavy = graph.create_for(graph.machine.changed(payload=200.0))
     with pytest.raises(PlanningCancelledError):
         search(
             heavy,

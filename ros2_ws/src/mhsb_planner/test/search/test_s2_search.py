@@ -19,10 +19,15 @@ from mhsb_planner.errors import (
     RequestError,
 )
 from mhsb_planner.posture.s1_global_search import postures_at
-from mhsb_planner.search.frontier import NOWHERE
+from mhsb_planner.search.open_list import NO_STATE
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_joining import goal_at, start_at, steps_from_start, steps_to_goal
 from mhsb_planner.search.s2_search import Weights, search
+from mhsb_planner.search.s2_start_goal_edges import (
+    create_goal,
+    create_start,
+    steps_from_start,
+    steps_to_goal,
+)
 from mhsb_planner.search.s2_step import step_costs
 
 NORMAL = np.zeros(3, dtype=np.uint8)
@@ -38,7 +43,7 @@ def cost_of(steps_cost, column, weights):
 def dijkstra_cost(graph, posture, modes, goal_xz, weights, column=1):
     """Cheapest cost by SciPy, on a graph of all states, the start and the goal."""
     layout, edges, patterns = graph.layout, graph.edges, len(graph.table.patterns)
-    states = layout.owner.size
+    states = layout.posture_of_state.size
     start, goal = states, states + 1
     rows, columns, costs = [], [], []
 
@@ -47,26 +52,26 @@ def dijkstra_cost(graph, posture, modes, goal_xz, weights, column=1):
         columns.append(np.asarray(targets))
         costs.append(np.asarray(values, dtype=float))
 
-    place, end = start_at(graph, posture), goal_at(graph, *goal_xz)
+    place, end = create_start(graph, posture), create_goal(graph, *goal_xz)
     leaving = edges.last - edges.first
     edge_cost = cost_of(edges.cost, column, weights)
-    usable = np.flatnonzero(layout.owner.ravel() >= 0)
-    count = leaving[layout.owner.ravel()[usable]]
+    usable = np.flatnonzero(layout.posture_of_state.ravel() >= 0)
+    count = leaving[layout.posture_of_state.ravel()[usable]]
     origin = np.repeat(usable, count)
     offset = np.arange(len(origin)) - np.repeat(np.cumsum(count) - count, count)
-    edge = np.repeat(edges.first[layout.owner.ravel()[usable]], count) + offset
+    edge = np.repeat(edges.first[layout.posture_of_state.ravel()[usable]], count) + offset
     switched = graph.switches[origin % patterns, edges.pattern[edge]]
     add(origin, edges.state[edge], edge_cost[edge] + weights[2] * switched)
 
     first = steps_from_start(graph, place, end)
     switched = np.count_nonzero(graph.table.patterns[first.pattern] != modes, axis=1)
-    target = np.where(first.state == NOWHERE, goal, first.state)
+    target = np.where(first.state == NO_STATE, goal, first.state)
     values = cost_of(first.cost, column, weights) + weights[2] * switched
     add(np.full(len(target), start), target, values)
 
     last, _ = steps_to_goal(graph, end)
     values = cost_of(last.cost, column, weights)
-    owner = layout.owner.ravel()
+    owner = layout.posture_of_state.ravel()
     for posture_index, pattern, value in zip(last.origin, last.pattern, values, strict=True):
         origin = np.flatnonzero(owner == posture_index)
         switched = graph.switches[origin % patterns, pattern]
@@ -92,7 +97,7 @@ def random_queries(graph, count, seed, off_grid):
             posture = posture + rng.uniform(-0.05, 0.05, 3)
             x, z = x + rng.uniform(-0.02, 0.02), z + rng.uniform(-0.02, 0.02)
         try:
-            goal_at(graph, x, z)
+            create_goal(graph, x, z)
         except (InfeasibleGoalError, OutOfWorkspaceError):
             continue
         count -= 1
@@ -169,7 +174,7 @@ def test_the_goal_posture_is_that_of_the_largest_polytope_for_the_last_mode(grap
 
 def test_steps_to_a_goal_on_a_node_are_those_computed_for_it(graph):
     for node in np.flatnonzero(graph.table.feasible)[::50]:
-        goal = goal_at(graph, *(graph.table.nodes[node] * graph.table.spacing))
+        goal = create_goal(graph, *(graph.table.nodes[node] * graph.table.spacing))
         assert goal.node == node
         found, first = steps_to_goal(graph, goal)
         expected, expected_first = steps_to_goal(graph, replace(goal, node=None))
@@ -245,8 +250,8 @@ def test_a_start_among_nodes_out_of_reach_is_joined_to_those_around(graph, machi
     for _ in range(2000):
         q = rng.uniform(machine.arrays.joint_min, machine.arrays.joint_max)
         x, z = machine.tip_position(q)
-        corners = graph.grid.around(x, z)
-        wider = graph.grid.around(x, z, 1)
+        corners = graph.grid.cell_corners(x, z)
+        wider = graph.grid.cell_corners(x, z, 1)
         if not table.feasible[corners].any() and table.feasible[wider].any():
             with suppress(NoPathError):
                 assert search(graph, q, NORMAL, (0.6, 0.0), ENERGY_OPTIMAL).steps > 1
@@ -269,7 +274,7 @@ def test_a_goal_without_posture_is_refused(graph, table):
 
 
 def test_a_load_that_cannot_be_lifted_has_no_path(graph, machine):
-    heavy = graph.changed(machine.changed(payload=200.0))
+    heavy = graph.create_for(machine.changed(payload=200.0))
     with pytest.raises(NoPathError, match="no sequence of admissible steps leads from"):
         search(heavy, a_node(graph, 0.8, -0.3), NORMAL, (0.8, 0.3), ENERGY_OPTIMAL)
 
@@ -292,7 +297,7 @@ def test_a_goal_off_the_grid_is_given_up_when_the_deadline_has_passed(machine, l
 
 
 def test_steps_that_could_not_be_priced_in_time_are_priced_later(graph, machine):
-    lighter = graph.changed(machine.changed(payload=3.0))
+    lighter = graph.create_for(machine.changed(payload=3.0))
     with pytest.raises(DeadlineError, match="the pricing of steps"):
         lighter.steps.price_all(Deadline.after(-1.0))
     assert not lighter.steps.complete

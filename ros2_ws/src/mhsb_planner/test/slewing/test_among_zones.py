@@ -15,13 +15,13 @@ from mhsb_model.types import frozen
 from mhsb_planner.motion.s3_ramps import shortest_ramp
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PlanOptions
-from mhsb_planner.planners.path_planner import Task
-from mhsb_planner.planners.resting import with_rests
-from mhsb_planner.search.area_shortfall import WITHOUT_AREA
+from mhsb_planner.planners.path_planner import PathRequest
+from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.slewing.among_zones import AT_ONCE, PART, quickest_turning
-from mhsb_planner.slewing.sharing_out import path_oil
-from mhsb_planner.slewing.turned_path import RESTS, corners, turned
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
+from mhsb_planner.slewing.among_zones import AT_ONCE, SLEW_PART_ANGLE, find_quickest_turning
+from mhsb_planner.slewing.slew_distribution import compute_path_oil
+from mhsb_planner.slewing.turned_path import REST_STEP, combine_with_slew, find_rest_steps
 
 POST = Zones(cylinders=((2.6, 0.2, -2.0, 0.2, 0.15),))
 LIFTED = 10  # steps of the path up to where it is highest
@@ -31,7 +31,7 @@ BEGAN, ENDED = -0.5, 0.7
 @pytest.fixture(scope="module")
 def over_a_post(excavator):
     """The excavator, a post, and a path of its plane that lifts the tip over it and lowers it."""
-    machine, plane = excavator.changed(zones=POST), excavator.plane
+    machine, plane = excavator.changed(zones=POST), excavator.planar_arm
     low, high = np.array([-0.1, -1.0, -0.9]), np.array([0.75, -1.0, -0.9])
     share = np.concatenate([np.linspace(0, 1, LIFTED + 1), np.linspace(1, 0, LIFTED + 1)[1:]])
     posture = low + share[:, None] * (high - low)
@@ -60,10 +60,10 @@ def is_clear(machine, begin, end):
 
 def least_time(machine, path):
     """From the first corner to the last, over all steps that are clear."""
-    a, plane = machine.arrays, machine.plane
+    a, plane = machine.arrays, machine.planar_arm
     flow = a.main_pump_flow - machine.joint_count * a.leakage_flow
-    oil = path_oil(plane, path.posture)
-    parts = math.ceil((ENDED - BEGAN) / PART)
+    oil = compute_path_oil(plane, path.posture)
+    parts = math.ceil((ENDED - BEGAN) / SLEW_PART_ANGLE)
     angle = np.linspace(BEGAN, ENDED, parts + 1)
     way = 1.2 / parts * abs(machine.moment_arms(np.zeros(4))[0])
     postures = np.column_stack([np.zeros(path.steps + 1), path.posture])
@@ -98,18 +98,18 @@ def least_time(machine, path):
 
 def test_the_plane_turns_as_soon_as_dijkstra_lets_it(over_a_post):
     machine, path = over_a_post
-    turning = quickest_turning(machine, path, BEGAN, ENDED)
+    turning = find_quickest_turning(machine, path, BEGAN, ENDED)
     assert turning.duration.sum() == pytest.approx(least_time(machine, path), rel=1e-9)
     assert turning.duration.sum() > path.duration.sum() + 0.01  # the post takes time
 
 
 def test_a_turned_path_takes_every_step_once_and_keeps_clear(over_a_post):
     machine, path = over_a_post
-    turning = quickest_turning(machine, path, BEGAN, ENDED)
-    assert turning.step[turning.step != RESTS].tolist() == list(range(path.steps))
+    turning = find_quickest_turning(machine, path, BEGAN, ENDED)
+    assert turning.step[turning.step != REST_STEP].tolist() == list(range(path.steps))
     assert turning.angle[[0, -1]] == pytest.approx([BEGAN, ENDED])
     assert np.all(np.diff(turning.angle) >= -1e-12)
-    whole = turned(machine, _task(machine, path), path, turning)
+    whole = combine_with_slew(machine, _task(machine, path), path, turning)
     assert whole.posture[:, 1:][-1] == pytest.approx(path.posture[-1])
     for start, end in itertools.pairwise(whole.posture):
         assert is_clear(machine, start, end)
@@ -122,28 +122,31 @@ def test_a_turned_path_takes_every_step_once_and_keeps_clear(over_a_post):
 
 def _task(machine, path):
     start = np.append(BEGAN, path.posture[0])
-    modes = StartModes.settled(np.zeros(4, dtype=np.uint8))
+    modes = StartModes.create_settled(np.zeros(4, dtype=np.uint8))
     goal = tuple(machine.tip_in_base(np.append(ENDED, path.posture[-1])).tolist())
     state = MotionState.at_rest(start)
-    return Task(goal, state, modes, None, start, PlanOptions(), WITHOUT_AREA)
+    return PathRequest(goal, state, modes, None, start, PlanOptions(), WITHOUT_AREA)
 
 
 def test_behind_a_wall_that_the_path_does_not_pass_there_is_no_turning(over_a_post):
     machine, path = over_a_post
     wall = Zones(boxes=((0.8, 0.0, -3.0, 4.0, 0.1, 4.0),))
-    assert quickest_turning(machine.changed(zones=wall), path, BEGAN, ENDED) is None
+    assert find_quickest_turning(machine.changed(zones=wall), path, BEGAN, ENDED) is None
 
 
 def test_rests_stand_at_the_corner_and_where_the_slew_turns_alone(over_a_post):
     machine, path = over_a_post
-    turning = quickest_turning(machine, path, BEGAN, ENDED)
+    turning = find_quickest_turning(machine, path, BEGAN, ENDED)
     task = _task(machine, path)
-    whole, before = turned(machine, task, path, turning), corners(turning, LIFTED)
+    whole, before = (
+        combine_with_slew(machine, task, path, turning),
+        find_rest_steps(turning, LIFTED),
+    )
     assert int(np.flatnonzero(turning.step == LIFTED)[0]) in before
-    alone = turning.step == RESTS
+    alone = turning.step == REST_STEP
     for step in np.flatnonzero(alone[1:] != alone[:-1]) + 1:
         assert step in before
-    rested = with_rests(machine, whole, before, task.options.weights)
+    rested = insert_rests(machine, whole, before, task.options.weights)
     seconds = shortest_ramp(machine).duration
     assert rested.duration.sum() == pytest.approx(whole.duration.sum() + seconds * len(before))
     still = np.flatnonzero((np.diff(rested.posture, axis=0) == 0.0).all(axis=1))

@@ -34,7 +34,7 @@ def distance(zones, points):
         across = np.hypot(points[:, 0] - x, points[:, 1] - y) - radius
         along = np.maximum(low - points[:, 2], points[:, 2] - high)
         return beyond(np.column_stack([across, along])).min()
-    (x, y, z, radius), = zones.spheres or zones.tip_spheres
+    ((x, y, z, radius),) = zones.spheres or zones.tip_spheres
     return (np.linalg.norm(points - [x, y, z], axis=1) - radius).min()
 
 
@@ -60,11 +60,11 @@ def among(digging, excavator):
     """Function that puts the planner among zones, until the end of the test."""
 
     def put(zones):
-        digging.change(excavator.changed(zones=zones))
+        digging.change_machine(excavator.changed(zones=zones))
         return digging
 
     yield put
-    digging.change(excavator)
+    digging.change_machine(excavator)
 
 
 @pytest.mark.parametrize("kind", PLANNERS)

@@ -1,26 +1,29 @@
-"""Where the circuit's energy and oil go, substep by substep."""
+"""Audit of the circuit: energy and oil that its elements have turned over, substep by substep."""
 
 from __future__ import annotations
 
+from mhsb_model.circuit.elements import shaft_power
+from mhsb_model.circuit.records import Record, Records
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
-from mhsb_sim.circuit.elements import shaft_power
 from mhsb_sim.circuit.quantities import (
     ANTI_CAVITATION,
-    CHECK,
-    JOIN,
-    LEAKAGE,
-    RELIEF,
+    CHECK_VALVE,
+    JOIN_VALVE,
+    LEAKAGE_PATH,
+    RELIEF_VALVE,
     SERVO_PUMP,
     SERVO_VALVE,
 )
-from mhsb_sim.records import Record, Records
 
-BESIDE = ("friction", "main_pump_shaft")
-"""Energies that are no item of the balance: within `piston_work`, and before `main_pump`."""
+UNBALANCED_ENERGIES = ("friction", "main_pump_shaft")
+"""Energies that are no terms of the balance.
+
+`friction` is part of `piston_work`; `main_pump_shaft` includes `main_pump`."""
+
 
 @kernel(borrows=True)
-def audit(
+def audit_elements(
     net: Records,
     count: int,
     pressure: FloatArray,
@@ -31,11 +34,23 @@ def audit(
     e: Record,
     volume: Record,
 ) -> None:
-    """Add the energy that each element has turned over in a substep to its counter [J].
+    """Add the energy that each element of the circuit has turned over in a substep to its counter.
 
-    With the mean flow and the mean pressures of the step, as the implicit scheme has it, so that
-    power in = power out holds node by node (Tellegen's theorem). Oil to and from the tank is
-    counted too [m³]. change: Δp [Pa] of the step.
+    Energies use the mean flow and the mean pressures of the step, as the implicit scheme does.
+    Power in therefore equals power out at every node (Tellegen's theorem). Oil to and from the tank
+    is counted as well.
+
+    Args:
+        net: Elements of this substep, ELEMENT_DTYPE, each with its two nodes, its flow [m³/s] and
+            its slope dQ/dΔp [m³/(s Pa)].
+        count: Number of elements in `net`.
+        pressure: Pressure of each node before the substep [Pa].
+        change: Change of each pressure in the substep [Pa].
+        tank: Index of the tank node.
+        efficiency: Efficiency of a servo pump, hydraulic over shaft power.
+        dt: Length of the substep [s].
+        e: Energy counters (record of ENERGY_DTYPE) [J], updated in place.
+        volume: Oil counters (record of VOLUME_DTYPE) [m³], updated in place.
     """
     for k in range(count):
         element = net[k]
@@ -45,17 +60,17 @@ def audit(
         work = flow * drop * dt
         if element.kind == SERVO_VALVE:
             e.servo_valves += work
-        elif element.kind == LEAKAGE:
+        elif element.kind == LEAKAGE_PATH:
             e.leakage += work
-        elif element.kind == CHECK:
+        elif element.kind == CHECK_VALVE:
             e.check_valves += work
-        elif element.kind == JOIN:
+        elif element.kind == JOIN_VALVE:
             e.join_valves += work
         elif element.kind == SERVO_PUMP:
             shaft = max(0.0, -work) / efficiency
             e.servo_pumps += shaft
             e.servo_pump_losses += shaft + work
-        elif element.kind == RELIEF:
+        elif element.kind == RELIEF_VALVE:
             e.relief_valves += work
         elif element.kind == ANTI_CAVITATION:
             e.anti_cavitation += work
@@ -69,9 +84,15 @@ def audit(
 
 @kernel
 def audit_main_pump(flow: float, pressure: float, c: Record, e: Record, volume: Record) -> None:
-    """Add what the main pump has delivered in a substep, and the work at its shaft.
+    """Add the oil and the work that the main pump has delivered in a substep, and its shaft work.
 
-    flow [m³/s], pressure [Pa] behind it, c: CONSTANTS.
+    Args:
+        flow: Mean flow of the pump in the substep [m³/s].
+        pressure: Mean pressure behind the pump [Pa].
+        c: Constants of the circuit, a record of CONSTANTS_DTYPE. Uses the length `substep` [s] and
+            the pump's efficiency and drag power [W].
+        e: Energy counters (record of ENERGY_DTYPE) [J], updated in place.
+        volume: Oil counters (record of VOLUME_DTYPE) [m³], updated in place.
     """
     work = flow * pressure
     e.main_pump += work * c.substep
@@ -83,7 +104,19 @@ def audit_main_pump(flow: float, pressure: float, c: Record, e: Record, volume: 
 
 @kernel(borrows=True)
 def audit_drag(modules: Records, c: Record, e: Record) -> None:
-    """Add what turning the servo pumps takes beside the pressure, in a substep; c: CONSTANTS."""
+    """Add the work that the drag of the servo pumps takes in a substep.
+
+        W = Σ_k P_d (Q_k/Q_full) Δt
+
+    Drag does not depend on the pressure.
+
+    Args:
+        modules: Records of the booster modules, MODULE_DTYPE[m], with their flows Q_k [m³/s].
+        c: Constants of the circuit, a record of CONSTANTS_DTYPE. Uses `substep` Δt [s],
+            `servo_pump_flow` Q_full [m³/s] and `servo_pump_drag` P_d [W].
+        e: Energy counters (record of ENERGY_DTYPE) [J]. Adds to `servo_pumps` and
+            `servo_pump_losses` in place.
+    """
     for k in range(len(modules)):
         speed = modules[k].flow / c.servo_pump_flow
         drag = c.substep * shaft_power(0.0, speed, c.servo_pump_efficiency, c.servo_pump_drag)
@@ -101,10 +134,21 @@ def audit_node(
     e: Record,
     volume: Record,
 ) -> None:
-    """Add what a node has stored in a substep: oil by its compression, the rest in its cavity.
+    """Add the energy and oil that a node has stored in a substep.
 
-    inflow [m³] that the step let in at the mean of `before` and `before + change` [Pa], its own
-    forecast of the pressure; after: the pressure that it came to be.
+    The oil C (after − before) counts as compression. The rest of the inflow counts as filling of
+    the vapour cavity, or as its growth if negative.
+
+    Args:
+        capacity: Capacity C of the node, oil volume per pressure [m³/Pa].
+        inflow: Oil that flowed into the node in the substep [m³].
+        change: Pressure change by which the step computed this inflow [Pa].
+        before: Pressure before the step [Pa].
+        after: Pressure after the step [Pa]; it differs from before + change at the vapour pressure.
+        e: Energy counters (record of ENERGY_DTYPE) [J]. Adds to `compression` and `cavities` in
+            place.
+        volume: Oil counters (record of VOLUME_DTYPE) [m³]. Adds to `compression` and `cavities` in
+            place.
     """
     stored = capacity * (after - before)
     work = stored * 0.5 * (before + after)
@@ -115,20 +159,49 @@ def audit_node(
 
 
 def energy_gap(energies: dict[str, float]) -> float:
-    """Energy delivered by the pumps less all that is accounted for [J]."""
+    """Return the energy delivered by the pumps less all energy that is accounted for.
+
+    `main_pump` and `servo_pumps` are delivered. All others but UNBALANCED_ENERGIES are shares of
+    that energy by the place to which it went.
+
+    Args:
+        energies: Energies by the names of ENERGY_DTYPE [J].
+
+    Returns:
+        The difference [J]; zero apart from rounding.
+    """
     delivered = energies["main_pump"] + energies["servo_pumps"]
-    return 2.0 * delivered - sum(energies[name] for name in energies if name not in BESIDE)
+    return 2.0 * delivered - sum(
+        energies[name] for name in energies if name not in UNBALANCED_ENERGIES
+    )
 
 
 def volume_gap(volumes: dict[str, float]) -> float:
-    """Oil delivered by the main pump less all that is accounted for [m³]."""
+    """Return the oil delivered by the main pump less all oil that is accounted for.
+
+    `main_pump` is delivered. All other volumes are shares of that oil by the place to which it
+    went.
+
+    Args:
+        volumes: Volumes by the names of VOLUME_DTYPE [m³].
+
+    Returns:
+        The difference [m³]; zero apart from rounding.
+    """
     return 2.0 * volumes["main_pump"] - sum(volumes.values())
 
 
 def energy_by_source(energies: dict[str, float]) -> dict[str, dict[str, float]]:
-    """What each kind of pump has given to the oil, and what its shafts took [J].
+    """Return the hydraulic energy and the shaft energy of each kind of pump.
 
-    The one is no part of the other's boundary: they are not to be added up across.
+    Do not add hydraulic and shaft energies: the shaft energy includes the hydraulic one.
+
+    Args:
+        energies: Energies by the names of ENERGY_DTYPE [J].
+
+    Returns:
+        For each of "main_pump" and "servo_pumps" two energies [J]: "hydraulic", given to the oil,
+        and "shaft", taken at the shaft.
     """
     return {
         "main_pump": {"hydraulic": energies["main_pump"], "shaft": energies["main_pump_shaft"]},

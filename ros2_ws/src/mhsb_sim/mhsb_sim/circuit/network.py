@@ -1,7 +1,7 @@
 """The hydraulic circuit, assembled from the machine for any number of actuators and modules.
 
-Nodes, in this order: p_A, p_B, p_line of each actuator; the shared rail; the main pump's
-manifold; the tank (constant). Between them:
+Nodes, in this order: p_A, p_B, p_line of each actuator; the shared rail; the main pump's manifold;
+the tank (constant). Between them:
 
     main pump → manifold                     constant-pressure pump with a flow limit
     manifold → each line, manifold → rail    check valves
@@ -14,10 +14,11 @@ manifold; the tank (constant). Between them:
     tank → p_A, tank → p_B                   anti-cavitation valves
     rail → tank                              bleed
 
-Module j feeds actuator j's line directly, or the rail when it is lent; modules beyond the
-actuators feed the rail. An actuator in SB has its join valve open.
-Nowhere does pressure fall below the oil's vapour pressure: the oil parts there, vapour takes the
-room until oil has come back, and servo pumps deliver what their inlet fills them with.
+Module j feeds actuator j's line directly, or the rail if it is lent. Modules beyond the actuators
+feed the rail. An actuator in SB has its join valve open.
+
+No pressure falls below the vapour pressure of the oil. There the liquid column separates, and
+vapour fills the volume until oil has come back. Servo pumps deliver only what their inlet fills.
 """
 
 from __future__ import annotations
@@ -27,71 +28,127 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_model.circuit.components import describe_components
+from mhsb_model.circuit.elements import (
+    accumulator_capacity,
+    advance_bristle_deflection,
+    advance_first_order_lag,
+    advance_pressure_and_cavity,
+    advance_servo_pump_flow,
+    chamber_volumes,
+    compute_check_valve_flow,
+    compute_main_pump_flow,
+    compute_orifice_flow,
+    compute_pump_filling,
+    compute_relief_valve_flow,
+    follow_with_backlash,
+    friction_force,
+    metered_opening,
+    sliding_friction,
+)
+from mhsb_model.circuit.records import Record, Records
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.modes import BOOSTED, ON_RAIL
+from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_sim.circuit.audit import audit, audit_drag, audit_main_pump, audit_node
-from mhsb_sim.circuit.constants import actuators_of, constants_of, cylinders_of, modules_of
-from mhsb_sim.circuit.elements import (
-    accumulator_capacity,
-    bristle_bend,
-    chamber_volumes,
-    check_valve,
-    constant_pressure_pump,
-    first_order_lag,
-    friction_force,
-    metered_opening,
-    orifice,
-    play,
-    pressure_and_cavity,
-    pump_filling,
-    relief_valve,
-    servo_pump_flow,
-    sliding_friction,
-)
-from mhsb_sim.circuit.nodal_analysis import solve_in_place, stamp
+from mhsb_sim.circuit.audit import audit_drag, audit_elements, audit_main_pump, audit_node
 from mhsb_sim.circuit.quantities import (
     ANTI_CAVITATION,
-    BLEED,
-    CHECK,
-    ELEMENT,
-    ENERGY,
-    JOIN,
-    LEAKAGE,
-    RELIEF,
+    BLEED_VALVE,
+    CHECK_VALVE,
+    ELEMENT_DTYPE,
+    ENERGY_DTYPE,
+    JOIN_VALVE,
+    LEAKAGE_PATH,
+    RELIEF_VALVE,
     SERVO_PUMP,
     SERVO_VALVE,
-    VOLUME,
+    VOLUME_DTYPE,
 )
-from mhsb_sim.records import Record, Records
 
-RIGID = 1e6
-"""By which a node at vapour pressure is taken to be stiffer, so that its pressure stays."""
 
-REFILLING = 2.0
-"""Times the oil that is coming in a substep: a cavity that is smaller may fill in it."""
+@kernel(inline="always")
+def stamp(
+    inflow: FloatArray, conductance: FloatArray, i: int, j: int, flow: float, slope: float
+) -> None:
+    """Add the flow of one element between two nodes to the linear system of a substep.
+
+    Args:
+        inflow: Net flow into each node [m³/s]. Updated in place.
+        conductance: Matrix G, float64[nodes, nodes], [m³/(s Pa)]. Updated in place.
+        i: Node from which the flow comes.
+        j: Node into which it goes.
+        flow: Flow from i to j [m³/s].
+        slope: dQ/d(pᵢ − pⱼ) [m³/(s Pa)].
+    """
+    inflow[i] -= flow
+    inflow[j] += flow
+    conductance[i, i] += slope
+    conductance[j, j] += slope
+    conductance[i, j] -= slope
+    conductance[j, i] -= slope
+
+
+@kernel(borrows=True)
+def solve_in_place(matrix: FloatArray, right: FloatArray, size: int) -> None:
+    """Solve a symmetric positive definite linear system by elimination without pivoting.
+
+    Zeros of the matrix are skipped. If actuators meet in a few common nodes that are numbered last,
+    the cost is O(actuators). Only the upper triangle is read.
+
+    Args:
+        matrix: The system matrix, float64[≥ size, ≥ size]. Overwritten.
+        right: Right-hand side. Its leading `size` entries are overwritten with the solution.
+        size: Number of leading rows and columns that form the system.
+    """
+    for k in range(size):
+        pivot = matrix[k, k]
+        for i in range(k + 1, size):
+            if matrix[k, i] == 0.0:
+                continue
+            factor = matrix[k, i] / pivot
+            for j in range(i, size):
+                matrix[i, j] -= factor * matrix[k, j]
+            right[i] -= factor * right[k]
+    for k in range(size - 1, -1, -1):
+        total = right[k]
+        for j in range(k + 1, size):
+            total -= matrix[k, j] * right[j]
+        right[k] = total / matrix[k, k]
+
+
+VAPOUR_STIFFNESS_FACTOR = 1e6
+"""Factor on the capacity of a node at vapour pressure, so that its pressure stays there."""
+
+CAVITY_REFILL_FACTOR = 2.0
+"""Multiple of the oil that comes in a substep; a smaller cavity may fill up in it."""
 
 
 class Circuit(NamedTuple):
     """State of the circuit; `advance` writes into its arrays."""
 
-    cylinders: Records  # CYLINDER[n]
-    constants: Records  # CONSTANTS[1]
-    module_home: IntArray  # [m] actuator whose line the module feeds, −1 where it has none
+    cylinders: Records  # CYLINDER_DTYPE[n]
+    constants: Records  # CONSTANTS_DTYPE[1]
+    module_home: IntArray  # [m] actuator whose line the module feeds, −1 for a spare
     pressure: FloatArray  # [3 n + 3] Pa, in the order of the nodes
     cavity: FloatArray  # [3 n + 3] m³ of vapour at each node
-    actuators: Records  # ACTUATOR[n]
-    modules: Records  # MODULE[m]
-    energy: Records  # ENERGY[1]
-    volume: Records  # VOLUME[1]
-    net: Records  # ELEMENT[…], this and the following are working memory
+    actuators: Records  # ACTUATOR_DTYPE[n]
+    modules: Records  # MODULE_DTYPE[m]
+    energy: Records  # ENERGY_DTYPE[1]
+    volume: Records  # VOLUME_DTYPE[1]
+    net: Records  # ELEMENT_DTYPE[…], working memory like the next two
     conductance: FloatArray  # [nodes, nodes]
-    nodes: FloatArray  # [3, nodes]: inflow, C, and C as the step takes it
+    nodes: FloatArray  # [3, nodes]: inflow, capacity C, and C as used in the substep
 
     def advance(self, length: FloatArray, speed: FloatArray, substeps: int) -> None:
-        """Advance by `substeps` substeps with pistons at `length` [m] moving at `speed` [m/s]."""
+        """Advance the circuit in place by some substeps, with given piston motion.
+
+        Args:
+            length: Length of each cylinder, float64[n], [m]; constant during the call.
+            speed: Speed of each piston, float64[n], [m/s]; constant during the call.
+            substeps: Number of substeps.
+        """
         advance(self, length, speed, substeps)
 
     @property
@@ -101,41 +158,62 @@ class Circuit(NamedTuple):
 
     @property
     def manifold_pressure(self) -> float:
-        """Pressure behind the main pump [Pa]."""
+        """Pressure of the manifold behind the main pump [Pa]."""
         return float(self.pressure[-2])
 
 
 def build_circuit(machine: Machine, substep: float) -> Circuit:
-    """Circuit of a machine with everything at supply pressure and closed; substep in s."""
+    """Build the circuit of a machine with all nodes at supply pressure and all valves closed.
+
+    Args:
+        machine: The machine to be simulated.
+        substep: Length of a substep [s].
+
+    Returns:
+        The circuit, without oil flow, vapour or energy counted. The tank alone has another
+        pressure, its own.
+    """
     arrays = machine.arrays
     actuator_count, module_count = machine.joint_count, arrays.module_count
     nodes = 3 * actuator_count + 3
-    home = np.arange(module_count, dtype=np.int64)
-    home[home >= actuator_count] = -1
+    parts = describe_components(machine, substep)
     pressure = np.full(nodes, arrays.supply_pressure)
     pressure[-1] = arrays.tank_pressure
     return Circuit(
-        cylinders=cylinders_of(machine),
-        constants=constants_of(machine, substep),
-        module_home=home,
+        cylinders=parts.cylinders,
+        constants=parts.constants,
+        module_home=parts.module_home,
         pressure=pressure,
         cavity=np.zeros(nodes),
-        actuators=actuators_of(machine),
-        modules=modules_of(home),
-        energy=np.zeros(1, ENERGY),
-        volume=np.zeros(1, VOLUME),
-        net=np.zeros(4 + 2 * module_count + 10 * actuator_count, ELEMENT),
+        actuators=parts.actuators,
+        modules=parts.modules,
+        energy=np.zeros(1, ENERGY_DTYPE),
+        volume=np.zeros(1, VOLUME_DTYPE),
+        net=np.zeros(4 + 2 * module_count + 10 * actuator_count, ELEMENT_DTYPE),
         conductance=np.zeros((nodes, nodes)),
         nodes=np.zeros((3, nodes)),
     )
 
 
-def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) -> None:
-    """Set the pressures in which the arm rests at q [rad] in `modes`, valves closed.
+def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) -> None:
+    """Set the pressures at which the arm rests in a posture, with closed valves.
 
-    p_A A − p_B a = F with p_A + p_B = p_line + p_T, as a symmetric valve about its centre makes
-    it, and neither chamber below the tank's pressure. Lines are at P_S, or where boosted at what
-    holds the load.
+    The chamber pressures satisfy
+
+        p_A A − p_B a = F,    p_A + p_B = p_line + p_T
+
+    with the piston areas A (cap side) and a (rod side), the piston force F of the load, and the
+    pressures of line and tank. A symmetric valve about its centre gives the second equation. If a
+    chamber would fall below tank pressure, both are raised. Lines are at P_S. Boosted lines are at
+    the pressure that holds the load, if that is higher. The rail has the highest pressure of the
+    lines on it. The join valves of actuators on the rail are open.
+
+    Args:
+        circuit: Circuit, updated in place: `pressure`, `cavity` and, of the actuators, `force` and
+            `join`.
+        machine: The machine with its actual payload.
+        q: Joint positions, float64[n], [rad or m].
+        modes: Mode of each actuator, uint8[n].
     """
     m = machine.arrays
     force = machine.piston_forces(q)
@@ -145,9 +223,9 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
     for j in range(machine.joint_count):
         cap, rod = m.cap_area[j], m.rod_area[j]
         line = m.supply_pressure
-        if BOOSTED[modes[j]]:
+        if BOOSTED_MODES[modes[j]]:
             line = max(line, required_pressure(m, j, force[j], 0.0))
-        if ON_RAIL[modes[j]]:
+        if RAIL_MODES[modes[j]]:
             pressure[-3] = max(pressure[-3], line)
         total = line + m.tank_pressure
         cap_pressure = (force[j] + rod * total) / (cap + rod)
@@ -157,14 +235,27 @@ def settle(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) 
         pressure[3 * j + 1] = (cap_pressure * cap - force[j]) / rod
         pressure[3 * j + 2] = line
     circuit.actuators["force"] = force
-    circuit.actuators["join"] = ON_RAIL[modes]
+    circuit.actuators["join"] = RAIL_MODES[modes]
 
 
 @kernel(inline="always")
-def enter(
+def add_element(
     net: Records, count: int, kind: int, start: int, end: int, flow: float, slope: float
 ) -> int:
-    """Add an element to the net of this substep, if anything flows in it; returns their number."""
+    """Add an element to the list of this substep, if it has a flow or a slope.
+
+    Args:
+        net: Elements, ELEMENT_DTYPE. Record `count` is written in place.
+        count: Number of elements so far.
+        kind: Kind of the element, such as CHECK_VALVE.
+        start: Node from which the flow is counted.
+        end: Node to which the flow is counted.
+        flow: Flow [m³/s].
+        slope: dQ/dΔp [m³/(s Pa)].
+
+    Returns:
+        New number of elements: `count`, or one more if the element was added.
+    """
     if flow == 0.0 and slope == 0.0:
         return count
     element = net[count]
@@ -175,15 +266,24 @@ def enter(
 
 @kernel
 def move_spool(actuator: Record, c: Record) -> None:
-    """ẍ + 2 ζ ω ẋ + ω² (x − u) = 0 over one substep, x within −1 … 1 (c: CONSTANTS).
+    """Advance the spool of a servo valve by one substep.
 
-    u is the command beyond the hysteresis, and |ẋ| stays within the spool's rate.
+        ẍ + 2 ζ ω ẋ + ω² (x − u) = 0
+
+    x is the spool position, −1 … 1, and u the command after the hysteresis. ω is the natural
+    frequency [rad/s] and ζ the damping ratio. |ẋ| stays within the rate limit. A seized spool does
+    not move. A spool that does not obey goes to `runaway` instead of the command.
+
+    Args:
+        actuator: State of one servo valve and cylinder (record of ACTUATOR_DTYPE). Writes `pilot`,
+            `spool` and `spool_speed` in place.
+        c: Constants of the circuit, a record of CONSTANTS_DTYPE.
     """
     if actuator.seized > 0.0:
         actuator.spool_speed = 0.0
         return
-    told = actuator.valve_command if actuator.obeys > 0.0 else actuator.runaway
-    actuator.pilot = play(actuator.pilot, told, c.valve_hysteresis)
+    command = actuator.valve_command if actuator.obeys > 0.0 else actuator.runaway
+    actuator.pilot = follow_with_backlash(actuator.pilot, command, c.valve_hysteresis)
     before = actuator.spool
     away, rate = before - actuator.pilot, actuator.spool_speed
     spool = actuator.pilot + c.spool_00 * away + c.spool_01 * rate
@@ -198,10 +298,23 @@ def move_spool(actuator: Record, c: Record) -> None:
 
 
 @kernel
-def rub(actuator: Record, speed: float, share: float, c: Record, dt: float) -> None:
-    """Friction of a cylinder after dt [s] at `speed` [m/s]: with bristles where there are any.
+def update_friction(actuator: Record, speed: float, share: float, c: Record, dt: float) -> None:
+    """Compute the friction of a cylinder after a time at constant speed.
 
-    F = σ₀ z + σ₁ ż + b v (LuGre), else as `friction_force` (c: CONSTANTS), times its own share.
+    With bristles it is the LuGre model,
+
+        F = σ₀ z + σ₁ ż + b v
+
+    z is the bristle deflection [m], σ₀ the stiffness [N/m], and σ₁ the damping [N s/m]. b is the
+    viscous friction [N s/m]. Without bristles it is `friction_force`, Coulomb and viscous friction.
+
+    Args:
+        actuator: State of one servo valve and cylinder (record of ACTUATOR_DTYPE). Writes
+            `friction` [N] and, with bristles, `bend` [m] in place.
+        speed: Piston speed v [m/s].
+        share: Factor on the friction of this cylinder [-].
+        c: Constants of the circuit, a record of CONSTANTS_DTYPE.
+        dt: Time that has passed [s].
     """
     if c.bristle_stiffness == 0.0:
         actuator.friction = share * friction_force(
@@ -210,7 +323,7 @@ def rub(actuator: Record, speed: float, share: float, c: Record, dt: float) -> N
         return
     sliding = sliding_friction(c.coulomb_friction, c.breakaway, c.stribeck_speed, speed)
     before = actuator.bend
-    actuator.bend = bristle_bend(before, speed, sliding, c.bristle_stiffness, dt)
+    actuator.bend = advance_bristle_deflection(before, speed, sliding, c.bristle_stiffness, dt)
     bending = (actuator.bend - before) / dt
     actuator.friction = share * (
         c.bristle_stiffness * actuator.bend
@@ -221,11 +334,19 @@ def rub(actuator: Record, speed: float, share: float, c: Record, dt: float) -> N
 
 @kernel(borrows=True)
 def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: int) -> None:
-    """Advance the circuit in place, pistons at length[n] [m] moving at speed[n] [m/s].
+    """Advance the circuit in place by some substeps, with given piston motion.
 
-    Each substep moves the valves and pumps, enters every element at the present pressures and
-    solves for the pressures after it. Oracle: SciPy's Radau on the same equations
-    (test/circuit/test_network.py).
+    Each substep moves valves and pumps, linearises every element at the present pressures, and
+    solves for the pressures after it. Energy and oil are audited. Friction and the cylinder forces
+    are computed after the last substep.
+
+    Test oracle: SciPy's Radau method on the same equations (test/circuit/test_network.py).
+
+    Args:
+        circuit: The circuit. Writes pressures, cavities, actuators, modules and counters in place.
+        length: Length of each cylinder, float64[n], [m]; constant during the call.
+        speed: Speed of each piston, float64[n], [m/s]; constant during the call.
+        substeps: Number of substeps.
     """
     cylinders, actuators, pressure = circuit.cylinders, circuit.actuators, circuit.pressure
     modules, module_home = circuit.modules, circuit.module_home
@@ -251,46 +372,50 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         conductance[:, :] = 0.0
         count = 0
 
-        pump_flow, pump_slope = constant_pressure_pump(
+        pump_flow, pump_slope = compute_main_pump_flow(
             c.main_pump_flow, c.supply_pressure, c.main_pump_droop, pressure[manifold]
         )
         inflow[manifold] += pump_flow
         conductance[manifold, manifold] += pump_slope
 
         drop = pressure[manifold] - pressure[rail]
-        flow, slope = check_valve(c.check_coefficient, drop, laminar)
-        count = enter(net, count, CHECK, manifold, rail, flow, slope)
+        flow, slope = compute_check_valve_flow(c.check_coefficient, drop, laminar)
+        count = add_element(net, count, CHECK_VALVE, manifold, rail, flow, slope)
         drop = pressure[rail] - pressure[tank]
         flow = c.bleed_conductance * drop
-        count = enter(net, count, BLEED, rail, tank, flow, c.bleed_conductance)
-        flow, slope = relief_valve(c.relief_gain, drop, c.line_relief)
-        count = enter(net, count, RELIEF, rail, tank, flow, slope)
+        count = add_element(net, count, BLEED_VALVE, rail, tank, flow, c.bleed_conductance)
+        flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
+        count = add_element(net, count, RELIEF_VALVE, rail, tank, flow, slope)
         drop = pressure[manifold] - pressure[tank]
-        flow, slope = relief_valve(c.relief_gain, drop, c.manifold_relief)
-        count = enter(net, count, RELIEF, manifold, tank, flow, slope)
+        flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.manifold_relief)
+        count = add_element(net, count, RELIEF_VALVE, manifold, tank, flow, slope)
 
-        filled, filling = pump_filling(pressure[manifold], c.vapour_pressure, c.pump_filling)
+        filled, filling = compute_pump_filling(
+            pressure[manifold], c.vapour_pressure, c.pump_filling
+        )
         for k in range(len(modules)):
             module = modules[k]
             home = 3 * module_home[k] + 2 if module_home[k] >= 0 else rail
             goal = module.lend if module_home[k] >= 0 else 1.0
-            module.to_rail = first_order_lag(module.to_rail, goal, switch_decay)
+            module.to_rail = advance_first_order_lag(module.to_rail, goal, switch_decay)
             outlet = pressure[home] + module.to_rail * (pressure[rail] - pressure[home])
             boost = max(0.0, outlet - pressure[manifold])
             largest = module.strength * c.servo_pump_flow
             if boost * largest > c.servo_pump_efficiency * c.servo_pump_power:
                 largest = c.servo_pump_efficiency * c.servo_pump_power / boost
-            told = largest if module.runs_on > 0.0 else module.flow_command
+            commanded_flow = largest if module.runs_on > 0.0 else module.flow_command
             decay = pump_decay
             if module.slowness != 1.0:
                 decay = pump_decay ** (1.0 / module.slowness)
-            module.flow = servo_pump_flow(module.flow, told, largest, decay, pump_change)
+            module.flow = advance_servo_pump_flow(
+                module.flow, commanded_flow, largest, decay, pump_change
+            )
             module.delivered = filled * module.flow
             to_rail, slope = module.delivered * module.to_rail, filling * module.flow
-            count = enter(
+            count = add_element(
                 net, count, SERVO_PUMP, manifold, rail, to_rail, slope * module.to_rail
             )
-            count = enter(
+            count = add_element(
                 net,
                 count,
                 SERVO_PUMP,
@@ -305,39 +430,45 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             actuator = actuators[j]
             cylinder = cylinders[j]
             move_spool(actuator, c)
-            actuator.join = first_order_lag(actuator.join, actuator.join_command, switch_decay)
+            actuator.join = advance_first_order_lag(
+                actuator.join, actuator.join_command, switch_decay
+            )
 
             # The servo valve: line to one chamber, the other chamber to tank.
             opening = metered_opening(actuator.spool, c.valve_overlap)
             fed, emptied = (a, b) if opening >= 0.0 else (b, a)
-            actuator.isolated = first_order_lag(
+            actuator.isolated = advance_first_order_lag(
                 actuator.isolated, actuator.isolating_command, switch_decay
             )
             k_edge = cylinder.valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
-            flow, slope = orifice(k_edge, pressure[line] - pressure[fed], laminar)
-            count = enter(net, count, SERVO_VALVE, line, fed, flow, slope)
+            flow, slope = compute_orifice_flow(k_edge, pressure[line] - pressure[fed], laminar)
+            count = add_element(net, count, SERVO_VALVE, line, fed, flow, slope)
             actuator.supply_flow = flow
-            flow, slope = orifice(k_edge, pressure[emptied] - pressure[tank], laminar)
-            count = enter(net, count, SERVO_VALVE, emptied, tank, flow, slope)
+            flow, slope = compute_orifice_flow(k_edge, pressure[emptied] - pressure[tank], laminar)
+            count = add_element(net, count, SERVO_VALVE, emptied, tank, flow, slope)
             actuator.return_flow = flow
 
             drop = pressure[line] - pressure[tank]
-            flow, slope = orifice(actuator.leakage * c.leakage_coefficient, drop, laminar)
-            count = enter(net, count, LEAKAGE, line, tank, flow, slope)
-            flow, slope = relief_valve(c.relief_gain, drop, c.line_relief)
-            count = enter(net, count, RELIEF, line, tank, flow, slope)
+            flow, slope = compute_orifice_flow(
+                actuator.leakage * c.leakage_coefficient, drop, laminar
+            )
+            count = add_element(net, count, LEAKAGE_PATH, line, tank, flow, slope)
+            flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
+            count = add_element(net, count, RELIEF_VALVE, line, tank, flow, slope)
             drop = pressure[manifold] - pressure[line]
-            flow, slope = check_valve(c.check_coefficient, drop, laminar)
-            count = enter(net, count, CHECK, manifold, line, flow, slope)
+            flow, slope = compute_check_valve_flow(c.check_coefficient, drop, laminar)
+            count = add_element(net, count, CHECK_VALVE, manifold, line, flow, slope)
             drop = pressure[rail] - pressure[line]
-            flow, slope = orifice(c.switching_coefficient * actuator.join, drop, laminar)
-            count = enter(net, count, JOIN, rail, line, flow, slope)
+            flow, slope = compute_orifice_flow(
+                c.switching_coefficient * actuator.join, drop, laminar
+            )
+            count = add_element(net, count, JOIN_VALVE, rail, line, flow, slope)
             for chamber in (a, b):
                 drop = pressure[chamber] - pressure[tank]
-                flow, slope = relief_valve(c.relief_gain, drop, actuator.relief)
-                count = enter(net, count, RELIEF, chamber, tank, flow, slope)
-                flow, slope = relief_valve(c.anti_cavitation_gain, -drop, 0.0)
-                count = enter(net, count, ANTI_CAVITATION, tank, chamber, flow, slope)
+                flow, slope = compute_relief_valve_flow(c.relief_gain, drop, actuator.relief)
+                count = add_element(net, count, RELIEF_VALVE, chamber, tank, flow, slope)
+                flow, slope = compute_relief_valve_flow(c.anti_cavitation_gain, -drop, 0.0)
+                count = add_element(net, count, ANTI_CAVITATION, tank, chamber, flow, slope)
 
             inflow[a] -= cylinder.cap_area * speed[j]
             inflow[b] += cylinder.rod_area * speed[j]
@@ -351,8 +482,8 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             stamp(inflow, conductance, element.start, element.end, element.flow, element.slope)
         for i in range(tank):
             stiffness[i] = capacity[i]
-            if cavity[i] > REFILLING * inflow[i] * dt and cavity[i] > 0.0:
-                stiffness[i] *= RIGID
+            if cavity[i] > CAVITY_REFILL_FACTOR * inflow[i] * dt and cavity[i] > 0.0:
+                stiffness[i] *= VAPOUR_STIFFNESS_FACTOR
             conductance[i, i] += stiffness[i] / dt
         solve_in_place(conductance, inflow, tank)
         inflow[tank] = 0.0
@@ -360,7 +491,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         audit_main_pump(mean_flow, pressure[manifold] + 0.5 * inflow[manifold], c, e, v)
         if c.servo_pump_drag > 0.0:
             audit_drag(modules, c, e)
-        audit(net, count, pressure, inflow, tank, c.servo_pump_efficiency, dt, e, v)
+        audit_elements(net, count, pressure, inflow, tank, c.servo_pump_efficiency, dt, e, v)
         for j in range(n):
             force = cylinders[j].cap_area * (pressure[3 * j] + 0.5 * inflow[3 * j])
             force -= cylinders[j].rod_area * (pressure[3 * j + 1] + 0.5 * inflow[3 * j + 1])
@@ -370,7 +501,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
             before, volume = pressure[i], stiffness[i] * inflow[i]
             pressure[i] = before + inflow[i]
             if cavity[i] > 0.0 or pressure[i] < c.vapour_pressure:
-                pressure[i], cavity[i] = pressure_and_cavity(
+                pressure[i], cavity[i] = advance_pressure_and_cavity(
                     before, cavity[i], capacity[i], c.vapour_pressure, volume
                 )
             audit_node(capacity[i], volume, inflow[i], before, pressure[i], e, v)
@@ -378,7 +509,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
     for j in range(n):
         actuator = actuators[j]
         cylinder = cylinders[j]
-        rub(actuator, speed[j], cylinder.friction, c, dt * substeps)
+        update_friction(actuator, speed[j], cylinder.friction, c, dt * substeps)
         e.friction += actuator.friction * speed[j] * dt * substeps
         actuator.force = (
             cylinder.cap_area * pressure[3 * j] - cylinder.rod_area * pressure[3 * j + 1]

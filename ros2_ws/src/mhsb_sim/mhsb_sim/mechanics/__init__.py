@@ -1,1 +1,1 @@
-"""The arm: its MuJoCo model, its inverse dynamics, its pictures."""
+"""The arm: its MuJoCo model, its robot description, its pictures."""

@@ -13,65 +13,106 @@ from mhsb_model.schema import Direct, FourBar, Motor, Pin, RackAndPinion
 from mhsb_model.types import FloatArray
 
 BARREL_SHARE = 0.85
-BARREL_RADIUS = 0.016  # m, as all radii of an arm of the paper's size
+"""Length of a barrel, as a share of the shortest cylinder length at a joint limit."""
+BARREL_RADIUS = 0.016  # [m] for an arm of the paper's size, like all radii here
 BARREL_PAINT = (0.16, 0.35, 0.55, 1.0)
-ROD_RADIUS = 0.006  # m
+ROD_RADIUS = 0.006  # [m]
 ROD_PAINT = (0.80, 0.82, 0.85, 1.0)
-BAR_RADIUS = 0.009  # m, of rocker and coupler
+BAR_RADIUS = 0.009  # [m] rocker and coupler
 ROCKER_PAINT = (0.10, 0.72, 0.45, 1.0)
 COUPLER_PAINT = (0.86, 0.40, 0.62, 1.0)
-BESIDE = -0.05
-"""y of the linkages [m]: next to the links, of no effect in the plane."""
+LINKAGE_OFFSET = -0.05
+"""y coordinate of the linkages [m]: beside the links, without effect on the planar motion."""
 
 
 class Bar(NamedTuple):
-    """A round bar: both ends float64[3] and radius [m], colour as red, green, blue, opacity."""
+    """A round bar of a picture.
+
+    Attributes:
+        start: One end (x, y, z), float64[3], [m].
+        end: Other end, float64[3], [m].
+        radius: Radius [m].
+        color: Colour as red, green, blue and opacity, each 0 … 1.
+    """
 
     start: FloatArray
     end: FloatArray
     radius: float
-    paint: tuple[float, float, float, float]
+    color: tuple[float, float, float, float]
 
 
-def linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
-    """Bars of all linkages in the posture q[n] [rad], actuator by actuator, its barrel last.
+def compute_linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
+    """Compute the round bars by which pictures show all linkages in a posture.
 
-    Of what slews there are none.
+    A cylinder has a rod and a barrel; a four-bar also has rocker and coupler. A slew joint, a rack
+    and pinion, and a motor have no bars.
+
+    Args:
+        machine: The machine.
+        q: Joint positions, float64[n], [rad or m].
+
+    Returns:
+        Bars in world coordinates, actuator by actuator, the barrel of each one last.
     """
-    bars = bars_in_plane(machine, q)
-    return [_slewed(machine, float(q[0]), bar) for bar in bars] if machine.slews else bars
+    bars = compute_planar_bars(machine, q)
+    return [_slew_bar(machine, float(q[0]), bar) for bar in bars] if machine.slews else bars
 
 
-def bars_in_plane(machine: Machine, q: FloatArray) -> list[Bar]:
-    """The same, seen from the side where the arm slews."""
-    joints, size = machine.joint_positions(q), machine.scale
-    angle = np.append(0.0, machine.link_angles(q))  # of the link before each joint, and of the last
+def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
+    """Compute the round bars of all linkages in the arm's own plane, before slewing.
+
+    They lie at y = LINKAGE_OFFSET, beside the links. Motors and rack-and-pinion drives have none.
+
+    Args:
+        machine: The machine.
+        q: Joint positions, float64[n], [rad or m].
+
+    Returns:
+        Bars with x forward and z up in that plane, actuator by actuator, the barrel of each one
+        last.
+    """
+    joints, size = machine.joint_positions(q), machine.relative_size
+    # angle[j] is that of the link before joint j, angle[j + 1] that of the link after it.
+    angle = np.append(0.0, machine.link_angles(q))
     bars = []
     for j, joint in enumerate(machine.config.joints):
         if isinstance(joint.linkage, RackAndPinion | Motor):
             continue
         if isinstance(joint.linkage, Direct):  # along the boom, to the telescope's tip
-            rod_end = np.array([joints[j + 1, 0], BESIDE, joints[j + 1, 1]])
+            rod_end = np.array([joints[j + 1, 0], LINKAGE_OFFSET, joints[j + 1, 1]])
             length = joint.linkage.retracted_length + q[j]
-            parent_pin = rod_end - _turned(length, 0.0, angle[j])
+            parent_pin = rod_end - _rotate_in_plane(length, 0.0, angle[j])
             bars.append(Bar(parent_pin, rod_end, size * ROD_RADIUS, ROD_PAINT))
-            bars.append(_barrel(machine, j, parent_pin, rod_end))
+            bars.append(_build_barrel(machine, j, parent_pin, rod_end))
             continue
-        parent_pin = _pin(joints[j], angle[j], joint.linkage.parent_pin)
-        rod_end = child_pin = _pin(joints[j], angle[j + 1], joint.linkage.child_pin)
+        parent_pin = _compute_pin_position(joints[j], angle[j], joint.linkage.parent_pin)
+        rod_end = child_pin = _compute_pin_position(
+            joints[j], angle[j + 1], joint.linkage.child_pin
+        )
         if isinstance(joint.linkage, FourBar):
-            pivot = _pin(joints[j], angle[j], joint.linkage.rocker_pivot)
-            x, z, *_ = four_bar.motion(machine.arrays.linkage[j], math.cos(q[j]), math.sin(q[j]))
-            rod_end = pivot + _turned(x, z, angle[j])
+            pivot = _compute_pin_position(joints[j], angle[j], joint.linkage.rocker_pivot)
+            x, z, *_ = four_bar.evaluate_four_bar(
+                machine.arrays.linkage[j], math.cos(q[j]), math.sin(q[j])
+            )
+            rod_end = pivot + _rotate_in_plane(x, z, angle[j])
             bars.append(Bar(pivot, rod_end, size * BAR_RADIUS, ROCKER_PAINT))
             bars.append(Bar(rod_end, child_pin, size * BAR_RADIUS, COUPLER_PAINT))
         bars.append(Bar(parent_pin, rod_end, size * ROD_RADIUS, ROD_PAINT))
-        bars.append(_barrel(machine, j, parent_pin, rod_end))
+        bars.append(_build_barrel(machine, j, parent_pin, rod_end))
     return bars
 
 
-def _slewed(machine: Machine, angle: float, bar: Bar) -> Bar:
-    """A bar in the plane, as it is where joint 1 has turned that plane by an angle [rad]."""
+def _slew_bar(machine: Machine, angle: float, bar: Bar) -> Bar:
+    """Turn a bar from the arm's plane into world coordinates by the slew angle.
+
+    Args:
+        machine: The machine, with the offset of its slew axis.
+        angle: Angle of the slew joint [rad].
+        bar: Bar in the arm's plane.
+
+    Returns:
+        The bar in world coordinates.
+    """
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     foot = np.array([machine.arrays.slew_offset, 0.0, 0.0])
@@ -79,24 +120,47 @@ def _slewed(machine: Machine, angle: float, bar: Bar) -> Bar:
     return bar._replace(start=start, end=end)
 
 
-def _pin(joint: FloatArray, angle: float, pin: Pin) -> FloatArray:
-    """Place of a pin in a link that goes through a joint (x, z) [m] at an angle [rad]."""
-    beside = np.array([joint[0], BESIDE, joint[1]])
-    return beside + _turned(pin.radius * np.cos(pin.angle), pin.radius * np.sin(pin.angle), angle)
+def _compute_pin_position(joint: FloatArray, angle: float, pin: Pin) -> FloatArray:
+    """Compute the position of a pin of a link in the arm's plane.
+
+    Args:
+        joint: Joint at the link's origin (x, z) [m].
+        angle: Angle of the link above the horizontal [rad].
+        pin: Polar coordinates of the pin in the link: radius [m] and angle [rad].
+
+    Returns:
+        Position (x, y, z) with y = LINKAGE_OFFSET [m].
+    """
+    beside = np.array([joint[0], LINKAGE_OFFSET, joint[1]])
+    return beside + _rotate_in_plane(
+        pin.radius * np.cos(pin.angle), pin.radius * np.sin(pin.angle), angle
+    )
 
 
-def _turned(x: float, z: float, angle: float) -> FloatArray:
-    """(x, 0, z) turned upwards by an angle [rad]."""
+def _rotate_in_plane(x: float, z: float, angle: float) -> FloatArray:
+    """Return (x, 0, z) turned upwards by an angle [rad] about the y axis."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([cosine * x - sine * z, 0.0, sine * x + cosine * z])
 
 
-def _barrel(machine: Machine, j: int, parent_pin: FloatArray, rod_end: FloatArray) -> Bar:
-    """From the parent pin, as long as the rod lets it be."""
+def _build_barrel(machine: Machine, j: int, parent_pin: FloatArray, rod_end: FloatArray) -> Bar:
+    """Build the barrel of a cylinder, from the parent pin towards the rod's end.
+
+    Its length is BARREL_SHARE of the shorter cylinder length at the two joint limits.
+
+    Args:
+        machine: The machine.
+        j: Index of the actuator.
+        parent_pin: Position of the fixed pin, float64[3], [m].
+        rod_end: Position of the rod's end, float64[3], [m].
+
+    Returns:
+        The barrel as a bar.
+    """
     lengths = [
         linkage.cylinder_length(machine.arrays.linkage[j], q)
         for q in (machine.arrays.joint_min[j], machine.arrays.joint_max[j])
     ]
     along = (rod_end - parent_pin) / np.linalg.norm(rod_end - parent_pin)
     end = parent_pin + BARREL_SHARE * min(lengths) * along
-    return Bar(parent_pin, end, machine.scale * BARREL_RADIUS, BARREL_PAINT)
+    return Bar(parent_pin, end, machine.relative_size * BARREL_RADIUS, BARREL_PAINT)

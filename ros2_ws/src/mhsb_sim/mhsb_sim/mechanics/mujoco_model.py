@@ -1,11 +1,12 @@
-"""The machine as a MuJoCo model: links and payload, and a motor for each cylinder's torque.
+"""The machine as a MuJoCo model: links, payload, and a motor for each cylinder's torque.
 
-Linkages have no mass: a cylinder acts on its joint alone, by τ = r(q) F with the moment arm of
-`mhsb_model.linkages`, which holds for every kind and is exact. (Rocker and coupler as bodies of
-50 g, closed by an equality constraint, are 4e-4 of the torque off and double the time of a step.)
-The plane is x (forward), z (up); joints turn about −y, so that a positive angle raises the tip.
-A telescope slides along its link's x axis, from the tip of the link before. A slew turns about z,
-and joint 2 lies ahead of its axis, at its height.
+Linkages have no mass. A cylinder acts on its joint alone, by τ = r(q) F with the moment arm r of
+`mhsb_model.linkages`. That is exact for every kind of linkage. (Rocker and coupler as bodies of 50
+g, closed by an equality constraint, change the torque by 4e-4 and double the time of a step.)
+
+The plane is x (forward), z (up). Joints turn about −y, so that a positive angle raises the tip. A
+telescope slides along its link's x axis, from the tip of the link before. A slew turns about z;
+joint 2 lies ahead of the slew axis, at its height.
 """
 
 from __future__ import annotations
@@ -16,30 +17,38 @@ import mujoco
 
 from mhsb_model.machine import Machine
 from mhsb_model.schema import AnyJoint, FourBar, Linkage, Pin, Platform, SliderCrank
-from mhsb_sim.mechanics.linkage_shapes import BESIDE
+from mhsb_sim.mechanics.linkage_shapes import LINKAGE_OFFSET
 
 RAISING_AXIS = (0.0, -1.0, 0.0)
 ALONG_AXIS = (1.0, 0.0, 0.0)
 UPRIGHT_AXIS = (0.0, 0.0, 1.0)
-SLENDER = 1e-6
-"""Inertia of a link about its own axis [kg m²]: of no effect in the plane, but not zero."""
+AXIAL_INERTIA = 1e-6
+"""Inertia of a link about its own axis [kg m²]: without effect in the plane, but not zero."""
 
-STEEL = (0.30, 0.34, 0.40, 1.0)
+STEEL_COLOR = (0.30, 0.34, 0.40, 1.0)
 LINK_PAINT = (0.93, 0.68, 0.14, 1.0)
-LOAD = (0.55, 0.16, 0.14, 1.0)
-FLOOR = (0.80, 0.82, 0.84, 1.0)
-SKY = ((0.93, 0.95, 0.97), (0.72, 0.79, 0.87))
+LOAD_COLOR = (0.55, 0.16, 0.14, 1.0)
+FLOOR_COLOR = (0.80, 0.82, 0.84, 1.0)
+SKY_COLORS = ((0.93, 0.95, 0.97), (0.72, 0.79, 0.87))
 FLOOR_HEIGHT = -1.2
-"""Of an arm of the paper's size, as all that is only drawn [m]."""
+"""Height of the floor for an arm of the paper's size [m]; only drawn."""
 
-PLATFORM_HEIGHT = 0.1  # m
+PLATFORM_HEIGHT = 0.1
+"""Height of a drawn slew platform [m]."""
 
 
 def build_model(machine: Machine) -> mujoco.MjModel:
-    """MuJoCo model of a machine: n hinge or slide joints and n motors on them, in its order.
+    """Build the MuJoCo model of a machine, with n joints and n motors in the machine's order.
 
-    Control k is the torque of cylinder k about joint k [N m], its force where that slides [N].
-    MuJoCo's own reset after a bad state is off: a diverged state stays where it can be seen.
+    Joints are hinges or, for telescopes, slides. Control k is the torque of cylinder k about joint
+    k [N m], or its force on a slide [N]. MuJoCo's automatic reset of a bad state is switched off,
+    so that a diverged state stays visible. Contacts are off.
+
+    Args:
+        machine: The machine.
+
+    Returns:
+        The compiled model, with the time step of the machine's simulation.
     """
     spec = mujoco.MjSpec()
     spec.modelname = machine.name
@@ -49,7 +58,7 @@ def build_model(machine: Machine) -> mujoco.MjModel:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1600, 1200
-    size = machine.scale
+    size = machine.relative_size
     _add_surroundings(spec, size)
     parent, offset = spec.worldbody, 0.0
     for index, joint in enumerate(machine.config.joints):
@@ -62,19 +71,32 @@ def build_model(machine: Machine) -> mujoco.MjModel:
 
 
 def set_payload(model: mujoco.MjModel, mass: float) -> None:
-    """Hang another point mass [kg] on the tip of a model that may be running."""
+    """Change the payload's mass at the tip of a model, also during a simulation.
+
+    Constants that MuJoCo derives from the masses are computed anew.
+
+    Args:
+        model: The model, changed in place.
+        mass: Payload [kg].
+    """
     model.body("payload").mass[0] = mass
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def _add_surroundings(spec: mujoco.MjSpec, scale: float) -> None:
+    """Add sky, floor, foot, column and lights, which are only drawn.
+
+    Args:
+        spec: Model specification, changed in place.
+        scale: Size of the arm relative to the paper's.
+    """
     world = spec.worldbody
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=SKY[0],
-        rgb2=SKY[1],
+        rgb1=SKY_COLORS[0],
+        rgb2=SKY_COLORS[1],
         width=256,
         height=256,
     )
@@ -83,7 +105,7 @@ def _add_surroundings(spec: mujoco.MjSpec, scale: float) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=(0.0, 0.0, scale * FLOOR_HEIGHT),
         size=(6.0 * scale, 6.0 * scale, 0.1),
-        rgba=FLOOR,
+        rgba=FLOOR_COLOR,
     )
     for name, size, bottom in (
         ("foot", (0.20, 0.16, 0.02), 0.0),
@@ -94,7 +116,7 @@ def _add_surroundings(spec: mujoco.MjSpec, scale: float) -> None:
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=(0.0, 0.03 * scale, scale * (FLOOR_HEIGHT + bottom + size[2])),
             size=[scale * each for each in size],
-            rgba=STEEL,
+            rgba=STEEL_COLOR,
         )
     light = (1.5 * scale, -2.5 * scale, 3.0 * scale)
     world.add_light(pos=light, dir=(-0.4, 0.7, -0.8), diffuse=(0.45, 0.45, 0.45))
@@ -105,8 +127,21 @@ def _add_surroundings(spec: mujoco.MjSpec, scale: float) -> None:
 def _add_link(
     parent: mujoco.MjsBody, offset: float, index: int, joint: AnyJoint, size: float
 ) -> mujoco.MjsBody:
+    """Add a link with its joint, joint limits and drawn shape.
+
+    Args:
+        parent: Body of the link before, or the world.
+        offset: Distance of the joint along the parent's x axis [m].
+        index: Index of the joint, from 0. The body is `link_<index + 1>`, its joint `joint_<index +
+            1>`.
+        joint: Joint and link by the machine file.
+        size: Size of the arm relative to the paper's, for drawn shapes.
+
+    Returns:
+        The body of the link.
+    """
     link = joint.link
-    along = link.inertia if joint.kind == "slew" else SLENDER
+    along = link.inertia if joint.kind == "slew" else AXIAL_INERTIA
     body = parent.add_body(
         name=f"link_{index + 1}",
         pos=(offset, 0.0, 0.0),
@@ -141,36 +176,58 @@ def _add_link(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         fromto=(0.0, -0.03 * size, 0.0, 0.0, 0.03 * size, 0.0),
         size=(0.022 * size, 0.0, 0.0),
-        rgba=STEEL,
+        rgba=STEEL_COLOR,
     )
     return body
 
 
 def _draw_platform(body: mujoco.MjsBody, platform: Platform) -> None:
-    """A turntable about the axis, as wide as it reaches to joint 2."""
+    """Draw a turntable about the slew axis, as wide as the distance to joint 2.
+
+    Args:
+        body: Body of the platform.
+        platform: Platform by the machine file.
+    """
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         fromto=(0.0, 0.0, -PLATFORM_HEIGHT, 0.0, 0.0, 0.0),
         size=(max(platform.length, PLATFORM_HEIGHT), 0.0, 0.0),
-        rgba=STEEL,
+        rgba=STEEL_COLOR,
     )
 
 
 def _draw_extension(body: mujoco.MjsBody, length: float, stroke: float, size: float) -> None:
-    """The sliding part from its tip back, as long as it ever shows."""
+    """Draw the sliding part of a telescope as a box, from its tip back by its length and stroke.
+
+    Args:
+        body: Body of the sliding part.
+        length: Length of the link [m].
+        stroke: Upper joint limit [m].
+        size: Size of the arm relative to the paper's.
+    """
     half = 0.5 * (length + stroke)
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=(length - half, 0.0, 0.0),
         size=(half, 0.012 * size, 0.015 * size),
-        rgba=STEEL,
+        rgba=STEEL_COLOR,
     )
 
 
 def _add_pins(
     parent: mujoco.MjsBody, body: mujoco.MjsBody, offset: float, index: int, linkage: Linkage
 ) -> None:
-    """Pins that are fixed in a link, as sites `actuator_k_…`; what needs no linkage shows none."""
+    """Add the linkage's pins that are fixed in a link, as sites `actuator_k_…`.
+
+    Only slider-cranks and four-bars have pins.
+
+    Args:
+        parent: Body of the link before the joint.
+        body: Body of the link after the joint.
+        offset: Distance of the joint along the parent's x axis [m].
+        index: Index of the actuator, from 0; k is one more.
+        linkage: Linkage by the machine file.
+    """
     if not isinstance(linkage, SliderCrank | FourBar):
         return
     pins = [
@@ -184,11 +241,17 @@ def _add_pins(
             name=f"actuator_{index + 1}_{name}",
             pos=_pin_position(start, pin),
             size=(0.012, 0.0, 0.0),
-            rgba=STEEL,
+            rgba=STEEL_COLOR,
         )
 
 
 def _add_motor(spec: mujoco.MjSpec, index: int) -> None:
+    """Add a motor on a joint: control is its torque [N m] or force [N], without limits.
+
+    Args:
+        spec: Model specification, changed in place.
+        index: Index of joint and actuator, from 0.
+    """
     motor = spec.add_actuator(
         name=f"actuator_{index + 1}",
         target=f"joint_{index + 1}",
@@ -199,11 +262,20 @@ def _add_motor(spec: mujoco.MjSpec, index: int) -> None:
 
 
 def _pin_position(offset: float, pin: Pin) -> tuple[float, float, float]:
+    """Return the position (x, y, z) [m] of a pin in a body, its joint at x = `offset` [m]."""
     x = offset + pin.radius * math.cos(pin.angle)
-    return (x, BESIDE, pin.radius * math.sin(pin.angle))
+    return (x, LINKAGE_OFFSET, pin.radius * math.sin(pin.angle))
 
 
 def _add_payload(parent: mujoco.MjsBody, offset: float, mass: float, size: float) -> None:
+    """Add the payload as a point mass, with a drawn sphere and the site `tip`.
+
+    Args:
+        parent: Body of the last link.
+        offset: Length of that link [m].
+        mass: Payload [kg].
+        size: Size of the arm relative to the paper's, for drawn shapes.
+    """
     payload = parent.add_body(
         name="payload",
         pos=(offset, 0.0, 0.0),
@@ -212,5 +284,7 @@ def _add_payload(parent: mujoco.MjsBody, offset: float, mass: float, size: float
         ipos=(0.0, 0.0, 0.0),
         inertia=(0.0, 0.0, 0.0),
     )
-    payload.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.05 * size, 0.0, 0.0), rgba=LOAD)
+    payload.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.05 * size, 0.0, 0.0), rgba=LOAD_COLOR
+    )
     payload.add_site(name="tip", size=(0.005, 0.0, 0.0))

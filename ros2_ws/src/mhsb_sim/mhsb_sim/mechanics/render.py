@@ -1,6 +1,6 @@
 """Pictures of the arm, drawn off screen by MuJoCo.
 
-A screen is not needed, but one of the OpenGL variants EGL or OSMesa is (Debian packages libegl1,
+No screen is needed, but one of the OpenGL variants EGL or OSMesa (Debian packages libegl1,
 libegl-mesa0, libgl1-mesa-dri or libosmesa6). `python -m mhsb_sim.mechanics.render docs/arm.png`
 draws the picture of docs/index.md.
 """
@@ -18,23 +18,29 @@ import numpy as np
 
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
-from mhsb_sim.mechanics.linkage_shapes import Bar, linkage_bars
+from mhsb_sim.mechanics.linkage_shapes import Bar, compute_linkage_bars
 
-BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
-"""MUJOCO_GL names and the libraries they need, in the order they are tried."""
+RENDER_BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
+"""Values of MUJOCO_GL and the libraries that they need, in the order in which they are tried."""
 
 GHOST_OPACITY = 0.3
+"""Opacity of the postures before the last one."""
 README_POSTURES = ((0.30, -1.40, -1.50), (0.75, -0.95, -0.85), (0.95, -0.45, -0.35))
+"""Postures of the documentation's picture [rad]."""
 
 
 def choose_backend() -> str | None:
-    """Set MUJOCO_GL to a variant that this machine has, None where it has neither.
+    """Choose an OpenGL variant for off-screen pictures, and set MUJOCO_GL to it.
 
-    MuJoCo reads it when it is imported; a choice that the user has made is kept.
+    MuJoCo reads the variable when it is imported, so this must be called before. A value that the
+    user has set is kept.
+
+    Returns:
+        Value of MUJOCO_GL, or None if neither EGL nor OSMesa is installed.
     """
     if "MUJOCO_GL" in os.environ:
         return os.environ["MUJOCO_GL"]
-    for name, library in BACKENDS.items():
+    for name, library in RENDER_BACKENDS.items():
         if ctypes.util.find_library(library):
             os.environ["MUJOCO_GL"] = name
             return name
@@ -44,9 +50,20 @@ def choose_backend() -> str | None:
 def draw_arm(
     machine: Machine, postures: Sequence[FloatArray], width: int = 960, height: int = 720
 ) -> FloatArray | None:
-    """Picture of the arm, uint8[height, width, 3], or None after one sentence on stderr.
+    """Draw the arm in one or more postures.
 
-    The last posture [rad] is drawn solid, those before it as pale shapes.
+    Links, cylinders and linkages are drawn, seen from the side. If no OpenGL variant is installed,
+    one sentence is printed on stderr.
+
+    Args:
+        machine: The machine.
+        postures: Joint positions of each posture, float64[n], [rad or m]. The last posture is drawn
+            solid, the others pale.
+        width: Width of the picture in pixels.
+        height: Height of the picture in pixels.
+
+    Returns:
+        Picture, uint8[height, width, 3], or None if it cannot be drawn.
     """
     if choose_backend() is None:
         print(
@@ -61,7 +78,17 @@ def draw_arm(
 def save_arm_picture(
     machine: Machine, postures: Sequence[FloatArray], file: Path, width: int = 960
 ) -> bool:
-    """Write the picture of `draw_arm` as a PNG; False where none can be drawn."""
+    """Write the picture of `draw_arm` as a PNG file with 256 colours.
+
+    Args:
+        machine: The machine.
+        postures: Joint positions of each posture, float64[n], [rad or m]; the last is drawn solid.
+        file: File to be written; missing folders are made.
+        width: Width in pixels; the height is three quarters of it.
+
+    Returns:
+        True if the file was written; False if no picture can be drawn.
+    """
     from PIL import Image
 
     pixels = draw_arm(machine, postures, width, width * 3 // 4)
@@ -74,6 +101,19 @@ def save_arm_picture(
 
 
 def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: int) -> FloatArray:
+    """Draw the arm in each posture, and blend the earlier pictures into the last one.
+
+    An earlier picture, with the share GHOST_OPACITY, only darkens the pixels of the last.
+
+    Args:
+        machine: The machine.
+        postures: Joint positions of each posture, float64[n], [rad or m].
+        width: Width in pixels.
+        height: Height in pixels.
+
+    Returns:
+        Picture, uint8[height, width, 3].
+    """
     import mujoco
 
     from mhsb_sim.mechanics.mujoco_model import build_model
@@ -90,7 +130,7 @@ def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: 
             data.qpos[:] = posture
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, camera)
-            for bar in linkage_bars(machine, np.asarray(posture)):
+            for bar in compute_linkage_bars(machine, np.asarray(posture)):
                 _add_bar(renderer.scene, bar)
             layers.append(renderer.render().astype(np.float64))
     picture = layers[-1]
@@ -100,6 +140,12 @@ def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: 
 
 
 def _add_bar(scene: Any, bar: Bar) -> None:
+    """Add a round bar to a MuJoCo scene as a capsule.
+
+    Args:
+        scene: The scene of a renderer, changed in place.
+        bar: The bar.
+    """
     import mujoco
 
     geom = scene.geoms[scene.ngeom]
@@ -109,7 +155,7 @@ def _add_bar(scene: Any, bar: Bar) -> None:
         np.zeros(3),
         np.zeros(3),
         np.zeros(9),
-        np.array(bar.paint, dtype=np.float32),
+        np.array(bar.color, dtype=np.float32),
     )
     mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, bar.radius, bar.start, bar.end)
     scene.ngeom += 1

@@ -1,10 +1,15 @@
-"""The arm as a URDF, for RViz, Foxglove, robot_state_publisher and whatever else reads one.
+"""The arm as a URDF, for RViz, Foxglove, robot_state_publisher and other readers.
 
-Frames: `base_link` at joint 1 (x forward, y to the left, z up), `link_1` … at the joints with x
-along the link, `tip` at the end, `work_plane` at the base with the arm's plane laid flat (x
-forward, y up). A positive angle raises the link, so that joints turn about −y; telescopes slide
-along x, from the tip of the link before. Where joint 1 slews, it turns about z, `base_link` lies
-on its axis at the height of joint 2, and `work_plane` turns with it.
+Frames:
+
+- `base_link` at joint 1 (x forward, y to the left, z up),
+- `link_1` … at the joints, with x along the link,
+- `tip` at the end,
+- `work_plane` at the base, with the arm's plane laid flat (x forward, y up).
+
+A positive angle raises the link, so that joints turn about −y. Telescopes slide along x, from the
+tip of the link before. If joint 1 slews, it turns about z. `base_link` then lies on its axis at the
+height of joint 2, and `work_plane` turns with it.
 """
 
 from __future__ import annotations
@@ -14,27 +19,36 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from mhsb_model.machine import Machine
 
-THICKNESS = 0.06
-"""Of a link as it is drawn, its share of the length."""
+THICKNESS_RATIO = 0.06
+"""Thickness of a drawn link, as a share of its length."""
 
-ALONG = 0.01
-"""Inertia of a link about its own length, which the plane has no use for, over that across it."""
+AXIAL_INERTIA_RATIO = 0.01
+"""Ratio of a link's inertia about its own axis, which the plane does not use, to that across it."""
 
 SMALLEST_INERTIA = 1e-9
-"""Readers refuse bodies without any [kg m²]."""
+"""Smallest inertia of a body [kg m²], since readers refuse bodies without inertia."""
 
 BETWEEN_GRID = 1.0 + 1e-6
-"""Factor on the largest moment arm of a grid of 0.1°, between whose points it may be a little
-longer: by r h²/8, 4e-7 r."""
+"""Factor on the largest moment arm of a grid of 0.1°.
+
+Between grid points the moment arm may be longer by r h²/8, that is 4e-7 r."""
 
 
-def robot_description(machine: Machine) -> str:
-    """URDF of an arm: links with mass and inertia, limits, payload; the cylinders are left out.
+def build_robot_description(machine: Machine) -> str:
+    """Build the URDF of an arm: links with mass and inertia, joint limits, payload, no cylinders.
 
-    A joint's effort limit is what its cylinder holds at the supply pressure with its longest arm.
-    Its velocity limit is the speed at which its piston keeps its V_max wherever the joint is:
+    The effort limit of a joint is the torque of its cylinder at supply pressure [N m]. It is
+    computed for the larger piston area and the longest moment arm; for telescopes it is a force
+    [N]. The velocity limit is the joint speed at which the piston never exceeds V_max, whatever its
+    moment arm r:
 
-        q̇ = V_max / max |r(q)|    [rad/s, m/s of telescopes]
+        q̇ = V_max / max |r(q)|    [rad/s, or m/s of telescopes]
+
+    Args:
+        machine: The machine.
+
+    Returns:
+        The URDF as XML text.
     """
     robot = Element("robot", name=machine.name)
     SubElement(robot, "link", name="base_link")
@@ -42,10 +56,10 @@ def robot_description(machine: Machine) -> str:
     for index, joint in enumerate(machine.config.joints):
         child = f"link_{index + 1}"
         stroke = joint.limits.upper if machine.arrays.slides[index] else 0.0
-        _add_link(robot, child, joint.link.length, stroke, _inertial_of(machine, index))
+        _add_link(robot, child, joint.link.length, stroke, _build_link_inertial(machine, index))
         _add_joint(robot, machine, index, parent, child, at)
         parent, at = child, joint.link.length
-    SubElement(robot, "link", name="tip").append(_payload(machine))
+    SubElement(robot, "link", name="tip").append(_build_payload_inertial(machine))
     _add_fixed(robot, "tip_mount", parent, "tip", f"{at:.9g} 0 0", "0 0 0")
     SubElement(robot, "link", name="work_plane")
     plane, at = ("link_1", machine.arrays.slew_offset) if machine.slews else ("base_link", 0.0)
@@ -55,17 +69,39 @@ def robot_description(machine: Machine) -> str:
     return tostring(robot, encoding="unicode", xml_declaration=True)
 
 
-def _inertial_of(machine: Machine, index: int) -> Element:
+def _build_link_inertial(machine: Machine, index: int) -> Element:
+    """Build the inertial element of a link.
+
+    Args:
+        machine: The machine.
+        index: Index of the link, from 0.
+
+    Returns:
+        The element, with mass [kg], centre of mass [m] and inertia [kg m²] of the machine file. The
+        inertia across the link is at least SMALLEST_INERTIA.
+    """
     link = machine.config.joints[index].link
     across = max(link.inertia, SMALLEST_INERTIA)
-    return _inertial(link.mass, link.center_of_mass, ALONG * across, across)
+    return _build_inertial(link.mass, link.center_of_mass, AXIAL_INERTIA_RATIO * across, across)
 
 
-def _payload(machine: Machine) -> Element:
-    return _inertial(machine.config.payload.mass, 0.0, SMALLEST_INERTIA, SMALLEST_INERTIA)
+def _build_payload_inertial(machine: Machine) -> Element:
+    """Build the inertial element of the payload, a point mass."""
+    return _build_inertial(machine.config.payload.mass, 0.0, SMALLEST_INERTIA, SMALLEST_INERTIA)
 
 
-def _inertial(mass: float, center: float, along: float, across: float) -> Element:
+def _build_inertial(mass: float, center: float, along: float, across: float) -> Element:
+    """Build an inertial element for a body that is slender along its x axis.
+
+    Args:
+        mass: Mass [kg].
+        center: Position of the centre of mass on the x axis [m].
+        along: Moment of inertia about x [kg m²].
+        across: Moment of inertia about y and z [kg m²].
+
+    Returns:
+        The element.
+    """
     inertial = Element("inertial")
     SubElement(inertial, "origin", xyz=f"{center:.9g} 0 0", rpy="0 0 0")
     SubElement(inertial, "mass", value=f"{mass:.9g}")
@@ -74,27 +110,43 @@ def _inertial(mass: float, center: float, along: float, across: float) -> Elemen
     return inertial
 
 
-def _add_link(
-    robot: Element, name: str, length: float, stroke: float, inertial: Element
-) -> None:
-    """A link from its joint to its tip, and as far back as its stroke makes it show."""
+def _add_link(robot: Element, name: str, length: float, stroke: float, inertial: Element) -> None:
+    """Add a link, drawn as a box from its tip back by its length and its stroke.
+
+    Args:
+        robot: Root element, changed in place.
+        name: Name of the link.
+        length: Length of the link [m].
+        stroke: Stroke of a telescope [m]; 0 for other joints.
+        inertial: Inertial element of the link.
+    """
     link = SubElement(robot, "link", name=name)
     link.append(inertial)
     visual = SubElement(link, "visual")
     SubElement(visual, "origin", xyz=f"{(length - stroke) / 2:.9g} 0 0", rpy="0 0 0")
     length += stroke
-    thick = f"{THICKNESS * length:.9g}"
+    thick = f"{THICKNESS_RATIO * length:.9g}"
     SubElement(SubElement(visual, "geometry"), "box", size=f"{length:.9g} {thick} {thick}")
 
 
 def _add_joint(
-    robot: Element, machine: Machine, index: int, parent: str, child: str, at: float
+    robot: Element, machine: Machine, index: int, parent: str, child: str, offset: float
 ) -> None:
+    """Add the joint between two links, with its axis and limits.
+
+    Args:
+        robot: Root element, changed in place.
+        machine: The machine.
+        index: Index of the joint, from 0.
+        parent: Name of the link before.
+        child: Name of the link after.
+        offset: Distance of the joint along the parent's x axis [m].
+    """
     a, own = machine.arrays, machine.config.joints[index].kind
     kind = "prismatic" if own == "prismatic" else "revolute"
     axis = {"revolute": "0 -1 0", "prismatic": "1 0 0", "slew": "0 0 1"}[own]
     joint = SubElement(robot, "joint", name=machine.joint_names[index], type=kind)
-    SubElement(joint, "origin", xyz=f"{at:.9g} 0 0", rpy="0 0 0")
+    SubElement(joint, "origin", xyz=f"{offset:.9g} 0 0", rpy="0 0 0")
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     SubElement(joint, "axis", xyz=axis)
@@ -111,6 +163,16 @@ def _add_joint(
 def _add_fixed(
     robot: Element, name: str, parent: str, child: str, position: str, angles: str
 ) -> None:
+    """Add a fixed joint between two links.
+
+    Args:
+        robot: Root element, changed in place.
+        name: Name of the joint.
+        parent: Name of the parent link.
+        child: Name of the child link.
+        position: Position "x y z" in the parent [m].
+        angles: Orientation "roll pitch yaw" in the parent [rad].
+    """
     joint = SubElement(robot, "joint", name=name, type="fixed")
     SubElement(joint, "origin", xyz=position, rpy=angles)
     SubElement(joint, "parent", link=parent)

@@ -1,4 +1,4 @@
-"""What the simulator node publishes of its arm: states, changes, reports."""
+"""Publisher of the simulator node: states, changes and reports of its arm."""
 
 from __future__ import annotations
 
@@ -28,28 +28,41 @@ from mhsb_msgs_py import (
     topics,
 )
 from mhsb_msgs_py.actuator_states import ActuatorSample
+from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.joint_state import JointSample
 from mhsb_msgs_py.reference import Reference
-from mhsb_sim.mechanics.robot_description import robot_description
+from mhsb_sim.mechanics.robot_description import build_robot_description
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
 STATE_PERIOD_NS = SECOND_NS // 100
+"""Period of states in simulated time [ns]."""
 MODES_PERIOD_NS = SECOND_NS // 10
+"""Longest period of modes and estimates in simulated time [ns]."""
 REPORT_PERIOD, DELAY_PERIOD = 1.0, 0.1
-"""Of the simulator's report, in simulated and in real time, whichever passes first; the second
-while the delay of plans changes [s]."""
+"""Periods of the simulator's report [s]: normally, and while the delay of plans changes.
+
+Simulated or real time counts, whichever passes first."""
 
 
 class ArmPublisher:
-    """Publishes at fixed rates of simulated time, and what changes at once."""
+    """Publisher of an arm: states at fixed rates of simulated time, and changes at once."""
 
-    def __init__(self, node: Node, arm: SupervisedArm, with_clock: bool) -> None:
+    def __init__(self, node: Node, arm: SupervisedArm, with_clock: bool, faults: Faults) -> None:
+        """Create all publishers of the node, and publish the robot description.
+
+        Args:
+            node: The simulator node.
+            arm: Its arm.
+            with_clock: Whether to publish /clock.
+            faults: Failed callbacks of the node, for the report.
+        """
         self._arm = arm
         self._simulator = arm.simulator
         self._with_clock = with_clock
+        self._faults = faults
         self._namespace = node.get_namespace()
         self._publishers = {
-            topic.name: endpoints.publisher(node, topic)
+            topic.name: endpoints.make_publisher(node, topic)
             for topic in (
                 topics.JOINT_STATES,
                 topics.REFERENCE,
@@ -62,17 +75,20 @@ class ArmPublisher:
                 *([topics.CLOCK] if with_clock else []),
             )
         }
-        described = String(data=robot_description(self._simulator.machine))
+        described = String(data=build_robot_description(self._simulator.machine))
         self._publishers[topics.ROBOT_DESCRIPTION.name].publish(described)
         self.restart()
 
     @property
-    def own(self) -> list[Publisher]:
-        """Publishers on topics where nobody else should publish."""
+    def exclusive_publishers(self) -> list[Publisher]:
+        """Publishers on topics on which no other node should publish."""
         return [self._publishers[topic.name] for topic in (topics.REFERENCE, topics.JOINT_STATES)]
 
     def restart(self) -> None:
-        """Simulated time has begun anew: publish all from now on."""
+        """Reset all periods and known values after a change of simulated time.
+
+        So everything is published again.
+        """
         now_ns = self._simulator.time_ns
         self._next_state_ns = self._next_modes_ns = now_ns + STATE_PERIOD_NS
         self._in_force_ns: int | None = None
@@ -81,7 +97,15 @@ class ArmPublisher:
         self._delay_ns = 0
 
     def publish_due(self) -> bool:
-        """After a step: what is due or has changed; whether states were due."""
+        """Publish what is due after a step of the simulation.
+
+        Clock, joint states, reference and actuator states come every STATE_PERIOD_NS. Modes and
+        estimates come every MODES_PERIOD_NS, even if they have not changed. A changed plan in force
+        and changed modes come at once.
+
+        Returns:
+            True if states were due.
+        """
         now_ns = self._simulator.time_ns
         due = now_ns >= self._next_state_ns
         if due:
@@ -89,14 +113,14 @@ class ArmPublisher:
             self._publish_states(now_ns)
         if now_ns >= self._next_modes_ns:
             self._next_modes_ns += MODES_PERIOD_NS
-            self._modes = None  # at this rate also where nothing changes
+            self._modes = None  # modes are published at this rate even if they do not change
             if learnt := self._simulator.estimates:
                 self._publish(topics.ESTIMATES, estimates.encode(learnt, now_ns))
         self.publish_changes()
         return due
 
     def publish_changes(self) -> None:
-        """The plan and the modes in force, when they change."""
+        """Publish the plan in force and the modes in force, if they have changed."""
         in_force_ns = self._arm.plan_stamp_ns
         if in_force_ns != self._in_force_ns:
             self._in_force_ns = in_force_ns
@@ -107,11 +131,21 @@ class ArmPublisher:
             self._publish(topics.MODES, modes_in_force.encode(modes))
 
     def publish_hand_over(self, report: HandOverReport) -> None:
-        """What became of a plan."""
+        """Publish the hand-over report of a plan.
+
+        Args:
+            report: The report.
+        """
         self._publish(topics.DIAGNOSTICS, self._encoded(report, self._simulator.time_ns))
 
     def report_due(self) -> bool:
-        """Whether it is time for the simulator's report."""
+        """Return whether the simulator's report is due.
+
+        Its period is REPORT_PERIOD, or DELAY_PERIOD while the delay of plans changes.
+
+        Returns:
+            True once the period has passed in simulated or in real time.
+        """
         wall, sim_ns = self._last_report
         passed_ns = self._simulator.time_ns - sim_ns
         same = self._simulator.plan_delay_ns == self._delay_ns
@@ -119,7 +153,16 @@ class ArmPublisher:
         return max(time.monotonic() - wall, passed_ns / SECOND_NS) >= period
 
     def publish_report(self, sentence: str, level: Level) -> None:
-        """How the simulator is."""
+        """Publish the simulator's report on /diagnostics, and restart its period.
+
+        Besides sentence and level, it has simulated time, speed relative to real time, and energies
+        [J]. It also has last stop, plan delay [s], number of interventions of the mode guard, lost
+        servo pumps, machine, and failed callbacks.
+
+        Args:
+            sentence: Health of the simulator as text.
+            level: Level of the health: OK, WARN or ERROR.
+        """
         now_ns = self._simulator.time_ns
         wall, sim_ns = self._last_report
         self._last_report = (time.monotonic(), now_ns)
@@ -138,6 +181,10 @@ class ArmPublisher:
             self._delay_ns / SECOND_NS,
             self._simulator.guard.interventions.count,
             tuple(k + 1 for k in self._simulator.lost_modules),
+            self._simulator.machine.name,
+            self._simulator.machine.planning_hash,
+            self._faults.count,
+            self._faults.last,
         )
         self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
 
@@ -145,6 +192,14 @@ class ArmPublisher:
         return sim_status.encode(report, now_ns, self._namespace)
 
     def _publish_states(self, now_ns: int) -> None:
+        """Publish joint states, reference and actuator states.
+
+        /clock is also published if the node is its source. The published effort of a joint is its
+        cylinder's force times its moment arm.
+
+        Args:
+            now_ns: Simulated time, as the stamp [ns].
+        """
         simulator, machine = self._simulator, self._simulator.machine
         if self._with_clock:
             self._publish(topics.CLOCK, Clock(clock=stamps.to_time(now_ns)))
@@ -172,8 +227,8 @@ class ArmPublisher:
             piston_speed=hydraulics.piston_speed,
             supply_flow=hydraulics.supply_flow,
             valve_opening=hydraulics.valve_opening,
-            servo_pump_flow=_of_actuators(hydraulics.servo_pump_flow, n),
-            servo_pump_speed=_of_actuators(hydraulics.servo_pump_speed, n),
+            servo_pump_flow=_select_actuator_values(hydraulics.servo_pump_flow, n),
+            servo_pump_speed=_select_actuator_values(hydraulics.servo_pump_speed, n),
         )
         self._publish(
             topics.ACTUATOR_STATES, actuator_states.encode(sample, machine.actuator_names)
@@ -183,8 +238,17 @@ class ArmPublisher:
         self._publishers[topic.name].publish(message)
 
 
-def _of_actuators(of_modules: FloatArray, count: int) -> FloatArray:
-    """The modules that belong to actuators; 0 for an actuator without one."""
+def _select_actuator_values(of_modules: FloatArray, count: int) -> FloatArray:
+    """Return the value of each actuator's own booster module.
+
+    Args:
+        of_modules: One value per module, float64[m].
+        count: Number n of actuators.
+
+    Returns:
+        One value per actuator, float64[n]; 0 for an actuator without a module. Values of further
+        modules are left out.
+    """
     own = np.zeros(count)
     own[: len(of_modules)] = of_modules[:count]
     return own

@@ -1,4 +1,4 @@
-"""How the simulator is, in one sentence: its fault, or all that it warns of, or that it runs."""
+"""Health of the simulator in one sentence: its fault, or all its warnings, or that it runs."""
 
 from __future__ import annotations
 
@@ -7,49 +7,78 @@ from typing import Any
 
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Level
+from mhsb_msgs_py.faults import Faults
 from mhsb_sim.ros.pacing import Pacer
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
 LARGEST_OFFSET_NS = SECOND_NS // 2
-"""Between the system's time and simulated time where that is meant to be the same."""
+"""Largest difference between system time and simulated time without a warning [ns]."""
 
 
-CLOSED = "running; the valves are closed until the next plan"
+VALVES_CLOSED_SENTENCE = "running; the valves are closed until the next plan"
+"""Sentence while nothing is wrong and the valves are closed."""
 
 
 class Health:
-    """Fault and warnings of an arm, its pace, its clock and its place on the ROS graph.
+    """Health of an arm and its node, summed up as a level and a sentence.
 
-    duplicates  what is there twice, see `mhsb_msgs_py.duplicates`
+    It combines fault, warnings, lag, clock offset, failed callbacks and duplicate publishers.
+
+    Attributes:
+        duplicates: Clause on publishers that exist twice on the ROS graph; empty if there are none.
+            See `mhsb_msgs_py.duplicates`.
     """
 
-    def __init__(self, arm: SupervisedArm, pacer: Pacer, own_clock: bool) -> None:
+    def __init__(self, arm: SupervisedArm, pacer: Pacer, own_clock: bool, faults: Faults) -> None:
+        """Store the objects on which the health depends.
+
+        Args:
+            arm: The arm.
+            pacer: Pacer of the simulation, which has its lag.
+            own_clock: Whether the simulator publishes /clock; its time may then differ from the
+                system's.
+            faults: Failed callbacks of the node.
+        """
         self._arm = arm
         self._pacer = pacer
         self._own_clock = own_clock
+        self._faults = faults
         self.duplicates = ""
         self._told: tuple[object, ...] | None = None
 
     @property
     def level(self) -> Level:
-        """ERROR where the arm is stopped and takes no plans, WARN where something is to be told."""
+        """Level of the health: ERROR if the arm is stopped, WARN if there is a warning, else OK."""
         if self._arm.fault:
             return Level.ERROR
-        return Level.WARN if any(self._warnings()) else Level.OK
+        return Level.WARN if any(self._list_warnings()) else Level.OK
 
     @property
     def sentence(self) -> str:
-        """All of it for a person."""
-        well = CLOSED if self._arm.simulator.valves_closed else "running"
-        return self._arm.fault or "; ".join(filter(None, self._warnings())) or well
+        """Fault, or all warnings, or that the simulator runs, as text for a person."""
+        well = VALVES_CLOSED_SENTENCE if self._arm.simulator.valves_closed else "running"
+        return self._arm.fault or "; ".join(filter(None, self._list_warnings())) or well
 
-    def changed(self) -> bool:
-        """Whether it is in another way than at the last call, or was stopped; numbers aside."""
-        before, self._told = self._told, self._kind()
+    def has_changed(self) -> bool:
+        """Return whether the health has changed in kind since the last call.
+
+        `_build_comparison_key` defines the kind. Numbers in most sentences do not count; a call of
+        ~/stop counts.
+
+        Returns:
+            True if the kind has changed; False at the first call.
+        """
+        before, self._told = self._told, self._build_comparison_key()
         return before not in (None, self._told)
 
     def log(self, logger: Any) -> None:
-        """Say it in a log, each level at a place of its own, which rclpy asks for."""
+        """Write the sentence to a log at its level.
+
+        Each level has a call of its own, since rclpy requires one call site per level.
+
+        Args:
+            logger: Logger of the node.
+        """
         if self.level is Level.ERROR:
             logger.error(self.sentence)
         elif self.level is Level.WARN:
@@ -57,19 +86,47 @@ class Health:
         else:
             logger.info(self.sentence)
 
-    def _kind(self) -> tuple[object, ...]:
+    def _build_comparison_key(self) -> tuple[object, ...]:
+        """Return the values whose change counts as a change of health.
+
+        Returns:
+            Whether the simulation is halted, phase of the supervision, time of the last stop [ns],
+            whether the valves are closed, and the lost modules. Then for each warning whether there
+            is one, and the text on duplicate publishers. Numbers in the other warnings do not
+            count.
+        """
         arm = self._arm
         phase = arm.supervision.phase
         closed = arm.simulator.valves_closed
-        *warnings, duplicates = self._warnings()  # the graph shows one after the other
+        # The text on duplicates counts, since the graph reveals them one after the other.
+        *warnings, duplicates = self._list_warnings()
         lost = arm.simulator.lost_modules
         return arm.halted, phase, arm.last_stop_ns, closed, lost, *map(bool, warnings), duplicates
 
-    def _warnings(self) -> tuple[str, str, str, str, str]:
-        arm = self._arm
-        return arm.warning, arm.intervention, self._lag(), self._offset(), self.duplicates
+    def _list_warnings(self) -> tuple[str, str, str, str, str, str]:
+        """Return all warnings, empty ones included.
 
-    def _lag(self) -> str:
+        Returns:
+            Sentences on symptoms, intervention of the mode guard, lag of the simulation, clock
+            offset, failed callbacks and duplicate publishers. A sentence is empty if there is
+            nothing to warn of.
+        """
+        arm, faults = self._arm, self._faults.get_recent_fault()
+        return (
+            arm.warning,
+            arm.intervention,
+            self._describe_lag(),
+            self._describe_offset(),
+            faults,
+            self.duplicates,
+        )
+
+    def _describe_lag(self) -> str:
+        """Return the warning on a lag of the simulation.
+
+        Returns:
+            A sentence; empty if the simulation does not lag (`Pacer.lags`).
+        """
         if not self._pacer.lags:
             return ""
         return (
@@ -77,7 +134,13 @@ class Health:
             "machine was too busy for it, or it was frozen"
         )
 
-    def _offset(self) -> str:
+    def _describe_offset(self) -> str:
+        """Return the warning on an offset between simulated and system time.
+
+        Returns:
+            A sentence; empty if the offset is at most LARGEST_OFFSET_NS, or if the simulator
+            publishes /clock.
+        """
         offset_ns = 0 if self._own_clock else time.time_ns() - self._arm.simulator.time_ns
         if abs(offset_ns) <= LARGEST_OFFSET_NS:
             return ""

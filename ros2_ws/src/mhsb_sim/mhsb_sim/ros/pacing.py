@@ -1,9 +1,9 @@
-"""Pacing: how far the simulation should come, each time its node wakes.
+"""Pacing: how far the simulation is to advance each time its node wakes.
 
-Simulated time runs at `factor` times a steady clock, which no correction of the system's clock can
-turn back or ahead. What the simulation lags behind, after a freeze or on a busy machine, it makes
-up a little faster than it runs, so that nothing that follows its reference sees a leap; what lies
-further back than `LARGEST_LAG_NS` is given up, and simulated time stays behind.
+Simulated time runs at `factor` times a steady clock, which no correction of the system's clock
+affects. A lag, after a freeze or on a busy machine, is made up at a slightly higher speed, so that
+nothing that follows the reference sees a jump. A lag beyond `LARGEST_LAG_NS` is given up, and
+simulated time stays behind by the rest.
 """
 
 from __future__ import annotations
@@ -11,25 +11,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 LARGEST_LAG_NS = 2_000_000_000
-"""Time of the clock that is made up; what lies further back is left out."""
+"""Largest lag that is made up, in clock time [ns]."""
 
 CATCH_UP = 1.25
-"""Greatest pace while a lag is made up, in paces."""
+"""Largest speed while a lag is made up, relative to the normal one."""
 
 LONGEST_WAKE_NS = 50_000_000
-"""Time between two wakes up to which it is made up at once."""
+"""Longest time between two wakes that is simulated at once [ns]."""
 
 LAGS_NS, KEEPS_UP_NS = 100_000_000, 20_000_000
-"""Beyond the first the simulation counts as lagging, until it is within the second again."""
+"""Lags [ns]: the simulation counts as lagging above the first, until it is below the second."""
 
 
 @dataclass
 class Pacer:
-    """Maps a steady clock's time [ns] to simulated time [ns], `factor` seconds per second.
+    """Maps the time of a steady clock to simulated time.
 
-    clock_ns, sim_ns  from which instant on it counts
-    lag_ns            time of the clock that simulated time was behind at the last wake
-    lags              whether that is worth a warning
+    Attributes:
+        factor: Simulated seconds per second of the clock.
+        clock_ns: Clock time of the reference instant, at which there is no lag [ns].
+        sim_ns: Simulated time of that instant [ns].
+        lag_ns: Lag of simulated time at the last wake, in clock time [ns].
+        lags: Whether the lag is large enough for a warning.
     """
 
     factor: float
@@ -41,8 +44,20 @@ class Pacer:
     def __post_init__(self) -> None:
         self._woken_ns = self.clock_ns
 
-    def due_ns(self, clock_ns: int, sim_ns: int) -> int:
-        """How far to simulate in a wake at `clock_ns`, from where the simulation is."""
+    def compute_due_ns(self, clock_ns: int, sim_ns: int) -> int:
+        """Compute the simulated time to be reached in a wake, and update `lag_ns` and `lags`.
+
+        Simulated time advances by the clock time since the last wake, limited to LONGEST_WAKE_NS.
+        While there is a lag it advances faster, by the factor CATCH_UP at most. A lag beyond
+        LARGEST_LAG_NS is given up by moving the reference instant.
+
+        Args:
+            clock_ns: Present clock time [ns].
+            sim_ns: Present simulated time [ns].
+
+        Returns:
+            Simulated time to be reached [ns]; it may be before `sim_ns` if the simulation is ahead.
+        """
         passed_ns = min(clock_ns - self._woken_ns, LONGEST_WAKE_NS)
         self._woken_ns = clock_ns
         ideal_ns = self.sim_ns + round((clock_ns - self.clock_ns) * self.factor)
@@ -56,7 +71,14 @@ class Pacer:
         return min(ideal_ns, sim_ns + round(passed_ns * self.factor * CATCH_UP))
 
     def restart(self, clock_ns: int, sim_ns: int) -> None:
-        """Count from here: after a change of factor, or a reset."""
+        """Set the reference instant to the present, without lag.
+
+        The caller does so after a change of the factor or a reset.
+
+        Args:
+            clock_ns: Present clock time [ns].
+            sim_ns: Simulated time at that instant [ns].
+        """
         self.clock_ns, self.sim_ns = clock_ns, sim_ns
         self.lag_ns, self.lags = 0, False
         self._woken_ns = clock_ns

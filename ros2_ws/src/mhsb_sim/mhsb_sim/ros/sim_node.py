@@ -1,7 +1,7 @@
-"""The simulator node: plans in, motion, pressures and what is in force out.
+"""The simulator node: receives plans, publishes motion, pressures and what is in force.
 
-A thin adapter around `SupervisedArm`: a timer brings the simulation up to date, messages are
-decoded and handed on, and what comes of it is published.
+It is a thin adapter around `SupervisedArm`. A timer brings the simulation up to date. Messages are
+decoded and passed on, and the results are published.
 """
 
 from __future__ import annotations
@@ -19,38 +19,45 @@ from std_srvs.srv import Trigger
 
 from mhsb_model import command_line
 from mhsb_model.arm_reports import HandOverOutcome
-from mhsb_msgs_py import mode_schedule, names, point_arrays, topics, trajectory
-from mhsb_msgs_py.duplicates import duplicate_problem
+from mhsb_msgs_py import mode_schedule, names, point_arrays, qos, topics, trajectory
+from mhsb_msgs_py.duplicates import describe_duplicates
 from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.node_process import spin_node
 from mhsb_sim.ros import sim_parameters
 from mhsb_sim.ros.arm_publisher import ArmPublisher
 from mhsb_sim.ros.health import Health
 from mhsb_sim.ros.pacing import Pacer
-from mhsb_sim.simulation.faults import NONE, parse_faults
-from mhsb_sim.simulation.kernel_parts import compile_simulator, rehearse
+from mhsb_sim.simulation.faults import NO_FAULT, parse_faults
+from mhsb_sim.simulation.kernel_parts import compile_simulator, exercise_kernels
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
-TICK = 0.005
-"""Wall-clock time between two looks at what is due [s]."""
+TIMER_PERIOD = 0.005
+"""Wall-clock period of the timer that advances the simulation [s]."""
 
 LONGEST_TICK_NS = 10_000_000
-"""Wall-clock time of one wake after which others have their turn, even if more is due."""
+"""Wall-clock time after which a timer callback returns, even if more is due [ns].
+
+Other callbacks can then run."""
 
 LATE_WAKE_NS = 10_000_000
-"""Wall-clock time between two wakes beyond which what came meanwhile is received first."""
+"""Wall-clock time between two wakes [ns] above which waiting messages are received first."""
 
-DUPLICATES_PERIOD = 1.0  # s
+DUPLICATES_PERIOD = 1.0
+"""Period of the search for duplicate publishers [s]."""
+
 
 class SimNode(Node):
-    """Simulates the arm with its hydraulics and servo, and executes plans."""
+    """Node that simulates the arm with its hydraulics and servo, and executes plans."""
 
     def __init__(self) -> None:
+        """Declare the parameters, compile the kernels, build the arm, and start to serve."""
         super().__init__(names.SIM_NODE)
+        self.faults = Faults(self, stop=self._stop_unwatched_arm)
         self._machine = sim_parameters.declare_machine(self)
         plant = sim_parameters.declare_plant(self, self._machine)
-        self._settings = sim_parameters.declare(self, plant)
+        self._settings = sim_parameters.declare_parameters(self, plant)
         compile_simulator(self.get_logger().info)
         simulator = Simulator(
             self._machine,
@@ -60,54 +67,70 @@ class SimNode(Node):
             plant=plant,
         )
         self._arm = SupervisedArm(simulator, self._settings.limits)
-        rehearse()  # loads everything before anybody waits for it
-        self._publisher = ArmPublisher(self, self._arm, self._settings.publish_clock)
+        exercise_kernels()  # loads all kernels before the node serves
+        self._publisher = ArmPublisher(self, self._arm, self._settings.publish_clock, self.faults)
         self._pacer = Pacer(self._settings.real_time_factor, 0, 0)
         self._left_ns = 0
         self._messages_first = False
-        self._health = Health(self._arm, self._pacer, self._settings.publish_clock)
+        self._health = Health(self._arm, self._pacer, self._settings.publish_clock, self.faults)
         self._make_interfaces()
         self.add_on_set_parameters_callback(
-            lambda changes: sim_parameters.check(self, plant, changes)
+            lambda changes: sim_parameters.check_changes(self, plant, changes)
         )
         self.add_post_set_parameters_callback(self._apply_parameters)
         gc.collect()
-        gc.freeze()  # what has been loaded stays: later collections need not look at it
-        self._start_anew()
+        gc.freeze()  # loaded modules stay, so that later collections need not examine them
+        self._restart_arm()
         self.get_logger().info(f"ready: {self._machine.name} holds its position")
 
     def _make_interfaces(self) -> None:
+        """Create subscriptions, services and timers."""
         for topic, callback in (
             (topics.JOINT_TRAJECTORY, self._on_trajectory),
             (topics.MODE_COMMANDS, self._on_schedule),
         ):
             self.create_subscription(topic.message, topic.name, callback, topic.qos, raw=True)
-        self.create_service(Trigger, names.STOP_SERVICE, self._on_stop)
-        self.create_service(Trigger, names.RESET_SERVICE, self._on_reset)
-        self.create_service(Trigger, names.CLEAR_FAULTS_SERVICE, self._on_clear_faults)
+        for name, answer in (
+            (names.STOP_SERVICE, self._on_stop),
+            (names.RESET_SERVICE, self._on_reset),
+            (names.CLEAR_FAULTS_SERVICE, self._on_clear_faults),
+        ):
+            self.create_service(Trigger, name, answer, qos_profile=qos.SERVICE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(TICK, self._tick, clock=steady)
+        self.faults.watch(self.create_timer(TIMER_PERIOD, self._tick, clock=steady))
         self.create_timer(DUPLICATES_PERIOD, self._look_for_duplicates, clock=steady)
 
     # --- Time ------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        """Bring the simulation up to date, publishing on the way."""
+        """Advance the simulation up to the present, and publish.
+
+        The call takes at most about LONGEST_TICK_NS. After a wake more than LATE_WAKE_NS after the
+        last one it returns once without a step, so that waiting messages are received first. The
+        first call resets the arm, so that simulated time begins then.
+        """
         now_ns = time.monotonic_ns()
         if not self._left_ns:
-            self._start_anew()  # time begins when the node is served
+            self._restart_arm()  # simulated time starts when the node is first served
         elif now_ns - self._left_ns > LATE_WAKE_NS and not self._messages_first:
             self._messages_first = True
             return
         self._messages_first = False
-        due_ns = self._pacer.due_ns(now_ns, self._arm.simulator.time_ns)
+        due_ns = self._pacer.compute_due_ns(now_ns, self._arm.simulator.time_ns)
         self._arm.hand_over(time.monotonic())
         self._simulate(due_ns, now_ns + LONGEST_TICK_NS)
-        self._tell()
+        self._publish_reports()
         self._left_ns = time.monotonic_ns()
 
     def _simulate(self, due_ns: int, until_ns: int) -> None:
-        """Step up to `due_ns`, or until the steady clock has come to `until_ns`."""
+        """Step and publish up to a simulated time, or until the clock time has passed.
+
+        The clock is checked only when states are published. A halted arm does not step.
+
+        Args:
+            due_ns: Simulated time to be reached and not exceeded [ns].
+            until_ns: Time of the steady clock after which stepping ends [ns].
+        """
         arm, simulator = self._arm, self._arm.simulator
         wall = time.monotonic()
         while not arm.halted and simulator.time_ns + simulator.step_ns <= due_ns:
@@ -115,48 +138,83 @@ class SimNode(Node):
             if self._publisher.publish_due() and time.monotonic_ns() > until_ns:
                 return
 
-    def _start_anew(self) -> None:
-        """Rest in the start posture from now on; forget plans and faults."""
+    def _restart_arm(self) -> None:
+        """Put the arm at rest into its start posture now, and forget plans and faults.
+
+        Simulated time starts at 0 if the node publishes /clock, else at the system's time. The
+        faults that the parameter `fault` names are injected again.
+        """
         time_ns = 0 if self._settings.publish_clock else time.time_ns()
         self._arm.reset(time_ns)
         self._inject_faults()
-        self._go_on_from_here()
+        self._restart_pacing()
 
-    def _go_on_from_here(self) -> None:
+    def _restart_pacing(self) -> None:
+        """Restart pacing and publishing at the present simulated time."""
         self._pacer.restart(time.monotonic_ns(), self._arm.simulator.time_ns)
         self._publisher.restart()
-        self._tell()
+        self._publish_reports()
 
     # --- Plans -----------------------------------------------------------------------------------
 
     def _on_trajectory(self, raw: bytes) -> None:
+        """Receive the trajectory of a plan.
+
+        Args:
+            raw: Serialised message.
+        """
         wall = time.monotonic()
-        with self._refusing(raw, "joint_trajectory", wall):
+        with self._refuse_undecodable(raw, "joint_trajectory", wall):
             received = trajectory.decode(raw, self._machine.joint_names)
             self._arm.add_trajectory(received, wall)
 
     def _on_schedule(self, raw: bytes) -> None:
+        """Receive the mode schedule of a plan.
+
+        Args:
+            raw: Serialised message.
+        """
         wall = time.monotonic()
-        with self._refusing(raw, "mode_commands", wall):
+        with self._refuse_undecodable(raw, "mode_commands", wall):
             received = mode_schedule.decode(raw, self._machine.actuator_names)
             self._arm.add_schedule(received, wall)
 
     @contextmanager
-    def _refusing(self, raw: bytes, half: str, wall: float) -> Iterator[None]:
-        """What comes of half a plan is told; one that cannot be decoded is refused."""
+    def _refuse_undecodable(self, raw: bytes, half: str, wall: float) -> Iterator[None]:
+        """Context manager that refuses a plan if half of it cannot be decoded.
+
+        A MessageError in its body refuses the plan. At the end reports on plans are published.
+
+        Args:
+            raw: Serialised message, from which the stamp is read.
+            half: Name of the message's topic, for the report.
+            wall: Wall-clock time [s].
+        """
         try:
             yield
         except MessageError as error:
             problem = f"its {half} cannot be used: {error}"
-            self._arm.add_unusable(point_arrays.stamp_of(raw), problem, wall)
-        self._tell()
+            self._arm.add_unusable(point_arrays.read_stamp(raw), problem, wall)
+        self._publish_reports()
 
     # --- Services and parameters -----------------------------------------------------------------
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Decelerate along the path of the plan in force and hold there."""
+        """Stop the arm: decelerate along the path of the plan in force, then hold.
+
+        Plans stamped up to now are refused, and a waiting plan is dropped. All reports are
+        published at once. A simulation that has diverged is left as it is.
+
+        Args:
+            request: Empty request.
+            response: Response to be filled in.
+
+        Returns:
+            The response: whether the simulation runs, and a sentence on what the arm does. Without
+            success, because the simulation has diverged, the sentence is the fault.
+        """
         moving = self._arm.stop()
-        self._tell()
+        self._publish_reports()
         response.success = not self._arm.halted
         response.message = "the arm decelerates along its path" if moving else "the arm holds"
         if self._arm.halted:
@@ -164,9 +222,17 @@ class SimNode(Node):
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Back to the start posture, at rest; faults are cleared, plans forgotten."""
-        self._heal()
-        self._start_anew()
+        """Reset the arm: start posture at rest, faults cleared, plans forgotten.
+
+        Args:
+            request: Empty request.
+            response: Response to be filled in.
+
+        Returns:
+            The response, always with success.
+        """
+        self._end_fault()
+        self._restart_arm()
         response.success = True
         response.message = "the simulation starts anew"
         return response
@@ -174,34 +240,61 @@ class SimNode(Node):
     def _on_clear_faults(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Heal what fails, and let an arm that was stopped because of it go on."""
-        healed = self._heal()
+        """End the injected fault, and let an arm that was stopped go on.
+
+        `SupervisedArm.clear_fault` decides how. A simulation that has diverged starts anew at its
+        own time, or at the system's if that is later and the node does not publish /clock.
+
+        Args:
+            request: Empty request.
+            response: Response to be filled in.
+
+        Returns:
+            The response, always with success, and with a sentence on what happens to the faults.
+        """
+        healed = self._end_fault()
         diverged = self._arm.halted
         time_ns = self._arm.simulator.time_ns
         if not self._settings.publish_clock:
             time_ns = max(time_ns, time.time_ns())
         response.message = healed + self._arm.clear_fault(time_ns)
         if diverged:
-            self._go_on_from_here()
-        self._tell()
+            self._restart_pacing()
+        self._publish_reports()
         response.success = True
         return response
 
-    def _heal(self) -> str:
-        """Take back an injected fault; tells of it, if there was one."""
+    def _stop_unwatched_arm(self) -> None:
+        """Stop the arm, because the callback that moves and supervises it fails."""
+        self._arm.stop()
+
+    def _end_fault(self) -> str:
+        """End the injected fault, by setting the parameter `fault` to none.
+
+        Returns:
+            Clause on the fault that has ended; empty if there was none.
+        """
         failing = self._settings.fault
-        if failing == NONE:
+        if failing == NO_FAULT:
             return ""
-        self.set_parameters([Parameter("fault", value=NONE)])
+        self.set_parameters([Parameter("fault", value=NO_FAULT)])
         return f"the fault {failing} is healed; "
 
     def _inject_faults(self) -> None:
+        """Inject the faults of the parameter `fault`."""
         simulator = self._arm.simulator
-        simulator.inject(parse_faults(self._settings.fault, simulator.plant))
+        simulator.inject_faults(parse_faults(self._settings.fault, simulator.plant))
 
     def _apply_parameters(self, changes: list[Parameter]) -> None:
+        """Apply changed parameters: limits of supervision, payload, faults and real-time factor.
+
+        A changed factor restarts the pacing. Faults are not injected into a diverged simulation.
+
+        Args:
+            changes: Changed parameters; not used, since all are read again.
+        """
         before = self._settings
-        self._settings = sim_parameters.read(self)
+        self._settings = sim_parameters.read_parameters(self)
         arm = self._arm
         arm.supervision.limits = self._settings.limits
         if self._settings.payload != before.payload:
@@ -212,20 +305,26 @@ class SimNode(Node):
             self._pacer.factor = self._settings.real_time_factor
             self._pacer.restart(time.monotonic_ns(), arm.simulator.time_ns)
 
-    # --- What is told ----------------------------------------------------------------------------
+    # --- Reports ---------------------------------------------------------------------------------
 
     def _look_for_duplicates(self) -> None:
-        self._health.duplicates = duplicate_problem(self, self._publisher.own)
+        """Search the ROS graph for other publishers of this node's topics."""
+        self._health.duplicates = describe_duplicates(self, self._publisher.exclusive_publishers)
 
-    def _tell(self) -> None:
-        """Publish what has become of plans, and how the simulation is where that is new."""
+    def _publish_reports(self) -> None:
+        """Publish hand-over reports, changes, and the simulator's report.
+
+        Changes are a new plan in force and new modes. The simulator's report is published if it is
+        due or if the health has changed in kind. Such a change is also logged. Plans that were not
+        applied are logged as warnings.
+        """
         for report in self._arm.take_reports():
             if report.outcome is not HandOverOutcome.APPLIED:
                 self.get_logger().warning(report.sentence, throttle_duration_sec=0.1)
             self._publisher.publish_hand_over(report)
         self._publisher.publish_changes()
         health = self._health
-        changed = health.changed()
+        changed = health.has_changed()
         if changed:
             health.log(self.get_logger())
         if changed or self._publisher.report_due():
@@ -242,7 +341,11 @@ def sim_node() -> int:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_sim sim_node`."""
+    """Run the command `ros2 run mhsb_sim sim_node`.
+
+    Returns:
+        The exit code.
+    """
     return command_line.run(sim_node, name="sim_node", node=True)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of the simulator node: declaration, ranges, and what a change is refused for."""
+"""Parameters of the simulator node: declaration, ranges, and checks of changes."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.errors import ArgumentError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.errors import FaultError
-from mhsb_sim.servo import CONTROLLERS
-from mhsb_sim.simulation.faults import KINDS, NONE, parse_faults
+from mhsb_sim.simulation.fault_detection import SupervisionLimits
+from mhsb_sim.simulation.faults import FAULT_KINDS, NO_FAULT, parse_faults
 from mhsb_sim.simulation.plant_files import load_plant
-from mhsb_sim.simulation.symptoms import SupervisionLimits
 
-HEAVIEST_PAYLOAD = 1e4  # kg
-SLOWEST, FASTEST = 0.01, 50.0
-"""Range of real_time_factor."""
+HEAVIEST_PAYLOAD = 1e4
+"""Upper end of the range of `payload` [kg]."""
+MIN_REAL_TIME_FACTOR, MAX_REAL_TIME_FACTOR = 0.01, 50.0
+"""Range of `real_time_factor`."""
 
-SUPERVISED = {
+SUPERVISION_LIMITS = {
     "following_error": ("of a joint, measured against reference [rad]", (1e-3, 10.0)),
     "overpressure": ("of a chamber or line, share of its relief valve's setting", (0.1, 10.0)),
     "supply_loss": ("of a line, share of the main pump's pressure that it lacks", (0.05, 2.0)),
@@ -41,28 +42,29 @@ SUPERVISED = {
     "disagreeing_valve": ("way of a piston that its opening does not explain [m]", (1e-5, 1e3)),
     "saturation": ("time with a valve fully open or a servo pump at full speed [s]", (0.01, 1e4)),
 }
-"""What supervision watches: meaning and range of the limits of each symptom."""
+"""Meaning of each symptom that supervision evaluates, and range of its warning and stop limits."""
 
-CHECKED = (
+CHECKED_PARAMETERS = (
     "real_time_factor",
     "publish_clock",
     "fault",
-    *(f"{symptom}_{kind}" for symptom in SUPERVISED for kind in ("warning", "limit")),
+    *(f"{symptom}_{kind}" for symptom in SUPERVISION_LIMITS for kind in ("warning", "limit")),
 )
-"""Parameters that may not go together, or not be known."""
+"""Parameters that are checked beyond their ranges: the values may contradict each other."""
 
 
 @dataclass(frozen=True)
 class SimParameters:
-    """What the parameters ask for.
+    """Values of the node's parameters.
 
-    seed              of the sensor noise
-    controller        name of the servo's controller
-    real_time_factor  simulated seconds per second
-    publish_clock     whether the simulator is the source of /clock
-    payload           at the tip, kg
-    fault             what fails, as `simulation.faults` has it
-    limits            of supervision
+    Attributes:
+        seed: Seed of the sensor noise.
+        controller: Name of the servo controller.
+        real_time_factor: Simulated seconds per second of real time.
+        publish_clock: Whether the simulator is the source of /clock.
+        payload: Payload at the tip [kg].
+        fault: Faults as text, in the form that `simulation.faults` describes.
+        limits: Limits of supervision.
     """
 
     seed: int
@@ -75,7 +77,17 @@ class SimParameters:
 
 
 def declare_machine(node: Node) -> Machine:
-    """Declare `machine` and read the file that it names; raises MachineFileError."""
+    """Declare the parameter `machine`, and load the machine file that it names.
+
+    Args:
+        node: The node.
+
+    Returns:
+        The machine; the suite's own arm if the parameter is empty.
+
+    Raises:
+        MachineFileError: The file is missing or not valid.
+    """
     descriptor = ParameterDescriptor(
         description="machine file (YAML); empty for the suite's own arm", read_only=True
     )
@@ -84,7 +96,18 @@ def declare_machine(node: Node) -> Machine:
 
 
 def declare_plant(node: Node, machine: Machine) -> Machine:
-    """Declare `plant` and read the file that it names; raises MachineFileError."""
+    """Declare the parameter `plant`, and load the plant file that it names.
+
+    Args:
+        node: The node.
+        machine: The machine that the servo knows.
+
+    Returns:
+        The plant; `machine` if the parameter is empty.
+
+    Raises:
+        MachineFileError: The file is missing or not valid.
+    """
     descriptor = ParameterDescriptor(
         description="plant file (YAML): what the simulated arm has other than the `machine` that "
         "its servo knows, or a whole machine file; empty where there is no difference",
@@ -95,8 +118,19 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
     return load_plant(machine, Path(file)) if file else machine
 
 
-def declare(node: Node, plant: Machine) -> SimParameters:
-    """Declare all other parameters and read them; ArgumentError where they do not go together."""
+def declare_parameters(node: Node, plant: Machine) -> SimParameters:
+    """Declare all other parameters, check their values, and read them.
+
+    Args:
+        node: The node.
+        plant: The simulated machine, for the payload's default and the places of faults.
+
+    Returns:
+        The values.
+
+    Raises:
+        ArgumentError: Values contradict each other, or a fault is not valid.
+    """
     node.declare_parameter(
         "seed",
         0,
@@ -110,7 +144,7 @@ def declare(node: Node, plant: Machine) -> SimParameters:
         "controller",
         "coordinated",
         ParameterDescriptor(
-            description=f"of the servo, one of {', '.join(CONTROLLERS)}", read_only=True
+            description=f"of the servo, one of {', '.join(REGISTERED_CONTROLLERS)}", read_only=True
         ),
     )
     node.declare_parameter(
@@ -121,34 +155,47 @@ def declare(node: Node, plant: Machine) -> SimParameters:
     node.declare_parameter(
         "real_time_factor",
         1.0,
-        _ranged("simulated seconds per second; other than 1 needs publish_clock", SLOWEST, FASTEST),
+        _describe_range(
+            "simulated seconds per second; other than 1 needs publish_clock",
+            MIN_REAL_TIME_FACTOR,
+            MAX_REAL_TIME_FACTOR,
+        ),
     )
     node.declare_parameter(
         "payload",
         plant.arrays.payload,
-        _ranged("at the tip [kg]; the servo is not told", 0.0, HEAVIEST_PAYLOAD),
+        _describe_range("at the tip [kg]; the servo is not told", 0.0, HEAVIEST_PAYLOAD),
     )
     node.declare_parameter(
         "fault",
-        NONE,
+        NO_FAULT,
         ParameterDescriptor(
             description=f"what fails: KIND, KIND:PLACE or KIND:PLACE:VALUE, several separated by "
-            f"commas; {NONE}, {', '.join(KINDS)}"
+            f"commas; {NO_FAULT}, {', '.join(FAULT_KINDS)}"
         ),
     )
-    for symptom, (text, limits) in SUPERVISED.items():
+    for symptom, (text, limits) in SUPERVISION_LIMITS.items():
         warning, stop = getattr(SupervisionLimits(), symptom)
         name, unit = f"{symptom}_warning", f"{text}: beyond it the arm"
-        node.declare_parameter(name, warning, _ranged(f"{unit} warns", *limits))
-        node.declare_parameter(f"{symptom}_limit", stop, _ranged(f"{unit} is stopped", *limits))
-    result = check(node, plant, node.get_parameters(list(CHECKED)))
+        node.declare_parameter(name, warning, _describe_range(f"{unit} warns", *limits))
+        node.declare_parameter(
+            f"{symptom}_limit", stop, _describe_range(f"{unit} is stopped", *limits)
+        )
+    result = check_changes(node, plant, node.get_parameters(list(CHECKED_PARAMETERS)))
     if not result.successful:
         raise ArgumentError(result.reason)
-    return read(node)
+    return read_parameters(node)
 
 
-def read(node: Node) -> SimParameters:
-    """The parameters as they are now."""
+def read_parameters(node: Node) -> SimParameters:
+    """Read the present values of all parameters but `machine` and `plant`.
+
+    Args:
+        node: The node, on which the parameters are declared.
+
+    Returns:
+        The values, with warning and stop limit of each symptom as a pair.
+    """
 
     def value(name: str) -> Any:
         return node.get_parameter(name).value
@@ -161,25 +208,49 @@ def read(node: Node) -> SimParameters:
         value("payload"),
         value("fault"),
         SupervisionLimits(
-            **{name: (value(f"{name}_warning"), value(f"{name}_limit")) for name in SUPERVISED}
+            **{
+                name: (value(f"{name}_warning"), value(f"{name}_limit"))
+                for name in SUPERVISION_LIMITS
+            }
         ),
     )
 
 
-def check(node: Node, plant: Machine, changes: Sequence[Parameter]) -> SetParametersResult:
-    """Whether a set of changes can be made, and the reason where not."""
-    after = {name: node.get_parameter(name).value for name in CHECKED}
+def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> SetParametersResult:
+    """Check whether parameters may be changed.
+
+    Three rules are checked. A real-time factor other than 1 needs `publish_clock`. Faults must be
+    valid. No symptom's warning value may exceed its stop limit.
+
+    Args:
+        node: The node, for the values that do not change.
+        plant: The simulated machine, for the places of faults.
+        changes: Parameters with their new values.
+
+    Returns:
+        Whether the change is accepted, and the first reason if not.
+    """
+    after = {name: node.get_parameter(name).value for name in CHECKED_PARAMETERS}
     after |= {change.name: change.value for change in changes}
     reasons = (
-        _not_the_systems_time(after["real_time_factor"], after["publish_clock"]),
-        _unknown_fault(after["fault"], plant),
-        *(_disordered(name, after) for name in SUPERVISED),
+        _find_clock_problem(after["real_time_factor"], after["publish_clock"]),
+        _find_fault_problem(after["fault"], plant),
+        *(_find_limits_problem(name, after) for name in SUPERVISION_LIMITS),
     )
     reason = next(filter(None, reasons), None)
     return SetParametersResult(successful=reason is None, reason=reason or "")
 
 
-def _not_the_systems_time(factor: float, publish_clock: bool) -> str | None:
+def _find_clock_problem(factor: float, publish_clock: bool) -> str | None:
+    """Return why this real-time factor is refused, or None.
+
+    Args:
+        factor: Simulated seconds per second.
+        publish_clock: Whether the simulator publishes /clock.
+
+    Returns:
+        A sentence, or None.
+    """
     if factor != 1.0 and not publish_clock:
         return (
             f"real_time_factor {factor:g} needs publish_clock: true, and use_sim_time: true in "
@@ -188,7 +259,16 @@ def _not_the_systems_time(factor: float, publish_clock: bool) -> str | None:
     return None
 
 
-def _unknown_fault(text: str, plant: Machine) -> str | None:
+def _find_fault_problem(text: str, plant: Machine) -> str | None:
+    """Return why the text of a fault is refused, or None.
+
+    Args:
+        text: Faults as text.
+        plant: The simulated machine.
+
+    Returns:
+        A sentence, or None.
+    """
     try:
         parse_faults(text, plant)
     except FaultError as error:
@@ -196,7 +276,16 @@ def _unknown_fault(text: str, plant: Machine) -> str | None:
     return None
 
 
-def _disordered(symptom: str, after: Mapping[str, float]) -> str | None:
+def _find_limits_problem(symptom: str, after: Mapping[str, float]) -> str | None:
+    """Return why the limits of a symptom are refused, or None.
+
+    Args:
+        symptom: Name of the symptom.
+        after: Values of the parameters after the change, by name.
+
+    Returns:
+        A sentence if the warning value exceeds the stop limit, else None.
+    """
     warning, limit = after[f"{symptom}_warning"], after[f"{symptom}_limit"]
     if warning <= limit:
         return None
@@ -205,7 +294,17 @@ def _disordered(symptom: str, after: Mapping[str, float]) -> str | None:
     )
 
 
-def _ranged(text: str, lowest: float, highest: float) -> ParameterDescriptor:
+def _describe_range(text: str, lowest: float, highest: float) -> ParameterDescriptor:
+    """Return the descriptor of a floating-point parameter with a range.
+
+    Args:
+        text: Description of the parameter.
+        lowest: Smallest value.
+        highest: Largest value.
+
+    Returns:
+        The descriptor.
+    """
     return ParameterDescriptor(
         description=text,
         floating_point_range=[FloatingPointRange(from_value=lowest, to_value=highest, step=0.0)],

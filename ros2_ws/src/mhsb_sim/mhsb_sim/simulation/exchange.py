@@ -1,4 +1,9 @@
-"""What passes between mechanics, circuit and servo in each step of the simulator."""
+"""Exchange between mechanics, circuit and servo in each step of the simulator.
+
+n is the number of joints and cylinders, m the number of booster modules. Node 3 j of the circuit is
+the cap side of cylinder j, 3 j + 1 its rod side, 3 j + 2 its line, and 3 n the shared rail. The
+manifold behind the main pump and the tank follow.
+"""
 
 from __future__ import annotations
 
@@ -6,29 +11,31 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_model.circuit.elements import advance_first_order_lag
+from mhsb_model.circuit.records import Record, Records
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import motion
+from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_sim.circuit.elements import first_order_lag
 from mhsb_sim.circuit.network import Circuit, advance
-from mhsb_sim.records import Record, Records
 
 
-class Believed(NamedTuple):
-    """Of the circuit as the servo knows it: where its commands stand, and what follows them."""
+class ServoCircuit(NamedTuple):
+    """The circuit as the servo knows it: its commands, and valve positions computed from them."""
 
-    actuators: Records  # ACTUATOR[n]
-    modules: Records  # MODULE[m]
-    constants: Records  # CONSTANTS[1], substeps being the servo's steps
-    module_home: IntArray
+    actuators: Records  # ACTUATOR_DTYPE[n]
+    modules: Records  # MODULE_DTYPE[m]
+    constants: Records  # CONSTANTS_DTYPE[1]; a substep is a step of the servo
+    module_home: IntArray  # [m] actuator whose line the module feeds, −1 for a spare
 
 
 LARGEST_STATE = 1e6
-"""Angles [rad] and rates [rad/s] beyond this count as no longer finite."""
+"""Joint positions [rad or m] and velocities [rad/s or m/s] beyond this count as not finite."""
 
 
-LENGTH, SPEED, ARM, ANGLE = range(4)
-"""Rows of `pistons`, float64[4, n]: L(q) [m], r(q) q̇ [m/s], r(q) [m] and q [rad] now."""
+LENGTH_ROW, SPEED_ROW, MOMENT_ARM_ROW, ANGLE_ROW = range(4)
+"""Rows of `pistons`, float64[4, n]: cylinder length L(q) [m], piston speed r(q) q̇ [m/s], moment
+arm r(q) [m], and joint position q [rad or m].
+"""
 
 
 @kernel(borrows=True)
@@ -39,30 +46,58 @@ def move_pistons(
     half_step: FloatArray,
     pistons: FloatArray,
 ) -> None:
-    """Write where pistons and joints are at the end of a step of the mechanics.
+    """Compute cylinder lengths, piston speeds and moment arms after a step of the mechanics.
 
-    These leap: their position is half a step ahead of their velocity. half_step: float64[1], s.
+    MuJoCo's integrator is semi-implicit: its positions are half a step ahead of its velocities.
+    Positions are taken back by that half step.
+
+    Args:
+        linkage: Parameters of the linkages, float64[n, LINKAGE_WIDTH].
+        position: Joint positions of MuJoCo, float64[n], [rad or m].
+        velocity: Joint velocities of MuJoCo, float64[n], [rad/s or m/s].
+        half_step: Half a step of the mechanics, float64[1], [s].
+        pistons: Rows LENGTH_ROW [m], SPEED_ROW [m/s], MOMENT_ARM_ROW [m] and ANGLE_ROW [rad or m],
+            float64[4, n]. Written in place.
     """
     for j in range(len(position)):
         q = position[j] - half_step[0] * velocity[j]
-        pistons[LENGTH, j], pistons[ARM, j], _ = motion(linkage[j], q)
-        pistons[SPEED, j] = pistons[ARM, j] * velocity[j]
-        pistons[ANGLE, j] = q
+        pistons[LENGTH_ROW, j], pistons[MOMENT_ARM_ROW, j], _ = evaluate_linkage(linkage[j], q)
+        pistons[SPEED_ROW, j] = pistons[MOMENT_ARM_ROW, j] * velocity[j]
+        pistons[ANGLE_ROW, j] = q
 
 
 @kernel(inline="always")
-def rounded(value: float, resolution: float) -> float:
-    """The nearest multiple of the resolution; the value itself where that is 0."""
+def round_to_resolution(value: float, resolution: float) -> float:
+    """Round a value to the nearest multiple of a resolution.
+
+    Args:
+        value: The value.
+        resolution: The resolution, in the unit of the value; 0 does not round.
+
+    Returns:
+        The rounded value.
+    """
     if resolution == 0.0:
         return value
     return resolution * np.rint(value / resolution)
 
 
 @kernel(inline="always")
-def told(channel: Record, reading: float, before: float, step: float) -> float:
-    """What a sensor tells where a healthy one would give `reading`.
+def compute_reading(channel: Record, reading: float, before: float, step: float) -> float:
+    """Compute the reading of a sensor, with its faults.
 
-    One that tells no number is silent, and its last one stays.
+    A failing sensor adds `channel.error`. A frozen one repeats its last reading. A dead one gives
+    no reading, and the reading before stays.
+
+    Args:
+        channel: State of the sensor (record of CHANNEL_DTYPE). Writes the last reading, and
+            `silent`, the time without a reading [s], in place.
+        reading: Reading of a healthy sensor, in the unit of the sensor.
+        before: Reading in the step before.
+        step: Control period [s]. It is added to `silent` of a dead sensor; otherwise `silent` is 0.
+
+    Returns:
+        The reading, in the unit of the sensor.
     """
     if channel.frozen == 0.0:
         channel.told = reading + channel.error
@@ -74,24 +109,41 @@ def told(channel: Record, reading: float, before: float, step: float) -> float:
 
 
 @kernel(borrows=True)
-def measure(
-    noises: FloatArray,
+def read_sensors(
+    noise_rows: FloatArray,
     pistons: FloatArray,
     pressure: FloatArray,
     modules: Records,
     sensors: Records,
     rail_pressure: FloatArray,
-    believed: Records,
+    servo_modules: Records,
     channels: Records,
     step: FloatArray,
     row: int,
 ) -> None:
-    """What all sensors tell, with this row of the noise; pistons as `move_pistons` has them.
+    """Compute the readings of all sensors in a step, with noise, offsets, rounding and faults.
 
-    noises: float64[NOISE_ROWS, 4 n + 1 + m], in the order of `channels` (`sensors.channels_of`).
-    The servo pumps' speeds, MODULE[m], are measured into `believed`. step: float64[1], s.
+    Offsets and errors first grow by one step of their drift. The order of sensors is: n lengths;
+    cap, rod and line pressure of each actuator; pressure of the rail; speeds of the m servo pumps
+    as flows. Lengths are rounded to the resolution of the joint position.
+
+    Args:
+        noise_rows: Noise of many steps, float64[rows, 4 n + 1 + m], [m, Pa or m³/s]. The offsets
+            are added to row `row` in place.
+        pistons: True piston motion, float64[4, n]. Uses LENGTH_ROW [m], MOMENT_ARM_ROW [m] and
+            ANGLE_ROW [rad or m].
+        pressure: True pressures of the nodes, float64[3 n + 3], [Pa].
+        modules: True records of the booster modules, MODULE_DTYPE[m].
+        sensors: Readings of length [m] and three pressures [Pa] of each actuator, SENSOR_DTYPE[n].
+            Written in place.
+        rail_pressure: Measured rail pressure, float64[1], [Pa]. Written in place.
+        servo_modules: The servo's records of the modules, MODULE_DTYPE[m]. Writes `flow`, the
+            reading [m³/s], in place.
+        channels: State of the sensors, CHANNEL_DTYPE[4 n + 1 + m]. Updated in place.
+        step: Control period, float64[1], [s].
+        row: Row of `noise_rows` for this step.
     """
-    noise, h = noises[row], step[0]
+    noise, h = noise_rows[row], step[0]
     n = len(sensors)
     for i in range(len(channels)):
         channels[i].offset += channels[i].drift
@@ -99,25 +151,25 @@ def measure(
         noise[i] += channels[i].offset
     for j in range(n):
         sensor = sensors[j]
-        q = pistons[ANGLE, j]
-        turned = rounded(q, channels[j].resolution) - q
-        length = pistons[LENGTH, j] + pistons[ARM, j] * turned + noise[j]
-        sensor.length = told(channels[j], length, sensor.length, h)
+        q = pistons[ANGLE_ROW, j]
+        turned = round_to_resolution(q, channels[j].resolution) - q
+        length = pistons[LENGTH_ROW, j] + pistons[MOMENT_ARM_ROW, j] * turned + noise[j]
+        sensor.length = compute_reading(channels[j], length, sensor.length, h)
         i = n + 3 * j
         cap, rod, line = channels[i], channels[i + 1], channels[i + 2]
-        reading = rounded(pressure[3 * j] + noise[i], cap.resolution)
-        sensor.cap_pressure = told(cap, reading, sensor.cap_pressure, h)
-        reading = rounded(pressure[3 * j + 1] + noise[i + 1], rod.resolution)
-        sensor.rod_pressure = told(rod, reading, sensor.rod_pressure, h)
-        reading = rounded(pressure[3 * j + 2] + noise[i + 2], line.resolution)
-        sensor.line_pressure = told(line, reading, sensor.line_pressure, h)
+        reading = round_to_resolution(pressure[3 * j] + noise[i], cap.resolution)
+        sensor.cap_pressure = compute_reading(cap, reading, sensor.cap_pressure, h)
+        reading = round_to_resolution(pressure[3 * j + 1] + noise[i + 1], rod.resolution)
+        sensor.rod_pressure = compute_reading(rod, reading, sensor.rod_pressure, h)
+        reading = round_to_resolution(pressure[3 * j + 2] + noise[i + 2], line.resolution)
+        sensor.line_pressure = compute_reading(line, reading, sensor.line_pressure, h)
     rail = channels[4 * n]
-    reading = rounded(pressure[3 * n] + noise[4 * n], rail.resolution)
-    rail_pressure[0] = told(rail, reading, rail_pressure[0], h)
+    reading = round_to_resolution(pressure[3 * n] + noise[4 * n], rail.resolution)
+    rail_pressure[0] = compute_reading(rail, reading, rail_pressure[0], h)
     for k in range(len(modules)):
         i = 4 * n + 1 + k
-        reading = rounded(modules[k].flow + noise[i], channels[i].resolution)
-        believed[k].flow = told(channels[i], reading, believed[k].flow, h)
+        reading = round_to_resolution(modules[k].flow + noise[i], channels[i].resolution)
+        servo_modules[k].flow = compute_reading(channels[i], reading, servo_modules[k].flow, h)
 
 
 @kernel(borrows=True)
@@ -129,9 +181,18 @@ def apply_forces(
     velocity: FloatArray,
     control: FloatArray,
 ) -> bool:
-    """Give the torques r F of the cylinders' forces, less friction, to the mechanics.
+    """Apply the torques of the cylinders, τ = r (F − friction), to the mechanics.
 
-    False where not finite.
+    Args:
+        actuators: Records of the actuators, ACTUATOR_DTYPE[n], with force F and friction [N].
+        pressure: Pressures of the nodes, float64[3 n + 3], [Pa].
+        arm: Moment arm r of each cylinder, float64[n], [m].
+        position: Joint positions, float64[n], [rad or m].
+        velocity: Joint velocities, float64[n], [rad/s or m/s].
+        control: MuJoCo's controls τ, float64[n], [N m], or [N] of sliding joints. Written in place.
+
+    Returns:
+        True if positions and velocities are below LARGEST_STATE and pressures are finite.
     """
     good = True
     for j in range(len(actuators)):
@@ -144,20 +205,30 @@ def apply_forces(
 
 
 @kernel(borrows=True)
-def send(believed: Believed, circuit: Circuit, queue: FloatArray, place: IntArray) -> None:
-    """Carry the servo's commands to the circuit, late by the queue's rows less one.
+def send_commands(
+    servo_circuit: ServoCircuit, circuit: Circuit, queue: FloatArray, place: IntArray
+) -> None:
+    """Pass the servo's commands to the circuit, with a delay of len(queue) − 1 servo steps.
 
-    queue: float64[rows, 2 (n + m)], commands on their way; place: int64[1], row of the newest.
+    A row of the queue holds n valve commands, n commands of join valves, m flows of servo pumps
+    [m³/s] and m commands of diverters. The other commands are shares from 0 or −1 to 1.
+
+    Args:
+        servo_circuit: The circuit as the servo knows it, with new commands.
+        circuit: The simulated circuit. The commands that are due are written into its actuators and
+            modules in place.
+        queue: Commands on their way, float64[rows, 2 (n + m)], a ring buffer. Updated in place.
+        place: Row of the newest commands, int64[1]. Updated in place.
     """
     n, m = len(circuit.actuators), len(circuit.modules)
     row = (place[0] + 1) % len(queue)
     place[0] = row
     for j in range(n):
-        queue[row, j] = believed.actuators[j].valve_command
-        queue[row, n + j] = believed.actuators[j].join_command
+        queue[row, j] = servo_circuit.actuators[j].valve_command
+        queue[row, n + j] = servo_circuit.actuators[j].join_command
     for k in range(m):
-        queue[row, 2 * n + k] = believed.modules[k].flow_command
-        queue[row, 2 * n + m + k] = believed.modules[k].lend
+        queue[row, 2 * n + k] = servo_circuit.modules[k].flow_command
+        queue[row, 2 * n + m + k] = servo_circuit.modules[k].lend
     due = queue[(row + 1) % len(queue)]
     for j in range(n):
         circuit.actuators[j].valve_command = due[j]
@@ -168,21 +239,30 @@ def send(believed: Believed, circuit: Circuit, queue: FloatArray, place: IntArra
 
 
 @kernel(borrows=True)
-def believe(believed: Believed) -> None:
-    """Move join valves and diverters as the servo takes them to follow its commands in a step."""
-    decay = believed.constants[0].switching_decay
-    for j in range(len(believed.actuators)):
-        actuator = believed.actuators[j]
-        actuator.join = first_order_lag(actuator.join, actuator.join_command, decay)
-    for k in range(len(believed.modules)):
-        module = believed.modules[k]
-        if believed.module_home[k] >= 0:
-            module.to_rail = first_order_lag(module.to_rail, module.lend, decay)
+def update_assumed_valves(servo_circuit: ServoCircuit) -> None:
+    """Advance the assumed positions of join valves and diverters by one servo step.
+
+    The servo knows the positions from its commands alone. Join valves connect lines to the rail;
+    diverters lead a module's flow to the rail. Both follow their commands as first-order lags.
+    Diverters of modules without an actuator do not move.
+
+    Args:
+        servo_circuit: The circuit as the servo knows it. Writes `join` of the actuators and
+            `to_rail` of the modules in place, both from 0 (closed) to 1.
+    """
+    decay = servo_circuit.constants[0].switching_decay
+    for j in range(len(servo_circuit.actuators)):
+        actuator = servo_circuit.actuators[j]
+        actuator.join = advance_first_order_lag(actuator.join, actuator.join_command, decay)
+    for k in range(len(servo_circuit.modules)):
+        module = servo_circuit.modules[k]
+        if servo_circuit.module_home[k] >= 0:
+            module.to_rail = advance_first_order_lag(module.to_rail, module.lend, decay)
 
 
 @kernel(borrows=True)
-def push(
-    believed: Believed,
+def advance_to_midstep(
+    servo_circuit: ServoCircuit,
     queue: FloatArray,
     place: IntArray,
     circuit: Circuit,
@@ -193,21 +273,35 @@ def push(
     sends: int,
     substeps: int,
 ) -> bool:
-    """Advance the circuit to the middle of a step, and apply the forces that it has there.
+    """Advance the circuit to the middle of a step, and apply its forces to the mechanics.
 
-    sends: whether the servo's commands are sent first. False where anything is not finite.
+    Args:
+        servo_circuit: The circuit as the servo knows it, with its commands.
+        queue: Commands on their way, a ring buffer as in `send_commands`. Updated in place.
+        place: Row of the newest commands, int64[1]. Updated in place.
+        circuit: The simulated circuit, advanced in place.
+        pistons: Piston motion, float64[4, n]: lengths [m], speeds [m/s], moment arms [m], and joint
+            positions.
+        position: Joint positions, float64[n], [rad or m].
+        velocity: Joint velocities, float64[n], [rad/s or m/s].
+        control: MuJoCo's controls, float64[n], [N m], or [N] of sliding joints. Written in place.
+        sends: Whether the servo's commands are sent first; 0 or 1.
+        substeps: Number of substeps of the circuit.
+
+    Returns:
+        True if positions and velocities are below LARGEST_STATE and pressures are finite.
     """
     if sends:
-        send(believed, circuit, queue, place)
-        believe(believed)
-    advance(circuit, pistons[LENGTH], pistons[SPEED], substeps)
+        send_commands(servo_circuit, circuit, queue, place)
+        update_assumed_valves(servo_circuit)
+    advance(circuit, pistons[LENGTH_ROW], pistons[SPEED_ROW], substeps)
     return apply_forces(
-        circuit.actuators, circuit.pressure, pistons[ARM], position, velocity, control
+        circuit.actuators, circuit.pressure, pistons[MOMENT_ARM_ROW], position, velocity, control
     )
 
 
 @kernel(borrows=True)
-def follow(
+def advance_to_step_end(
     circuit: Circuit,
     linkage: FloatArray,
     position: FloatArray,
@@ -216,6 +310,17 @@ def follow(
     pistons: FloatArray,
     substeps: int,
 ) -> None:
-    """Advance the circuit to the end of a step, after the mechanics have moved."""
+    """Advance the circuit to the end of a step, after the mechanics have moved the pistons.
+
+    Args:
+        circuit: The simulated circuit, advanced in place.
+        linkage: Parameters of the linkages, float64[n, LINKAGE_WIDTH].
+        position: Joint positions of MuJoCo, float64[n], [rad or m].
+        velocity: Joint velocities of MuJoCo, float64[n], [rad/s or m/s].
+        half_step: Half a step of the mechanics, float64[1], [s].
+        pistons: Lengths [m], speeds [m/s], moment arms [m] and joint positions [rad or m],
+            float64[4, n]. Written in place.
+        substeps: Number of substeps of the circuit.
+    """
     move_pistons(linkage, position, velocity, half_step, pistons)
-    advance(circuit, pistons[LENGTH], pistons[SPEED], substeps)
+    advance(circuit, pistons[LENGTH_ROW], pistons[SPEED_ROW], substeps)

@@ -1,4 +1,4 @@
-"""Faults that can be injected into a running simulation, to see what supervision makes of them.
+"""Faults that can be injected into a running simulation, to test supervision.
 
 A fault is written KIND, KIND:PLACE or KIND:PLACE:VALUE, several separated by commas, for instance
 `servo_pump_dead:2, pressure_offset:actuator_1.cap_pressure:5e5`.
@@ -10,19 +10,43 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from mhsb_model.circuit.records import Records
 from mhsb_model.machine import Machine
+from mhsb_model.schema import SupplySag
 from mhsb_sim.circuit.network import Circuit
 from mhsb_sim.errors import FaultError
-from mhsb_sim.records import Records
-
-NONE = "none"
 
 
-class Plant(NamedTuple):
-    """What can fail.
+def compute_sag_pressure(nominal: float, sag: SupplySag, time: float) -> float:
+    """Compute the pressure that the main pump keeps during a supply sag.
 
-    circuit   with all that belongs to it
-    channels  CHANNEL[4 n + 1 + m] of its sensors, see `sensors.channels_of`
+    The pressure falls linearly within `sag.fall` to `sag.pressure`, and stays there for
+    `sag.duration`. Then it rises linearly within `sag.fall`.
+
+    Args:
+        nominal: Pressure without the sag [Pa].
+        sag: Start, duration of the fall and of the low pressure [s], and low pressure [Pa].
+        time: Time since the start of the simulation [s].
+
+    Returns:
+        Pressure [Pa].
+    """
+    since = time - sag.start
+    left = sag.fall + sag.duration + sag.fall - since
+    share = min(since, left) / sag.fall
+    return nominal + min(max(share, 0.0), 1.0) * (sag.pressure - nominal)
+
+
+NO_FAULT = "none"
+"""Text that stands for no fault."""
+
+
+class FaultTarget(NamedTuple):
+    """The parts of a simulation that can fail.
+
+    Attributes:
+        circuit: The circuit with all its components.
+        channels: Its sensors, CHANNEL_DTYPE[4 n + 1 + m]; see `sensors.build_channels`.
     """
 
     circuit: Circuit
@@ -30,50 +54,84 @@ class Plant(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """What fails, at which of its kind's places, and how far, in the kind's unit."""
+    """A fault: its kind, place and size.
+
+    Attributes:
+        kind: Key of `FAULT_KINDS`.
+        place: Index among the places of this kind.
+        value: Size in the unit of the kind; NaN if the kind has none.
+    """
 
     kind: str
     place: int = 0
     value: float = math.nan
 
 
-class Kind(NamedTuple):
-    """A way to fail.
+class FaultKind(NamedTuple):
+    """A kind of fault.
 
-    places  where it can be, by name; none where there is but one
-    usual   value where none is given; None where a fault of this kind has none
-    unit    of the value
-    apply   makes it so
-    limits  least and greatest value
+    Attributes:
+        places: Function that returns the names of possible places in a machine; no names if there
+            is only one place.
+        default_value: Value if none is given; None if a fault of this kind has no value.
+        unit: Unit of the value.
+        apply: Function that sets the fault in a plant; its further arguments are the index of the
+            place and the value.
+        limits: Smallest and largest value.
     """
 
     places: Callable[[Machine], Sequence[str]]
-    usual: float | None
+    default_value: float | None
     unit: str
-    apply: Callable[[Plant, int, float], None]
+    apply: Callable[[FaultTarget, int, float], None]
     limits: tuple[float, float] = (0.0, 0.0)
 
 
 def parse_faults(text: str, machine: Machine) -> tuple[Fault, ...]:
-    """The faults that a text asks for; raises FaultError."""
+    """Parse the text of one or several faults.
+
+    Args:
+        text: Faults separated by commas; empty words and "none" are skipped.
+        machine: The machine, whose actuators and modules are the possible places.
+
+    Returns:
+        The faults in the order of the text.
+
+    Raises:
+        FaultError: A kind, place or value is not valid. The error names the valid ones.
+    """
     words = [word.strip() for word in text.split(",")]
-    return tuple(_parsed(word, machine) for word in words if word not in ("", NONE))
+    return tuple(_parse_fault(word, machine) for word in words if word not in ("", NO_FAULT))
 
 
-def _parsed(word: str, machine: Machine) -> Fault:
+def _parse_fault(word: str, machine: Machine) -> Fault:
+    """Parse one fault.
+
+    Args:
+        word: KIND, KIND:PLACE or KIND:PLACE:VALUE.
+        machine: The machine, whose actuators and modules are the possible places.
+
+    Returns:
+        The fault, with the default value of its kind if the word has no value.
+
+    Raises:
+        FaultError: Kind, place or value is not valid.
+    """
     name, place, value = (*word.split(":", 2), "", "")[:3]
-    kind = KINDS.get(name)
+    kind = FAULT_KINDS.get(name)
     if kind is None:
-        raise FaultError(f"there is no fault {name!r}; valid are {NONE}, {', '.join(KINDS)}")
+        raise FaultError(
+            f"there is no fault {name!r}; valid are {NO_FAULT}, {', '.join(FAULT_KINDS)}"
+        )
     places = kind.places(machine)
     if place not in (places or ("",)):
         valid = f"one of {', '.join(places)}" if places else "no place"
         raise FaultError(f"the fault {word!r} is at {place or 'no place'}; {name} takes {valid}")
-    number = math.nan if kind.usual is None else kind.usual
+    number = math.nan if kind.default_value is None else kind.default_value
     if value:
-        number = _number(value)
-        if kind.usual is None or not math.isfinite(number):
-            valid = "none" if kind.usual is None else f"a number in {kind.unit}"
+        number = _parse_number(value)
+        if kind.default_value is None or not math.isfinite(number):
+            valid = "none" if kind.default_value is None else f"a number in {kind.unit}"
             raise FaultError(f"the fault {word!r} has the value {value!r}; {name} takes {valid}")
         least, greatest = kind.limits
         if not least <= number <= greatest:
@@ -84,15 +142,30 @@ def _parsed(word: str, machine: Machine) -> Fault:
     return Fault(name, places.index(place) if places else 0, number)
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
+    """Return the number that a text stands for, NaN if it is none.
+
+    Args:
+        text: The text.
+
+    Returns:
+        The number.
+    """
     try:
         return float(text)
     except ValueError:
         return math.nan
 
 
-def set_faults(faults: Sequence[Fault], plant: Plant, constants: Records) -> None:
-    """Make a plant as faults have it, and all else in it healthy; CONSTANTS[1] without faults."""
+def set_faults(faults: Sequence[Fault], plant: FaultTarget, constants: Records) -> None:
+    """Set the faults of a plant, after all its parts have been made healthy.
+
+    Args:
+        faults: All faults that are to exist.
+        plant: The plant, changed in place.
+        constants: Constants of the circuit without faults, CONSTANTS_DTYPE[1]. They replace those
+            in the circuit.
+    """
     circuit, channels = plant
     circuit.constants[:] = constants
     for records, values in (
@@ -103,13 +176,13 @@ def set_faults(faults: Sequence[Fault], plant: Plant, constants: Records) -> Non
         for name, value in values.items():
             records[name] = value
     for fault in faults:
-        KINDS[fault.kind].apply(plant, fault.place, fault.value)
+        FAULT_KINDS[fault.kind].apply(plant, fault.place, fault.value)
 
 
-# --- Where ---------------------------------------------------------------------------------------
+# --- Places --------------------------------------------------------------------------------------
 
 
-def _one(machine: Machine) -> Sequence[str]:
+def _list_no_places(machine: Machine) -> Sequence[str]:
     return ()
 
 
@@ -131,92 +204,98 @@ def _pressures(machine: Machine) -> Sequence[str]:
 
 
 def _sensors(machine: Machine) -> Sequence[str]:
-    """In the order of the channels."""
+    """Return the names of length and pressure sensors, in the order of the channels."""
     return [*_lengths(machine), *_pressures(machine)]
 
 
-# --- What ----------------------------------------------------------------------------------------
+# --- Effects -------------------------------------------------------------------------------------
 
 
-def _main_pump(plant: Plant, place: int, value: float) -> None:
+def _main_pump(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.constants["main_pump_flow"] = 0.0
 
 
-def _supply_sag(plant: Plant, place: int, value: float) -> None:
+def _supply_sag(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.constants["supply_pressure"] = value
 
 
-def _servo_pumps_off(plant: Plant, place: int, value: float) -> None:
+def _servo_pumps_off(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.modules["strength"] = 0.0
 
 
-def _servo_pump_dead(plant: Plant, place: int, value: float) -> None:
+def _servo_pump_dead(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.modules["strength"][place] = 0.0
 
 
-def _servo_pump_slow(plant: Plant, place: int, value: float) -> None:
+def _servo_pump_slow(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.modules["slowness"][place] = value
 
 
-def _servo_pump_stuck_on(plant: Plant, place: int, value: float) -> None:
+def _servo_pump_stuck_on(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.modules["runs_on"][place] = 1.0
 
 
-def _valve_stuck(plant: Plant, place: int, value: float) -> None:
+def _valve_stuck(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.actuators["seized"][place] = 1.0
 
 
-def _valve_hard_over(plant: Plant, place: int, value: float) -> None:
+def _valve_hard_over(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.actuators["obeys"][place] = 0.0
     plant.circuit.actuators["runaway"][place] = value
 
 
-def _leakage(plant: Plant, place: int, value: float) -> None:
+def _leakage(plant: FaultTarget, place: int, value: float) -> None:
     plant.circuit.actuators["leakage"][place] = value
 
 
-def _sensor_dead(plant: Plant, place: int, value: float) -> None:
+def _sensor_dead(plant: FaultTarget, place: int, value: float) -> None:
     plant.channels["dead"][place] = 1.0
 
 
-def _sensor_frozen(plant: Plant, place: int, value: float) -> None:
+def _sensor_frozen(plant: FaultTarget, place: int, value: float) -> None:
     plant.channels["frozen"][place] = 1.0
 
 
-def _length_offset(plant: Plant, place: int, value: float) -> None:
+def _length_offset(plant: FaultTarget, place: int, value: float) -> None:
     plant.channels["error"][place] = value
 
 
-def _length_drift(plant: Plant, place: int, value: float) -> None:
+def _length_drift(plant: FaultTarget, place: int, value: float) -> None:
     plant.channels["error_rate"][place] = value
 
 
-def _pressure_offset(plant: Plant, place: int, value: float) -> None:
+def _pressure_offset(plant: FaultTarget, place: int, value: float) -> None:
     plant.channels["error"][len(plant.circuit.actuators) + place] = value
 
 
-def _pressure_drift(plant: Plant, place: int, value: float) -> None:
+def _pressure_drift(plant: FaultTarget, place: int, value: float) -> None:
     plant.channels["error_rate"][len(plant.circuit.actuators) + place] = value
 
 
-KINDS = {
-    "main_pump": Kind(_one, None, "", _main_pump),
-    "supply_sag": Kind(_one, 3.3e6, "Pa", _supply_sag, (1e3, 5e7)),
-    "servo_pumps": Kind(_one, None, "", _servo_pumps_off),
-    "servo_pump_dead": Kind(_servo_pumps, None, "", _servo_pump_dead),
-    "servo_pump_slow": Kind(_servo_pumps, 20.0, "times its lag", _servo_pump_slow, (0.01, 1e4)),
-    "servo_pump_stuck_on": Kind(_servo_pumps, None, "", _servo_pump_stuck_on),
-    "valve_stuck": Kind(_actuators, None, "", _valve_stuck),
-    "valve_hard_over": Kind(_actuators, 1.0, "shares of its stroke", _valve_hard_over, (-1.0, 1.0)),
-    "leakage": Kind(_actuators, 5.0, "times that of the file", _leakage, (0.0, 1e4)),
-    "sensor_dead": Kind(_sensors, None, "", _sensor_dead),
-    "sensor_frozen": Kind(_sensors, None, "", _sensor_frozen),
-    "length_offset": Kind(_lengths, 5e-3, "m", _length_offset, (-10.0, 10.0)),
-    "length_drift": Kind(_lengths, 2e-3, "m/s", _length_drift, (-10.0, 10.0)),
-    "pressure_offset": Kind(_pressures, 1e6, "Pa", _pressure_offset, (-1e8, 1e8)),
-    "pressure_drift": Kind(_pressures, 2e5, "Pa/s", _pressure_drift, (-1e9, 1e9)),
+FAULT_KINDS = {
+    "main_pump": FaultKind(_list_no_places, None, "", _main_pump),
+    "supply_sag": FaultKind(_list_no_places, 3.3e6, "Pa", _supply_sag, (1e3, 5e7)),
+    "servo_pumps": FaultKind(_list_no_places, None, "", _servo_pumps_off),
+    "servo_pump_dead": FaultKind(_servo_pumps, None, "", _servo_pump_dead),
+    "servo_pump_slow": FaultKind(
+        _servo_pumps, 20.0, "times its lag", _servo_pump_slow, (0.01, 1e4)
+    ),
+    "servo_pump_stuck_on": FaultKind(_servo_pumps, None, "", _servo_pump_stuck_on),
+    "valve_stuck": FaultKind(_actuators, None, "", _valve_stuck),
+    "valve_hard_over": FaultKind(
+        _actuators, 1.0, "shares of its stroke", _valve_hard_over, (-1.0, 1.0)
+    ),
+    "leakage": FaultKind(_actuators, 5.0, "times that of the file", _leakage, (0.0, 1e4)),
+    "sensor_dead": FaultKind(_sensors, None, "", _sensor_dead),
+    "sensor_frozen": FaultKind(_sensors, None, "", _sensor_frozen),
+    "length_offset": FaultKind(_lengths, 5e-3, "m", _length_offset, (-10.0, 10.0)),
+    "length_drift": FaultKind(_lengths, 2e-3, "m/s", _length_drift, (-10.0, 10.0)),
+    "pressure_offset": FaultKind(_pressures, 1e6, "Pa", _pressure_offset, (-1e8, 1e8)),
+    "pressure_drift": FaultKind(_pressures, 2e5, "Pa/s", _pressure_drift, (-1e9, 1e9)),
 }
-"""By name: main pump without flow, or at less pressure; servo pumps that stand still, one that
-does, one that is slow, one that runs at full speed; a spool that stays where it is, one that goes
-to an end; a line that leaks; a sensor that tells no number, always the same, too much, or more and
-more too much."""
+"""Kinds of faults by name.
+
+They are: the main pump gives no flow, or less pressure; all servo pumps stand still, one stands
+still, one is slow, one runs at full speed; a spool stays where it is, one goes to an end; a line
+leaks; a sensor gives no reading, a constant one, one with an offset, or one with a growing offset.
+"""

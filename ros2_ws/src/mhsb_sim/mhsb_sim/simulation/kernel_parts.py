@@ -1,4 +1,4 @@
-"""Everything that the simulated arm compiles, for a process of its own to call."""
+"""All kernels that the simulated arm compiles, so that a process of its own can compile them."""
 
 from __future__ import annotations
 
@@ -6,20 +6,24 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_sim.mechanics.linkage_shapes import linkage_bars
-from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.mechanics.linkage_shapes import compute_linkage_bars
+from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
-from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 
-def rehearse() -> None:
-    """All that can happen to an arm: steps, a plan, a stop, closed valves, a reset."""
-    for controller in CONTROLLERS:
+def exercise_kernels() -> None:
+    """Run everything that can happen to an arm once, so that all kernels are compiled and loaded.
+
+    The kernels are numba functions. With each servo controller, a simulated arm runs steps, a plan,
+    a stop, closed valves and a reset.
+    """
+    for controller in REGISTERED_CONTROLLERS:
         simulator = Simulator(load_machine(), controller)
         arm = SupervisedArm(simulator, SupervisionLimits())
         start = simulator.reference.position
@@ -32,12 +36,17 @@ def rehearse() -> None:
         simulator.close_valves()
         arm.step(0.0)
         arm.reset(0)
-    linkage_bars(load_machine(), start)  # for pictures and the viewer
+    compute_linkage_bars(load_machine(), start)  # for pictures and the viewer
 
 
-PARTS = (f"{__name__}:{rehearse.__name__}",)
+KERNEL_PARTS = (f"{__name__}:{exercise_kernels.__name__}",)
+"""Functions, as "module:name", that compile all kernels of the simulated arm when they run."""
 
 
 def compile_simulator(say: Callable[[str], None] | None = None) -> None:
-    """See to it that the arm compiles nothing later; `say` and the rest as `compile_ahead`."""
-    compile_ahead(PARTS, say)
+    """Compile all kernels of the simulated arm ahead of its use, and keep them in the cache.
+
+    Args:
+        say: Function that receives one line of progress at a time; None shows a progress bar.
+    """
+    compile_ahead(KERNEL_PARTS, say)

@@ -1,8 +1,8 @@
-"""Receiving plans: pair each trajectory with its mode schedule, and apply only what continues.
+"""Receiver of plans: pairs each trajectory with its mode schedule, and applies continuous plans.
 
 The two halves of a plan come as separate messages with the same stamp, in any order. A complete
-pair is applied only if, at the arm's own now, the new trajectory equals the present reference;
-anything else is refused or dropped. Of every stamp one report is made, whatever else comes of it.
+pair is applied only if the new trajectory equals the present reference at the arm's own time. Other
+plans are refused or dropped. Each stamp gets exactly one report.
 """
 
 from __future__ import annotations
@@ -14,54 +14,72 @@ from typing import Protocol
 import numpy as np
 
 from mhsb_model.arm_reports import HandOverOutcome, HandOverReason, HandOverReport
+from mhsb_model.feasibility.curve_check import describe_curve_problem
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 
 LARGEST_JUMP = 1e-6
-"""Of the reference at a hand-over [rad] and [rad/s]."""
+"""Largest jump of the reference at a hand-over: position [rad or m], velocity [rad/s or m/s]."""
 
 PAIR_TIMEOUT = 0.5
-"""Wall-clock time [s] that half a pair waits for the other half."""
+"""Wall-clock time for which half a plan waits for its other half [s]."""
 
 LARGEST_LEAD = 0.5
-"""How far ahead of the arm's time [s] a plan may be stamped; it waits until then."""
+"""Largest time by which a plan may be stamped ahead of the arm's time [s]; it waits until then."""
 
-LIMIT_TOLERANCE = 1e-6
-"""By which a trajectory may pass a joint limit [rad], for rounding."""
-
-REMEMBERED = 64
-"""Stamps whose report has been made, and of which nothing more is said."""
+REPORTED_STAMP_CAPACITY = 64
+"""Number of recent stamps that are remembered as reported; further halves of them are ignored."""
 
 NEVER_NS = 2**63 - 1
+"""Time that never comes [ns]."""
 
 
 class PlanTarget(Protocol):
-    """What plans are handed to; `Simulator` is one."""
+    """Interface of an arm that plans are handed over to; `Simulator` has it."""
 
     @property
     def plan_time_ns(self) -> int:
-        """Its own now by which plans are followed, ns; its clock is ahead where they are slowed."""
+        """Time by which plans are followed [ns]; behind the clock if plans have been slowed."""
         ...
 
     @property
     def planned(self) -> MotionState:
-        """What is followed now, at the pace of the plan."""
+        """State that the plan in force has now, at its full speed."""
         ...
 
     def reference_at(self, time_ns: int) -> MotionState | None:
-        """What was followed at an earlier time of plans, None where that is forgotten."""
+        """Return the reference at an earlier time.
+
+        Args:
+            time_ns: Time by which plans are followed [ns].
+
+        Returns:
+            The state, or None if that time is no longer recorded.
+        """
         ...
 
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
-        """Follow a plan from now on."""
+        """Follow a plan from now on.
+
+        Args:
+            trajectory: Trajectory of the plan.
+            schedule: Mode schedule of the plan.
+        """
         ...
 
 
 @dataclass
-class Pair:
-    """A plan, or what has come of it so far; `received` is when its first half came, wall [s]."""
+class PendingPlan:
+    """A plan of which at least one half has come.
+
+    Attributes:
+        stamp_ns: Stamp of the plan [ns].
+        received: Wall-clock time at which its first half came [s].
+        trajectory: Its trajectory, None until it comes.
+        schedule: Its mode schedule, None until it comes.
+    """
 
     stamp_ns: int
     received: float
@@ -70,109 +88,199 @@ class Pair:
 
     @property
     def due_ns(self) -> int:
-        """When it can be handed over: its stamp where it is complete."""
+        """Time at which it can be handed over [ns]: its stamp if it is complete, else NEVER_NS."""
         complete = self.trajectory is not None and self.schedule is not None
         return self.stamp_ns if complete else NEVER_NS
 
 
 class PlanReceiver:
-    """Collects halves of plans and hands complete pairs that continue the reference to a target.
+    """Collects the halves of plans, and hands over complete plans that continue the reference.
 
-    due_ns  when `update` has a plan to hand over, in the target's time of plans; its clock is never
-            behind that; looked at in every step
+    Attributes:
+        due_ns: Time at which `update` has a plan to hand over, in the target's time of plans [ns];
+            NEVER_NS if there is none.
     """
 
     def __init__(self, machine: Machine, target: PlanTarget) -> None:
+        """Prepare the receiver of an arm.
+
+        Args:
+            machine: The machine, by which plans are checked.
+            target: The arm that plans are handed over to.
+        """
         self._machine = machine
         self._target = target
         self._fault = ""
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
-        """As if nothing had ever come: the target's time begins anew, from now."""
-        self._told: deque[int] = deque(maxlen=REMEMBERED)
+    def reset(self) -> None:
+        """Forget all plans and reports, because the target's time starts anew.
+
+        Plans that are stamped before the present time of the target are refused from now on.
+        """
+        self._reported_stamps: deque[int] = deque(maxlen=REPORTED_STAMP_CAPACITY)
         self._last_stamp_ns = -1
         self._void_until_ns = self._target.plan_time_ns - 1
         self._void_because = HandOverReason.RESET
-        self._wait_for(None)
+        self._set_pending(None)
 
-    def void(
+    def invalidate_plans(
         self, event: str, reason: HandOverReason = HandOverReason.STOPPED
     ) -> list[HandOverReport]:
-        """Let no plan take effect that is stamped up to now, whether it has come or not.
+        """Refuse all plans that are stamped up to now, also those that come later.
 
-        event: what has happened, such as `the arm was stopped`.
+        A plan that waits to be handed over is dropped.
+
+        Args:
+            event: Clause on the cause, such as "the arm was stopped", for the report.
+            reason: Reason in the reports of these plans.
+
+        Returns:
+            Report on the plan that was waiting; empty if there was none.
         """
         self._void_until_ns, self._void_because = self._target.plan_time_ns, reason
-        return self._drop(reason, f"{event} before it could be applied")
+        return self._drop_pending(reason, f"{event} before it could be applied")
 
     def close(self, fault: str) -> list[HandOverReport]:
-        """Refuse what waits and all that comes, for this reason, until `open`."""
+        """Refuse all plans until `open` is called, and drop the waiting one.
+
+        Args:
+            fault: Sentence on the fault, for the reports.
+
+        Returns:
+            Report on the plan that was waiting; empty if there was none.
+        """
         self._fault = fault
-        return self._drop(HandOverReason.FAULT, fault)
+        return self._drop_pending(HandOverReason.FAULT, fault)
 
     def open(self) -> None:
-        """Take plans again, if they are made from now on."""
+        """Take plans again after `close`, if they are stamped after the target's present time."""
         self._fault = ""
         self._void_until_ns = self._target.plan_time_ns
         self._void_because = HandOverReason.RESET
 
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
-        """Take in a trajectory received at the wall-clock time `wall` [s]."""
-        problem = trajectory_problem(self._machine, trajectory)
-        pair, reports = self._pair_for(trajectory.stamp_ns, problem, wall)
+        """Receive the trajectory of a plan.
+
+        The trajectory is stored; `update` hands the plan over later. Nothing happens if its plan
+        has a trajectory or a report already.
+
+        Args:
+            trajectory: The trajectory with its stamp.
+            wall: Wall-clock time [s].
+
+        Returns:
+            Reports on this plan if it is refused, and on a plan that it displaces.
+        """
+        problem = find_trajectory_problem(self._machine, trajectory)
+        pair, reports = self._find_pending_plan(trajectory.stamp_ns, problem, wall)
         if pair is not None and pair.trajectory is None:
             pair.trajectory = trajectory
-            self._wait_for(pair)
+            self._set_pending(pair)
         return reports
 
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> list[HandOverReport]:
-        """Take in a mode schedule received at the wall-clock time `wall` [s]."""
-        problem = schedule_problem(self._machine, schedule)
-        pair, reports = self._pair_for(schedule.stamp_ns, problem, wall)
+        """Receive the mode schedule of a plan.
+
+        The schedule is stored; `update` hands the plan over later. Nothing happens if its plan has
+        a schedule or a report already.
+
+        Args:
+            schedule: The mode schedule with its stamp.
+            wall: Wall-clock time [s].
+
+        Returns:
+            Reports on this plan if it is refused, and on a plan that it displaces.
+        """
+        problem = find_schedule_problem(self._machine, schedule)
+        pair, reports = self._find_pending_plan(schedule.stamp_ns, problem, wall)
         if pair is not None and pair.schedule is None:
             pair.schedule = schedule
-            self._wait_for(pair)
+            self._set_pending(pair)
         return reports
 
     def add_unusable(self, stamp_ns: int, problem: str, wall: float) -> list[HandOverReport]:
-        """A half that cannot be read, for the reason `problem`."""
-        return self._pair_for(stamp_ns, problem, wall)[1]
+        """Receive half a plan that cannot be read, and refuse the plan.
+
+        Args:
+            stamp_ns: Stamp of the plan [ns].
+            problem: Clause why it cannot be read.
+            wall: Wall-clock time [s].
+
+        Returns:
+            Report on the plan; empty if the stamp has a report already.
+        """
+        return self._find_pending_plan(stamp_ns, problem, wall)[1]
 
     def update(self, wall: float) -> list[HandOverReport]:
-        """Hand over a complete pair whose time has come; drop half a pair that waited too long."""
+        """Hand over a complete plan that is due, or drop half a plan that has waited too long.
+
+        Args:
+            wall: Wall-clock time [s].
+
+        Returns:
+            Report on that plan; empty if nothing is due.
+        """
         pair = self._pending
         if pair is None:
             return []
         if self._target.plan_time_ns >= self.due_ns:
-            self._wait_for(None)
+            self._set_pending(None)
             return [self._hand_over(pair)]
         if self.due_ns < NEVER_NS or wall - pair.received <= PAIR_TIMEOUT:
             return []
         missing = "trajectory" if pair.trajectory is None else "mode schedule"
         reason = f"its {missing} did not come within {PAIR_TIMEOUT:g} s"
-        return self._drop(HandOverReason.INCOMPLETE, reason)
+        return self._drop_pending(HandOverReason.INCOMPLETE, reason)
 
-    def _pair_for(
+    def _find_pending_plan(
         self, stamp: int, problem: str | None, wall: float
-    ) -> tuple[Pair | None, list[HandOverReport]]:
-        """The pair that a half belongs to, None where it is not to be kept; and what it causes."""
+    ) -> tuple[PendingPlan | None, list[HandOverReport]]:
+        """Find or create the plan that a half belongs to.
+
+        A half is ignored if its stamp has a report already. If the second half of the waiting plan
+        cannot be used, the plan is refused and removed. The first half of a new plan is refused for
+        the reasons of `_find_refusal`: fault, `problem`, or its stamp. Otherwise it displaces the
+        waiting plan, which is removed. A new plan is not stored here; the caller does so.
+
+        Args:
+            stamp: Stamp of the half [ns].
+            problem: Clause why this half cannot be used, or None.
+            wall: Wall-clock time at which the half came [s]; stored in a new plan.
+
+        Returns:
+            The plan, or None if the half is not kept; and a report on each plan refused or
+            displaced. The stamps of these plans count as reported.
+        """
         pending = self._pending
-        if stamp in self._told:
+        if stamp in self._reported_stamps:
             return None, []
         if pending is not None and pending.stamp_ns == stamp:
             if problem is None:
                 return pending, []
-            self._wait_for(None)
-            return None, [self._tell(stamp, HandOverReason.INVALID, problem)]
-        refusal = self._refusal(stamp, problem)
+            self._set_pending(None)
+            return None, [self._build_report(stamp, HandOverReason.INVALID, problem)]
+        refusal = self._find_refusal(stamp, problem)
         if refusal is not None:
-            return None, [self._tell(stamp, *refusal)]
-        dropped = self._drop(HandOverReason.NEWER, "a newer plan came before it could be applied")
-        return Pair(stamp, wall), dropped
+            return None, [self._build_report(stamp, *refusal)]
+        dropped = self._drop_pending(
+            HandOverReason.NEWER, "a newer plan came before it could be applied"
+        )
+        return PendingPlan(stamp, wall), dropped
 
-    def _refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
-        """Why the first half of a plan is not kept, or None."""
+    def _find_refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
+        """Return why the first half of a plan is refused.
+
+        Reasons, in this order: a fault; an unusable half; a stamp before the last start, stop or
+        reset; a stamp not newer than the last plan's; a stamp too far ahead of the arm's time.
+
+        Args:
+            stamp: Stamp of the plan [ns].
+            problem: Clause why this half cannot be used, or None.
+
+        Returns:
+            Reason and sentence, or None if it is accepted.
+        """
         newest = max(self._last_stamp_ns, self._pending.stamp_ns if self._pending else -1)
         ahead = (stamp - self._target.plan_time_ns) / SECOND_NS
         if self._fault:
@@ -194,51 +302,79 @@ class PlanReceiver:
             )
         return None
 
-    def _wait_for(self, pair: Pair | None) -> None:
+    def _set_pending(self, pair: PendingPlan | None) -> None:
         self._pending = pair
         self.due_ns = NEVER_NS if pair is None else pair.due_ns
 
-    def _hand_over(self, pair: Pair) -> HandOverReport:
+    def _hand_over(self, pair: PendingPlan) -> HandOverReport:
+        """Apply a complete plan if it continues the reference, else refuse it.
+
+        Args:
+            pair: The complete plan, which is due.
+
+        Returns:
+            Report on the plan, with the jumps of position [rad] and velocity [rad/s].
+        """
         trajectory, schedule = pair.trajectory, pair.schedule
         assert trajectory is not None
         assert schedule is not None
-        jump = jump_between(self._target.planned, trajectory.sample(self._target.plan_time_ns))
+        jump = compute_jump(self._target.planned, trajectory.sample(self._target.plan_time_ns))
         if max(jump) <= LARGEST_JUMP:
             self._target.set_plan(trajectory, schedule)
             self._last_stamp_ns = pair.stamp_ns
-            reason, text = HandOverReason.NONE, f"it continues the reference within {_text(jump)}"
+            reason, text = (
+                HandOverReason.NONE,
+                f"it continues the reference within {_format_jump(jump)}",
+            )
         else:
-            reason, text = self._why_not(trajectory, jump)
-        return self._tell(pair.stamp_ns, reason, text, jump=jump)
+            reason, text = self._explain_refusal(trajectory, jump)
+        return self._build_report(pair.stamp_ns, reason, text, jump=jump)
 
-    def _why_not(
+    def _explain_refusal(
         self, trajectory: Trajectory, jump: tuple[float, float]
     ) -> tuple[HandOverReason, str]:
-        """Whether a trajectory was on the reference at its stamp, and came too late, or never."""
+        """Determine whether a trajectory came too late, or never continued the reference.
+
+        Args:
+            trajectory: The trajectory, which is due.
+            jump: Present jump of position [rad] and velocity [rad/s].
+
+        Returns:
+            Reason and sentence. The reason is JUMP if the trajectory was off the reference at its
+            stamp already. Otherwise, or if that reference is no longer recorded, it is LATE.
+        """
         stamp = trajectory.stamp_ns
         then = self._target.reference_at(stamp)
-        at_stamp = (0.0, 0.0) if then is None else jump_between(then, trajectory.sample(stamp))
+        at_stamp = (0.0, 0.0) if then is None else compute_jump(then, trajectory.sample(stamp))
         allowed = f"at most {LARGEST_JUMP:g} is allowed"
         if max(at_stamp) > LARGEST_JUMP:
             return HandOverReason.JUMP, (
-                f"it does not continue the reference: at its stamp it is {_text(at_stamp)} away "
-                f"from it, {allowed}; plan from `reference`"
+                "it does not continue the reference: at its stamp it is "
+                f"{_format_jump(at_stamp)} away from it, {allowed}; plan from `reference`"
             )
         late = (self._target.plan_time_ns - stamp) / SECOND_NS
         return HandOverReason.LATE, (
             f"it came too late, {late:.3f} s after its stamp: the reference has left the curve "
-            f"that both share and is {_text(jump)} away, {allowed}; plan further ahead"
+            f"that both share and is {_format_jump(jump)} away, {allowed}; plan further ahead"
         )
 
-    def _drop(self, reason: HandOverReason, text: str) -> list[HandOverReport]:
-        """Forget the pair that waits, if there is one."""
+    def _drop_pending(self, reason: HandOverReason, text: str) -> list[HandOverReport]:
+        """Drop the waiting plan, if there is one.
+
+        Args:
+            reason: Reason for the report.
+            text: Clause for the report.
+
+        Returns:
+            Report on that plan; empty if none was waiting.
+        """
         pair = self._pending
         if pair is None:
             return []
-        self._wait_for(None)
-        return [self._tell(pair.stamp_ns, reason, text, outcome=HandOverOutcome.DROPPED)]
+        self._set_pending(None)
+        return [self._build_report(pair.stamp_ns, reason, text, outcome=HandOverOutcome.DROPPED)]
 
-    def _tell(
+    def _build_report(
         self,
         stamp: int,
         reason: HandOverReason,
@@ -246,8 +382,19 @@ class PlanReceiver:
         outcome: HandOverOutcome | None = None,
         jump: tuple[float, float] = (np.nan, np.nan),
     ) -> HandOverReport:
-        """The one report of a plan; outcome: by the reason applied or refused, unless given."""
-        self._told.append(stamp)
+        """Build the one report of a plan, and remember its stamp as reported.
+
+        Args:
+            stamp: Stamp of the plan [ns].
+            reason: Reason for the outcome; NONE if it was applied.
+            text: Clause for the sentence.
+            outcome: The outcome; None for applied or refused, according to the reason.
+            jump: Jump of position [rad] and velocity [rad/s]; NaN if unknown.
+
+        Returns:
+            Report with outcome, sentence, stamp, jumps and reason.
+        """
+        self._reported_stamps.append(stamp)
         if outcome is None:
             applied = reason is HandOverReason.NONE
             outcome = HandOverOutcome.APPLIED if applied else HandOverOutcome.REFUSED
@@ -255,16 +402,35 @@ class PlanReceiver:
         return HandOverReport(outcome, sentence, stamp, *jump, reason)
 
 
-def jump_between(old: MotionState, new: MotionState) -> tuple[float, float]:
-    """max |new − old| of positions [rad] and of velocities [rad/s]."""
+def compute_jump(old: MotionState, new: MotionState) -> tuple[float, float]:
+    """Return the largest differences of two states over all joints.
+
+    Args:
+        old: First state.
+        new: Second state.
+
+    Returns:
+        Largest |Δq| [rad or m] and largest |Δq̇| [rad/s or m/s].
+    """
     return (
         float(np.max(np.abs(new.position - old.position))),
         float(np.max(np.abs(new.velocity - old.velocity))),
     )
 
 
-def trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
-    """Why the machine cannot follow a trajectory, or None."""
+def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
+    """Return why the machine cannot follow a trajectory.
+
+    Checked are the number of joints, rest at the end, and the curve itself
+    (`describe_curve_problem`).
+
+    Args:
+        machine: The machine.
+        trajectory: The trajectory.
+
+    Returns:
+        A clause on the first problem, or None if the machine can follow it.
+    """
     if trajectory.joint_count != machine.joint_count:
         return (
             f"its trajectory has {trajectory.joint_count} joints, "
@@ -272,38 +438,21 @@ def trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
         )
     if np.any(np.abs(trajectory.velocity[-1]) > LARGEST_JUMP):
         return "its trajectory does not end at rest"
-    lower, upper = machine.arrays.joint_min, machine.arrays.joint_max
-    excess = np.maximum(lower - trajectory.position, trajectory.position - upper)
-    if np.max(excess) > LIMIT_TOLERANCE:
-        j = int(np.argmax(np.max(excess, axis=0)))
-        unit = machine.joint_units[j]
-        return (
-            f"its trajectory takes {machine.joint_names[j]} {excess[:, j].max():.3g} {unit} beyond "
-            f"its limits [{lower[j]:.4g}, {upper[j]:.4g}] {unit}"
-        )
-    return _speed_problem(machine, trajectory)
+    return describe_curve_problem(machine, trajectory)
 
 
-def _speed_problem(machine: Machine, trajectory: Trajectory) -> str | None:
-    """Where a joint is to move faster than the main pump's flow could ever move it, or None."""
-    seconds = np.diff(trajectory.offset_ns)[:, None] / SECOND_NS
-    speed = np.abs(trajectory.velocity).max(axis=0)
-    if len(seconds) > 0:
-        mean = np.abs(np.diff(trajectory.position, axis=0)) / seconds
-        speed = np.maximum(speed, mean.max(axis=0))
-    fastest = machine.fastest_joints
-    if np.all(speed <= fastest):
-        return None
-    j = int(np.argmax(speed / fastest))
-    unit = f"{machine.joint_units[j]}/s"
-    return (
-        f"its trajectory moves {machine.joint_names[j]} at {speed[j]:.3g} {unit}; the main pump "
-        f"cannot move it faster than {fastest[j]:.3g} {unit}"
-    )
+def find_schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:
+    """Return why the machine cannot execute a mode schedule.
 
+    The number of actuators and the booster modules that each pattern needs are checked.
 
-def schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:
-    """Why the machine cannot obey a mode schedule, or None."""
+    Args:
+        machine: The machine.
+        schedule: The mode schedule.
+
+    Returns:
+        A clause on the first problem, or None if the machine can execute it.
+    """
     actuators = schedule.modes.shape[1]
     if actuators != machine.joint_count:
         return f"its mode schedule has {actuators} actuators, the machine has {machine.joint_count}"
@@ -318,5 +467,5 @@ def schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:
     return None
 
 
-def _text(jump: tuple[float, float]) -> str:
+def _format_jump(jump: tuple[float, float]) -> str:
     return f"{jump[0]:.3g} rad and {jump[1]:.3g} rad/s"

@@ -1,11 +1,12 @@
-"""Plant files: what is simulated, where that is not what its servo knows.
+"""Plant files: the simulated machine, if it differs from what its servo knows, and their check.
 
-A whole machine file is one. Shorter ones name only what differs from the machine file, in the same
-sections; joints go by their numbers: `joints: {0: {link: {mass: 5.2}}}`.
+A complete machine file is a plant file. A shorter one names only what differs from the machine
+file, in the same sections. Joints are named by their numbers: `joints: {0: {link: {mass: 5.2}}}`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,52 @@ from mhsb_model.errors import MachineFileError, MhsbError
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.schema import MachineConfig
+from mhsb_sim.errors import PlantError
 
-WHOLE = "schema_version"
-"""Key that tells a whole machine file."""
+COMPARED_COUNTS: tuple[tuple[str, Callable[[Machine], object]], ...] = (
+    ("joints", lambda machine: machine.joint_count),
+    ("booster modules", lambda machine: machine.arrays.module_count),
+)
+"""Numbers that must be equal in the plant and in the machine that its servo knows."""
+
+
+def check_plant(machine: Machine, plant: Machine) -> None:
+    """Check that the plant has the joints and modules of the machine that its servo knows.
+
+    Args:
+        machine: The machine that the servo knows.
+        plant: The machine that is simulated.
+
+    Raises:
+        PlantError: The numbers of joints or booster modules differ.
+    """
+    for text, of in COMPARED_COUNTS:
+        known, real = of(machine), of(plant)
+        if known != real:
+            raise PlantError(
+                f"the plant has {real} {text}, the machine that its servo knows has {known}; "
+                "both files must describe arms of the same build"
+            )
+
+
+MACHINE_FILE_KEY = "schema_version"
+"""Key by which a complete machine file is recognised."""
 
 
 def load_plant(machine: Machine, file: Path) -> Machine:
-    """The plant of a file for one who knows `machine`; raises MachineFileError."""
+    """Load the plant of a file.
+
+    Args:
+        machine: The machine that the servo knows; a short file changes some of its values.
+        file: Plant file (YAML).
+
+    Returns:
+        The machine to simulate.
+
+    Raises:
+        MachineFileError: The file cannot be read, has other sections than a machine file, or gives
+            no valid machine.
+    """
     try:
         content = read_yaml(file)
     except YamlFileError as error:
@@ -27,21 +67,29 @@ def load_plant(machine: Machine, file: Path) -> Machine:
     sections = MachineConfig.model_fields
     if not isinstance(content, dict) or not content or not set(content) <= set(sections):
         problem = f"is no plant file: it is to name what differs in {', '.join(sections)}"
-        raise MachineFileError(str(file), [problem])  # nothing of another file is repeated
-    if WHOLE in content:
+        raise MachineFileError(str(file), [problem])  # the content of a wrong file is not repeated
+    if MACHINE_FILE_KEY in content:
         return load_machine(file)
     try:
-        return machine.with_values(flattened(content))
+        return machine.with_values(flatten_sections(content))
     except MachineFileError as error:
         raise MachineFileError(str(file), error.problems) from None
     except MhsbError as error:
         raise MachineFileError(str(file), [str(error)]) from None
 
 
-def flattened(content: dict[Any, Any], above: str = "") -> dict[str, Any]:
-    """Values of nested sections by their paths, `circuit.bulk_modulus`."""
+def flatten_sections(content: dict[Any, Any], above: str = "") -> dict[str, Any]:
+    """Flatten nested dictionaries into one dictionary with dotted keys.
+
+    Args:
+        content: Nested dictionary.
+        above: Prefix of all keys, for instance "circuit.".
+
+    Returns:
+        Values by their paths, for instance "circuit.bulk_modulus".
+    """
     values: dict[str, Any] = {}
     for key, value in content.items():
         path = f"{above}{key}"
-        values |= flattened(value, f"{path}.") if isinstance(value, dict) else {path: value}
+        values |= flatten_sections(value, f"{path}.") if isinstance(value, dict) else {path: value}
     return values

@@ -1,32 +1,47 @@
-"""What supervision sees of an arm at one look, and what it finds."""
+"""A sample of the arm for supervision, and the result of a symptom's evaluation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_sim.simulation.actuator_states import ActuatorStates
-from mhsb_sim.simulation.sensed import Sensed
+from mhsb_sim.simulation.sensors import ActuatorStates, Sensed
 from mhsb_sim.simulation.simulator import Simulator
 
 WATCH_PERIOD_NS = SECOND_NS // 100
-"""Simulated time from one look to the next."""
+"""Simulated time between two samples [ns]."""
 
 
 @dataclass(frozen=True)
-class Sample:
-    """The arm at one look."""
+class ArmSample:
+    """State of the arm at one instant, as supervision sees it.
+
+    Attributes:
+        reference: Position, velocity and acceleration that the servo follows.
+        measured: Position, velocity and acceleration of the joints.
+        actuators: Pressures, flows and openings of the actuators.
+        sensed: Readings of the sensors, and commands of the servo.
+        held: Time for which the mode guard has held the plan nearly still [s]; 0 if it does not.
+        hold_reason: Sentence on why the plan is held; empty if it is not.
+    """
 
     reference: MotionState
     measured: MotionState
     actuators: ActuatorStates
     sensed: Sensed
     held: float
-    why_held: str
+    hold_reason: str
 
     @classmethod
-    def of(cls, simulator: Simulator) -> Sample:
-        """The arm as it is now."""
+    def from_simulator(cls, simulator: Simulator) -> ArmSample:
+        """Take a sample of a simulator's present state.
+
+        Args:
+            simulator: The simulator.
+
+        Returns:
+            Sample of reference, joints, actuators, sensors and mode guard.
+        """
         guard = simulator.guard
         return cls(
             simulator.reference,
@@ -40,7 +55,12 @@ class Sample:
 
 @dataclass(frozen=True)
 class Finding:
-    """How large a symptom is, in the unit of its limits, and where, in words."""
+    """Size of a symptom, and a clause that names the part.
+
+    Attributes:
+        value: Size in the unit of the symptom's limits.
+        text: Clause for a person.
+    """
 
     value: float
     text: str

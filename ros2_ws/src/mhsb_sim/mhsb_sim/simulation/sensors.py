@@ -1,8 +1,12 @@
-"""Sensors by class: what they add to the truth, and to how many digits they tell it.
+"""Sensors of the simulated arm: records of readings, sensor classes with errors and resolution.
 
-A reading is ⌊(x + o + d t + w)/r⌉ r: true value x, offset o and drift d that are a sensor's own,
-noise w of each reading, resolution r. Length is measured as a joint's angle, so that its
-resolution is one of the angle [rad]; o, d, w are the cylinder's [m].
+A reading is
+
+    ⌊(x + o + d t + w)/r⌉ r
+
+with the true value x, the offset o and drift d of the sensor, the noise w of each reading, and the
+resolution r. ⌊ ⌉ rounds to the nearest integer. Length is measured as a joint's angle, so that its
+resolution is one of the angle [rad]; o, d, w are lengths of the cylinder [m].
 """
 
 from __future__ import annotations
@@ -12,33 +16,80 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_model.circuit.records import Records
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray
-from mhsb_sim.records import Records
+from mhsb_model.types import FloatArray, ModeArray
 
-CHANNEL = np.dtype(
+
+@dataclass(frozen=True)
+class ActuatorStates:
+    """State of all actuators, float64[n] each unless stated otherwise, in SI units."""
+
+    cap_pressure: FloatArray  # Pa
+    rod_pressure: FloatArray  # Pa
+    supply_pressure: FloatArray  # Pa, pressure of the actuator's line
+    force: FloatArray  # N, p_A A − p_B a
+    piston_speed: FloatArray  # m/s, positive in extension
+    valve_opening: FloatArray  # −1 … 1, positive extends
+    valve_command: FloatArray  # −1 … 1, opening that the servo commands
+    supply_flow: FloatArray  # m³/s, from the line into the cylinder
+    servo_pump_flow: FloatArray  # m³/s, float64[modules]
+    servo_pump_speed: FloatArray  # share of full speed, float64[modules]
+    servo_pump_command: FloatArray  # share of full speed that the servo commands, float64[modules]
+    rail_pressure: float  # Pa
+    manifold_pressure: float  # Pa
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """Sensor readings and commands of n actuators and m servo pumps, in SI units.
+
+    Attributes:
+        length: Distance between the pins of each cylinder, float64[n], [m].
+        pressure: Pressures of cap side, rod side and line, float64[n, 3], [Pa].
+        silent: Time for which each sensor has given no reading, float64[4 n + 1 + m], [s]. The
+            order is: n lengths, three pressures of each actuator, pressure of the rail, m speeds of
+            servo pumps.
+        valve_command: Commanded opening, −1 … 1, positive extends, float64[n].
+        pump_flow: Flow of each servo pump by its speed, float64[m], [m³/s].
+        pump_command: Commanded flow of each servo pump, float64[m], [m³/s].
+        modes: Modes that the servo prepares, uint8[n].
+    """
+
+    length: FloatArray
+    pressure: FloatArray
+    silent: FloatArray
+    valve_command: FloatArray
+    pump_flow: FloatArray
+    pump_command: FloatArray
+    modes: ModeArray
+
+
+CHANNEL_DTYPE = np.dtype(
     [
-        ("offset", "f8"),  # at present
-        ("drift", "f8"),  # of the offset, a step
-        ("resolution", "f8"),  # 0 where a reading is not rounded
-        ("error", "f8"),  # of one that fails, likewise the three below
-        ("error_rate", "f8"),  # a second
-        ("frozen", "f8"),  # 1 where it always tells `told`
-        ("dead", "f8"),  # 1 where it tells no number
-        ("told", "f8"),  # what it told last
-        ("silent", "f8"),  # s, for which it has told no number
+        ("offset", "f8"),  # present offset, with accumulated drift
+        ("drift", "f8"),  # change of the offset in a step
+        ("resolution", "f8"),  # resolution; 0 if a reading is not rounded
+        ("error", "f8"),  # additional error of a failing sensor
+        ("error_rate", "f8"),  # change of that error in a second
+        ("frozen", "f8"),  # 1 if the reading always stays at `told`
+        ("dead", "f8"),  # 1 if there is no reading
+        ("told", "f8"),  # last reading
+        ("silent", "f8"),  # [s] time for which there has been no reading
     ]
 )
+"""State of one sensor, in the unit of its reading."""
 
 
 @dataclass(frozen=True)
 class SensorClass:
-    """Standard deviations in SI units, of an angle where it says so; None: the machine file's.
+    """Standard deviations and resolution of a kind of sensor, in SI units.
 
-    noise       of a reading
-    resolution  of a reading, rad where it is of a length
-    offset      of one sensor from the next
-    drift       of one sensor from the next, a second
+    Attributes:
+        noise: Standard deviation of a reading; None for the value of the machine file.
+        resolution: Resolution of a reading; of the joint angle [rad] for length sensors.
+        offset: Standard deviation of the offset among sensors.
+        drift: Standard deviation of the drift among sensors, per second.
     """
 
     noise: float | None = None
@@ -47,41 +98,54 @@ class SensorClass:
     drift: float = 0.0
 
 
-LENGTH = {
+LENGTH_CLASSES = {
     "file": SensorClass(),
     "encoder_16_bit": SensorClass(resolution=2.0 * math.pi / 2**16),
     "encoder_13_bit": SensorClass(resolution=2.0 * math.pi / 2**13),
 }
-PRESSURE = {
+"""Classes of length sensors by the names of the machine file."""
+PRESSURE_CLASSES = {
     "file": SensorClass(),
     # 20 MPa, 16 bits, 0.025 %: calibrated against a deadweight tester
     "laboratory": SensorClass(noise=2e3, resolution=20e6 / 2**16, offset=5e3),
-    # 25 MPa, 12 bits, zero 0.1 % from sensor to sensor, which temperature moves in minutes
+    # 25 MPa, 12 bits, zero differs by 0.1 % among sensors and drifts with temperature in minutes
     "industrial": SensorClass(noise=1e4, resolution=25e6 / 2**12, offset=2e4, drift=50.0),
 }
+"""Classes of pressure sensors by the names of the machine file."""
 PUMP_SPEED = {
     "exact": SensorClass(noise=0.0),
-    # shares of full speed: 12 bits over a filter, as servo drives give it
+    # shares of full speed: 12 bits behind a filter, as servo drives output it
     "resolver": SensorClass(noise=1e-3, resolution=2.0**-12),
 }
+"""Classes of pump speed sensors by the names of the machine file, in shares of full speed."""
 
 
-def channels_of(machine: Machine, random: np.random.Generator) -> tuple[Records, FloatArray]:
-    """CHANNEL[4 n + 1 + m] of a machine's sensors, and the standard deviations of their noise.
+def build_channels(machine: Machine, random: np.random.Generator) -> tuple[Records, FloatArray]:
+    """Build the sensors of a machine, with offsets and drifts drawn at random.
 
-    Lengths first, then cap, rod and line pressure of each actuator, the rail's, the pumps' speeds
-    [m³/s]. Offsets and drifts are drawn.
+    With n actuators and m servo pumps the order is: n lengths; cap, rod and line pressure of
+    actuator 1, then of actuator 2 and so on; pressure of the rail; speeds of the m servo pumps, as
+    flows [m³/s]. Offsets and drifts are normally distributed, with the standard deviations of the
+    sensor's class. Drift is stored as the change in one control step.
+
+    Args:
+        machine: The simulated machine; its file names the class of each kind of sensor.
+        random: Generator for offsets and drifts.
+
+    Returns:
+        Sensors, CHANNEL_DTYPE[4 n + 1 + m], and standard deviation of the noise of each one [m, Pa
+        or m³/s], of the same length.
     """
     n, m = machine.joint_count, machine.arrays.module_count
     config, circuit = machine.config.servo, machine.config.circuit
     fitted = machine.config.imperfections.sensors
     full = machine.arrays.servo_pump_flow + circuit.servo_pump_flow_reserve
     kinds = (
-        (n, LENGTH[fitted.length], config.length_noise, 1.0),
-        (3 * n + 1, PRESSURE[fitted.pressure], config.pressure_noise, 1.0),
+        (n, LENGTH_CLASSES[fitted.length], config.length_noise, 1.0),
+        (3 * n + 1, PRESSURE_CLASSES[fitted.pressure], config.pressure_noise, 1.0),
         (m, PUMP_SPEED[fitted.pump_speed], 0.0, full),
     )
-    channels, noise, first = np.zeros(4 * n + 1 + m, CHANNEL), np.zeros(4 * n + 1 + m), 0
+    channels, noise, first = np.zeros(4 * n + 1 + m, CHANNEL_DTYPE), np.zeros(4 * n + 1 + m), 0
     for count, kind, of_file, unit in kinds:
         own = slice(first, first + count)
         noise[own] = unit * (of_file if kind.noise is None else kind.noise)

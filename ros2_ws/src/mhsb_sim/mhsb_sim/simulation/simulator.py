@@ -1,10 +1,15 @@
 """The simulator: MuJoCo mechanics, hydraulic circuit and servo, in lock-step.
 
-In each step of h: servo, half a step of the circuit, a step of the mechanics with the forces of
-the pressures there, and the other half of the circuit with the pistons where they have come to:
-both are taken at the middle of what the other does, which makes the step's error one of second
-order (G. Strang, On the construction and comparison of difference schemes, 1968). Mechanics and
-circuit may take several steps in one of the servo.
+A step of length h consists of four parts:
+
+1. the servo,
+2. half a step of the circuit,
+3. a step of the mechanics with the forces of the pressures at that time,
+4. the other half of the circuit, with the new piston positions.
+
+Mechanics and circuit are therefore evaluated at the middle of each other's step, and the error of a
+step is of second order (G. Strang, On the construction and comparison of difference schemes, 1968).
+Mechanics and circuit may take several steps in one of the servo.
 """
 
 from __future__ import annotations
@@ -16,63 +21,69 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mhsb_control import get_controller_class
+from mhsb_control.controller import REFERENCE_POINTS, SENSOR_DTYPE, ServoSignals
+from mhsb_control.mode_guard import ModeGuard
+from mhsb_control.reference import ReferencePreview
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.braking import brake_along
-from mhsb_model.holding import holding_modes, modes_to_stop
+from mhsb_model.circuit.components import describe_components
+from mhsb_model.holding import choose_stop_modes, holding_modes
+from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import ON_RAIL, Mode, assign_modules, modules_in_use, pattern_name, stronger
+from mhsb_model.modes import (
+    RAIL_MODES,
+    Mode,
+    assign_modules,
+    modules_in_use,
+    pattern_name,
+    stronger,
+)
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_sim.bound_kernel import bind
 from mhsb_sim.circuit.audit import energy_gap
-from mhsb_sim.circuit.network import build_circuit, settle
-from mhsb_sim.circuit.quantities import ENERGY, VOLUME
+from mhsb_sim.circuit.network import build_circuit, set_rest_pressures
+from mhsb_sim.circuit.quantities import ENERGY_DTYPE, VOLUME_DTYPE
 from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
-from mhsb_sim.servo import controller_class
-from mhsb_sim.servo.controller import REFERENCE_POINTS, SENSOR, ServoSignals
-from mhsb_sim.servo.mode_guard import ModeGuard
-from mhsb_sim.servo.reference import Reference
-from mhsb_sim.simulation.actuator_states import ActuatorStates
 from mhsb_sim.simulation.exchange import (
-    ANGLE,
-    ARM,
-    SPEED,
-    Believed,
+    ANGLE_ROW,
+    MOMENT_ARM_ROW,
+    SPEED_ROW,
+    ServoCircuit,
+    advance_to_midstep,
+    advance_to_step_end,
     apply_forces,
-    follow,
-    measure,
     move_pistons,
-    push,
+    read_sensors,
 )
-from mhsb_sim.simulation.faults import Fault, Plant, set_faults
-from mhsb_sim.simulation.plant_check import check_plant
-from mhsb_sim.simulation.sensed import Sensed
-from mhsb_sim.simulation.sensors import channels_of
-from mhsb_sim.simulation.supply_sag import sagging_pressure
+from mhsb_sim.simulation.faults import Fault, FaultTarget, compute_sag_pressure, set_faults
+from mhsb_sim.simulation.plant_files import check_plant
+from mhsb_sim.simulation.sensors import ActuatorStates, Sensed, build_channels
 
 NOISE_ROWS = 1000
+"""Number of steps for which sensor noise is drawn at once."""
 LARGEST_VALUE = 1e12
-YIELD = 1e-3
-"""By which an end stop yields to what the arm weighs [rad]."""
+"""Values beyond this count as not finite."""
+END_STOP_DEFLECTION = 1e-3
+"""Distance by which an end stop yields under the arm's weight [rad or m]."""
 
-REMEMBERED = 4
-"""Trajectories, the present one included, of which it is known when they were followed."""
+TRAJECTORY_CAPACITY = 4
+"""Number of trajectories, the present one included, whose times are recorded."""
 
 
 class Simulator:
     """A machine with its servo, at rest in its start posture until it is given a plan.
 
-    machine  what servo, supervision and receiver of plans believe the arm to be
-    plant    what is simulated; the same where left out
-    guard    what boosts and slows down beyond the plan; a new one after a reset
-    lost_modules  booster modules that it does without
+    Servo, supervision and plan receiver know the plant only by its sensors. The same seed and the
+    same calls give the same bits.
 
-    They know of the plant what sensors tell. seed decides the sensor noise; the same seed and the
-    same calls give the same bits. posture [rad] replaces the machine's start, payload [kg] the
-    plant's. Raises UnknownControllerError, PlantError where both machines do not go together, and
-    HoldingError where the start cannot be held.
+    Attributes:
+        machine: Machine that servo, supervision and plan receiver assume.
+        plant: Machine that is simulated.
+        guard: Mode guard, which boosts and slows down beyond the plan; a new one after a reset.
+        lost_modules: Indices of booster modules that are not used.
     """
 
     _control: Callable[[], None]
@@ -87,12 +98,29 @@ class Simulator:
         start_ns: int = 0,
         plant: Machine | None = None,
     ) -> None:
+        """Build the simulation of a machine.
+
+        Args:
+            machine: Machine that servo, supervision and plan receiver assume.
+            controller: Name of the servo controller.
+            seed: Seed of the sensor noise.
+            posture: Joint positions at the start, float64[n], [rad or m]; None for the posture in
+                the machine file.
+            payload: Payload of the plant [kg]; None for the one in the plant's file.
+            start_ns: Simulated time at the start [ns].
+            plant: Machine that is simulated; None for `machine`.
+
+        Raises:
+            UnknownControllerError: No controller has this name.
+            PlantError: Machine and plant have different numbers of joints or modules.
+            HoldingError: The arm cannot be held in the start posture.
+        """
         settings = machine.config.simulation
         start = settings.start_posture if posture is None else posture
         self.machine = machine
         self.plant = plant or machine
         check_plant(machine, self.plant)
-        self._make_controller = controller_class(controller)
+        self._make_controller = get_controller_class(controller)
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
@@ -109,9 +137,17 @@ class Simulator:
         self.reset(start_ns)
 
     def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
-        """To rest with all counters at zero at `time_ns`, in the start posture or another [rad].
+        """Put the arm at rest, with all counters at zero and without faults.
 
-        Raises HoldingError where that cannot be held.
+        The payload stays. The arm holds in the modes that its load needs.
+
+        Args:
+            time_ns: New simulated time [ns].
+            posture: Joint positions, float64[n], [rad or m], limited to the joint ranges; None for
+                the start posture.
+
+        Raises:
+            HoldingError: The arm cannot be held in that posture.
         """
         loaded = self.plant.changed(payload=self._payload)
         q = self._start if posture is None else self._within_limits(posture)
@@ -120,9 +156,9 @@ class Simulator:
         self._steps = 0
         substep = self._model.opt.timestep / self._substeps
         self._circuit = build_circuit(self.plant, substep)
-        settle(self._circuit, loaded, q, modes)
-        self._believed = build_circuit(self.machine, self.machine.config.simulation.step)
-        self._believed.actuators["join"] = self._circuit.actuators["join"]
+        set_rest_pressures(self._circuit, loaded, q, modes)
+        self._servo_circuit = describe_components(self.machine, self.machine.config.simulation.step)
+        self._servo_circuit.actuators["join"] = self._circuit.actuators["join"]
         self._healthy = self._circuit.constants.copy()
         self.lost_modules: tuple[int, ...] = ()
         self._reset_mechanics(q)
@@ -130,112 +166,136 @@ class Simulator:
         self._reset_servo(q, modes)
 
     def _reset_mechanics(self, q: FloatArray) -> None:
+        """Build the mechanical state at rest in a posture, and bind the kernels of a step to it.
+
+        The queue of commands is made for the plant's computing delay, in whole steps.
+
+        Args:
+            q: Joint positions, float64[n], [rad or m].
+        """
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = q
         linkage, data = self.plant.arrays.linkage, self._data
         n = self.machine.joint_count
-        # MuJoCo makes a new view at each access: these are kept.
+        # MuJoCo creates a new view at each access; the kernels are bound to these views.
         position, velocity, control = data.qpos, data.qvel, data.ctrl
         self._pistons = np.empty((4, n))
         joints = linkage, position, velocity, np.full(1, 0.5 * self._model.opt.timestep)
-        servo, circuit = self._believed, self._circuit
-        believed = Believed(servo.actuators, servo.modules, servo.constants, servo.module_home)
+        servo, circuit = self._servo_circuit, self._circuit
+        servo_circuit = ServoCircuit(
+            servo.actuators, servo.modules, servo.constants, servo.module_home
+        )
         late = round(self.plant.config.imperfections.computing_delay * SECOND_NS / self._step_ns)
         queue = np.zeros((1 + late, 2 * (n + len(circuit.modules))))
         queue[:, n : 2 * n] = servo.actuators["join"]
-        way = believed, queue, np.zeros(1, dtype=np.int64)
+        way = servo_circuit, queue, np.zeros(1, dtype=np.int64)
         torque = position, velocity, control
-        self._push = bind(push, *way, circuit, self._pistons, *torque, integers=2)
-        self._follow_pistons = bind(follow, circuit, *joints, self._pistons, integers=1)
+        self._push = bind_kernel(
+            advance_to_midstep, *way, circuit, self._pistons, *torque, integer_count=2
+        )
+        self._follow_pistons = bind_kernel(
+            advance_to_step_end, circuit, *joints, self._pistons, integer_count=1
+        )
         move_pistons(*joints, self._pistons)
-        apply_forces(circuit.actuators, circuit.pressure, self._pistons[ARM], *torque)
+        apply_forces(circuit.actuators, circuit.pressure, self._pistons[MOMENT_ARM_ROW], *torque)
         mujoco.mj_forward(self._model, data)
 
     def _reset_noise(self) -> None:
+        """Start the random numbers from the seed, and draw offsets and drifts of the sensors."""
         self._random = np.random.default_rng(self._seed)
         own = np.random.default_rng((self._seed, 1))
-        self._channels, self._noise_scale = channels_of(self.plant, own)
+        self._channels, self._noise_scale = build_channels(self.plant, own)
         self._noise = np.zeros((NOISE_ROWS, len(self._channels)))
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
+        """Build the servo's signals, controller, reference and mode guard, and hold a posture.
+
+        Args:
+            q: Joint positions to be held, float64[n], [rad or m].
+            modes: Modes in which it is held, uint8[n].
+        """
         n = self.machine.joint_count
-        circuit, believed = self._circuit, self._believed
+        circuit, servo_circuit = self._circuit, self._servo_circuit
         self._signals = ServoSignals(
             reference=np.zeros((REFERENCE_POINTS, 3, n)),
-            sensors=np.zeros(n, SENSOR),
+            sensors=np.zeros(n, SENSOR_DTYPE),
             rail_pressure=np.zeros(1),
             modes=modes.copy(),
             modes_ahead=modes.copy(),
             serves=np.full(len(circuit.modules), -1, dtype=np.int64),
-            circuit=believed,
+            circuit=servo_circuit,
         )
-        self._measure = bind(
-            measure,
+        self._measure = bind_kernel(
+            read_sensors,
             self._noise,
             self._pistons,
             circuit.pressure,
             circuit.modules,
             self._signals.sensors,
             self._signals.rail_pressure,
-            believed.modules,
+            servo_circuit.modules,
             self._channels,
             np.full(1, 1e-9 * self._step_ns),
-            integers=1,
+            integer_count=1,
         )
         self._measure(0)
         self._open_valves()
-        self._reference = Reference(self._signals.reference, self._controller.preview)
+        self._reference = ReferencePreview(self._signals.reference, self._controller.preview)
         usual_error = self._controller.usual_error
         self.guard = ModeGuard(self.machine, self._signals, self._reference, usual_error)
         self._watch = self.guard.watch
-        self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=REMEMBERED)
+        self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=TRAJECTORY_CAPACITY)
         self._hold(q, modes)
 
     @property
     def time_ns(self) -> int:
-        """Simulated time, integer ns."""
+        """Simulated time [ns]."""
         return self._time_ns
 
     @property
     def plan_time_ns(self) -> int:
-        """By which plans are followed [ns]: simulated time less `plan_delay_ns`."""
-        return self._reference.own_time_ns(self._time_ns)
+        """Time of plans [ns]: simulated time less the delay by which speed scaling slowed plans."""
+        return self._reference.compute_trajectory_time_ns(self._time_ns)
 
     @property
     def plan_delay_ns(self) -> int:
-        """By which plans are followed later than they say, because the guard slowed them [ns].
-
-        None where the last one has come to its end: see `catch_up`.
-        """
-        return 0 if self._reference.rests else self._time_ns - self.plan_time_ns
+        """Delay by which speed scaling has slowed plans [ns]; 0 if the last plan has ended."""
+        return 0 if self._reference.has_ended else self._time_ns - self.plan_time_ns
 
     def catch_up(self) -> None:
-        """Let plans be in time again, where the last one has come to its end."""
-        if self._reference.rests:
-            self._reference.pace["delay"] = 0.0
+        """Remove the delay of plans, if the last one has ended."""
+        if self._reference.has_ended:
+            self._reference.speed_scaling["delay"] = 0.0
 
     @property
     def step_ns(self) -> int:
-        """Length of a step, integer ns."""
+        """Length of a step [ns]."""
         return self._step_ns
 
     @property
     def payload(self) -> float:
-        """At the tip, kg."""
+        """Payload at the tip of the plant [kg]."""
         return self._payload
 
     @property
     def reference(self) -> MotionState:
-        """What the servo follows now."""
+        """Present reference of the servo."""
         return self._reference.state
 
     @property
     def planned(self) -> MotionState:
-        """What the servo would follow now, were the plan not slowed."""
-        return self._reference.at_full_pace(self._time_ns)
+        """State that the reference would have now if the plan were not slowed."""
+        return self._reference.sample_at_full_speed(self._time_ns)
 
     def reference_at(self, time_ns: int) -> MotionState | None:
-        """What the servo followed at an earlier time of plans; None where that is forgotten."""
+        """Return the reference at an earlier time.
+
+        Args:
+            time_ns: Time of plans [ns].
+
+        Returns:
+            The state of the trajectory that was followed then, or None if it is no longer recorded.
+        """
         for since_ns, trajectory in reversed(self._followed):
             if time_ns >= since_ns:
                 return trajectory.sample(time_ns)
@@ -243,7 +303,7 @@ class Simulator:
 
     @property
     def joint_state(self) -> MotionState:
-        """Measured position, velocity and (of the last step) acceleration of the joints."""
+        """True position and velocity of the joints now, and their acceleration in the last step."""
         data = self._data
         position = data.qpos - 0.5 * self._model.opt.timestep * data.qvel  # see `move_pistons`
         return MotionState(position, data.qvel.copy(), data.qacc.copy())
@@ -255,13 +315,13 @@ class Simulator:
 
     @property
     def plan_stamp_ns(self) -> int:
-        """Stamp of the plan being executed, 0 while holding or stopping."""
+        """Stamp of the plan that is being executed [ns]; 0 while holding or stopping."""
         reference = self._reference
         return reference.trajectory.stamp_ns if reference.executes_plan(self._time_ns) else 0
 
     @property
     def actuator_states(self) -> ActuatorStates:
-        """Pressures, flows and openings now."""
+        """Present pressures, flows and openings of the simulated circuit."""
         circuit = self._circuit
         actuators = circuit.actuators
         speed = circuit.modules["flow"] / circuit.constants["servo_pump_flow"]
@@ -270,86 +330,102 @@ class Simulator:
             rod_pressure=circuit.pressure[1:-3:3].copy(),
             supply_pressure=circuit.pressure[2:-3:3].copy(),
             force=actuators["force"].copy(),
-            piston_speed=self._pistons[SPEED].copy(),
+            piston_speed=self._pistons[SPEED_ROW].copy(),
             valve_opening=actuators["spool"].copy(),
-            valve_command=self._believed.actuators["valve_command"].copy(),
+            valve_command=self._servo_circuit.actuators["valve_command"].copy(),
             supply_flow=actuators["supply_flow"].copy(),
             servo_pump_flow=circuit.modules["delivered"].copy(),
             servo_pump_speed=speed,
-            servo_pump_command=self._believed.modules["flow_command"]
-            / self._believed.constants["servo_pump_flow"],
+            servo_pump_command=self._servo_circuit.modules["flow_command"]
+            / self._servo_circuit.constants["servo_pump_flow"],
             rail_pressure=circuit.rail_pressure,
             manifold_pressure=circuit.manifold_pressure,
         )
 
-    def copy_state(
+    def write_state(
         self,
         reference: FloatArray,
         position: FloatArray,
         pressure: FloatArray,
         modes: ModeArray,
     ) -> None:
-        """Write the present state, for runs that keep every step.
+        """Copy the present state into arrays, for recordings that keep every step.
 
-        reference float64[3, n] (q, q̇, q̈), position float64[n] rad, pressure float64[3 n + 3] Pa
-        in the order of the circuit's nodes, modes uint8[n] in force.
+        Args:
+            reference: Position, velocity and acceleration of the reference, one row each,
+                float64[3, n]. Written in place.
+            position: Joint positions, float64[n], [rad or m]. Written in place.
+            pressure: Pressures of cap side, rod side and line of each actuator, then of rail,
+                manifold and tank, float64[3 n + 3], [Pa]. Written in place.
+            modes: Modes in force, uint8[n]. Written in place.
         """
         reference[:] = self._signals.reference[0]
-        position[:] = self._pistons[ANGLE]
+        position[:] = self._pistons[ANGLE_ROW]
         pressure[:] = self._circuit.pressure
         modes[:] = self._in_force
 
     @property
     def spools(self) -> FloatArray:
-        """Openings of the valves now, −1 … 1, float64[n]."""
+        """Present openings of the valves, −1 … 1, float64[n]; a view of the circuit's state."""
         return self._circuit.actuators["spool"]
 
     @property
     def sensed(self) -> Sensed:
-        """What the servo is told now, and what it asks for."""
-        signals, believed = self._signals, self._believed
+        """Present sensor readings and commands of the servo."""
+        signals, servo_circuit = self._signals, self._servo_circuit
         sensors = signals.sensors
         return Sensed(
             length=sensors["length"].copy(),
             pressure=np.stack([sensors[f"{each}_pressure"] for each in ("cap", "rod", "line")], 1),
             silent=self._channels["silent"].copy(),
-            valve_command=believed.actuators["valve_command"].copy(),
-            pump_flow=believed.modules["flow"].copy(),
-            pump_command=believed.modules["flow_command"].copy(),
+            valve_command=servo_circuit.actuators["valve_command"].copy(),
+            pump_flow=servo_circuit.modules["flow"].copy(),
+            pump_command=servo_circuit.modules["flow_command"].copy(),
             modes=signals.modes.copy(),
         )
 
     @property
     def estimates(self) -> list[Estimate]:
-        """What the servo has learnt of its machine since the valves opened."""
+        """Estimates of the servo since its valves last opened."""
         return self._controller.estimates
 
     @property
     def energies(self) -> dict[str, float]:
-        """Energies [J] since the start, by name.
+        """Energies since the start by name [J].
 
-        `main_pump`, hydraulic, and `servo_pumps`, at their shafts, are delivered; all others are
-        where it went, but for those in `circuit.audit.BESIDE`.
+        `main_pump` (hydraulic) and `servo_pumps` (at their shafts) are delivered. All others are
+        shares of that energy by the place to which it went, except `UNBALANCED_ENERGIES` of
+        `circuit.audit`.
         """
         record = self._circuit.energy[0]
-        return {name: float(record[name]) for name in ENERGY.names or ()}
+        return {name: float(record[name]) for name in ENERGY_DTYPE.names or ()}
 
     @property
     def energy_gap(self) -> float:
-        """Delivered less accounted for [J]: zero but for rounding."""
+        """Energy delivered less energy accounted for [J]; zero apart from rounding."""
         return energy_gap(self.energies)
 
     @property
     def volumes(self) -> dict[str, float]:
-        """Oil volumes [m³] since the start: `main_pump` delivered, all others where it went."""
+        """Oil volumes since the start by name [m³].
+
+        `main_pump` is delivered. All others are shares of that oil by the place to which it went.
+        """
         record = self._circuit.volume[0]
-        return {name: float(record[name]) for name in VOLUME.names or ()}
+        return {name: float(record[name]) for name in VOLUME_DTYPE.names or ()}
 
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
-        """Follow a trajectory with its mode schedule from now on.
+        """Follow a plan from now on, and open the valves if they are closed.
 
-        Raises ModeError where a pattern needs more modules than there are; whether the new
-        reference continues the present one is the plan receiver's question.
+        Whether the plan continues the present reference is not checked here; the plan receiver does
+        that.
+
+        Args:
+            trajectory: Trajectory of the plan.
+            schedule: Mode schedule of the plan.
+
+        Raises:
+            ModeError: A mode pattern needs more booster modules than there are.
         """
         self._check_budget(schedule.modes)
         if self.valves_closed:
@@ -357,7 +433,11 @@ class Simulator:
         self._follow(trajectory, schedule, planned=True)
 
     def stop(self) -> None:
-        """Decelerate along the path of the plan in force, then hold; no effect without a plan."""
+        """Decelerate along the path of the plan in force, then hold; no effect without a plan.
+
+        The modes that the servo has prepared stay in force while the arm decelerates. At the end
+        come modes that hold the arm there.
+        """
         now = self.plan_time_ns
         if not self._reference.executes_plan(self._time_ns):
             return
@@ -367,78 +447,114 @@ class Simulator:
         self._follow(braking, ModeSchedule(now, rows, np.array(modes[-len(rows) :])))
 
     def close_valves(self) -> None:
-        """Shut all valves, the isolating ones too, and stop the servo pumps until the next plan, or
-        a reset."""
-        actuators, modules = self._believed.actuators, self._believed.modules
+        """Shut all valves and stop the servo pumps, until the next plan or a reset.
+
+        The commands of the servo become 0 and stay so. The isolating valves close as well, without
+        the servo's delay. The mode guard drops its requests.
+        """
+        actuators, modules = self._servo_circuit.actuators, self._servo_circuit.modules
         actuators["valve_command"] = actuators["join_command"] = 0.0
         modules["flow_command"] = modules["lend"] = 0.0
         self._circuit.actuators["isolating_command"] = 1.0  # hard-wired, without the servo's delay
-        self.guard.forget()
+        self.guard.reset()
         self._prepare_modes()
-        self._control = _leave_commands
+        self._control = _keep_commands
 
     @property
     def valves_closed(self) -> bool:
-        """Whether all valves are shut, and the servo has no say."""
-        return self._control is _leave_commands
+        """True if all valves are shut and the servo does not act."""
+        return self._control is _keep_commands
 
-    def vent(self, drop: float) -> bool:
-        """Let oil that closed valves have trapped down by `drop` [Pa]; whether none is trapped.
+    def lower_trapped_pressure(self, drop: float) -> bool:
+        """Lower the pressure of oil that is trapped behind closed valves, by their relief valves.
 
-        Trapped is what no holding needs: above the mean of supply and tank both chambers, where a
-        servo would find flows reversed; and any that presses a joint against its end stop. The
-        relief valves let it go; they are set back when the valves open.
+        The oil of an actuator is trapped in two cases. Both chambers exceed the mean of supply and
+        tank pressure, so that flows would be reversed when its valve opens. Or a joint is pressed
+        against its end stop. The relief setting of that actuator is then set below the higher
+        chamber pressure. The settings are restored when the valves open.
+
+        Args:
+            drop: Pressure by which the setting is below the higher chamber pressure [Pa].
+
+        Returns:
+            True if no oil is trapped.
         """
         arrays, actuators = self.machine.arrays, self._circuit.actuators
         chambers = self._circuit.pressure[:-3].reshape(-1, 3)[:, :2] - arrays.tank_pressure
         lower, higher = chambers.min(axis=1), chambers.max(axis=1)
         trapped = lower > 0.5 * (arrays.supply_pressure - arrays.tank_pressure)
         beyond = np.abs(self._data.qpos - self._within_limits(self._data.qpos))
-        trapped |= (beyond > YIELD) & (higher > drop)
+        trapped |= (beyond > END_STOP_DEFLECTION) & (higher > drop)
         actuators["relief"][trapped] = higher[trapped] - drop
         return not trapped.any()
 
     def hold_here(self) -> None:
-        """Hold the measured posture, within the joint limits, from now on: the reference steps."""
-        q = self._within_limits(self._pistons[ANGLE])
-        self._reference.pace["delay"] = 0.0
+        """Hold the arm's present posture from now on, within the joint limits.
+
+        The reference steps to it, and the delay of plans is removed. The posture is the simulated
+        one, not a sensor reading.
+        """
+        q = self._within_limits(self._pistons[ANGLE_ROW])
+        self._reference.speed_scaling["delay"] = 0.0
         self._hold(q, self._modes_to_hold(q))
 
     def set_payload(self, mass: float) -> None:
-        """Change the payload [kg] on the tip; the servo is not told."""
+        """Change the payload of the plant; the servo is not informed.
+
+        Args:
+            mass: Payload at the tip [kg].
+        """
         self._payload = mass
         set_payload(self._model, mass)
 
-    def silence_noise(self) -> None:
-        """Let sensors tell without noise from now on; what else they have stays."""
+    def disable_noise(self) -> None:
+        """Switch off the noise of all sensors; offsets, drifts and rounding stay."""
         self._noise_scale[:] = 0.0
         self._noise[:] = 0.0
 
-    def inject(self, faults: Sequence[Fault]) -> None:
-        """Let these fail from now on and nothing else; a reset heals all."""
-        set_faults(faults, Plant(self._circuit, self._channels), self._healthy)
+    def inject_faults(self, faults: Sequence[Fault]) -> None:
+        """Inject faults, and end all others; a reset ends all.
 
-    def lose_modules(self, lost: Collection[int]) -> None:
-        """Do without these booster modules from now on, the first being 0."""
+        Args:
+            faults: All faults that are to exist from now on.
+        """
+        set_faults(faults, FaultTarget(self._circuit, self._channels), self._healthy)
+
+    def disable_modules(self, lost: Collection[int]) -> None:
+        """Assign no work to some booster modules from now on.
+
+        Args:
+            lost: Indices of these modules, from 0; they replace those given before.
+        """
         self.lost_modules = tuple(sorted(lost))
         self._prepare_modes()
 
     def advance(self, duration: float) -> None:
-        """Run for `duration` [s], rounded to whole steps."""
+        """Run for a duration, rounded to whole steps.
+
+        Args:
+            duration: Simulated time [s].
+        """
         for _ in range(round(duration * SECOND_NS / self._step_ns)):
             self.step()
 
     def step(self) -> None:
-        """Advance by one step; raises SimulationDivergedError where the state is not finite."""
+        """Advance by one step of the servo, with all its steps of circuit and mechanics.
+
+        If the plant has a supply sag, the main pump's pressure is set first.
+
+        Raises:
+            SimulationDivergedError: The state is no longer finite.
+        """
         if self._sag is not None:
             time = self._steps * self._step_ns / SECOND_NS
-            pressure = sagging_pressure(self.plant.arrays.supply_pressure, self._sag, time)
+            pressure = compute_sag_pressure(self.plant.arrays.supply_pressure, self._sag, time)
             self._circuit.constants["supply_pressure"] = pressure
         self._control_valves()
         for inner in range(self._inner_steps):
             mujoco.mj_step1(self._model, self._data)
             if not self._push(inner == 0, self._first_substeps):
-                raise self._diverged()
+                raise self._build_divergence_error()
             mujoco.mj_step2(self._model, self._data)
             self._follow_pistons(self._last_substeps)
         self._steps += 1
@@ -446,13 +562,21 @@ class Simulator:
         self._update_reference()
 
     def step_hydraulics(self) -> None:
-        """The part of a step that is sensors, servo and circuit; the arm stays where it is."""
+        """Run sensors, servo and circuit for one step while the arm does not move.
+
+        Time and reference do not advance, and divergence is not checked.
+        """
         self._control_valves()
         self._push(True, self._first_substeps)
         self._follow_pistons(self._last_substeps)
 
     def _control_valves(self) -> None:
-        """Sensors, and the servo's commands on their way."""
+        """Read the sensors, let the mode guard react, and run the servo.
+
+        Noise is drawn for NOISE_ROWS steps at once. If the guard's requests have changed, the modes
+        are set anew. While the valves are closed (`valves_closed`), only the sensors are read: the
+        guard does not react, and the servo keeps its commands.
+        """
         row = self._steps % NOISE_ROWS
         if row == 0:
             self._random.standard_normal(out=self._noise)
@@ -463,7 +587,7 @@ class Simulator:
         self._control()
 
     def _open_valves(self) -> None:
-        """Let the servo act, a new one that remembers nothing."""
+        """Start a new servo without memory, and restore the relief and isolating valves."""
         self._circuit.actuators["relief"] = self.plant.chamber_reliefs
         self._circuit.actuators["isolating_command"] = 0.0
         self._controller = self._make_controller(self.machine, self._signals)
@@ -473,6 +597,12 @@ class Simulator:
         return np.clip(q, self.machine.arrays.joint_min, self.machine.arrays.joint_max)
 
     def _hold(self, q: FloatArray, modes: ModeArray) -> None:
+        """Follow a standstill in a posture from now on.
+
+        Args:
+            q: Joint positions, float64[n], [rad or m].
+            modes: Mode of each actuator, uint8[n].
+        """
         now = self.plan_time_ns
         schedule = ModeSchedule(now, np.zeros(1, dtype=np.int64), np.atleast_2d(modes))
         self._follow(standstill(q, now), schedule)
@@ -480,6 +610,17 @@ class Simulator:
     def _follow(
         self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool = False
     ) -> None:
+        """Follow a trajectory from now on, and record the time of plans at which it begins.
+
+        Reference and modes are updated at once. `reference_at` uses the recorded time of plans,
+        which is the simulated time less the delay by speed scaling.
+
+        Args:
+            trajectory: The trajectory.
+            schedule: Its mode schedule.
+            planned: Whether it belongs to a plan, not to a stop or a hold. Only then do
+                `plan_stamp_ns` and a planned stop treat it as a plan being executed.
+        """
         self._followed.append((self.plan_time_ns, trajectory))
         self._reference.follow(trajectory, schedule, planned=planned)
         self._update_reference()
@@ -489,20 +630,23 @@ class Simulator:
             self._prepare_modes()
 
     def _prepare_modes(self) -> None:
-        """Boost of the modes ahead comes early, as far as modules are free.
+        """Set the modes in force and the prepared modes, and assign the booster modules.
 
-        But nobody joins the rail early, where its pressure would reach one who is about to leave:
-        the line is charged by its own pump until then.
+        The modes in force come from the schedule; the mode guard raises them if needed. The
+        prepared modes also contain the boost of the modes that come next, if enough modules are
+        free. An actuator does not join the shared rail early while another one is about to leave
+        it, since the rail's pressure would reach that one. The own pump of the joining actuator
+        charges its line until then (mode DB).
         """
         modules, lost = self.machine.config.hydraulics.modules, self.lost_modules
         planned, planned_ahead = self._reference.modes, self._reference.modes_ahead
         count = modules.count - len(lost)
-        now, ahead = (self.guard.modes(each, count) for each in (planned, planned_ahead))
-        self.guard.note(planned, stronger(planned, planned_ahead), now)
+        now, ahead = (self.guard.select_modes(each, count) for each in (planned, planned_ahead))
+        self.guard.record_modes(planned, stronger(planned, planned_ahead), now)
         self._in_force = now
         prepared = stronger(now, ahead)
-        if np.any(ON_RAIL[now] & ~ON_RAIL[ahead]):
-            prepared[~ON_RAIL[now] & ON_RAIL[ahead]] = Mode.DB
+        if np.any(RAIL_MODES[now] & ~RAIL_MODES[ahead]):
+            prepared[~RAIL_MODES[now] & RAIL_MODES[ahead]] = Mode.DB
         if modules_in_use(prepared, modules.per_mode) > count:
             prepared = now
         self._signals.modes[:] = prepared
@@ -510,10 +654,26 @@ class Simulator:
         self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode, lost)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
-        """Modes in which to come to rest at q [rad]."""
-        return modes_to_stop(self.machine, self.machine.piston_forces(q), self._reference.modes)
+        """Return the modes in which the arm comes to rest in a posture.
+
+        Args:
+            q: Joint positions, float64[n], [rad or m].
+
+        Returns:
+            Mode of each actuator, uint8[n]: modes that hold its load there, or the present ones if
+            there are too few booster modules.
+        """
+        return choose_stop_modes(self.machine, self.machine.piston_forces(q), self._reference.modes)
 
     def _check_budget(self, patterns: ModeArray) -> None:
+        """Check that the machine has the booster modules that each mode pattern needs.
+
+        Args:
+            patterns: Mode patterns, uint8[patterns, n].
+
+        Raises:
+            ModeError: A pattern needs more modules than are fitted.
+        """
         modules = self.machine.config.hydraulics.modules
         for pattern in patterns:
             needed = modules_in_use(pattern, modules.per_mode)
@@ -523,15 +683,21 @@ class Simulator:
                     f"{modules.count} are fitted"
                 )
 
-    def _diverged(self) -> SimulationDivergedError:
-        """The error that names what is not finite, causes before effects."""
+    def _build_divergence_error(self) -> SimulationDivergedError:
+        """Build the error that names the first quantity that is not finite or too large.
+
+        The quantities are checked with causes before effects.
+
+        Returns:
+            The error, to be raised.
+        """
         candidates: list[tuple[str, Any]] = [
             ("the joint position", self._data.qpos),
             ("the joint velocity", self._data.qvel),
             ("the reference", self._signals.reference),
             ("a pressure", self._circuit.pressure),
-            ("the servo's valve command", self._believed.actuators["valve_command"]),
-            ("the servo's pump command", self._believed.modules["flow_command"]),
+            ("the servo's valve command", self._servo_circuit.actuators["valve_command"]),
+            ("the servo's pump command", self._servo_circuit.modules["flow_command"]),
         ]
         for text, values in candidates:
             if not np.all(np.isfinite(values)) or np.any(np.abs(values) > LARGEST_VALUE):
@@ -542,5 +708,5 @@ class Simulator:
         return SimulationDivergedError(quantity, self._time_ns / SECOND_NS)
 
 
-def _leave_commands() -> None:
-    """What stands in for the servo while valves are closed."""
+def _keep_commands() -> None:
+    """Do nothing in place of the servo while the valves are closed."""

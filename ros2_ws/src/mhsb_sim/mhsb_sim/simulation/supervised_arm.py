@@ -1,4 +1,4 @@
-"""The simulated arm as its node runs it: it takes plans, is watched, can be stopped and reset."""
+"""The simulated arm as its node runs it, with plan receiver, supervision, stop and reset."""
 
 from __future__ import annotations
 
@@ -9,25 +9,35 @@ from mhsb_model.holding import HoldingError
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_sim.errors import SimulationDivergedError
+from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervision import Phase, Supervision
-from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 UNLOADING_TIME, SLOWEST_UNLOADING = 1.5, 30.0
-"""A lighter payload is approached with this time constant [s], at least this fast [kg/s]. Oil that
-a load has compressed would throw the arm up if the load vanished at once."""
+"""Time constant [s] and smallest rate [kg/s] at which the payload falls to a lighter one.
+
+Oil that a load has compressed would throw the arm up if the load vanished at once."""
 
 
 class SupervisedArm:
-    """A simulator with a receiver of plans and supervision.
+    """A simulator with a plan receiver and supervision.
 
-    halted        whether the simulation has diverged and cannot go on
-    last_stop_ns  when `stop` was last called since the start or a reset [ns]; 0 never
+    Attributes:
+        simulator: The simulator.
+        supervision: Its supervision.
+        halted: Whether the simulation has diverged and cannot go on.
+        last_stop_ns: Simulated time of the last `stop` since the start or a reset [ns]; 0 if never.
     """
 
     def __init__(self, simulator: Simulator, limits: SupervisionLimits) -> None:
+        """Put a simulator under supervision.
+
+        Args:
+            simulator: The simulator, at rest.
+            limits: Limits of the symptoms.
+        """
         self.simulator = simulator
         self.supervision = Supervision(simulator, limits)
         self._receiver = PlanReceiver(simulator.machine, simulator)
@@ -36,6 +46,7 @@ class SupervisedArm:
         self._begin()
 
     def _begin(self) -> None:
+        """Reset supervision, plan receiver and fault to their state at the start."""
         self.halted = False
         self.last_stop_ns = 0
         self._fault = ""
@@ -44,11 +55,11 @@ class SupervisedArm:
         self.supervision.restart()
         self._receiver.open()
 
-    # --- What it tells ---------------------------------------------------------------------------
+    # --- State and reports -----------------------------------------------------------------------
 
     @property
     def fault(self) -> str:
-        """Why the arm is stopped and takes no plans, empty where it does."""
+        """Sentence why the arm is stopped and takes no plans; empty if it is not stopped."""
         phase = self.supervision.phase
         if self.halted or phase is Phase.WATCHING:
             return self._fault
@@ -57,28 +68,39 @@ class SupervisedArm:
 
     @property
     def warning(self) -> str:
-        """What may stop the arm, empty where nothing does."""
+        """Sentence on failed servo pumps and a symptom that may stop the arm; empty if none."""
         return self.supervision.warning
 
     @property
     def intervention(self) -> str:
-        """What the guard does against the plan, empty where it does nothing."""
+        """Sentence on how the mode guard changes the plan; empty if it does not."""
         return "" if self.halted else self.simulator.guard.sentence
 
     @property
     def plan_stamp_ns(self) -> int:
-        """Stamp of the plan in force [ns], 0 where there is none."""
+        """Stamp of the plan in force [ns]; 0 if there is none."""
         return 0 if self.halted else self.simulator.plan_stamp_ns
 
     def take_reports(self) -> list[HandOverReport]:
-        """What has become of plans since the last call."""
+        """Return the hand-over reports since the last call, and forget them.
+
+        Returns:
+            The reports in time order.
+        """
         reports, self._reports = self._reports, []
         return reports
 
     # --- Time ------------------------------------------------------------------------------------
 
     def step(self, wall: float) -> None:
-        """Advance by one step; take a plan that is due, watch. `wall` is the time [s] it is."""
+        """Advance by one step, hand over a plan that is due, and supervise.
+
+        If the simulation diverges, the arm is halted and all plans are refused. A halted arm does
+        nothing.
+
+        Args:
+            wall: Wall-clock time [s].
+        """
         if self.halted:
             return
         simulator = self.simulator
@@ -95,78 +117,126 @@ class SupervisedArm:
             self._watch()
 
     def hand_over(self, wall: float) -> None:
-        """Take a plan that is due; drop half a plan that has waited too long."""
+        """Hand over a plan that is due, or drop half a plan that has waited too long.
+
+        The report on it is stored for `take_reports`.
+
+        Args:
+            wall: Wall-clock time [s].
+        """
         self.simulator.catch_up()
         self._reports += self._receiver.update(wall)
 
     # --- Plans -----------------------------------------------------------------------------------
 
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> None:
-        """Receive a plan's trajectory."""
+        """Receive the trajectory of a plan, and hand the plan over if it is complete and due.
+
+        Args:
+            trajectory: The trajectory with its stamp.
+            wall: Wall-clock time [s].
+        """
         self.simulator.catch_up()
         self._reports += self._receiver.add_trajectory(trajectory, wall)
         self.hand_over(wall)
 
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> None:
-        """Receive a plan's mode schedule."""
+        """Receive the mode schedule of a plan, and hand the plan over if it is complete and due.
+
+        Args:
+            schedule: The mode schedule with its stamp.
+            wall: Wall-clock time [s].
+        """
         self.simulator.catch_up()
         self._reports += self._receiver.add_schedule(schedule, wall)
         self.hand_over(wall)
 
     def add_unusable(self, stamp_ns: int, problem: str, wall: float) -> None:
-        """Receive half a plan that cannot be read."""
+        """Receive half a plan that cannot be read.
+
+        Args:
+            stamp_ns: Stamp of the plan [ns].
+            problem: Clause why it cannot be read.
+            wall: Wall-clock time [s].
+        """
         self._reports += self._receiver.add_unusable(stamp_ns, problem, wall)
 
-    # --- Orders ----------------------------------------------------------------------------------
+    # --- Commands --------------------------------------------------------------------------------
 
     def stop(self) -> bool:
-        """Decelerate along the path and hold; no plan made before takes effect.
+        """Decelerate along the path and hold; refuse plans that are stamped up to now.
 
-        Whether the reference was on its way. No order has an effect on a simulation that has
-        diverged.
+        Nothing happens to a simulation that has diverged.
+
+        Returns:
+            True if the reference was moving.
         """
         moving = bool(self.simulator.reference.velocity.any())
         if not self.halted:
-            self._reports += self._receiver.void("the arm was stopped")
+            self._reports += self._receiver.invalidate_plans("the arm was stopped")
             self.simulator.stop()
             self.last_stop_ns = self.simulator.time_ns
         return moving
 
     def reset(self, time_ns: int) -> None:
-        """To rest in the start posture at `time_ns`; forget plans and faults."""
-        self._reports += self._receiver.void("the arm was reset", HandOverReason.RESET)
+        """Put the arm at rest into its start posture, and forget plans and faults.
+
+        The wanted payload applies at once.
+
+        Args:
+            time_ns: New simulated time [ns].
+        """
+        self._reports += self._receiver.invalidate_plans("the arm was reset", HandOverReason.RESET)
         self.simulator.set_payload(self._payload_wanted)
         self._payload = self._payload_wanted
         self.simulator.reset(time_ns)
-        self._receiver.forget()
+        self._receiver.reset()
         self._begin()
 
     def clear_fault(self, time_ns: int) -> str:
-        """Let a stopped arm go on from where it stands, at rest; what becomes of the fault.
+        """Let a stopped arm go on from its present posture, at rest.
 
-        A simulation that has diverged is started anew there, at `time_ns`.
+        A simulation that has diverged is started anew in that posture. An arm that was stopped at a
+        fault is released once it rests with the wanted payload. If the arm is not stopped, failed
+        servo pumps are used again.
+
+        Args:
+            time_ns: Simulated time at which a diverged simulation starts anew [ns].
+
+        Returns:
+            Sentence on what happens to the fault.
         """
         if self.halted:
-            self._restart_where_it_is(time_ns)
+            self._restart_in_place(time_ns)
             return "the fault is cleared and the simulation starts anew from where the arm was"
         if self.supervision.phase is Phase.WATCHING:
-            failed = self.supervision.trust_servo_pumps()
+            failed = self.supervision.restore_servo_pumps()
             return f"{failed}: used again" if failed else "there is no fault"
         self._clearing = True
-        self._go_on_clearing()
+        self._release_if_cleared()
         return "the fault is cleared as soon as the arm rests with its payload"
 
     def set_payload(self, mass: float) -> None:
-        """Hang another payload [kg] on the tip: a heavier one at once, a lighter one gradually."""
+        """Change the payload at the tip: a heavier one at once, a lighter one gradually.
+
+        Args:
+            mass: Payload [kg].
+        """
         self._payload_wanted = mass
         if mass > self._payload:
             self._payload = mass
             self.simulator.set_payload(mass)
 
-    # --- Inside ----------------------------------------------------------------------------------
+    # --- Internals -------------------------------------------------------------------------------
 
     def _watch(self) -> None:
-        self._unload()
+        """Run supervision once, and adapt plan receiver and payload to the result.
+
+        If supervision has stopped the arm, the receiver closes with the fault. If it has released
+        the arm, the receiver opens. Before that, the payload falls towards a lighter one for one
+        watch period. At the end, the arm is released if its fault is being cleared and it rests.
+        """
+        self._reduce_payload()
         before = self.supervision.phase
         self.supervision.watch()
         phase = self.supervision.phase
@@ -176,13 +246,20 @@ class SupervisedArm:
         elif before is not Phase.WATCHING and phase is Phase.WATCHING:
             self._fault, self._clearing = "", False
             self._receiver.open()
-        self._go_on_clearing()
+        self._release_if_cleared()
 
-    def _go_on_clearing(self) -> None:
+    def _release_if_cleared(self) -> None:
+        """Release the arm if its fault is being cleared and it rests with the wanted payload."""
         if self._clearing and self._payload == self._payload_wanted and self.supervision.rests:
             self.supervision.release()
 
-    def _unload(self) -> None:
+    def _reduce_payload(self) -> None:
+        """Reduce the payload towards a lighter wanted one, for one watch period.
+
+        The rate is the surplus over UNLOADING_TIME, at least SLOWEST_UNLOADING [kg/s], so that
+        compressed oil does not throw the arm up. Without a surplus nothing changes; `set_payload`
+        applies heavier payloads at once.
+        """
         surplus = self._payload - self._payload_wanted
         if surplus > 0.0:
             rate = max(surplus / UNLOADING_TIME, SLOWEST_UNLOADING)
@@ -191,9 +268,16 @@ class SupervisedArm:
                 self._payload = self._payload_wanted
             self.simulator.set_payload(self._payload)
 
-    def _restart_where_it_is(self, time_ns: int) -> None:
+    def _restart_in_place(self, time_ns: int) -> None:
+        """Restart a diverged simulation in the arm's last posture, with closed valves.
+
+        If that posture is not finite or cannot be held, the simulation begins in the start posture.
+
+        Args:
+            time_ns: New simulated time [ns].
+        """
         simulator = self.simulator
-        self._reports += self._receiver.void("the arm was reset", HandOverReason.RESET)
+        self._reports += self._receiver.invalidate_plans("the arm was reset", HandOverReason.RESET)
         posture = simulator.joint_state.position
         try:
             simulator.reset(time_ns, posture if np.all(np.isfinite(posture)) else None)

@@ -1,13 +1,15 @@
-"""Supervision: warns of symptoms, stops the arm before they become harm, and holds it stopped.
+"""Supervision: warns of symptoms, stops the arm before harm is done, and keeps it stopped.
 
     watching → stopping → closed → held → venting → watching
 
-Beyond a limit the reference decelerates along its path. Where the following error still grows, or
-rest does not come, or a part has failed without which nobody can brake, the valves close at once,
-else when the arm rests. A servo pump that fails stops nothing: the servo does without it. At rest
-the reference is set to the measured posture; nowhere else does it step. So the arm stays where it
-is, whatever heals, and once it is released the valves remain closed until the next plan opens them,
-to a servo that remembers nothing of what was before.
+Beyond a limit the reference decelerates along its path. The valves close when the arm rests. They
+close earlier if the following error grows further or if rest does not come in time. They close at
+once if a part has failed that braking needs. A failed servo pump stops nothing: the servo does
+without it.
+
+Once the arm rests, the reference is set to the arm's actual posture. It never steps otherwise. The
+arm therefore stays where it is, even if the fault disappears. After its release the valves stay
+closed until the next plan opens them. The servo then starts without memory of what was before.
 """
 
 from __future__ import annotations
@@ -19,38 +21,42 @@ import numpy as np
 
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
-from mhsb_sim.simulation.diagnosis import ServoPumpWatch
-from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, Sample
-from mhsb_sim.simulation.simulator import Simulator
-from mhsb_sim.simulation.symptoms import (
-    SYMPTOMS,
+from mhsb_sim.simulation.fault_detection import (
+    SYMPTOM_KINDS,
     FollowingError,
     SupervisionLimits,
     Symptom,
 )
+from mhsb_sim.simulation.fault_isolation import ServoPumpMonitor
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample
+from mhsb_sim.simulation.simulator import Simulator
 
-GROWN = 2.0
-"""Following error, in limits, at which a stopping arm's valves close."""
+CLOSING_ERROR_FACTOR = 2.0
+"""Following error at which the valves of a stopping arm close, as a multiple of its limit [-]."""
 
 LONGEST_STOP_NS = 3 * SECOND_NS
-"""Time that a stopping arm has to come to rest before its valves close."""
+"""Time in which a stopping arm has to come to rest before its valves close [ns]."""
 
 REST_NS = 300_000_000
+"""Time for which the joints must have stayed within REST_SWAY for the arm to rest [ns]."""
 REST_SWAY = 2e-3
-"""An arm rests whose joints have stayed within this [rad] for `REST_NS`; one that a servo holds
-hums."""
+"""Range of a joint's positions within which the arm counts as resting [rad or m].
+
+An arm that a servo holds vibrates.
+"""
 
 LOOKS_AT_REST = REST_NS // WATCH_PERIOD_NS
+"""Number of samples in REST_NS."""
 
 VENTING_RATE = 6e6
-"""At which trapped oil is let down before valves open again [Pa/s]."""
+"""Rate at which the pressure of trapped oil is lowered before valves open again [Pa/s]."""
 
-DRIFT = 1e-3
-"""Following error of a held arm from which on the reference is set anew at its release [rad]."""
+RELEASE_ERROR = 1e-3
+"""Following error of a held arm above which the reference is set again at its release [rad]."""
 
 
 class Phase(Enum):
-    """Where supervision stands; the value tells a person."""
+    """State of supervision; the value is a clause for a person."""
 
     WATCHING = ""
     STOPPING = "the arm is being stopped"
@@ -60,40 +66,58 @@ class Phase(Enum):
 
 
 class Supervision:
-    """Watches a simulator's arm; `watch` is to be called every `WATCH_PERIOD_NS`.
+    """Supervision of a simulator's arm; call `watch` every `WATCH_PERIOD_NS`.
 
-    limits   may be replaced at any time
-    phase    where it stands
-    fault    why the arm has been stopped, empty while it has not
-    warning  what is beyond its first limit, empty where nothing is
+    Attributes:
+        limits: Limits of the symptoms; may be replaced at any time.
+        phase: Present phase.
+        fault: Why the arm has been stopped; empty if it has not.
+        warning: Text on failed servo pumps and on the first symptom above its warning value; empty
+            if there is neither.
     """
 
     def __init__(self, simulator: Simulator, limits: SupervisionLimits) -> None:
+        """Start to watch a simulator that is at rest.
+
+        Args:
+            simulator: The simulator.
+            limits: Limits of the symptoms.
+        """
         self._simulator = simulator
         self.limits = limits
         self.restart()
 
     def restart(self) -> None:
-        """Watch an arm that rests and has no history."""
-        self._symptoms: list[Symptom] = [kind(self._simulator.machine) for kind in SYMPTOMS]
+        """Begin anew in phase WATCHING: no faults, no history, all servo pumps in use."""
+        self._symptoms: list[Symptom] = [kind(self._simulator.machine) for kind in SYMPTOM_KINDS]
         self._following = FollowingError(self._simulator.machine)
-        self._pumps = ServoPumpWatch(self._simulator.machine)
-        self._simulator.lose_modules(())
+        self._pumps = ServoPumpMonitor(self._simulator.machine)
+        self._simulator.disable_modules(())
         self.phase = Phase.WATCHING
         self.fault = self.warning = ""
         self._since_ns = self._simulator.time_ns
         self._stayed: deque[FloatArray] = deque(maxlen=LOOKS_AT_REST)
 
     def watch(self) -> None:
-        """Look at the arm, and do what follows."""
-        now, sample = self._simulator.time_ns, Sample.of(self._simulator)
+        """Take a sample of the arm, and act on it according to the phase.
+
+        In phase WATCHING, symptoms are evaluated, which warn or begin a stop. In STOPPING, the
+        valves close once one of three things holds. The arm rests, LONGEST_STOP_NS has passed, or
+        the following error exceeds CLOSING_ERROR_FACTOR times its limit. In CLOSED, the reference
+        is set to the arm's posture once the arm rests (HELD). In VENTING, the pressure of trapped
+        oil is lowered; the arm is released when none is trapped and it rests.
+        """
+        now, sample = self._simulator.time_ns, ArmSample.from_simulator(self._simulator)
         self._stayed.append(sample.measured.position)
         if sample.reference.velocity.any():
             self._stayed.clear()
         if self.phase is Phase.WATCHING:
-            self._judge(sample)
+            self._evaluate_symptoms(sample)
         elif self.phase is Phase.STOPPING:
-            grown = self._following.look(sample).value > GROWN * self.limits.following_error[1]
+            grown = (
+                self._following.evaluate(sample).value
+                > CLOSING_ERROR_FACTOR * self.limits.following_error[1]
+            )
             if grown or self.rests or now - self._since_ns > LONGEST_STOP_NS:
                 self._simulator.close_valves()
                 self._enter(Phase.CLOSED)
@@ -101,45 +125,73 @@ class Supervision:
             self._simulator.hold_here()
             self._enter(Phase.HELD)
         elif self.phase is Phase.VENTING:
-            vented = self._simulator.vent(VENTING_RATE * WATCH_PERIOD_NS / SECOND_NS)
+            vented = self._simulator.lower_trapped_pressure(
+                VENTING_RATE * WATCH_PERIOD_NS / SECOND_NS
+            )
             if vented and self.rests:
                 self._release(sample)
 
     @property
     def rests(self) -> bool:
-        """Whether arm and reference have been at rest for a while."""
+        """True if joints and reference have been at rest for REST_NS."""
         if len(self._stayed) < LOOKS_AT_REST:
             return False
         return float(np.ptp(self._stayed, axis=0).max()) < REST_SWAY
 
-    def trust_servo_pumps(self) -> str:
-        """Use all servo pumps again; which had been found to fail, in words, empty if none."""
+    def restore_servo_pumps(self) -> str:
+        """Use all servo pumps again, also those that had been found to fail.
+
+        Returns:
+            Clauses on the pumps that had been found to fail; empty if there were none.
+        """
         failed = ", ".join(self._pumps.failures.values())
-        self._pumps = ServoPumpWatch(self._simulator.machine)
-        self._simulator.lose_modules(())
+        self._pumps = ServoPumpMonitor(self._simulator.machine)
+        self._simulator.disable_modules(())
         return failed
 
     def release(self) -> None:
-        """Let an arm that is held go on, as soon as no oil is trapped; with the next plan."""
+        """Start to release a held arm; no effect in other phases.
+
+        The phase becomes VENTING. `watch` releases the arm once no oil is trapped and it rests. The
+        arm moves with the next plan.
+        """
         if self.phase is Phase.HELD:
             self._enter(Phase.VENTING)
 
-    def _release(self, sample: Sample) -> None:
-        if self._following.look(sample).value > DRIFT:
+    def _release(self, sample: ArmSample) -> None:
+        """End a stop: supervision begins anew in phase WATCHING, without faults or history.
+
+        All servo pumps are in use again. If the following error exceeds RELEASE_ERROR, the
+        reference is first set to the arm's posture. The valves stay closed until the next plan.
+
+        Args:
+            sample: State of the arm.
+        """
+        if self._following.evaluate(sample).value > RELEASE_ERROR:
             self._simulator.hold_here()
         self.restart()
 
-    def _judge(self, sample: Sample) -> None:
-        if self._pumps.look(sample.sensed):
-            self._simulator.lose_modules(self._pumps.failures)
+    def _evaluate_symptoms(self, sample: ArmSample) -> None:
+        """Evaluate servo pumps and symptoms: stop using failed pumps, warn, or stop the arm.
+
+        The first symptom above its limit stops the arm. The warning names the failed pumps and the
+        first symptom above its warning value.
+
+        Args:
+            sample: State of the arm.
+        """
+        if self._pumps.update(sample.sensed):
+            self._simulator.disable_modules(self._pumps.failures)
         self.warning = ""
         for symptom in self._symptoms:
-            finding = symptom.look(sample)
+            finding = symptom.evaluate(sample)
             warning, limit = getattr(self.limits, symptom.name)
             allowed = f"{limit:g} {symptom.unit}".rstrip()
             if finding.value > limit:
-                why = filter(None, [self._pumps.suspicion(sample.sensed), finding.text])
-                self._trip(f"{'; '.join(why)}, at most {allowed} is allowed", symptom.closes)
+                why = filter(None, [self._pumps.describe_suspects(sample.sensed), finding.text])
+                self._stop_for_fault(
+                    f"{'; '.join(why)}, at most {allowed} is allowed", symptom.closes_valves
+                )
                 return
             if finding.value > warning and not self.warning:
                 self.warning = f"{finding.text}, beyond {allowed} the arm is stopped"
@@ -147,7 +199,16 @@ class Supervision:
             without = f"{', '.join(self._pumps.failures.values())}; the arm does without"
             self.warning = "; ".join(filter(None, [without, self.warning]))
 
-    def _trip(self, fault: str, closes: bool) -> None:
+    def _stop_for_fault(self, fault: str, closes: bool) -> None:
+        """Stop the arm because of a fault: decelerate along the path, or close the valves at once.
+
+        `fault` is stored and the warning is cleared. The phase becomes STOPPING, or CLOSED if the
+        valves close.
+
+        Args:
+            fault: Sentence on the fault.
+            closes: Whether the valves close at once.
+        """
         self.fault, self.warning = fault, ""
         self._simulator.stop()
         self._enter(Phase.STOPPING)
@@ -156,6 +217,13 @@ class Supervision:
             self._enter(Phase.CLOSED)
 
     def _enter(self, phase: Phase) -> None:
+        """Set the phase and the time at which it began, and forget the samples that show rest.
+
+        The samples are measured joint positions.
+
+        Args:
+            phase: The new phase.
+        """
         self.phase = phase
         self._since_ns = self._simulator.time_ns
         self._stayed.clear()

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
-from mhsb_sim.circuit.network import Circuit, build_circuit, settle
+from mhsb_sim.circuit.network import Circuit, build_circuit, set_rest_pressures
 
 START = np.array([0.3, -1.4, -1.5])
 MODES_N = np.zeros(3, np.uint8)
@@ -57,7 +57,7 @@ def command(circuit: Circuit, row: tuple) -> None:
 def run(machine: Machine, substep: float) -> tuple[FloatArray, Circuit]:
     """Pressures every millisecond, float64[times, nodes], and the circuit at the end."""
     circuit = build_circuit(machine, substep)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     length = machine.cylinder_lengths(START)
     substeps = round(1e-3 / substep)
     rows = commands(machine)
@@ -160,7 +160,7 @@ class Oracle:
 def oracle_run(machine: Machine) -> FloatArray:
     oracle = Oracle(machine)
     circuit = build_circuit(machine, 1e-3)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     state = np.zeros(28)
     state[:11] = circuit.pressure[:11]
     state[27] = 1.0
@@ -243,7 +243,7 @@ def test_servo_pumps_with_a_dead_main_pump_run_dry_and_nothing_is_below_vapour_p
     machine: Machine,
 ) -> None:
     circuit = build_circuit(machine, 5e-4)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     circuit.constants["main_pump_flow"] = 0.0
     circuit.modules["flow_command"] = 8e-6
     length, vapour = machine.cylinder_lengths(START), machine.config.circuit.vapour_pressure
@@ -265,7 +265,7 @@ def test_a_chamber_that_is_torn_open_parts_and_closes_again_with_the_oil_that_ca
 ) -> None:
     """Oracle: ∫ (anti-cavitation flow − A v) dt of one chamber by SciPy, its valve shut."""
     circuit = build_circuit(machine, 1e-4)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     m, oil = machine.arrays, machine.config.circuit
     length, speed = machine.cylinder_lengths(START), np.array([1.5, 0.0, 0.0])
     fill = oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop
@@ -288,7 +288,7 @@ def test_a_chamber_that_is_torn_open_parts_and_closes_again_with_the_oil_that_ca
 
 def test_a_manifold_that_is_pressed_up_is_relieved(machine: Machine) -> None:
     circuit = build_circuit(machine, 5e-4)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     circuit.pressure[-2] = 8e6
     circuit.advance(machine.cylinder_lengths(START), np.zeros(3), 10)
     margin = machine.config.circuit.manifold_relief_margin
@@ -301,7 +301,7 @@ def test_a_valve_hard_over_on_a_thrown_cylinder_stays_near_the_relief_setting(
     machine: Machine,
 ) -> None:
     circuit = build_circuit(machine, 5e-4)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     circuit.actuators["valve_command"][0] = 1.0
     setting = machine.config.circuit.chamber_relief_pressure
     rated = machine.config.hydraulics.valve.rated_flow
@@ -320,7 +320,7 @@ def test_an_actuator_has_friction_and_relief_of_its_own(machine: Machine) -> Non
     speed, force = np.array([4e-3, 4e-3, -4e-3]), {}
     for name, each in (("usual", machine), ("own", own)):
         circuit = build_circuit(each, 5e-4)
-        settle(circuit, each, START, MODES_N)
+        set_rest_pressures(circuit, each, START, MODES_N)
         circuit.advance(each.cylinder_lengths(START), speed, 1)
         force[name] = circuit.actuators["friction"].copy()
     assert force["own"] == pytest.approx([1.0, 3.0, 1.0] * force["usual"])
@@ -336,7 +336,7 @@ def test_a_valve_of_its_own_passes_what_it_is_rated_for_at_its_drop(machine: Mac
     flows = {}
     for name, each in (("usual", machine), ("smaller", smaller)):
         circuit = build_circuit(each, dt)
-        settle(circuit, each, START, MODES_N)
+        set_rest_pressures(circuit, each, START, MODES_N)
         circuit.actuators["valve_command"] = 1.0
         for _ in range(50):
             before = circuit.pressure.copy()
@@ -368,7 +368,7 @@ def test_shaft_energies_are_kept_apart_from_what_the_oil_gets(machine: Machine) 
 def test_pressures_at_rest_equal_statics_and_stay(machine: Machine) -> None:
     circuit = build_circuit(machine, 5e-4)
     for q in (START, np.array([0.9, -0.6, -0.5]), np.array([-0.7, -0.3, 0.1])):
-        settle(circuit, machine, q, MODES_N)
+        set_rest_pressures(circuit, machine, q, MODES_N)
         circuit.advance(machine.cylinder_lengths(q), np.zeros(3), 400)
         p = circuit.pressure
         force = machine.arrays.cap_area * p[0:9:3] - machine.arrays.rod_area * p[1:9:3]
@@ -378,7 +378,7 @@ def test_pressures_at_rest_equal_statics_and_stay(machine: Machine) -> None:
 
 def test_a_leaking_line_is_fed_steadily_and_lets_nothing_back(machine: Machine) -> None:
     circuit = build_circuit(machine, 5e-4)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     length, lines, losses = machine.cylinder_lengths(START), [], []
     for _ in range(400):
         circuit.advance(length, np.zeros(3), 1)
@@ -391,7 +391,7 @@ def test_a_leaking_line_is_fed_steadily_and_lets_nothing_back(machine: Machine) 
 def test_settling_in_boost_puts_the_line_above_the_load(machine: Machine) -> None:
     circuit = build_circuit(machine, 5e-4)
     q = np.array([0.5, -0.3, -0.3])
-    settle(circuit, machine, q, np.array([2, 1, 0], np.uint8))
+    set_rest_pressures(circuit, machine, q, np.array([2, 1, 0], np.uint8))
     cap, line = circuit.pressure[0:9:3], circuit.pressure[2:9:3]
     assert np.all(line[:2] > cap[:2])
     assert np.all(line[:2] > machine.arrays.supply_pressure)
@@ -416,7 +416,7 @@ def test_a_shut_line_is_relieved_and_the_pump_obeys_its_power(machine: Machine) 
 
 def test_an_emptied_chamber_is_filled_from_the_tank(machine: Machine) -> None:
     circuit = build_circuit(machine, 5e-4)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     speed = np.array([0.02, 0.0, 0.0])
     circuit.advance(machine.cylinder_lengths(START), speed, 1000)
     assert 0.0 < circuit.pressure[0] <= machine.arrays.tank_pressure
@@ -425,7 +425,7 @@ def test_an_emptied_chamber_is_filled_from_the_tank(machine: Machine) -> None:
 
 def test_the_main_pump_sags_beyond_its_flow(machine: Machine) -> None:
     circuit = build_circuit(machine, 5e-4)
-    settle(circuit, machine, START, MODES_N)
+    set_rest_pressures(circuit, machine, START, MODES_N)
     speed = np.array([0.06, 0.06, 0.06])
     circuit.actuators["valve_command"] = 1.0
     circuit.advance(machine.cylinder_lengths(START), speed, 1000)
@@ -442,7 +442,7 @@ def test_any_number_of_actuators_and_modules_needs_no_code(machine: Machine, mod
     smaller = Machine.from_config(type(machine.config).model_validate(content))
     circuit = build_circuit(smaller, 5e-4)
     q = START[:2]
-    settle(circuit, smaller, q, np.array([mode, 0], np.uint8))
+    set_rest_pressures(circuit, smaller, q, np.array([mode, 0], np.uint8))
     circuit.advance(smaller.cylinder_lengths(q), np.zeros(2), 200)
     assert circuit.pressure.shape == (9,)
     assert np.all(np.isfinite(circuit.pressure))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mhsb_sim.circuit.nodal_analysis import solve_in_place, stamp
+from mhsb_sim.circuit.network import solve_in_place, stamp
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -2,10 +2,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.mechanics import linkage_shapes
-from mhsb_sim.mechanics.linkage_shapes import linkage_bars
+from mhsb_sim.mechanics.linkage_shapes import compute_linkage_bars
 from mhsb_sim.mechanics.mujoco_model import build_model
 
 
@@ -13,7 +13,7 @@ def drawn(machine: Machine, share: float) -> tuple[np.ndarray, list[linkage_shap
     """A posture at that share of all joints' ranges, and what is drawn of its linkages."""
     lower, upper = machine.arrays.joint_min, machine.arrays.joint_max
     q = lower + share * (upper - lower)
-    return q, linkage_bars(machine, q)
+    return q, compute_linkage_bars(machine, q)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
@@ -32,7 +32,7 @@ def test_bars_end_in_the_pins_that_mujoco_moves(four_bar_machine: Machine, share
 
 
 def test_a_telescopes_cylinder_is_drawn_along_its_boom_to_its_tip() -> None:
-    machine = load_machine(config_file("telescope_arm.yaml"))
+    machine = load_machine(find_config_file("telescope_arm.yaml"))
     pins = []
     for share in (0.0, 0.7):
         q, bars = drawn(machine, share)
@@ -46,7 +46,7 @@ def test_a_telescopes_cylinder_is_drawn_along_its_boom_to_its_tip() -> None:
 
 
 def lengths(bars: list[linkage_shapes.Bar], paint: tuple[float, ...]) -> list[float]:
-    return [float(np.linalg.norm(bar.end - bar.start)) for bar in bars if bar.paint == paint]
+    return [float(np.linalg.norm(bar.end - bar.start)) for bar in bars if bar.color == paint]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])

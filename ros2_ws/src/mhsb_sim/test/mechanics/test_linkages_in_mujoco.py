@@ -43,7 +43,7 @@ class Mechanism:
         self.has_loop = isinstance(bars, FourBar)
         self.data.qpos[0] = lower
         if isinstance(bars, FourBar):  # assembled as the machine says, then followed
-            x, z, *_ = four_bar.motion(row, math.cos(lower), math.sin(lower))
+            x, z, *_ = four_bar.evaluate_four_bar(row, math.cos(lower), math.sin(lower))
             tip = np.array([pivot[0] + x, pivot[2] + z])
             pin = _place(bars.child_pin, lower)
             angle = math.atan2(z, x)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
@@ -127,7 +127,7 @@ def test_a_bad_state_stays_visible_instead_of_being_reset(machine: Machine) -> N
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_telescope_moves_as_the_analytic_chain_does(seed: int) -> None:
-    machine = load_machine(config_file("telescope_arm.yaml"))
+    machine = load_machine(find_config_file("telescope_arm.yaml"))
     model, random = build_model(machine), np.random.default_rng(seed)
     q = random.uniform(machine.arrays.joint_min, machine.arrays.joint_max)
     qd, qdd = random.normal(size=3), random.normal(size=3)

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mhsb_model.files.config_files import config_file
-from mhsb_model.linkages.linkage import motions
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
 from mhsb_model.machine import Machine, load_machine
-from mhsb_sim.mechanics.robot_description import robot_description
+from mhsb_sim.mechanics.robot_description import build_robot_description
 
 
 @pytest.fixture(scope="module")
@@ -19,14 +19,14 @@ def arm(machine):
 
 def read_by_mujoco(machine: Machine) -> mujoco.MjModel:
     """MuJoCo's arm, with bodies where the URDF has fixed joints."""
-    text = robot_description(machine)
+    text = build_robot_description(machine)
     keep = '<mujoco><compiler fusestatic="false" balanceinertia="true"/></mujoco></robot>'
     return mujoco.MjModel.from_xml_string(text.replace("</robot>", keep))
 
 
 @pytest.mark.parametrize("file", ["mhsb_arm3.yaml", "telescope_arm.yaml"])
 def test_tip_and_mass_matrix_are_the_machines(file):
-    machine = load_machine(config_file(file))
+    machine = load_machine(find_config_file(file))
     arm = read_by_mujoco(machine)
     rng, data = np.random.default_rng(0), mujoco.MjData(arm)
     limits = machine.arrays
@@ -50,7 +50,9 @@ def test_in_the_work_plane_y_is_up_and_x_forward(arm):
 
 
 def test_limits_and_names_are_the_machines(machine):
-    joints = ElementTree.fromstring(robot_description(machine)).findall("joint[@type='revolute']")
+    joints = ElementTree.fromstring(build_robot_description(machine)).findall(
+        "joint[@type='revolute']"
+    )
     assert [joint.get("name") for joint in joints] == list(machine.joint_names)
     for j, joint in enumerate(joints):
         limit = {key: float(value) for key, value in joint.find("limit").attrib.items()}
@@ -64,14 +66,14 @@ def test_limits_and_names_are_the_machines(machine):
 )
 def test_at_the_velocity_limit_no_piston_is_faster_than_its_v_max_anywhere(name):
     """Piston speeds by differences of cylinder lengths, at 20,001 places of each joint's range."""
-    machine = load_machine(config_file(f"{name}.yaml"))
+    machine = load_machine(find_config_file(f"{name}.yaml"))
     a = machine.arrays
-    joints = ElementTree.fromstring(robot_description(machine)).findall("joint")
+    joints = ElementTree.fromstring(build_robot_description(machine)).findall("joint")
     moving = [joint for joint in joints if joint.get("type") != "fixed"]
     assert len(moving) == machine.joint_count
     for j, joint in enumerate(moving):
         q = np.linspace(a.joint_min[j], a.joint_max[j], 20_001)
-        length = motions(a.linkage[j], q)[:, 0]
+        length = evaluate_linkage_at_angles(a.linkage[j], q)[:, 0]
         limit = float(joint.find("limit").get("velocity"))
         fastest = limit * np.abs(np.diff(length) / np.diff(q)).max()
         assert fastest <= a.max_piston_speed[j] * (1 + 1e-9)

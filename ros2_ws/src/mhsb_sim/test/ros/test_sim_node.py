@@ -12,7 +12,7 @@ import pytest
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_msgs_py import reference, sim_status, topics
-from mhsb_msgs_py.node_process import ros_running, serving, spin_until
+from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
 from mhsb_sim.ros.sim_node import SimNode
 
 
@@ -40,7 +40,7 @@ class Served:
 
 @pytest.fixture
 def served(ros_domain: int, machine: Machine) -> Iterator[Served]:
-    with ros_running([]), serving(SimNode) as (executor, node):
+    with run_ros([]), serve_node(SimNode) as (executor, node):
         served = Served(executor, node)
         served.until(lambda: len(served.references) > 5)
         yield served
@@ -60,7 +60,7 @@ def test_the_systems_clock_set_back_or_ahead_changes_nothing_but_is_told(
     assert steps.min() > 0
     assert steps.max() < SECOND_NS
 
-    served.node._start_anew()  # as ~/reset does: it takes the system's time anew
+    served.node._restart_arm()  # as ~/reset does: it takes the system's time anew
     served.until(lambda: served.sentences[-1] == "running")
     served.references.clear()
     served.until(lambda: len(served.references) > 20)

@@ -13,7 +13,7 @@ from mhsb_sim.ros import sim_parameters
 @pytest.fixture
 def node(ros_context):
     node = Node("parameters", context=ros_context)
-    sim_parameters.declare(node, load_machine())
+    sim_parameters.declare_parameters(node, load_machine())
     yield node
     node.destroy_node()
 

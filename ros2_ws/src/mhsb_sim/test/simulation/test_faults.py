@@ -9,7 +9,7 @@ import pytest
 
 from mhsb_model.machine import Machine
 from mhsb_sim.errors import FaultError
-from mhsb_sim.simulation.faults import KINDS, Fault, parse_faults
+from mhsb_sim.simulation.faults import FAULT_KINDS, Fault, parse_faults
 from mhsb_sim.simulation.simulator import Simulator
 
 
@@ -60,18 +60,18 @@ def test_what_cannot_fail_is_refused_with_what_can(
     assert sentence in str(error.value)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", FAULT_KINDS)
 def test_every_fault_changes_the_run_and_its_healing_leaves_nothing_of_it(
     machine: Machine, kind: str
 ) -> None:
     """An arm at rest, a copy of it that fails, and one that was healed before it began."""
-    place = next(iter(KINDS[kind].places(machine)), "")
+    place = next(iter(FAULT_KINDS[kind].places(machine)), "")
     fault = parse_faults(f"{kind}:{place}" if place else kind, machine)
 
     def pressures(first: str, then: str) -> np.ndarray:
         simulator = Simulator(machine)
         for text in (first, then):
-            simulator.inject(parse_faults(text, machine))
+            simulator.inject_faults(parse_faults(text, machine))
         simulator._signals.modes[:] = simulator._signals.serves[:] = 1
         rows = []
         for _ in range(150):
@@ -92,8 +92,8 @@ STILL = {"servo_pumps", "servo_pump_dead", "servo_pump_slow", "valve_stuck"}
 
 
 def test_every_value_of_a_fault_has_a_finite_range_and_the_usual_one_is_within():
-    for kind in KINDS.values():
-        if kind.usual is not None:
+    for kind in FAULT_KINDS.values():
+        if kind.default_value is not None:
             least, greatest = kind.limits
             assert np.isfinite(kind.limits).all()
-            assert least <= kind.usual <= greatest
+            assert least <= kind.default_value <= greatest

@@ -48,9 +48,7 @@ def halves_of_a_plan(arm, source):
     """Both halves of a good plan that holds the present reference, from about now."""
     stamp_ns = arm.plan_time_ns + source.randrange(-50, 50) * 1_000_000
     position = np.tile(arm.planned.position, (21, 1))
-    path = Trajectory(
-        stamp_ns, np.arange(21) * 20_000_000, position, 0 * position, 0 * position
-    )
+    path = Trajectory(stamp_ns, np.arange(21) * 20_000_000, position, 0 * position, 0 * position)
     schedule = ModeSchedule(stamp_ns, [0], [[0, 0, source.randrange(2)]])
     return trajectory.encode(path, JOINTS), mode_schedule.encode(schedule, ACTUATORS)
 
@@ -79,14 +77,14 @@ def ordeal(machine, seed):
         kept += list(enumerate(halves_of_a_plan(arm, source)))
         kind, message = kept[source.randrange(max(0, len(kept) - 6), len(kept))]
         if source.random() < 0.3:
-            message = spoiling.spoilt(message, source, source.randint(1, 3))
+            message = spoiling.damage_message(message, source, source.randint(1, 3))
         stamp_ns, reports = receive(receiver, kind, message, wall)
         given.add(stamp_ns)
         wall += source.choice((0.0, 0.001, 0.02, 0.6))
         arm.plan_time_ns += source.choice((0, 1_000_000, 30_000_000))
         reports += receiver.update(wall)
         if source.random() < 0.05:
-            reports += receiver.void("the arm was stopped")
+            reports += receiver.invalidate_plans("the arm was stopped")
         told.update(report.plan_stamp_ns for report in reports)
         assert all(len(report.sentence) > 10 for report in reports)
         applied = [each for each in reports if each.outcome is HandOverOutcome.APPLIED]
@@ -96,7 +94,7 @@ def ordeal(machine, seed):
     return told, given, arm.jump
 
 
-@settings(max_examples=100)
+@settings(max_examples=100, derandomize=False)
 @given(seed=SEEDS)
 def test_each_stamp_is_reported_once_and_nothing_jumps(machine, seed):
     told, given, jump = ordeal(machine, seed)
@@ -106,7 +104,7 @@ def test_each_stamp_is_reported_once_and_nothing_jumps(machine, seed):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-@settings(max_examples=2500)
+@settings(max_examples=2500, derandomize=False)
 @given(seed=SEEDS)
 def test_a_hundred_thousand_halves_are_reported_and_never_jump(machine, seed):
     told, given, jump = ordeal(machine, seed)

@@ -10,12 +10,12 @@ from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
-from mhsb_sim.servo import CONTROLLERS
+from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_sim.simulation.faults import Fault
-from mhsb_sim.simulation.kernel_parts import rehearse
+from mhsb_sim.simulation.kernel_parts import exercise_kernels
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
-from mhsb_sim.simulation.symptoms import SupervisionLimits
+from mhsb_sim.simulation.fault_detection import SupervisionLimits
 
 def compiled():
     return {
@@ -30,10 +30,10 @@ def steps(arm, seconds):
     for _ in range(round(seconds * 1e9 / arm.simulator.step_ns)):
         arm.step(0.0)
 
-rehearse()
+exercise_kernels()
 before = compiled()
 assert before
-for controller in CONTROLLERS:
+for controller in REGISTERED_CONTROLLERS:
     machine = load_machine().changed(payload=12.0)
     arm = SupervisedArm(Simulator(machine, controller, payload=2.0), SupervisionLimits())
     steps(arm, 0.1)
@@ -49,7 +49,7 @@ for controller in CONTROLLERS:
     arm.set_payload(12.0)
     arm.stop()
     steps(arm, 1.0)
-    arm.simulator.inject([Fault("main_pump")])
+    arm.simulator.inject_faults([Fault("main_pump")])
     steps(arm, 2.0)
     arm.clear_fault(arm.simulator.time_ns)
     steps(arm, 1.0)

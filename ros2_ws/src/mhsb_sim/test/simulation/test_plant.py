@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.machine import Machine
 from mhsb_model.schema import SupplySag
 from mhsb_sim.errors import PlantError
-from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.simulation.faults import compute_sag_pressure
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_sim.simulation.supply_sag import sagging_pressure
 
 LIFTED = np.array([0.5, -1.1, -1.2])
 
@@ -33,7 +33,7 @@ def run(
     return simulator, np.array(errors)
 
 
-@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
 def test_a_plant_like_the_file_is_what_the_servo_has_without_one(
     machine: Machine, motion: Any, controller: str
 ) -> None:
@@ -45,7 +45,7 @@ def test_a_plant_like_the_file_is_what_the_servo_has_without_one(
     assert plain.energies == same.energies
 
 
-@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
 def test_the_controller_sees_nothing_of_the_plant_but_its_sensors(
     machine: Machine, controller: str
 ) -> None:
@@ -137,7 +137,7 @@ def test_the_supply_sags_there_and_back(machine: Machine) -> None:
     sag = SupplySag(start=0.1, fall=0.05, duration=0.2, pressure=3.4e6)
     at = {0.1: 4.0e6, 0.125: 3.7e6, 0.15: 3.4e6, 0.35: 3.4e6, 0.375: 3.7e6, 0.4: 4.0e6, 9.0: 4.0e6}
     for time, pressure in at.items():
-        assert sagging_pressure(4.0e6, sag, time) == pytest.approx(pressure)
+        assert compute_sag_pressure(4.0e6, sag, time) == pytest.approx(pressure)
     values = {f"imperfections.supply_sag.{k}": v for k, v in sag.model_dump().items()}
     simulator = Simulator(machine, plant=machine.with_values(values))
     lowest = np.inf

@@ -3,10 +3,9 @@ from pathlib import Path
 import pytest
 
 from mhsb_model.errors import MachineFileError
-from mhsb_model.files.config_files import config_file
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
-from mhsb_sim.simulation.plant_check import check_plant
-from mhsb_sim.simulation.plant_files import load_plant
+from mhsb_sim.simulation.plant_files import check_plant, load_plant
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -30,12 +29,12 @@ def test_a_plant_file_names_what_differs(machine: Machine, tmp_path: Path) -> No
 
 
 def test_a_whole_machine_file_is_a_plant_file(machine: Machine) -> None:
-    plant = load_plant(machine, config_file("mhsb_arm3.yaml"))
+    plant = load_plant(machine, find_config_file("mhsb_arm3.yaml"))
     assert plant.config == machine.config
 
 
 def test_the_realistic_plant_is_of_the_suites_build_and_differs(machine: Machine) -> None:
-    plant = load_plant(machine, config_file("realistic_plant.yaml"))
+    plant = load_plant(machine, find_config_file("realistic_plant.yaml"))
     check_plant(machine, plant)
     assert plant.config.imperfections.sensors.length == "encoder_16_bit"
     gain = plant.arrays.valve_coefficient / machine.arrays.valve_coefficient

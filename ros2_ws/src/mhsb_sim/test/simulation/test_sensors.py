@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import Machine
-from mhsb_sim.simulation.sensors import LENGTH, PRESSURE, PUMP_SPEED, channels_of
+from mhsb_sim.simulation.sensors import LENGTH_CLASSES, PRESSURE_CLASSES, PUMP_SPEED, build_channels
 from mhsb_sim.simulation.simulator import Simulator
 
 
@@ -18,12 +18,16 @@ def with_sensors(machine: Machine, length: str, pressure: str, pump_speed: str) 
 
 def test_every_class_that_a_machine_file_may_name_is_there(machine: Machine) -> None:
     fields = type(machine.config.imperfections.sensors).model_fields
-    for name, classes in (("length", LENGTH), ("pressure", PRESSURE), ("pump_speed", PUMP_SPEED)):
+    for name, classes in (
+        ("length", LENGTH_CLASSES),
+        ("pressure", PRESSURE_CLASSES),
+        ("pump_speed", PUMP_SPEED),
+    ):
         assert set(fields[name].annotation.__args__) == set(classes)
 
 
 def test_the_files_sensors_have_its_noise_and_no_other_error(machine: Machine) -> None:
-    channels, noise = channels_of(machine, np.random.default_rng(0))
+    channels, noise = build_channels(machine, np.random.default_rng(0))
     n, servo = machine.joint_count, machine.config.servo
     assert not any(channels[name].any() for name in channels.dtype.names)
     np.testing.assert_array_equal(noise[:n], servo.length_noise)
@@ -36,7 +40,7 @@ def test_industrial_sensors_read_multiples_of_their_resolution_about_their_offse
 ) -> None:
     plant = with_sensors(machine, "encoder_16_bit", "industrial", "resolver")
     simulator = Simulator(machine, plant=plant)
-    kind = PRESSURE["industrial"]
+    kind = PRESSURE_CLASSES["industrial"]
     readings, truths = [], []
     for _ in range(500):
         truths.append(simulator.actuator_states.cap_pressure)
@@ -51,8 +55,8 @@ def test_industrial_sensors_read_multiples_of_their_resolution_about_their_offse
     assert errors.std(axis=0) == pytest.approx(spread, rel=0.2)
     assert np.abs(own).max() > 1e3
     angles = simulator._signals.sensors["length"] - machine.cylinder_lengths(
-        np.rint(simulator.joint_state.position / LENGTH["encoder_16_bit"].resolution)
-        * LENGTH["encoder_16_bit"].resolution
+        np.rint(simulator.joint_state.position / LENGTH_CLASSES["encoder_16_bit"].resolution)
+        * LENGTH_CLASSES["encoder_16_bit"].resolution
     )
     assert np.abs(angles).max() < 2e-5  # noise of the file, one step of motion
 
@@ -60,7 +64,7 @@ def test_industrial_sensors_read_multiples_of_their_resolution_about_their_offse
 def test_a_sensor_keeps_its_offset_with_the_seed(machine: Machine) -> None:
     plant = with_sensors(machine, "file", "industrial", "exact")
     one, same, other = (
-        channels_of(plant, np.random.default_rng(seed))[0]["offset"] for seed in (3, 3, 4)
+        build_channels(plant, np.random.default_rng(seed))[0]["offset"] for seed in (3, 3, 4)
     )
     np.testing.assert_array_equal(one, same)
     assert np.any(one != other)

@@ -8,6 +8,8 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
+from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control.errors import UnknownControllerError
 from mhsb_model.errors import MhsbError
 from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
@@ -16,8 +18,7 @@ from mhsb_model.modes import Mode, mode_patterns
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.audit import volume_gap
-from mhsb_sim.errors import ModeError, SimulationDivergedError, UnknownControllerError
-from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.simulation.faults import Fault
 from mhsb_sim.simulation.simulator import Simulator
 
@@ -109,7 +110,7 @@ def test_the_servo_knows_the_valve_of_each_actuator(machine: Machine, motion: Mo
         assert each.value == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
 def test_replans_in_motion_are_followed(machine: Machine, motion: Motion, controller: str) -> None:
     simulator = Simulator(machine, controller=controller, posture=LOWERED)
     errors = []
@@ -193,7 +194,7 @@ def test_a_boost_dropped_and_taken_up_again_at_full_speed_is_survived(
     assert simulator.energies["relief_valves"] == 0.0
 
 
-@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
 def test_every_transition_between_patterns_is_finite_and_keeps_its_oil(
     machine: Machine, controller: str
 ) -> None:
@@ -227,9 +228,9 @@ def test_pumps_that_fail_let_the_arm_fall_behind_and_healed_it_catches_up(
     duration = go(simulator, motion, LIFTED)
     simulator.advance(0.4 * duration)
     assert simulator.modes[0] == Mode.SB
-    simulator.inject([Fault(fault)])
+    simulator.inject_faults([Fault(fault)])
     assert tip_errors(simulator, 1.0).max() > 2e-3
-    simulator.inject([])
+    simulator.inject_faults([])
     simulator.advance(0.6 * duration + 3.0)
     assert tip_errors(simulator, 0.3).max() < 0.5e-3
 
@@ -506,13 +507,13 @@ def test_oil_between_closed_valves_is_let_down_to_where_a_servo_can_begin(machin
     trapped = simulator.actuator_states
     assert min(trapped.cap_pressure[2], trapped.rod_pressure[2]) > 8e6
     for _ in range(1000):
-        if simulator.vent(4e4):
+        if simulator.lower_trapped_pressure(4e4):
             break
         simulator.advance(0.01)
     vented = simulator.actuator_states
     assert min(vented.cap_pressure[2], vented.rod_pressure[2]) < 2.1e6
     np.testing.assert_allclose(vented.force[:2], trapped.force[:2], atol=20.0)
-    assert simulator.vent(4e4)
+    assert simulator.lower_trapped_pressure(4e4)
 
 
 def test_a_reset_to_a_posture_rests_there_within_the_limits(machine: Machine) -> None:

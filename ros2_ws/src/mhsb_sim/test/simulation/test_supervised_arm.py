@@ -12,10 +12,10 @@ from mhsb_model.arm_reports import HandOverOutcome, HandOverReason
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.faults import Fault
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
-from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 Plan = tuple[Trajectory, ModeSchedule]
 Motion = Callable[..., Plan]
@@ -107,7 +107,7 @@ def test_a_fault_is_latched_until_it_is_cleared_and_plans_are_refused_meanwhile(
 ) -> None:
     send(arm, motion(arm.simulator.reference, GOAL, arm.simulator.time_ns))
     advance(arm, 1.2)
-    arm.simulator.inject([Fault("main_pump")])
+    arm.simulator.inject_faults([Fault("main_pump")])
     advance(arm, 3.0, lambda: bool(arm.fault))
     assert "is allowed: the arm is being stopped; call ~/clear_faults" in arm.fault
     assert arm.plan_stamp_ns == 0
@@ -117,7 +117,7 @@ def test_a_fault_is_latched_until_it_is_cleared_and_plans_are_refused_meanwhile(
     assert report.reason is HandOverReason.FAULT
     advance(arm, 3.0)
     assert "its reference is where it stands" in arm.fault
-    arm.simulator.inject([])
+    arm.simulator.inject_faults([])
     advance(arm, 1.0)
     assert arm.fault
     assert "as soon as the arm rests" in arm.clear_fault(arm.simulator.time_ns)
@@ -134,9 +134,9 @@ def test_a_fault_cleared_while_the_arm_is_still_moving_is_cleared_when_it_rests(
 ) -> None:
     send(arm, motion(arm.simulator.reference, GOAL, arm.simulator.time_ns))
     advance(arm, 1.2)
-    arm.simulator.inject([Fault("main_pump")])
+    arm.simulator.inject_faults([Fault("main_pump")])
     advance(arm, 3.0, lambda: bool(arm.fault))
-    arm.simulator.inject([])
+    arm.simulator.inject_faults([])
     arm.clear_fault(arm.simulator.time_ns)
     assert "it is cleared when the arm rests" in arm.fault
     advance(arm, 4.0, lambda: not arm.fault)
@@ -269,7 +269,7 @@ def test_whatever_happens_the_reference_steps_only_where_a_stopped_arm_is_set_to
         elif kind == "payload":
             arm.set_payload(float(number))
         elif not arm.halted:
-            simulator.inject([] if kind == "none" else [Fault(kind)])
+            simulator.inject_faults([] if kind == "none" else [Fault(kind)])
         told.update(report.plan_stamp_ns for report in arm.take_reports())
     for _ in range(700):
         step()

@@ -5,16 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
-from mhsb_sim.servo import CONTROLLERS
+from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.faults import Fault
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervision import Phase, Supervision
-from mhsb_sim.simulation.symptoms import SupervisionLimits
 
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
@@ -57,7 +57,7 @@ class Run:
 
 def heal_and_release(run: Run) -> None:
     """What the arm does after all is well again, without a new goal: nothing."""
-    run.simulator.inject([])
+    run.simulator.inject_faults([])
     run.speed[:] = 0.0
     run.advance(1.0)
     run.supervision.release()
@@ -78,7 +78,7 @@ def go_on(run: Run, motion: Motion, goal: FloatArray) -> None:
     assert run.following_error() < 2e-3
 
 
-@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
 def test_a_healthy_arm_is_far_from_every_limit(
     machine: Machine, motion: Motion, controller: str
 ) -> None:
@@ -94,7 +94,7 @@ def test_a_healthy_arm_is_far_from_every_limit(
     assert run.supervision.phase is Phase.WATCHING
 
 
-@pytest.mark.parametrize("controller", sorted(CONTROLLERS))
+@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
 @pytest.mark.parametrize("fault", ["main_pump", "servo_pumps"])
 def test_pumps_that_fail_in_motion_stop_the_arm_and_healing_them_moves_nothing(
     machine: Machine, motion: Motion, controller: str, fault: str
@@ -102,7 +102,7 @@ def test_pumps_that_fail_in_motion_stop_the_arm_and_healing_them_moves_nothing(
     run = Run(machine, controller, posture=LOWERED)
     duration = run.go(motion, LIFTED)
     run.advance(0.4 * duration)
-    run.simulator.inject([Fault(fault)])
+    run.simulator.inject_faults([Fault(fault)])
     run.advance(6.0, Phase.STOPPING)  # with dead servo pumps the guard holds the plan before
     assert run.supervision.fault
     assert run.warned or fault == "main_pump"  # which empties the manifold within two looks
@@ -119,7 +119,7 @@ def test_pumps_that_fail_in_motion_stop_the_arm_and_healing_them_moves_nothing(
 def test_a_main_pump_that_fails_at_rest_is_noticed(machine: Machine, motion: Motion) -> None:
     run = Run(machine)
     run.advance(0.5)
-    run.simulator.inject([Fault("main_pump")])
+    run.simulator.inject_faults([Fault("main_pump")])
     run.advance(1.0, Phase.STOPPING)
     assert "of the main pump's pressure, at most 0.8 is allowed" in run.supervision.fault
     run.advance(2.0, Phase.HELD)
@@ -134,7 +134,7 @@ def test_the_reference_of_a_stopped_arm_decelerates_along_its_path_and_steps_onl
     trajectory, schedule = motion(run.simulator.reference, LIFTED, 0)
     run.simulator.set_plan(trajectory, schedule)
     run.advance(2.0)
-    run.simulator.inject([Fault("main_pump")])
+    run.simulator.inject_faults([Fault("main_pump")])
     before, largest = run.simulator.reference, 0.0
     while run.supervision.phase is not Phase.CLOSED:
         run.advance(WATCH_PERIOD_NS / SECOND_NS)

@@ -1,0 +1,535 @@
+"""The cascade that all controllers share: position loop, force loop, piston speed demand.
+
+The loops work in cylinder coordinates. The position error is e = L_ref − L [m]. The cylinder force
+is F = p_A A − p_B a [N], positive in extension.
+
+    F_ff  = (M q̈ + C q̇ + g)/r + friction(v_ref) + d     feedforward
+    F_ref = F_ff + (k_p k_h/ω_F) e                         position loop
+    u     = v_ref + w + ω_F (F_ref − F)/k_h                force loop, limited at rest
+    ẇ     = k_i e                                          integral, for unmodelled flows
+    τ ḋ   = F − F_ff                                       force bias, for unmodelled forces
+
+u is the demanded piston speed [m/s]; the valve flows are to produce it. The stiffness of the oil is
+k_h = β (A²/V_A + a²/V_B) [N/m], so that dF/dt = k_h (u − v). The bias d follows unmodelled forces
+with the time constant τ. The force loop therefore damps oscillations and does not yield to an
+unmodelled load.
+
+Payload and friction are the machine file's, or estimated (`mhsb_control/load_estimate`). If an
+estimate changes the feedforward, d changes by the opposite amount, so that F_ff stays continuous.
+
+A joint oscillates on its oil at ω [rad/s]. With everything else ideal and without w, the loop has
+the characteristic equation
+
+    τ s⁴ + (1 + ω_F τ) s³ + ω² τ s² + ω² (1 + k_p τ) s + ω² k_p = 0.
+
+For ω_F τ well above 1 it is stable if ω² (1 + k_p τ) > ω_F k_p and k_p < ω_F. A joint with a low ω
+therefore allows neither high gains nor a fast bias. k_p and ω_F are set from the lowest ω of each
+joint, with τ ≥ 3 ω_F/ω² and k_p ≤ ⅔ ω_F. k_i is a small share of k_p².
+
+Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_control.controller import ServoSignals
+from mhsb_control.load_estimate import (
+    MAX_INERTIA_SHARE,
+    LoadEstimate,
+    accumulate_load_window,
+    build_load_estimate,
+)
+from mhsb_control.load_estimate import MIN_MOVING_SPEED as STEADY
+from mhsb_control.natural_frequency import find_lowest_joint_frequencies
+from mhsb_control.reference import PREVIEW_POINT
+from mhsb_model.circuit.elements import chamber_volumes, friction_force
+from mhsb_model.circuit.records import Record, Records
+from mhsb_model.hydraulics import (
+    compute_inertia_margin,
+    compute_pressure_without_margin,
+    get_shared_hydraulics,
+)
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import add_extension
+from mhsb_model.linkages.linkage import evaluate_linkage
+from mhsb_model.machine import Machine
+from mhsb_model.modes import RAIL_MODES
+from mhsb_model.schema import CascadeGains
+from mhsb_model.statics import (
+    INERTIA_WORK,
+    MOTION_WORK,
+    Chain,
+    chain_of,
+    compute_motion_torques,
+    replace_payload,
+)
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+
+CASCADE_GAINS_DTYPE = np.dtype(
+    [
+        (name, "f8")
+        for name in (
+            "step",  # [s] control period
+            "valve_lag",  # [s] lag of a spool behind its command
+            "supply_margin",  # [Pa] boost margin of the plan plus that of the servo
+            "spared",  # [Pa] part of the margin that inertia forces may use up
+            "max_boost_pressure",  # [Pa] highest pressure that boost may supply
+        )
+    ]
+)
+"""Quantities that all axes share."""
+
+SCRATCH_ROWS = MOTION_WORK + 2
+"""Rows of working memory: MOTION_WORK for the dynamics, one of torques, one of gravity torques."""
+
+COSINE_ROW, SINE_ROW = INERTIA_WORK, INERTIA_WORK + 1
+"""Rows of the working memory with the cosine and the sine of each link's absolute angle."""
+
+MIN_BIAS_TIME_RATIO = 3.0
+"""Smallest τ ω²/ω_F of a joint. With 1, its lowest mode would be at the limit of stability."""
+
+MAX_POSITION_GAIN_RATIO = 2.0 / 3.0
+"""Largest k_p/ω_F. With 1, its fastest oscillation would be at the limit of stability."""
+
+REST_SPEED = 0.02
+"""Largest joint speed [rad/s] that |u| may demand while the joint's reference rests.
+
+An arm that has sagged then returns at less than 0.05 rad/s after its fault is cleared. A nearly
+closed valve holds the load by the stiffness of the oil. For a prismatic joint, here and below,
+`Machine.radian_equivalents` is the travel that counts as one radian."""
+
+MIN_REST_ERROR, MAX_REST_ERROR = 1e-4, 1e-3
+"""Joint errors [rad] between which the integral acts while the reference rests.
+
+Smaller errors are not worth the wear of the valve. Larger ones are an oscillation or a sag, which
+the force loop corrects."""
+
+INTEGRAL_LIMIT_RATIO = 6.0
+"""Ratio of the speed limit V_max to the largest |w|."""
+
+AXIS_DTYPE = np.dtype(
+    [
+        ("position_gain", "f8"),  # [1/s] k_p
+        ("force_bandwidth", "f8"),  # [rad/s] ω_F
+        ("fastest_force", "f8"),  # [rad/s] ω_F if commands acted without delay
+        ("fastest_position", "f8"),  # [1/s] k_p if commands acted without delay
+        ("bias_time", "f8"),  # [s] τ, time constant of the bias d
+        ("length", "f8"),  # [m] length of the cylinder in the present reference
+        ("radian", "f8"),  # [rad or m] joint travel that counts as one radian
+        ("arm", "f8"),  # [m] moment arm in the present reference
+        ("speed", "f8"),  # [m/s] piston speed in the present reference
+        ("fastest", "f8"),  # [m/s] largest |u| at rest; inf while the reference moves
+        # [N] torque of the present reference over its moment arm, without friction
+        ("force", "f8"),
+        ("hold", "f8"),  # [N] force that a closed valve would have to carry now
+        ("speed_ahead", "f8"),  # [m/s] piston speed at point PREVIEW_POINT of the reference
+        ("force_ahead", "f8"),  # [N] force at that point, without friction
+        ("hold_ahead", "f8"),  # [N] force that a closed valve would have to carry there
+        ("arm_ahead", "f8"),  # [m] moment arm there
+        ("arm_slope_ahead", "f8"),  # [m/rad] derivative of that moment arm by the joint angle
+        ("bias", "f8"),  # [N] d, unmodelled force; NaN before the first step
+        ("integral_gain", "f8"),  # [1/s²] k_i
+        ("integral", "f8"),  # [m/s] w
+        ("largest_integral", "f8"),  # [m/s] limit of |w|
+        ("friction", "f8"),  # [N] friction at the reference speed, by the machine file
+        # [1] factor on it that the feedforward contained in the last step
+        ("friction_share", "f8"),
+        ("bound", "f8"),  # 1 if the valve cannot produce the demanded speed, else 0
+        ("stiffness", "f8"),  # [N/m] k_h
+        ("cap_stiffness", "f8"),  # [Pa/m³] β/V_A
+        ("rod_stiffness", "f8"),  # [Pa/m³] β/V_B
+        # [m/s] largest |u| that the servo pumps can supply; inf without boost
+        ("deliverable", "f8"),
+        ("demand", "f8"),  # [m/s] u
+        ("supply_target", "f8"),  # [Pa] line pressure to be kept in boost
+        ("target_ahead", "f8"),  # [Pa] line pressure needed at point PREVIEW_POINT
+        ("leakage", "f8"),  # [m³/s] leakage of the valve at the line pressure, by the machine file
+        ("line_flow", "f8"),  # [m³/s] flow that the line is about to supply; 0 without boost
+        ("joined", "f8"),  # 1 if the line counts as joined to the rail, else 0
+    ]
+)
+"""State of the control loops of one cylinder; "reference" is that of its joint."""
+
+
+class ServoArguments(NamedTuple):
+    """Arrays that the kernels of every controller work on.
+
+    The kernels that take it are inlined, since passing it costs as much time as some of them run.
+    """
+
+    reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
+    sensors: Records  # SENSOR_DTYPE[n]
+    rail_pressure: FloatArray  # [1] Pa, measured
+    modes: ModeArray  # [n] prepared modes
+    modes_ahead: ModeArray  # [n] modes in force at point PREVIEW_POINT
+    serves: IntArray  # [m] actuator that each booster module serves, −1 if idle
+    cylinders: Records  # [n] cylinders of the circuit
+    constants: Records  # [1] constants of the circuit, such as pressures and coefficients
+    # [m] actuator to whose line each booster module belongs; negative for a spare
+    module_home: IntArray
+    actuators: Records  # [n] valves and join valves of the circuit, with their commands
+    modules: Records  # [m] booster modules of the circuit, with their commands
+    linkage: FloatArray  # [n, LINKAGE_WIDTH] parameters of the linkages
+    chain: Chain  # links and payload by the machine file
+    load: LoadEstimate  # estimates of payload and friction
+    gains: Records  # CASCADE_GAINS_DTYPE[1]
+    axes: Records  # AXIS_DTYPE[n]
+    scratch: FloatArray  # [SCRATCH_ROWS, n] working memory
+
+
+def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
+    """Build the record of the five quantities that all axes of the cascade share.
+
+    They are the control period [s], the lag of a spool behind its command [s], and the boost margin
+    plus `supply_margin` [Pa]. The others are the part of the boost margin that inertia may use up
+    [Pa], and the highest boost pressure [Pa]. The gains of single joints are not in this record.
+
+    Args:
+        machine: The machine as its file describes it.
+        supply_margin: Pressure margin of the controller, added to the boost margin of the machine
+            file [Pa].
+
+    Returns:
+        One record, CASCADE_GAINS_DTYPE[1].
+    """
+    config, arrays = machine.config, machine.arrays
+    gains = np.zeros(1, CASCADE_GAINS_DTYPE)
+    gains["step"] = config.simulation.step
+    gains["valve_lag"] = config.circuit.valve_damping / (math.pi * config.circuit.valve_frequency)
+    gains["supply_margin"] = arrays.boost_margin + supply_margin
+    gains["spared"] = compute_inertia_margin(get_shared_hydraulics(arrays))
+    gains["max_boost_pressure"] = arrays.max_boost_pressure
+    return gains
+
+
+def build_axis_records(machine: Machine, gains: CascadeGains) -> Records:
+    """Build the initial records of all axes, with gains set from natural frequencies.
+
+    ω_valve is the valve's natural frequency, ω the lowest natural frequency of each joint [rad/s],
+    and g the argument `gains`. `servo.force_bias_time` is a value of the machine file [s].
+
+        ω_F = min(g.force_bandwidth ω_valve, 2 g.force_damping ω)
+        k_p = min(g.position_gain ω, MAX_POSITION_GAIN_RATIO ω_F)
+        k_i = g.integral_gain k_p²
+        τ   = max(servo.force_bias_time, MIN_BIAS_TIME_RATIO ω_F/ω²)
+
+    A joint with a low natural frequency therefore gets low gains. The limit of |w| is V_max over
+    INTEGRAL_LIMIT_RATIO.
+
+    Args:
+        machine: The machine as its file describes it.
+        gains: Gains of the controller, relative to the natural frequencies.
+
+    Returns:
+        One record for each cylinder, AXIS_DTYPE[n]. The bias d is NaN until the first step measures
+        it. Lengths, speeds and forces of the reference are 0.
+    """
+    config = machine.config
+    frequency = find_lowest_joint_frequencies(machine)
+    valve = 2.0 * math.pi * config.circuit.valve_frequency
+    axes = np.zeros(machine.joint_count, AXIS_DTYPE)
+    axes["force_bandwidth"] = np.minimum(
+        gains.force_bandwidth * valve, 2.0 * gains.force_damping * frequency
+    )
+    axes["position_gain"] = np.minimum(
+        gains.position_gain * frequency, MAX_POSITION_GAIN_RATIO * axes["force_bandwidth"]
+    )
+    axes["fastest_force"], axes["fastest_position"] = axes["force_bandwidth"], axes["position_gain"]
+    axes["integral_gain"] = gains.integral_gain * axes["position_gain"] ** 2
+    axes["largest_integral"] = machine.arrays.max_piston_speed / INTEGRAL_LIMIT_RATIO
+    axes["bias_time"] = np.maximum(
+        config.servo.force_bias_time, MIN_BIAS_TIME_RATIO * axes["force_bandwidth"] / frequency**2
+    )
+    axes["radian"] = machine.radian_equivalents
+    axes["bias"] = np.nan
+    axes["deliverable"] = np.inf
+    axes["friction_share"] = 1.0
+    return axes
+
+
+def build_servo_arguments(
+    machine: Machine,
+    signals: ServoSignals,
+    gains: CascadeGains,
+    supply_margin: float = 0.0,
+    *,
+    estimates_load: bool = False,
+) -> ServoArguments:
+    """Build the state of a servo before its first step.
+
+    Arrays of `signals` are shared and not copied, so that the kernels see every change.
+
+    Args:
+        machine: The machine as its file describes it.
+        signals: Arrays that the controller reads and writes in each step.
+        gains: Gains of the controller, relative to natural frequencies; see `build_axis_records`.
+        supply_margin: Pressure margin of the controller, added to the boost margin of the plan
+            [Pa].
+        estimates_load: Whether payload and friction are estimated from the motion.
+
+    Returns:
+        The arguments of all kernels of the cascade.
+    """
+    circuit = signals.circuit
+    return ServoArguments(
+        reference=signals.reference,
+        sensors=signals.sensors,
+        rail_pressure=signals.rail_pressure,
+        modes=signals.modes,
+        modes_ahead=signals.modes_ahead,
+        serves=signals.serves,
+        cylinders=circuit.cylinders,
+        constants=circuit.constants,
+        module_home=circuit.module_home,
+        actuators=circuit.actuators,
+        modules=circuit.modules,
+        linkage=machine.arrays.linkage,
+        chain=chain_of(machine.arrays),
+        load=build_load_estimate(
+            machine.arrays.payload, machine.joint_count, is_estimated=estimates_load
+        ),
+        gains=build_gain_record(machine, supply_margin),
+        axes=build_axis_records(machine, gains),
+        scratch=np.zeros((SCRATCH_ROWS, machine.joint_count)),
+    )
+
+
+@kernel(inline="always")
+def compute_piston_demands(s: ServoArguments) -> None:
+    """Compute the demanded piston speed u of all axes, and update the load estimate.
+
+    The steps are: forces of the reference, oil stiffness, friction, bias d, and `demand_speed`. In
+    the first step d is set so that the feedforward equals the measured force. While a joint moves
+    steadily and its valve is not saturated, its measured force updates payload and friction.
+
+    Steady means two things. The reference's piston speed is above MIN_MOVING_SPEED in one
+    direction, both now and at point PREVIEW_POINT. The inertia torque is below MAX_INERTIA_SHARE
+    times the torque of the weight. If the estimates change, d changes by the opposite force, so
+    that the feedforward does not jump. Nothing is estimated if the variance of the payload is 0.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Reads `reference`, `sensors`,
+            `cylinders` and `linkage`; writes `axes`, `load` and `scratch` in place.
+    """
+    axes, load, cylinders, sensors = s.axes, s.load, s.cylinders, s.sensors
+    c, g = s.constants[0], s.gains[0]
+    torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
+    payload = load.estimate[0]
+    compute_reference_forces(s, payload)
+    distance, q = 0.0, s.reference[0, 0]
+    for j in range(len(axes) - 1, -1, -1):
+        axis, cylinder, sensor = axes[j], cylinders[j], sensors[j]
+        distance += add_extension(s.chain.slides, s.chain.length, q, j) * s.scratch[COSINE_ROW, j]
+        lifted = distance if s.chain.turns[j] else 0.0
+        if s.chain.slides[j]:
+            lifted = s.scratch[SINE_ROW, j]
+        load.weight[j] = s.chain.gravity * lifted
+        update_oil_stiffness(axis, cylinder, sensor, c)
+        friction = cylinder.friction * friction_force(
+            c.coulomb_friction, c.viscous_friction, c.friction_speed, axis.speed
+        )
+        axis.friction = friction
+        known = axis.force + load.estimate[1 + j] * friction
+        force = sensor.cap_pressure * cylinder.cap_area - sensor.rod_pressure * cylinder.rod_area
+        if math.isnan(axis.bias):
+            axis.bias = force - known
+        if load.covariance[0, 0] > 0.0:
+            steady = min(axis.speed_ahead, axis.speed) > STEADY
+            steady = steady or max(axis.speed_ahead, axis.speed) < -STEADY
+            calm = abs(torque[j] - weight[j]) < MAX_INERTIA_SHARE * abs(weight[j])
+            weighs = steady and calm and axis.bound == 0.0
+            accumulate_load_window(load, j, weighs, axis.arm * (force - known), axis.arm * friction)
+        axis.bias += (force - known - axis.bias) * g.step / axis.bias_time
+        demand_speed(axis, known, force, axis.length - sensor.length, g)
+    for j in range(len(axes)):
+        axis = axes[j]
+        known_anew = load.weight[j] / axis.arm * (load.estimate[0] - payload)
+        known_anew += (load.estimate[1 + j] - axis.friction_share) * axis.friction
+        axis.bias -= known_anew
+        axis.friction_share = load.estimate[1 + j]
+
+
+@kernel(inline="always")
+def compute_reference_forces(s: ServoArguments, payload: float) -> None:
+    """Compute lengths, piston speeds and forces of the reference, now and at the preview point.
+
+    The force is the torque of inverse dynamics over the moment arm, without friction. The force
+    that a closed valve would have to hold is that of gravity, or the whole force if the whole force
+    is smaller in magnitude. `fastest` is the speed of REST_SPEED at the joint if the reference has
+    no speed now and at the preview point. Otherwise `fastest` is inf.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Reads `reference`, `chain` and
+            `linkage`. Writes fields of `axes` in place: length, arm, speed, fastest, force, hold,
+            speed_ahead, force_ahead, hold_ahead, arm_ahead and arm_slope_ahead. Overwrites
+            `scratch`; rows MOTION_WORK and MOTION_WORK + 1 then hold the torques and the gravity
+            torques of the present reference [N m or N].
+        payload: Payload for the dynamics [kg].
+    """
+    axes, chain = s.axes, replace_payload(s.chain, payload)
+    torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
+    for k in (PREVIEW_POINT, 0):
+        q, qd, qdd = s.reference[k, 0], s.reference[k, 1], s.reference[k, 2]
+        compute_motion_torques(chain, q, qd, qdd, s.scratch, weight, torque)
+        for j in range(len(axes)):
+            axis = axes[j]
+            length, arm, slope = evaluate_linkage(s.linkage[j], q[j])
+            held = weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]
+            if k == PREVIEW_POINT:
+                axis.speed_ahead = arm * qd[j]
+                axis.force_ahead = torque[j] / arm
+                axis.hold_ahead = held / arm
+                axis.arm_ahead, axis.arm_slope_ahead = arm, slope
+            else:
+                axis.length, axis.arm = length, arm
+                axis.speed = arm * qd[j]
+                rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
+                axis.fastest = REST_SPEED * abs(arm) * axis.radian if rests else math.inf
+                axis.force = torque[j] / arm
+                axis.hold = held / arm
+
+
+@kernel(inline="always")
+def update_oil_stiffness(axis: Record, cylinder: Record, sensor: Record, constants: Record) -> None:
+    """Compute the stiffness of the oil in a cylinder at the measured length.
+
+    The chambers have the volumes V_A (cap side) and V_B (rod side), dead volumes included:
+
+        k_h = β (A²/V_A + a²/V_B)
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `cap_stiffness`
+            (β/V_A) and `rod_stiffness` (β/V_B) [Pa/m³], and `stiffness` (k_h) [N/m], in place.
+        cylinder: Areas, dead volumes and stroke limits of the cylinder.
+        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        constants: Constants of the circuit with the bulk modulus β [Pa].
+    """
+    cap, rod = cylinder.cap_area, cylinder.rod_area
+    cap_room, rod_room = chamber_volumes(cylinder, sensor.length)
+    axis.cap_stiffness = constants.bulk_modulus / cap_room
+    axis.rod_stiffness = constants.bulk_modulus / rod_room
+    axis.stiffness = cap * cap * axis.cap_stiffness + rod * rod * axis.rod_stiffness
+
+
+@kernel(inline="always")
+def demand_speed(axis: Record, known: float, force: float, error: float, gains: Record) -> None:
+    """Compute the demanded piston speed u of one axis by the position and the force loop.
+
+        u = v_ref + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
+
+    |u| is limited to `fastest`, the speed limit at rest, and to `deliverable`, what the pumps can
+    supply. The integral w stays constant while the valve is saturated (anti-windup). While the
+    reference rests, w changes only if the joint error is between MIN_REST_ERROR and MAX_REST_ERROR.
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `integral` (w) and
+            `demand` (u) in place.
+        known: F_known, feedforward force without the bias d [N].
+        force: F, measured cylinder force [N].
+        error: e, reference length less measured length [m].
+        gains: Quantities that all axes share (record of CASCADE_GAINS_DTYPE), with the control
+            period.
+    """
+    pull = axis.force_bandwidth / axis.stiffness
+    force_reference = known + axis.bias + axis.position_gain / pull * error
+    off = abs(error / (axis.arm * axis.radian))
+    acts = axis.fastest == math.inf or MIN_REST_ERROR < off < MAX_REST_ERROR
+    if axis.bound == 0.0 and acts:
+        w = axis.integral + axis.integral_gain * error * gains.step
+        axis.integral = min(max(w, -axis.largest_integral), axis.largest_integral)
+    demand = axis.speed + pull * (force_reference - force) + axis.integral
+    most = min(axis.fastest, axis.deliverable)
+    axis.demand = min(max(demand, -most), most)
+
+
+@kernel(borrows=True)
+def compute_supply_need(
+    hold: float, force: float, speed: float, cylinder: Record, constants: Records, gains: Records
+) -> float:
+    """Compute the supply pressure that an actuator needs in boost.
+
+    It is the greatest of three pressures plus the supply margin, limited to the range from P_S to
+    the maximum boost pressure. p_L is the load pressure, and m(v) the drop over the fully open
+    valve at the speed v. `spared` is the part of the boost margin that inertia may use up.
+
+        p_L(F_hold)                      holding
+        p_L(F_hold) + m(v)               moving the held load
+        p_L(F) + m(v) − spared           moving it with inertia
+
+    The force that brakes a falling load does not raise the need. The valve's edge to the tank
+    brakes the load, not a pump.
+
+    Args:
+        hold: F_hold, force that the closed valve would have to carry [N].
+        force: F, force of the motion with inertia [N].
+        speed: v, piston speed, positive in extension [m/s].
+        cylinder: Areas and flow coefficient of the cylinder's valve.
+        constants: Constants of the circuit with supply and tank pressure.
+        gains: Quantities that all axes share (record of CASCADE_GAINS_DTYPE), with margins and the
+            maximum boost pressure.
+
+    Returns:
+        Supply pressure [Pa].
+    """
+    c, g = constants[0], gains[0]
+    k, cap, rod = cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area
+    need = max(
+        compute_pressure_without_margin(k, cap, rod, c.tank_pressure, hold, 0.0),
+        compute_pressure_without_margin(k, cap, rod, c.tank_pressure, hold, speed),
+        compute_pressure_without_margin(k, cap, rod, c.tank_pressure, force, speed) - g.spared,
+    )
+    return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
+
+
+@kernel(borrows=True)
+def set_supply_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
+    """Compute the supply pressures that an actuator needs now and at the preview point.
+
+    `compute_supply_need` gives both pressures, with the bias d added to all forces. The present
+    target is at least the target ahead, so that the line is charged in time. If the piston
+    reverses before the preview point, the present target also covers the whole force at standstill.
+    The pump takes over that force when the motion turns.
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `supply_target`
+            and `target_ahead` [Pa] in place.
+        cylinder: Areas and flow coefficient of the cylinder's valve.
+        constants: Constants of the circuit, one record.
+        gains: Quantities that all axes share, CASCADE_GAINS_DTYPE[1].
+    """
+    d = axis.bias
+    now = compute_supply_need(axis.hold + d, axis.force + d, axis.speed, cylinder, constants, gains)
+    if axis.speed * axis.speed_ahead < 0.0:
+        now = max(
+            now,
+            compute_supply_need(axis.force + d, axis.force + d, 0.0, cylinder, constants, gains),
+        )
+    axis.target_ahead = compute_supply_need(
+        axis.hold_ahead + d, axis.force_ahead + d, axis.speed_ahead, cylinder, constants, gains
+    )
+    axis.supply_target = max(now, axis.target_ahead)
+
+
+@kernel(borrows=True)
+def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
+    """Return whether actuator j draws oil from the shared rail.
+
+    It does so if its mode is SB, or if a spare or a module of another line serves it.
+
+    Args:
+        j: Index of the actuator.
+        modes: Mode of each actuator, uint8[n].
+        module_home: Actuator to whose line each module belongs, int64[m]; negative for a spare.
+        serves: Actuator that each module serves, int64[m]; −1 if idle.
+
+    Returns:
+        True if the actuator's line is to be joined to the rail.
+    """
+    draws = RAIL_MODES[modes[j]]
+    for k in range(len(serves)):
+        draws = draws or (serves[k] == j and module_home[k] != j)
+    return draws

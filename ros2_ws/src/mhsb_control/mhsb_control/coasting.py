@@ -1,0 +1,94 @@
+"""Coasting of a servo pump after a stop command, and the flow from which it stops in time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mhsb_control.reference import PREVIEW_POINT
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray
+
+COASTING_SAMPLES = 4
+"""Number of sampling intervals of a coasting pump up to the first point of the reference ahead."""
+
+
+@kernel(borrows=True)
+def compute_coasting_volumes(
+    lag: float, delay: float, extra_delay: float, time: FloatArray, volumes: FloatArray
+) -> None:
+    """Compute the oil that a coasting pump delivers up to given times, per unit of flow.
+
+    The stop command is sent at time 0. Oil that is delivered before the command acts is not
+    counted. Afterwards the pump keeps its flow for the time t_k, at most `extra_delay`. The flow
+    then decays as a first-order lag:
+
+        V/Q = t_k + τ (1 − e^(−(t − t_k)/τ))
+        t   = max(time − delay, 0),    t_k = min(t, extra_delay)
+
+    Args:
+        lag: τ, time constant of the pump [s].
+        delay: Time until the command acts [s].
+        extra_delay: Time for which the flow stays constant after that [s].
+        time: Times after the command [s].
+        volumes: V/Q at each time [s], of the same shape as `time`. Written in place.
+    """
+    for k in range(len(time)):
+        left = max(time[k] - delay, 0.0)
+        late = min(left, extra_delay)
+        volumes[k] = late - lag * math.expm1(-(left - late) / lag)
+
+
+@kernel(borrows=True)
+def compute_coasting_limit(
+    volume: FloatArray,
+    coasting: FloatArray,
+    capacity: float,
+    rise: float,
+    rise_ahead: float,
+    pending: float,
+    flow_uncertainty: float,
+    spacing: float,
+) -> float:
+    """Compute the largest pump flow from which the pump can stop without overfilling its line.
+
+    A pump that is stopped from the flow Q still delivers Q V_c(t), where V_c is `coasting`, plus
+    the oil `pending`. The sum must not exceed the oil that the line has passed on or stored by
+    then:
+
+        Q V_c(t) + pending ≤ V(t) − flow_uncertainty t + C Δp(t)
+
+    The condition is checked at each point of the reference ahead, and at COASTING_SAMPLES − 1 even
+    times before the first of them. These earlier times matter, since the pressure peaks when the
+    pump has slowed down to the drawn flow.
+
+    Args:
+        volume: V, oil drawn from the line up to each point of the reference, float64[points], [m³].
+            The first value is the volume that the present flow would draw up to point 1. Up to
+            point 1, V is taken as quadratic in time.
+        coasting: V_c, delivered volume per flow at all sampled times from 0,
+            float64[COASTING_SAMPLES + points − 1], [s].
+        capacity: C, capacity of the line [m³/Pa].
+        rise: Allowed pressure rise Δp at present [Pa].
+        rise_ahead: Δp from point PREVIEW_POINT on [Pa]. Δp is linear in time before that point.
+        pending: Oil that arrives whatever is commanded now [m³].
+        flow_uncertainty: Part of the drawn flow that is uncertain and not counted [m³/s].
+        spacing: Time between two points [s].
+
+    Returns:
+        Largest admissible flow Q [m³/s]. It is negative if even a stopped pump would overfill the
+        line.
+    """
+    limit = np.inf
+    for k in range(1, COASTING_SAMPLES):
+        share = k / COASTING_SAMPLES
+        room = capacity * (rise + share / PREVIEW_POINT * (rise_ahead - rise)) - pending
+        drawn = share * (volume[0] + share * (volume[1] - volume[0]) - flow_uncertainty * spacing)
+        limit = min(limit, (drawn + room) / coasting[k])
+    for k in range(1, len(volume)):
+        way = min(k / PREVIEW_POINT, 1.0)
+        room = capacity * (rise + way * (rise_ahead - rise)) - pending
+        drawn = volume[k] - flow_uncertainty * spacing * k
+        limit = min(limit, (drawn + room) / coasting[COASTING_SAMPLES - 1 + k])
+    return limit

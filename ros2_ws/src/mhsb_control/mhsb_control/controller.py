@@ -1,0 +1,81 @@
+"""Interface of a servo controller, and the signals that it works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mhsb_model.arm_reports import Estimate
+from mhsb_model.circuit.components import Components
+from mhsb_model.circuit.records import Records
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+
+SENSOR_DTYPE = np.dtype(
+    [
+        ("length", "f8"),  # [m] distance between the cylinder's pins
+        ("cap_pressure", "f8"),  # [Pa] pressure on the cap side
+        ("rod_pressure", "f8"),  # [Pa] pressure on the rod side
+        ("line_pressure", "f8"),  # [Pa] pressure of the actuator's supply line
+    ]
+)
+"""Readings of one actuator's sensors."""
+
+REFERENCE_POINTS = 6
+"""Number of reference points that a controller sees; the first one is the present."""
+
+
+@dataclass
+class ServoSignals:
+    """Arrays that a controller reads and writes in each step.
+
+    There are n actuators and m booster modules.
+
+    Attributes:
+        reference: Joint positions q [rad or m], velocities q̇ and accelerations q̈,
+            float64[REFERENCE_POINTS, 3, n]. The points are evenly spaced in time. Point 0 is now;
+            point `PREVIEW_POINT` of `mhsb_control.reference` is the controller's `preview` later.
+        sensors: Measured cylinder lengths and pressures, SENSOR_DTYPE[n].
+        rail_pressure: Measured pressure of the shared rail, float64[1], [Pa].
+        modes: Prepared modes, uint8[n]: the mode in force of each actuator, or already the boosted
+            mode that comes within `preview`, if modules are free for it.
+        modes_ahead: Modes in force `preview` later, uint8[n].
+        serves: Actuator that each module serves, int64[m]; −1 if idle.
+        circuit: Circuit as the controller knows it, not the simulated one. The controller writes
+            `valve_command` and `join_command` of its actuators, and `flow_command` and `lend` of
+            its modules. Pump flows are measured by the pump speeds. Join valves and diverters
+            follow their commands as the machine file describes.
+    """
+
+    reference: FloatArray
+    sensors: Records
+    rail_pressure: FloatArray
+    modes: ModeArray
+    modes_ahead: ModeArray
+    serves: IntArray
+    circuit: Components
+
+
+class Controller(Protocol):
+    """A servo: takes a position reference and commands valve openings and servo pump flows."""
+
+    usual_error: float
+    """Distance of the tip from its reference that is normal for this controller [m]."""
+
+    preview: float
+    """Time by which modes are prepared in advance [s]. The reference reaches further ahead."""
+
+    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
+        """Bind the controller to the signals that `update` will work on."""
+        ...
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """Estimates of the machine's parameters; empty if the controller estimates none."""
+        ...
+
+    def update(self) -> None:
+        """Write all commands for the next step, computed from the present signals."""
+        ...

@@ -1,0 +1,433 @@
+"""Coordinated control: valves and servo pumps act on one common speed demand.
+
+The valve opens as far as the demanded piston speed requires at the measured pressures. The servo
+pumps deliver the flow that the valves are about to take; the pressure error only trims it. No pump
+runs faster than it can be stopped before its oil would overfill the line, judged by the reference
+ahead. On the rail, pumps that are no longer needed count until they have come to rest.
+
+Lines are charged ahead of a boost, by the prepared modes. A line is joined to the rail softly: the
+join valve is throttled to what the line needs until the pressures are equal. The oil that charges a
+line comes from the main pump as well, and is limited to what that can spare. The valve uses
+measured pressures, so that no pressure margin is kept beyond the plan's.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mhsb_control.cascade import (
+    MAX_POSITION_GAIN_RATIO,
+    ServoArguments,
+    build_servo_arguments,
+    compute_piston_demands,
+    joins_rail,
+    set_supply_targets,
+)
+from mhsb_control.controller import ServoSignals
+from mhsb_control.estimates import collect_estimates
+from mhsb_control.line_estimate import SHUT_OPENING, update_line_estimates
+from mhsb_control.servo_pumps import (
+    PumpState,
+    build_pump_state,
+    command_pumps,
+    compute_charging_flow_limit,
+    feeds_rail,
+    observe_line_draws,
+    predict_line_volumes,
+)
+from mhsb_control.valve_estimate import (
+    ValveEstimates,
+    accumulate_valve_window,
+    build_valve_estimates,
+    compute_opening,
+)
+from mhsb_model.arm_reports import Estimate
+from mhsb_model.circuit.elements import compute_orifice_flow
+from mhsb_model.circuit.records import Record, Records
+from mhsb_model.hydraulics import inlet_area, load_pressure
+from mhsb_model.kernels.bound_kernel import bind_kernel
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
+from mhsb_model.types import IntArray
+
+MIN_PRESSURE_DROP = 2e4
+"""Smallest pressure drop [Pa] that is assumed over a valve edge, so that openings stay moderate."""
+
+JOINED_DROP = 1e5
+"""Pressure difference between a line and the rail below which the join valve opens fully [Pa]."""
+
+CHARGING_TIME_CONSTANTS = 4.0
+"""Time in which a throttled join valve charges its line, in time constants of the join valve.
+
+It is the shortest time without overshoot."""
+
+EARLY_LEAVE_FLOW_SHARE = 0.8
+"""Share of a pump's flow up to which a line may leave the rail before its mode ends.
+
+A line that has left stays separate up to the full flow of one pump."""
+
+MAX_PHASE_LAG = 0.9
+"""Phase that the force loop may lose at ω_F by delays [rad]; a margin of 38 degrees remains."""
+
+MIN_SPEED_RATIO = 1.1
+"""Share of the reference's speed that may always be demanded of a piston."""
+
+IDLE_FLOW_SHARE = 0.02
+"""Share of a pump's flow below which its rail may be shut; the rest still flows into the rail."""
+
+
+class CoordinatedController:
+    """Controller that drives valves and servo pumps by one demanded piston speed per cylinder."""
+
+    usual_error = 3e-3
+
+    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
+        """Build servo, pump and valve records, and bind the control kernel to them.
+
+        A line whose join valve is open at the start counts as joined to the rail. The first
+        pressure target of each line is its present pressure.
+
+        Args:
+            machine: The machine as its file describes it.
+            signals: Arrays that the controller reads and writes in each step.
+        """
+        servo = machine.config.servo.coordinated
+        self.preview: float = servo.preview
+        cascade = build_servo_arguments(machine, signals, servo, estimates_load=True)
+        cascade.axes["joined"] = signals.circuit.actuators["join"]
+        cascade.axes["supply_target"] = signals.sensors["line_pressure"]
+        pumps = build_pump_state(machine, signals)
+        valves = build_valve_estimates(machine.joint_count)
+        self._learnt = machine.actuator_names, cascade.load, valves, pumps.lines, pumps.drives
+        self._control = bind_kernel(run_coordinated_step, cascade, valves, pumps)
+
+    def update(self) -> None:
+        """Write all commands for the next step."""
+        self._control()
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """All estimates of the machine's parameters so far."""
+        return collect_estimates(*self._learnt)
+
+
+@kernel(borrows=True)
+def run_coordinated_step(s: ServoArguments, v: ValveEstimates, p: PumpState) -> None:
+    """Run one step of the coordinated controller.
+
+    A step computes, in this order:
+
+    1. the demanded piston speeds;
+    2. for each actuator the valve estimate (with the last step's opening), the valve command and
+        the pressure targets of its line;
+    3. the estimates of oil compressibility and leakage;
+    4. the oil that the lines will draw, and what they draw now;
+    5. the piston speeds that the pumps can supply;
+    6. the join valves;
+    7. the pump commands;
+    8. the gains that the estimated delay allows.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of
+            `actuators` and `modules` in place.
+        v: Estimates of the valves, updated in place.
+        p: State of the pumps, updated in place.
+    """
+    compute_piston_demands(s)
+    for j in range(len(s.axes)):
+        axis, sensor, cylinder = s.axes[j], s.sensors[j], s.cylinders[j]
+        force = sensor.cap_pressure * cylinder.cap_area - sensor.rod_pressure * cylinder.rod_area
+        accumulate_valve_window(
+            v, j, axis.speed, sensor.length, force, axis.stiffness, s.gains[0].step
+        )
+        compute_valve_command(axis, sensor, cylinder, s.constants, s.actuators[j], v.records[j])
+        select_supply_targets(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
+    update_line_estimates(s, p.lines)
+    predict_line_volumes(s, p)
+    observe_line_draws(s, p)
+    limit_speeds_by_pumps(s, p)
+    p.charging_flow_left[0] = compute_charging_flow_limit(s, p)
+    control_join_valves(s, p)
+    command_pumps(s, p)
+    limit_gains_by_delay(s, p)
+
+
+@kernel(borrows=True)
+def limit_gains_by_delay(s: ServoArguments, p: PumpState) -> None:
+    """Limit the gains of the position and force loops to what the estimated delay allows.
+
+    The force bandwidth satisfies ω_F ≤ MAX_PHASE_LAG c/T, and the position gain k_p ≤
+    MAX_POSITION_GAIN_RATIO ω_F. Neither exceeds the gain that `build_axis_records` has set. T is
+    the time from a measurement to its effect at the valve: a control period, the lag of the spool
+    and the estimated delay of commands [s]. c is the estimated compressibility of the oil over the
+    machine file's, limited to 1.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `force_bandwidth` and
+            `position_gain` of all axes in place.
+        p: State of the pumps with the estimates of delay and compressibility.
+    """
+    own, step = p.drives.record[0], s.gains[0].step
+    late = step + s.gains[0].valve_lag + own.delay * own.step
+    most = MAX_PHASE_LAG * min(p.lines.estimate[0], 1.0) / late
+    for j in range(len(s.axes)):
+        axis = s.axes[j]
+        axis.force_bandwidth = min(axis.fastest_force, most)
+        axis.position_gain = min(
+            axis.fastest_position, MAX_POSITION_GAIN_RATIO * axis.force_bandwidth
+        )
+
+
+@kernel(borrows=True)
+def compute_valve_command(
+    axis: Record,
+    sensor: Record,
+    cylinder: Record,
+    constants: Records,
+    actuator: Record,
+    valve: Record,
+) -> None:
+    """Compute the valve command that produces the demanded piston speed at the measured pressures.
+
+    The opening x makes dF/dt = k_h (u − v), with the flows over both metering edges. In extension,
+
+        x = u/G,    G = K [A β/V_A S(Δp_A) + a β/V_B S(Δp_B)]/k_h
+
+    u is the demanded piston speed and v the actual one [m/s]. β/V_A and β/V_B are the stiffnesses
+    of the oil in the two chambers [Pa/m³]. S(Δp) is √Δp, linear below the laminar pressure, and Δp
+    the drop over the edge, at least MIN_PRESSURE_DROP. `compute_opening` divides by G and corrects
+    for the estimated gain and overlap of the valve.
+
+    The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
+    An open valve would let the load sink. From p_L on, the command rises to its full value over the
+    laminar pressure. After a motion in the other direction, a chamber may hold a higher pressure
+    than the line; this does not shut the valve.
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE), with u and stiffnesses.
+            Writes `bound` in place: 1 if the valve is shut by the load, fully open, or its demand
+            is limited by the pumps.
+        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        cylinder: Areas and flow coefficient K of the cylinder's valve.
+        constants: Constants of the circuit, one record.
+        actuator: Record of the circuit's actuator. Writes `valve_command`, −1 … 1, in place;
+            positive extends.
+        valve: Estimates and window of the valve (record of VALVE_DTYPE). Writes `speed_gain` (G)
+            [m/s] and `opening` (x) in place. `opening` is 0 if the load keeps the valve partly or
+            fully shut, so that the estimator does not use it.
+    """
+    c = constants[0]
+    k, cap, rod = cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area
+    force = cap * sensor.cap_pressure - rod * sensor.rod_pressure
+    if axis.demand >= 0.0:
+        carried = load_pressure(cap, rod, c.tank_pressure, force, 1.0)
+        inlet_drop = sensor.line_pressure - sensor.cap_pressure
+        outlet_drop = sensor.rod_pressure - c.tank_pressure
+        inlet_gain, outlet_gain = cap * axis.cap_stiffness, rod * axis.rod_stiffness
+    else:
+        carried = load_pressure(cap, rod, c.tank_pressure, force, -1.0)
+        inlet_drop = sensor.line_pressure - sensor.rod_pressure
+        outlet_drop = sensor.cap_pressure - c.tank_pressure
+        inlet_gain, outlet_gain = rod * axis.rod_stiffness, cap * axis.cap_stiffness
+    inlet, _ = compute_orifice_flow(k, max(inlet_drop, 0.0), c.laminar_pressure)
+    outlet, _ = compute_orifice_flow(k, max(outlet_drop, 0.0), c.laminar_pressure)
+    smallest, _ = compute_orifice_flow(k, MIN_PRESSURE_DROP, c.laminar_pressure)
+    gain = inlet_gain * max(inlet, smallest) + outlet_gain * max(outlet, smallest)
+    valve.speed_gain = gain / axis.stiffness
+    opening = compute_opening(valve, axis.demand)
+    gate = min(max((sensor.line_pressure - carried) / c.laminar_pressure, 0.0), 1.0)
+    actuator.valve_command = gate * min(max(opening, -1.0), 1.0)
+    valve.opening = actuator.valve_command if gate == 1.0 else 0.0
+    held = gate < 1.0 or abs(opening) >= 1.0 or abs(axis.demand) >= axis.deliverable
+    axis.bound = 1.0 if held else 0.0
+
+
+@kernel(borrows=True)
+def select_supply_targets(
+    axis: Record,
+    sensor: Record,
+    cylinder: Record,
+    constants: Records,
+    gains: Records,
+    mode: int,
+) -> None:
+    """Set the pressure targets of a line according to its mode.
+
+    In DB and SB they are the supply pressures that the motion needs, see `set_supply_targets`. In
+    mode N both are the measured line pressure, but at least P_S.
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `supply_target`
+            and `target_ahead` [Pa] in place.
+        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        cylinder: Areas and flow coefficient of the cylinder's valve.
+        constants: Constants of the circuit, one record.
+        gains: Quantities that all axes share, CASCADE_GAINS_DTYPE[1].
+        mode: Prepared mode of the actuator.
+    """
+    if BOOSTED_MODES[mode]:
+        set_supply_targets(axis, cylinder, constants, gains)
+    else:
+        axis.supply_target = max(sensor.line_pressure, constants[0].supply_pressure)
+        axis.target_ahead = axis.supply_target
+
+
+@kernel(inline="always")
+def limit_speeds_by_pumps(s: ServoArguments, p: PumpState) -> None:
+    """Compute the piston speeds that the pumps of boosted lines can supply, for the next step.
+
+        |u|_max = (n Q_max − leakage − flow of other axes on the rail)/A_dir
+
+    n is the number of pumps that feed the rail if the line is joined to it, and 1 otherwise. The
+    limit is at least MIN_SPEED_RATIO times the reference's speed. It is inf for a line without
+    boost (`line_flow` 0). Without this limit a line would lose pressure. Its pumps would then run
+    at full speed and overshoot when the piston has caught up.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `deliverable` of all axes [m/s]
+            in place.
+        p: State of the pumps. Reads the leakage estimates in `lines`.
+    """
+    axes, full = s.axes, s.constants[0].servo_pump_flow
+    pumps, shared = 0, 0.0
+    for k in range(len(s.modules)):
+        if s.serves[k] >= 0 and feeds_rail(s.modules[k], s.module_home[k], s.serves[k], axes):
+            pumps += 1
+    for j in range(len(axes)):
+        if axes[j].joined > 0.0:
+            shared += (
+                compute_reference_flow(axes[j], s.cylinders[j])
+                + p.lines.estimate[1 + j] * axes[j].leakage
+            )
+    for j in range(len(axes)):
+        axis, cylinder = axes[j], s.cylinders[j]
+        if axis.line_flow == 0.0:
+            axis.deliverable = math.inf
+            continue
+        left = full - p.lines.estimate[1 + j] * axis.leakage
+        if axis.joined > 0.0:
+            left = pumps * full - shared + compute_reference_flow(axis, cylinder)
+        area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
+        axis.deliverable = max(left / area, MIN_SPEED_RATIO * abs(axis.speed))
+
+
+@kernel
+def compute_reference_flow(axis: Record, cylinder: Record) -> float:
+    """Compute the flow that the reference's piston speed takes from its line.
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE), with the speed of the
+            reference.
+        cylinder: Areas of the cylinder.
+
+    Returns:
+        A_dir |v_ref| [m³/s], without leakage.
+    """
+    return inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed) * abs(axis.speed)
+
+
+@kernel(inline="always")
+def control_join_valves(s: ServoArguments, p: PumpState) -> None:
+    """Open, throttle or shut the join valves of all lines, and set the rail's pressure targets.
+
+    A line that draws from the rail (see `joins_rail`) is joined once its pressure and the rail's
+    agree within JOINED_DROP. Before that its join valve is throttled. It passes what the line needs
+    beyond its own pump, plus a charging flow taken from `p.charging_flow_left`. The rail's targets
+    are the highest targets of the lines that are on it or about to join.
+
+    A line that no longer draws from the rail is shut off from it. If no line draws from the rail,
+    all stay joined until the rail's pumps have nearly stopped (IDLE_FLOW_SHARE). Their oil would
+    otherwise raise the pressure of a shut rail.
+
+    A line also leaves early if three conditions hold. Another boosted line on the rail needs a
+    pressure that is higher by more than JOINED_DROP. The mode of the line at the preview point is
+    not SB. One pump can supply its flow; while it is still joined, EARLY_LEAVE_FLOW_SHARE of a
+    pump's flow must suffice. While a join valve closes, the rail's target is limited so that no
+    more flow passes than the line draws.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `join` of all axes and
+            `join_command` of all actuators in place.
+        p: State of the pumps. Writes `rail_target` [Pa] and `rail_before` [Pa], and reduces
+            `charging_flow_left` [m³/s], in place.
+    """
+    axes, sensors, actuators, modules = s.axes, s.sensors, s.actuators, s.modules
+    modes, serves, module_home, rail_target = s.modes, s.serves, s.module_home, p.rail_target
+    c, rail_pressure = s.constants[0], s.rail_pressure[0]
+    rail_flow = 0.0
+    for k in range(len(modules)):
+        rail_flow += modules[k].flow * modules[k].to_rail
+    coasting, highest = rail_flow >= IDLE_FLOW_SHARE * c.servo_pump_flow, 0.0
+    for j in range(len(axes)):
+        if joins_rail(j, modes, module_home, serves):
+            coasting = False
+        if axes[j].joined > 0.0 and BOOSTED_MODES[modes[j]]:
+            highest = max(highest, axes[j].supply_target)
+    bearable = math.inf
+    rail_target[:] = 0.0
+    for j in range(len(axes)):
+        axis = axes[j]
+        leaves = not joins_rail(j, modes, module_home, serves)
+        shed = axis.supply_target < highest - JOINED_DROP and not RAIL_MODES[s.modes_ahead[j]]
+        if shed:
+            drop = axis.supply_target - c.tank_pressure
+            leakage, _ = compute_orifice_flow(c.leakage_coefficient, drop, c.laminar_pressure)
+            more = p.lines.estimate[1 + j] * (axis.leakage - leakage)
+            most = EARLY_LEAVE_FLOW_SHARE if axis.joined > 0.0 else 1.0
+            shed = axis.line_flow - more < most * c.servo_pump_flow
+        leaves = leaves or shed
+        if leaves and (shed or not coasting):
+            axis.joined = 0.0
+        if axis.joined > 0.0 or not leaves:
+            rail_target[0] = max(rail_target[0], axis.supply_target)
+            rail_target[1] = max(rail_target[1], axis.target_ahead)
+        if leaves:
+            actuators[j].join_command = axis.joined
+            if axis.joined == 0.0 and actuators[j].join > SHUT_OPENING:
+                cylinder = s.cylinders[j]
+                area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
+                drawn = axis.leakage + area * abs(axis.demand)
+                passing = drawn / (c.switching_coefficient * actuators[j].join)
+                bearable = min(bearable, axis.supply_target + passing * passing)
+            continue
+        drop = rail_pressure - sensors[j].line_pressure
+        if abs(drop) < JOINED_DROP:
+            axis.joined = 1.0
+        lacking = c.line_capacity * (axis.supply_target - sensors[j].line_pressure)
+        charge = min(
+            max(0.0, lacking / (CHARGING_TIME_CONSTANTS * c.switching_time)),
+            p.charging_flow_left[0],
+        )
+        own = c.servo_pump_flow if has_own_pump(j, module_home, serves) else 0.0
+        largest, _ = compute_orifice_flow(
+            c.switching_coefficient, max(drop, 1.0), c.laminar_pressure
+        )
+        throttle = 0.0
+        if drop > 0.0:
+            throttle = min(1.0, (max(0.0, axis.line_flow - own) + charge) / largest)
+            p.charging_flow_left[0] -= charge
+        actuators[j].join_command = max(axis.joined, throttle)
+    if bearable == math.inf:
+        p.rail_before[0] = rail_pressure
+    bearable = max(bearable, p.rail_before[0])
+    rail_target[0] = min(rail_target[0], bearable)
+    rail_target[1] = min(rail_target[1], bearable)
+
+
+@kernel(borrows=True)
+def has_own_pump(j: int, module_home: IntArray, serves: IntArray) -> bool:
+    """Return whether the module of an actuator's own line serves this actuator.
+
+    Args:
+        j: Index of the actuator.
+        module_home: Actuator to whose line each module belongs, int64[m]; −1 for a spare.
+        serves: Actuator that each module serves, int64[m]; −1 if idle.
+
+    Returns:
+        True if the actuator's own module serves it.
+    """
+    found = False
+    for k in range(len(serves)):
+        found = found or (serves[k] == j and module_home[k] == j)
+    return found

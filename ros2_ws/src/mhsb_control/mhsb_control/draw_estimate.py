@@ -1,0 +1,108 @@
+"""Observer of the flow that a boosted line really draws, compared with the commanded flow.
+
+    drawn = Q − q_leak − c C ṗ,        τ ḋ = (drawn − commanded) − d
+
+Q is the measured flow of the pumps, C the capacity of the line by the machine file, and c the
+estimated factor on it (`mhsb_control/line_estimate`). The commanded flow is A_dir |u|, delayed by
+the lag with which commands act. d is the observed excess; a negative d is a shortfall. τ is
+OBSERVATION_DELAY.
+
+A valve whose overlap is not known yet passes less than it is opened for. Lines are stiff: oil that
+no piston takes raises the pressure of a line by 1 MPa in a few milliseconds. The shortfall of a
+line whose pressure is below its target is not used, since such a line has too little oil.
+
+Source: W.-H. Chen, J. Yang, L. Guo, S. Li, Disturbance-observer-based control and related methods,
+IEEE Trans. Industrial Electronics 63, 2016.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.circuit.records import Record, Records
+from mhsb_model.kernels.kernel import kernel
+
+OBSERVATION_DELAY = 0.02
+"""Time constant τ [s]: longer than the delay of commands, shorter than a piston takes to start."""
+
+PRESSURE_SHORTFALL_SCALE = 2e5
+"""Pressure below its target [Pa] over which the weight of a line's shortfall falls from 1 to 0."""
+
+DRAW_DTYPE = np.dtype(
+    [
+        ("pressure", "f8"),  # [Pa] pressure in the last step
+        ("told", "f8"),  # [m³/s] commanded flow, delayed as it acts
+        ("more", "f8"),  # [m³/s] d, drawn flow less commanded flow
+    ]
+)
+"""Observer of one line, or of the rail."""
+
+
+def build_draw_observers(count: int) -> Records:
+    """Return zeroed observers, DRAW_DTYPE[n + 1].
+
+    Args:
+        count: Number n of lines. The rail's observer follows them as the last record.
+
+    Returns:
+        One record per line, and one for the rail.
+    """
+    return np.zeros(count + 1, DRAW_DTYPE)
+
+
+@kernel
+def update_draw_observer(
+    draw: Record,
+    pressure: float,
+    supplied: float,
+    commanded: float,
+    capacity: float,
+    lag: float,
+    step: float,
+    fed_by_pumps_only: bool,
+) -> None:
+    """Update the observer of a line by one step.
+
+        τ ḋ = (supplied − capacity ṗ − Q_c) − d,    τ = OBSERVATION_DELAY
+
+    d is the drawn flow less the commanded one, and Q_c the commanded flow behind a first-order lag.
+    If anything but pumps may feed the line, d is set to 0.
+
+    Args:
+        draw: Observer of the line (record of DRAW_DTYPE). Writes d and Q_c [m³/s] and the pressure
+            [Pa] in place.
+        pressure: Measured pressure of the line [Pa].
+        supplied: Flow of the pumps less leakage [m³/s].
+        commanded: Flow A_dir |u| that the piston is commanded to take [m³/s].
+        capacity: c C, estimated capacity of the line [m³/Pa].
+        lag: Time constant of the lag with which the commanded flow acts [s].
+        step: Control period [s].
+        fed_by_pumps_only: Whether pumps alone feed the line.
+    """
+    drawn = supplied - capacity * (pressure - draw.pressure) / step
+    draw.more += step / OBSERVATION_DELAY * (drawn - draw.told - draw.more)
+    if not fed_by_pumps_only:
+        draw.more = 0.0
+    draw.pressure = pressure
+    draw.told += step / (lag + step) * (commanded - draw.told)
+
+
+@kernel
+def compute_draw_shortfall(draw: Record, target: float) -> float:
+    """Compute the flow by which a line draws less than commanded.
+
+    The observed shortfall −d is weighted by the line pressure. The weight is 1 at or above the
+    target, and falls linearly to 0 at PRESSURE_SHORTFALL_SCALE below the target.
+
+    Args:
+        draw: Observer of the line (record of DRAW_DTYPE).
+        target: Target of the line pressure [Pa].
+
+    Returns:
+        Shortfall [m³/s], at least 0.
+    """
+    share = min(
+        max((draw.pressure - target + PRESSURE_SHORTFALL_SCALE) / PRESSURE_SHORTFALL_SCALE, 0.0),
+        1.0,
+    )
+    return share * max(-draw.more, 0.0)

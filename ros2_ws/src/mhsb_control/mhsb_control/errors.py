@@ -1,0 +1,27 @@
+"""Errors of the controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mhsb_model.errors import ArgumentError
+
+
+class UnknownControllerError(ArgumentError):
+    """Error: no controller is registered under the requested name.
+
+    Attributes:
+        name: The requested name.
+        valid: Names of the registered controllers.
+    """
+
+    def __init__(self, name: str, valid: Iterable[str]) -> None:
+        """Build the error with its sentence.
+
+        Args:
+            name: The requested name.
+            valid: Names of the registered controllers.
+        """
+        self.name = name
+        self.valid = tuple(valid)
+        super().__init__(f"there is no controller {name!r}; valid are {', '.join(self.valid)}")

@@ -1,0 +1,107 @@
+"""Estimates of a servo: values, uncertainty, and whether they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mhsb_control import line_estimate, pump_estimate, valve_estimate
+from mhsb_control.line_estimate import LineEstimates
+from mhsb_control.load_estimate import FRICTION_DEVIATION, PAYLOAD_DEVIATION, LoadEstimate
+from mhsb_control.pump_estimate import DriveEstimates
+from mhsb_control.valve_estimate import ValveEstimates
+from mhsb_model.arm_reports import Estimate
+
+KNOWN_DEVIATION_RATIO = 0.5
+"""Largest standard deviation, as a share of the initial one, with which a value counts as known."""
+
+
+def collect_estimates(
+    names: Sequence[str],
+    load: LoadEstimate,
+    valves: ValveEstimates,
+    lines: LineEstimates,
+    drives: DriveEstimates,
+) -> list[Estimate]:
+    """Collect the estimates of all estimators with their standard deviations.
+
+    Bulk modulus, valve gain and overlap are functions of the estimated parameters; their variances
+    are propagated to first order. The deviation of the delay is the longest plausible delay less
+    the estimated one.
+
+    Args:
+        names: Names of the actuators, in the order of the estimators' arrays.
+        load: Estimates of payload and friction.
+        valves: Estimates of the valves.
+        lines: Estimates of oil compressibility and leakage.
+        drives: Estimates of pump lag and command delay.
+
+    Returns:
+        Estimates with the units of `Estimate`. First are payload, bulk modulus, pump lag and delay,
+        with an empty actuator name. Friction, valve gain, overlap and leakage of each actuator
+        follow.
+    """
+    spread, oil = np.sqrt(np.diag(load.covariance)), np.sqrt(np.diag(lines.covariance))
+    first = PAYLOAD_DEVIATION * float(load.file_payload[0])
+    drive, squeeze = drives.record[0], lines.estimate[0]
+    late = (drive["latest"] - drive["delay"]) * drive["step"]
+    of_bulk = oil[0] / squeeze**2
+    found = [
+        _build_estimate("payload", "", load.estimate[0], spread[0], first),
+        _build_estimate(
+            "bulk_modulus", "", 1.0 / squeeze, of_bulk, line_estimate.COMPRESSIBILITY_DEVIATION
+        ),
+        _build_estimate(
+            "pump_lag",
+            "",
+            drive["lag"],
+            drive["deviation"] * drive["lag"],
+            pump_estimate.INITIAL_DEVIATION * drive["lag"],
+        ),
+        _build_estimate(
+            "delay",
+            "",
+            drive["delay"] * drive["step"],
+            late,
+            pump_estimate.MAX_DELAY_STEPS * drive["step"],
+        ),
+    ]
+    for j, name in enumerate(names):
+        gain, overlap, _ = valves.estimate[j]
+        own = valves.covariance[j]
+        lap = overlap / gain
+        # overlap o = b/a and gain g = a (1 − o) = a − b, variances to first order
+        lap_variance = (own[1, 1] - 2.0 * lap * own[0, 1] + lap**2 * own[0, 0]) / gain**2
+        gain_variance = own[0, 0] - 2.0 * own[0, 1] + own[1, 1]
+        of_gain, of_overlap, _ = valve_estimate.INITIAL_DEVIATIONS
+        found += [
+            _build_estimate(
+                "friction", name, load.estimate[1 + j], spread[1 + j], FRICTION_DEVIATION
+            ),
+            _build_estimate("valve_gain", name, gain - overlap, np.sqrt(gain_variance), of_gain),
+            _build_estimate("overlap", name, lap, np.sqrt(lap_variance), of_overlap),
+            _build_estimate(
+                "leakage", name, lines.estimate[1 + j], oil[1 + j], line_estimate.LEAKAGE_DEVIATION
+            ),
+        ]
+    return found
+
+
+def _build_estimate(
+    quantity: str, actuator: str, value: float, deviation: float, first: float
+) -> Estimate:
+    """Build an estimate, and decide whether its value counts as known.
+
+    Args:
+        quantity: Name of the quantity.
+        actuator: Name of the actuator; empty for the whole arm.
+        value: Estimated value, in the unit of `Estimate`.
+        deviation: Standard deviation of the value, in the same unit.
+        first: Standard deviation before anything was measured, in the same unit.
+
+    Returns:
+        The estimate. `known` is True if `deviation` is below KNOWN_DEVIATION_RATIO times `first`.
+    """
+    known = bool(deviation < KNOWN_DEVIATION_RATIO * first)
+    return Estimate(quantity, actuator, float(value), float(deviation), known)

@@ -1,0 +1,131 @@
+"""Independent control, as in the paper: valves and servo pumps have loops of their own.
+
+The valve turns the demanded piston speed into an opening by its nominal gain, at a fixed pressure
+drop. A PI loop per pump keeps the pressure of its line, or of the rail, at what the load needs. The
+pump's loop has no feedforward of the flow that the valves take. Modes switch as they are commanded.
+
+Source: paper, Sections 2 and 4 (cascade based on pressure feedback).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mhsb_control.cascade import (
+    ServoArguments,
+    build_servo_arguments,
+    compute_piston_demands,
+    joins_rail,
+    set_supply_targets,
+)
+from mhsb_control.controller import ServoSignals
+from mhsb_model.arm_reports import Estimate
+from mhsb_model.circuit.records import Records
+from mhsb_model.hydraulics import inlet_area
+from mhsb_model.kernels.bound_kernel import bind_kernel
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+
+INDEPENDENT_GAINS_DTYPE = np.dtype(
+    [
+        # [Pa] pressure drop over an edge for which the valve's gain is computed
+        ("nominal_valve_drop", "f8"),
+        ("pressure_gain", "f8"),  # [1/s] proportional gain of the pump's pressure loop
+        ("pressure_integral_gain", "f8"),  # [1/s²] integral gain of the pump's pressure loop
+    ]
+)
+"""Gains of the independent controller in SI units."""
+
+
+class IndependentController:
+    """Controller with separate loops for valves and servo pumps, as in the paper."""
+
+    usual_error = 25e-3
+
+    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
+        """Build the servo's records and bind the control kernel to them.
+
+        The integrals of the pumps' pressure loops begin at 0. Modes are not prepared in advance:
+        `preview` is 0. The load is not estimated.
+
+        Args:
+            machine: The machine as its file describes it.
+            signals: Arrays that the controller reads and writes in each step.
+        """
+        self.preview = 0.0
+        servo = machine.config.servo.independent
+        own_gains = np.zeros(1, INDEPENDENT_GAINS_DTYPE)
+        own_gains["nominal_valve_drop"] = servo.nominal_valve_drop * machine.arrays.supply_pressure
+        own_gains["pressure_gain"] = servo.pressure_gain
+        own_gains["pressure_integral_gain"] = servo.pressure_integral_gain
+        integrals = np.zeros(len(signals.circuit.modules))
+        cascade = build_servo_arguments(machine, signals, servo, servo.supply_margin)
+        self._control = bind_kernel(run_independent_step, cascade, own_gains, integrals)
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """An empty list, since this controller estimates nothing."""
+        return []
+
+    def update(self) -> None:
+        """Write all commands for the next step."""
+        self._control()
+
+
+@kernel(borrows=True)
+def run_independent_step(s: ServoArguments, own_gains: Records, integrals: FloatArray) -> None:
+    """Run one step of the independent controller.
+
+    The valve command is u A_dir/(K √Δp_nominal), limited to −1 … 1, with u the demanded piston
+    speed. A line is joined to the rail if its mode is SB or a module of another line serves it.
+    Each pump in use controls the pressure of its line, or of the rail if the line is joined:
+
+        Q_cmd = C k_P (p_target − p) + ∫ C k_I (p_target − p) dt,    0 ≤ Q_cmd ≤ Q_max
+
+    p is the measured pressure, C the capacity of the line or of the rail alone [m³/Pa], and k_P,
+    k_I the gains. The integral stays constant while the pump saturates, and is 0 for an idle pump.
+    The rail's target is the highest target of the joined lines.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of
+            `actuators` and `modules` in place.
+        own_gains: Δp_nominal, k_P and k_I, INDEPENDENT_GAINS_DTYPE[1].
+        integrals: Integral parts of the pumps' pressure loops, float64[m], [m³/s]. Written in
+            place.
+    """
+    sensors, cylinders, axes, actuators = s.sensors, s.cylinders, s.axes, s.actuators
+    modes, serves, modules, module_home = s.modes, s.serves, s.modules, s.module_home
+    constants, gains, rail_pressure = s.constants, s.gains, s.rail_pressure[0]
+    c, own = constants[0], own_gains[0]
+    compute_piston_demands(s)
+    root = math.sqrt(own.nominal_valve_drop)
+    rail_need = 0.0
+    for j in range(len(axes)):
+        axis, cylinder = axes[j], cylinders[j]
+        inlet = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
+        nominal = cylinder.valve_coefficient * root
+        actuators[j].valve_command = min(max(axis.demand * inlet / nominal, -1.0), 1.0)
+        set_supply_targets(axis, cylinder, constants, gains)
+        axis.joined = 1.0 if joins_rail(j, modes, module_home, serves) else 0.0
+        actuators[j].join_command = axis.joined
+        if axis.joined > 0.0:
+            rail_need = max(rail_need, axis.supply_target)
+    for k in range(len(modules)):
+        module, user = modules[k], serves[k]
+        if user < 0:
+            module.flow_command, module.lend, integrals[k] = 0.0, 0.0, 0.0
+            continue
+        on_rail = axes[user].joined > 0.0
+        module.lend = 1.0 if module_home[k] != user else 0.0
+        error = axes[user].supply_target - sensors[user].line_pressure
+        capacity = c.line_capacity
+        if on_rail:
+            error = rail_need - rail_pressure
+            capacity = c.rail_capacity
+        command = capacity * own.pressure_gain * error + integrals[k]
+        module.flow_command = min(max(command, 0.0), c.servo_pump_flow)
+        if command == module.flow_command:
+            integrals[k] += capacity * own.pressure_integral_gain * error * gains[0].step

@@ -1,0 +1,342 @@
+"""Estimates of oil compressibility and valve leakage, from the oil balances of boosted lines.
+
+A window counts if its lines are shut off from the manifold, above its pressure, and pumps alone
+feed them. Its balance of oil is
+
+    ∫ Q dt − Σ A_dir |ΔL| = c Σ C Δp + Σ λ_j ∫ q_leak(p_j) dt
+
+Q is the measured flow of the pumps [m³/s]. C is the capacity of lines, rail and the chambers behind
+open valves, by the machine file [m³/Pa]. A_dir is the area of a cylinder's inlet and q_leak a
+valve's leakage, both by the file. c is the file's bulk modulus over the true one, equal for all
+oil. λ_j is the factor on the leakage of valve j.
+
+A single line gives one balance; the rail with all lines joined to it gives another. A Kalman filter
+updates c and λ window by window. Both follow slow random walks, so that a parameter without data
+keeps its standard deviation. If pumps feed lines at the manifold's pressure, these take at least
+what the pumps deliver. Such a balance is used at rest, if it indicates more leakage.
+
+Source: H. E. Merritt, Hydraulic Control Systems (balance of oil in a line).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_control.cascade import ServoArguments
+from mhsb_model.circuit.elements import compute_orifice_flow
+from mhsb_model.circuit.records import Record, Records
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray, IntArray
+
+WINDOW_STEPS = 8
+"""Number of steps in a window."""
+
+COMPRESSIBILITY_DEVIATION, LEAKAGE_DEVIATION = 0.3, 0.3
+"""Initial standard deviations of c and of each λ."""
+
+COMPRESSIBILITY_DRIFT, LEAKAGE_DRIFT = 1e-3, 2e-3
+"""Standard deviations of the random walks of c and λ in one window."""
+
+FLOW_DEVIATION, VOLUME_DEVIATION, COMPRESSION_DEVIATION = 1.5e-7, 3e-9, 0.1
+"""Standard deviations of a window's oil.
+
+They are: flow that is not in the balance [m³/s], stroke of a moving piston [m³], and a share of the
+compressed oil."""
+
+MIN_STIFFNESS_FACTOR, MIN_LEAKAGE_FACTOR, MAX_FACTOR = 0.4, 0.2, 3.0
+"""Limits of the estimates: smallest c, smallest λ, and largest value of both."""
+
+SHUT_OPENING, OPEN_OPENING = 0.02, 0.9
+"""Opening of a join valve or diverter below which it counts as shut, and above which as open."""
+
+CHECK_VALVE_MARGIN = 1e5
+"""Line pressure above P_S [Pa] from which the line's check valve counts as closed."""
+
+JOINED_DROP = 1e5
+"""Pressure difference [Pa] up to which a line and the rail count as one volume."""
+
+BALANCE_DTYPE = np.dtype(
+    [
+        ("steps", "i8"),  # number of steps in the present window
+        ("members", "i8"),  # bit j is set if line j belongs to the balance
+        ("open", "i8"),  # 1 if the manifold may feed the lines as well
+        ("supplied", "f8"),  # [m³] oil delivered by pumps
+        ("moved", "f8"),  # [m³] oil taken by pistons
+        ("moving", "f8"),  # 1 if any piston moved
+        ("flow", "f8"),  # [m³/s] flow of the pumps in the last step
+        ("rail", "f8"),  # 1 for the rail's balance
+    ]
+)
+"""Oil balance of one line, or of the rail with the lines joined to it, in the present window."""
+
+
+class LineEstimates(NamedTuple):
+    """Estimates of n lines, and their balances.
+
+    Balance n is that of the rail with all lines joined to it.
+    """
+
+    estimate: FloatArray  # [1 + n] c, then λ of each valve
+    covariance: FloatArray  # [1 + n, 1 + n] covariance of c and λ
+    balances: Records  # BALANCE_DTYPE[n + 1]
+    row: FloatArray  # [n + 1, 1 + n] m³, coefficients of c and λ in each balance
+    # [n + 1, 4] line, cap and rod pressure [Pa] and length [m] in the last step; last row: rail
+    before: FloatArray
+    # [n + 1, 3] m³ taken in this step by compression, leakage and piston; last row: rail
+    intake: FloatArray
+    # [n + 1, 2] m³/s of pumps into each line alone; 1 if a pump in use feeds it; last row: rail
+    fed: FloatArray
+    gain_work: FloatArray  # [1 + n] working memory
+
+
+def build_line_estimates(count: int) -> LineEstimates:
+    """Return the initial estimates of lines: c = λ = 1, with their initial standard deviations.
+
+    Args:
+        count: Number n of lines.
+
+    Returns:
+        The estimates, with empty balances.
+    """
+    deviation = np.full(1 + count, LEAKAGE_DEVIATION)
+    deviation[0] = COMPRESSIBILITY_DEVIATION
+    balances = np.zeros(count + 1, BALANCE_DTYPE)
+    balances["rail"][count] = 1.0
+    return LineEstimates(
+        estimate=np.ones(1 + count),
+        covariance=np.diag(deviation**2),
+        balances=balances,
+        row=np.zeros((count + 1, 1 + count)),
+        before=np.zeros((count + 1, 4)),
+        intake=np.zeros((count + 1, 3)),
+        fed=np.zeros((count + 1, 2)),
+        gain_work=np.zeros(1 + count),
+    )
+
+
+@kernel(inline="always")
+def update_line_estimates(s: ServoArguments, lines: LineEstimates) -> None:
+    """Add one step to the oil balances of all lines, and update the estimates from full windows.
+
+    A line belongs to the rail's balance if its join valve is open, and its pressure is within
+    JOINED_DROP of the rail's. A line has a balance of its own if a pump feeds it and its join valve
+    is shut. The rail's balance is skipped in two cases: no pump feeds it, or a join valve is partly
+    open or open with unequal pressures.
+
+    A full window updates c and λ in two cases. The line pressure is at least CHECK_VALVE_MARGIN
+    above P_S, so that the check valves are closed. Or no piston has moved, and more oil went in
+    than the present estimates explain.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `leakage` of all axes [m³/s],
+            as the machine file gives it at the present pressure, in place.
+        lines: Estimates and balances, updated in place.
+    """
+    n, c, step, rail = len(s.axes), s.constants[0], s.gains[0].step, s.rail_pressure[0]
+    compute_fed_flows(s.modules, s.module_home, s.serves, lines.fed)
+    joined, broken = 0, False
+    for j in range(n):
+        join = s.actuators[j].join
+        if join > OPEN_OPENING and abs(s.sensors[j].line_pressure - rail) < JOINED_DROP:
+            joined |= 1 << j
+        elif join > SHUT_OPENING:
+            broken = True
+        compute_line_intake(
+            s.axes[j], s.cylinders[j], s.sensors[j], c, step, lines.before[j], lines.intake[j]
+        )
+    lines.intake[n, 0] = c.rail_capacity * (rail - lines.before[n, 0])
+    lines.before[n, 0] = rail
+    for g in range(n + 1):
+        flow, feeds, pressure, members = lines.fed[g, 0], lines.fed[g, 1] > 0.0, rail, joined
+        if g < n:
+            pressure = s.sensors[g].line_pressure
+            members = 1 << g if feeds and s.actuators[g].join < SHUT_OPENING else 0
+        else:
+            flow -= c.bleed_conductance * (rail - c.tank_pressure)
+            for j in range(n):
+                if joined >> j & 1:
+                    flow += lines.fed[j, 0]
+                    feeds = feeds or lines.fed[j, 1] > 0.0
+            if broken or not feeds:
+                members = 0
+        fed_too = 0 if pressure > c.supply_pressure + CHECK_VALVE_MARGIN else 1
+        own, row = lines.balances[g], lines.row[g]
+        if accumulate_balance(own, row, lines.intake, members, fed_too, flow, step):
+            spread = (
+                (FLOW_DEVIATION * WINDOW_STEPS * step) ** 2
+                + own.moving * VOLUME_DEVIATION**2
+                + (COMPRESSION_DEVIATION * row[0]) ** 2
+            )
+            oil = own.supplied - own.moved
+            if fed_too == 0 or (own.moving == 0.0 and oil > np.dot(row, lines.estimate)):
+                update_line_filter(lines, row, oil, spread)
+
+
+@kernel(borrows=True)
+def compute_fed_flows(
+    modules: Records, module_home: IntArray, serves: IntArray, fed: FloatArray
+) -> None:
+    """Compute the flows that the pumps feed into each line alone and into the rail.
+
+    Args:
+        modules: Records of the circuit's modules, [m], with flows and diverter positions.
+        module_home: Actuator to whose line each module belongs, int64[m]; −1 for a spare.
+        serves: Actuator that each module serves, int64[m]; −1 if idle.
+        fed: Written in place, float64[n + 1, 2]; one row for each line, and the rail's last. Column
+            0 is the flow of the pumps [m³/s], idle ones included. Column 1 is 1 if a pump in use
+            feeds the line or rail, else 0.
+    """
+    fed[:] = 0.0
+    rail = len(fed) - 1
+    for k in range(len(modules)):
+        home, to_rail = module_home[k], modules[k].to_rail
+        fed[rail, 0] += to_rail * modules[k].flow
+        if home >= 0:
+            fed[home, 0] += (1.0 - to_rail) * modules[k].flow
+        if serves[k] >= 0:
+            if to_rail > SHUT_OPENING:
+                fed[rail, 1] = 1.0
+            if home >= 0 and 1.0 - to_rail > SHUT_OPENING:
+                fed[home, 1] = 1.0
+
+
+@kernel(borrows=True)
+def accumulate_balance(
+    oil_balance: Record,
+    row: FloatArray,
+    taken: FloatArray,
+    members: int,
+    manifold_feeds: int,
+    flow: float,
+    step: float,
+) -> bool:
+    """Add one step to a balance of oil, and return whether its window is full.
+
+    The window starts anew if the set of lines or the state of the check valves has changed. The
+    first step of a window only records the flow of the pumps. The rail's own intake counts only in
+    the balance of the rail.
+
+    Args:
+        oil_balance: Oil balance of a line or of the rail (record of BALANCE_DTYPE), updated in
+            place.
+        row: Coefficients of c and λ, float64[1 + n], [m³], accumulated in place: oil taken by
+            compression, then leakage of each valve, both by the machine file.
+        taken: Oil taken in this step by each line and, in the last row, by the rail,
+            float64[n + 1, 3], [m³]. Columns: compression, leakage, piston.
+        members: Lines of the balance, bit j for line j; 0 discards the window.
+        manifold_feeds: 1 if the manifold may feed the lines as well, else 0.
+        flow: Flow of the pumps into these lines [m³/s].
+        step: Control period [s].
+
+    Returns:
+        True in the last step of a window. `row` and `oil_balance` then hold its balance.
+    """
+    if members == 0 or oil_balance.members != members or oil_balance.open != manifold_feeds:
+        oil_balance.members, oil_balance.open, oil_balance.steps = members, manifold_feeds, 0
+        if members == 0:
+            return False
+    if oil_balance.steps == 0:
+        row[:] = 0.0
+        oil_balance.supplied = oil_balance.moved = oil_balance.moving = 0.0
+        oil_balance.steps, oil_balance.flow = 1, flow
+        return False
+    n = len(taken) - 1
+    oil_balance.supplied += 0.5 * (oil_balance.flow + flow) * step
+    oil_balance.flow = flow
+    if oil_balance.rail > 0.0:
+        row[0] += taken[n, 0]
+    for j in range(n):
+        if members >> j & 1:
+            row[0] += taken[j, 0]
+            row[1 + j] += taken[j, 1]
+            oil_balance.moved += taken[j, 2]
+            oil_balance.moving = max(oil_balance.moving, 1.0 if taken[j, 2] != 0.0 else 0.0)
+    oil_balance.steps += 1
+    if oil_balance.steps <= WINDOW_STEPS:
+        return False
+    oil_balance.steps = 0
+    return True
+
+
+@kernel(borrows=True)
+def compute_line_intake(
+    axis: Record,
+    cylinder: Record,
+    sensor: Record,
+    c: Record,
+    step: float,
+    before: FloatArray,
+    taken: FloatArray,
+) -> None:
+    """Compute the oil that a line takes in a step, by compression, leakage and its piston.
+
+    Compression is C Δp of the line, with the capacity C of the machine file. While the reference
+    moves, the oil swept by the piston counts, and the compression in the chamber that the supply
+    fills. This chamber is the cap side if the reference extends, and the rod side if it retracts.
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `leakage` [m³/s],
+            as the machine file gives it at the present line pressure, in place.
+        cylinder: Areas of the cylinder.
+        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        c: Constants of the circuit.
+        step: Control period [s].
+        before: Line, cap-side and rod-side pressure [Pa] and cylinder length [m] in the last step,
+            float64[4]. Overwritten with the present values.
+        taken: Overwritten with the oil of this step by compression, leakage and piston, float64[3],
+            [m³]. The swept oil is negative if the piston moves against the reference. It is 0 if
+            the reference speed is 0.
+    """
+    line, cap, rod = sensor.line_pressure, sensor.cap_pressure, sensor.rod_pressure
+    axis.leakage, _ = compute_orifice_flow(
+        c.leakage_coefficient, line - c.tank_pressure, c.laminar_pressure
+    )
+    taken[0] = c.line_capacity * (line - before[0])
+    taken[1] = axis.leakage * step
+    taken[2] = 0.0
+    if axis.speed > 0.0:
+        taken[0] += (cap - before[1]) / axis.cap_stiffness
+        taken[2] = cylinder.cap_area * (sensor.length - before[3])
+    elif axis.speed < 0.0:
+        taken[0] += (rod - before[2]) / axis.rod_stiffness
+        taken[2] = cylinder.rod_area * (before[3] - sensor.length)
+    before[0], before[1], before[2], before[3] = line, cap, rod, sensor.length
+
+
+@kernel(borrows=True)
+def update_line_filter(lines: LineEstimates, row: FloatArray, oil: float, spread: float) -> None:
+    """Update c and λ from the balance of a window by a Kalman filter.
+
+        oil = row · (c, λ) + noise
+
+    Parameters with a coefficient other than 0 first gain the variance of their random walk, the
+    square of COMPRESSIBILITY_DRIFT or LEAKAGE_DRIFT. c is limited to MIN_STIFFNESS_FACTOR …
+    MAX_FACTOR and each λ to MIN_LEAKAGE_FACTOR … MAX_FACTOR.
+
+    Args:
+        lines: Estimates. Writes `estimate`, `covariance` and `gain_work` in place.
+        row: Coefficients of c and λ in the balance, float64[1 + n], [m³].
+        oil: Oil delivered by pumps less oil taken by pistons [m³].
+        spread: Variance of the noise [m⁶].
+    """
+    estimate, covariance, carried = lines.estimate, lines.covariance, lines.gain_work
+    n = len(estimate)
+    for i in range(n):
+        if row[i] != 0.0:
+            wander = COMPRESSIBILITY_DRIFT if i == 0 else LEAKAGE_DRIFT
+            covariance[i, i] += wander * wander
+    away = oil
+    for i in range(n):
+        carried[i] = 0.0
+        for k in range(n):
+            carried[i] += covariance[i, k] * row[k]
+    for i in range(n):
+        spread += row[i] * carried[i]
+        away -= row[i] * estimate[i]
+    for i in range(n):
+        least = MIN_STIFFNESS_FACTOR if i == 0 else MIN_LEAKAGE_FACTOR
+        estimate[i] = min(max(estimate[i] + carried[i] / spread * away, least), MAX_FACTOR)
+        for k in range(n):
+            covariance[i, k] -= carried[i] * carried[k] / spread

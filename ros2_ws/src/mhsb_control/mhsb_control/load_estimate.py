@@ -1,0 +1,151 @@
+"""Estimates of payload and seal friction, from the forces of steady motion.
+
+While an actuator moves steadily, with F the measured force of its cylinder and r its moment arm,
+
+    r F − τ(m̂) − r φ̂ f(v) = Y δm + r f(v) δφ,        Y = g (x_tip − x_joint)
+
+τ is the torque for the estimated payload m̂, f the friction by the machine file, and φ̂ the
+estimated factor on it. δm and δφ are the errors of these estimates. All actuators inform on δm,
+each one on its own δφ. A Kalman filter processes the means of short windows. m and φ follow slow
+random walks, so that a parameter without data keeps its standard deviation.
+
+Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Trans. Robotics and
+Automation 13, 1997 (linear in the load's parameters).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray
+
+WINDOW_STEPS = 20
+"""Number of steps over which a mean is taken."""
+
+MIN_MOVING_SPEED = 1e-3
+"""Piston speed of the reference above which an actuator counts as moving, now and ahead [m/s]."""
+
+MAX_INERTIA_SHARE = 0.1
+"""Largest inertia torque, as a share of the weight's torque, in a motion that counts as steady."""
+
+PAYLOAD_DEVIATION, FRICTION_DEVIATION = 0.2, 0.5
+"""Initial standard deviations: of the payload, as a share of itself, and of φ."""
+
+PAYLOAD_DRIFT, FRICTION_DRIFT = 1e-3, 5e-3
+"""Standard deviations of the random walks in one window: payload, as a share, and φ."""
+
+TORQUE_DEVIATION = 5.5
+"""Standard deviation of a window's torque [N m], by oscillations, sensors and moment arms."""
+
+MAX_PAYLOAD_RATIO, MAX_FRICTION_RATIO = 2.0, 3.0
+"""Largest estimates of payload and friction, in multiples of the machine file's values."""
+
+
+class LoadEstimate(NamedTuple):
+    """Estimates of payload and friction for n actuators; a covariance of 0 switches them off."""
+
+    estimate: FloatArray  # [1 + n] payload [kg], then the friction factor φ of each actuator
+    covariance: FloatArray  # [1 + n, 1 + n] covariance of these
+    weight: FloatArray  # [n] m²/s², Y
+    torque: FloatArray  # [n] N m, sum over the present window
+    friction: FloatArray  # [n] N m, r f(v), sum over the present window
+    steps: FloatArray  # [n] number of steps in the present window
+    file_payload: FloatArray  # [1] kg, payload of the machine file
+    gain_work: FloatArray  # [1 + n] working memory
+
+
+def build_load_estimate(payload: float, count: int, *, is_estimated: bool) -> LoadEstimate:
+    """Return the initial estimates of the load: the payload of the file, and friction factors 1.
+
+    Args:
+        payload: Payload of the machine file [kg].
+        count: Number n of actuators.
+        is_estimated: Whether the load is to be estimated. If not, the covariance is 0.
+
+    Returns:
+        The estimates.
+    """
+    deviation = np.full(1 + count, FRICTION_DEVIATION)
+    deviation[0] = PAYLOAD_DEVIATION * payload
+    estimate = np.ones(1 + count)
+    estimate[0] = payload
+    return LoadEstimate(
+        estimate=estimate,
+        covariance=np.diag(deviation**2) * is_estimated,
+        weight=np.zeros(count),
+        torque=np.zeros(count),
+        friction=np.zeros(count),
+        steps=np.zeros(count),
+        file_payload=np.array([payload]),
+        gain_work=np.zeros(1 + count),
+    )
+
+
+@kernel(borrows=True)
+def accumulate_load_window(
+    load: LoadEstimate, j: int, steady: bool, torque: float, friction: float
+) -> bool:
+    """Add one step of an actuator to its window, and update the load if the window is full.
+
+    A window has WINDOW_STEPS steps. `update_load_filter` gets the means of the window.
+
+    Args:
+        load: Estimates and windows, updated in place.
+        j: Index of the actuator.
+        steady: Whether the motion is steady. If not, the window is discarded.
+        torque: r F − τ(m̂) − r φ̂ f(v), measured less expected torque [N m].
+        friction: r f(v), friction torque by the machine file [N m].
+
+    Returns:
+        True if the estimates were updated.
+    """
+    if not steady:
+        load.steps[j] = 0.0
+        return False
+    if load.steps[j] == 0.0:
+        load.torque[j] = load.friction[j] = 0.0
+    load.torque[j] += torque
+    load.friction[j] += friction
+    load.steps[j] += 1.0
+    if load.steps[j] < WINDOW_STEPS:
+        return False
+    load.steps[j] = 0.0
+    update_load_filter(load, j, load.torque[j] / WINDOW_STEPS, load.friction[j] / WINDOW_STEPS)
+    return True
+
+
+@kernel(borrows=True)
+def update_load_filter(load: LoadEstimate, j: int, torque: float, friction: float) -> None:
+    """Update payload and friction from the mean torques of a window, by a Kalman filter.
+
+        torque = Y δm + friction δφ_j + noise
+
+    Y is the torque per kilogram of payload [m²/s²], and δm [kg] and δφ_j are the errors of the
+    present estimates. The noise has the standard deviation TORQUE_DEVIATION. The payload is limited
+    to 0 … MAX_PAYLOAD_RATIO times the machine file's, and φ to 0 … MAX_FRICTION_RATIO.
+
+    Args:
+        load: Estimates. Reads `weight` (Y); writes `estimate`, `covariance` and `gain_work` in
+            place.
+        j: Index of the actuator.
+        torque: Mean of measured less expected torque [N m].
+        friction: Mean of the friction torque by the machine file [N m].
+    """
+    covariance, carried, estimate = load.covariance, load.gain_work, load.estimate
+    n, y = len(estimate), load.weight[j]
+    wander = PAYLOAD_DRIFT * load.file_payload[0]
+    covariance[0, 0] += wander * wander
+    covariance[1 + j, 1 + j] += FRICTION_DRIFT * FRICTION_DRIFT
+    for i in range(n):
+        carried[i] = covariance[i, 0] * y + covariance[i, 1 + j] * friction
+    spread = TORQUE_DEVIATION * TORQUE_DEVIATION + y * carried[0] + friction * carried[1 + j]
+    for i in range(n):
+        estimate[i] += carried[i] / spread * torque
+        for k in range(n):
+            covariance[i, k] -= carried[i] * carried[k] / spread
+    estimate[0] = min(max(estimate[0], 0.0), MAX_PAYLOAD_RATIO * load.file_payload[0])
+    for i in range(1, n):
+        estimate[i] = min(max(estimate[i], 0.0), MAX_FRICTION_RATIO)

@@ -1,0 +1,158 @@
+"""The mode guard of a simulator: reference governor, resulting modes, and its report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_control.controller import ServoSignals
+from mhsb_control.guarded_modes import combine_modes
+from mhsb_control.reference import ReferencePreview
+from mhsb_control.reference_governor import RELEASE_ABOVE, build_governor_state, run_governor_step
+from mhsb_model.kernels.bound_kernel import bind_kernel
+from mhsb_model.machine import Machine
+from mhsb_model.modes import modules_in_use, pattern_name
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import ModeArray
+
+
+@dataclass(frozen=True)
+class Interventions:
+    """Counts of what the mode guard has done since the start.
+
+    Attributes:
+        boosts: Number of times that the modes in force began to differ from the plan's schedule.
+        slowings: Number of times that the speed scaling began to fall below full speed.
+        slowed: Total time for which plans were slowed [s].
+    """
+
+    boosts: int
+    slowings: int
+    slowed: float
+
+    @property
+    def count(self) -> int:
+        """Total number of boosts and slowings."""
+        return self.boosts + self.slowings
+
+
+class ModeGuard:
+    """Guard that boosts actuators and slows the plan; see `reference_governor`.
+
+    Attributes:
+        watch: Function that runs one step and returns whether the requested modes have changed.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        signals: ServoSignals,
+        reference: ReferencePreview,
+        usual_error: float,
+    ) -> None:
+        """Bind the reference governor to the signals of a servo.
+
+        Args:
+            machine: The machine as its file describes it.
+            signals: Signals of the servo controller.
+            reference: The reference that is slowed.
+            usual_error: Normal distance of the tip from its reference, for an arm of the paper's
+                size [m]. It is scaled with the size of the machine.
+        """
+        modules = machine.config.hydraulics.modules
+        self._per_mode = modules.per_mode
+        self._names = machine.actuator_names
+        self._state = build_governor_state(machine, signals, reference, usual_error)
+        self._boosts = 0
+        self._deviation_text = ""
+        self.watch = bind_kernel(run_governor_step, self._state)
+
+    def reset(self) -> None:
+        """Restart the filters, drop all boost requests, and set the speed scaling to full speed.
+
+        The counts of interventions and the accumulated delay of the reference stay.
+        """
+        self._state.totals["awake"] = 0.0
+        self._state.actuators["wanted"] = 0
+        self._state.actuators["lasting"] = 0.0
+        self._state.totals["held"] = 0.0
+        self._state.speed_scaling["rate"] = 1.0
+        self._state.speed_scaling["change"] = 0.0
+
+    def select_modes(self, scheduled: ModeArray, modules: int) -> ModeArray:
+        """Select the modes in force from scheduled modes, boost requests and working modules.
+
+        `combine_modes` decides if the governor requests boost, or if the modules do not suffice.
+
+        Args:
+            scheduled: Modes of the schedule, uint8[n].
+            modules: Number of booster modules that work.
+
+        Returns:
+            Modes, uint8[n]. The array `scheduled` itself is returned if the governor requests no
+            boost and the modules suffice.
+        """
+        actuators, per_mode = self._state.actuators, self._per_mode
+        asked = actuators["wanted"].astype(np.uint8)
+        if not asked.any() and modules_in_use(scheduled, per_mode) <= modules:
+            return scheduled
+        reserve = actuators["unboosted"]
+        return combine_modes(scheduled, asked, reserve, RELEASE_ABOVE, modules, per_mode)
+
+    def record_modes(self, scheduled: ModeArray, prepared: ModeArray, in_force: ModeArray) -> None:
+        """Record the modes of the plan, and count each time that the modes in force leave them.
+
+        A count is added if the modes in force differ from `scheduled` and did not at the last call.
+
+        Args:
+            scheduled: Modes that the plan has at present, uint8[n].
+            prepared: For each actuator the stronger of the plan's present and next mode, uint8[n].
+                They are copied for the governor.
+            in_force: Modes that are in force, uint8[n]. If they differ from `scheduled`, `sentence`
+                reports both. If they agree, `sentence` no longer speaks of modes.
+        """
+        self._state.scheduled[:] = prepared
+        before, self._deviation_text = self._deviation_text, ""
+        if np.array_equal(scheduled, in_force):
+            return
+        self._deviation_text = (
+            f"the modes are {pattern_name(in_force)} where the plan has {pattern_name(scheduled)}, "
+            "whose pressure does not suffice"
+        )
+        self._boosts += not before
+
+    @property
+    def interventions(self) -> Interventions:
+        """Counts of interventions so far."""
+        overall = self._state.totals[0]
+        return Interventions(self._boosts, int(overall["slowings"]), float(overall["slowed"]))
+
+    @property
+    def held(self) -> float:
+        """Time for which the rate of the speed scaling has been below HELD_RATE [s].
+
+        It is 0 if the rate is above now.
+        """
+        return float(self._state.totals["held"][0])
+
+    @property
+    def sentence(self) -> str:
+        """Text for a person on what the guard does now and why; empty if it does nothing.
+
+        It can have three parts, separated by semicolons. They are: modes that differ from the
+        plan, the reduced rate and its cause, and the delay of the arm behind the plan.
+        """
+        overall, pace = self._state.totals[0], self._state.speed_scaling[0]
+        sentences = [self._deviation_text] if self._deviation_text else []
+        if pace["rate"] < 1.0:
+            lacking = int(np.argmin(self._state.actuators["share"]))
+            why = f"the tip is {1e3 * overall['error']:.0f} mm off its reference"
+            if self._state.actuators["share"][lacking] < 1.0:
+                left = self._state.actuators["reserve"][lacking] / 1e6
+                why = f"{self._names[lacking]} has {left:.2f} MPa in reserve"
+            sentences.append(f"the plan runs at {pace['rate']:.2f} of its pace: {why}")
+        if pace["delay"] > 0.0:
+            late = pace["delay"] / SECOND_NS
+            sentences.append(f"the arm is {late:.2f} s later than planned")
+        return "; ".join(sentences)

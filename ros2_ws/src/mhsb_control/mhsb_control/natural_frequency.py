@@ -1,0 +1,76 @@
+"""Natural frequencies of the arm on the oil in its cylinders, from which the gains are set."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.circuit.constants import build_cylinders
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+
+POSTURE_SAMPLES = 256
+"""Number of random postures over which the lowest frequency is searched."""
+SAMPLING_SEED = 0
+"""Seed of the random postures."""
+
+
+def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
+    """Compute the stiffness of the oil in each cylinder at a posture.
+
+        k_h = β (A²/V_A + a²/V_B)
+
+    β is the bulk modulus of the oil [Pa]. V_A and V_B are the volumes on both sides of the piston,
+    dead volumes included [m³].
+
+    Args:
+        machine: The machine as its file describes it.
+        q: Joint positions, float64[n], [rad or m].
+
+    Returns:
+        Stiffness k_h, float64[n], [N/m].
+
+    Source: H. E. Merritt, Hydraulic Control Systems.
+    """
+    arrays, oil = machine.arrays, machine.config.circuit
+    own, length = build_cylinders(machine), machine.cylinder_lengths(q)
+    dead, cap, rod = own["dead_volume"], own["cap_area"], own["rod_area"]
+    cap_volume = dead + own["swept"] * cap * (length - own["min_length"])
+    rod_volume = dead + own["swept"] * rod * (own["max_length"] - length)
+    return oil.bulk_modulus * (arrays.cap_area**2 / cap_volume + arrays.rod_area**2 / rod_volume)
+
+
+def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
+    """Compute the natural frequency of each joint at a posture, with all other joints locked.
+
+        ω_j = |r_j| √(k_h,j / M_jj)
+
+    r is the moment arm [m], k_h the stiffness of the oil [N/m], and M the mass matrix with payload.
+    For a prismatic joint, r is dimensionless and M_jj a mass [kg].
+
+    Args:
+        machine: The machine as its file describes it.
+        q: Joint positions, float64[n], [rad or m].
+
+    Returns:
+        Natural frequencies, float64[n], [rad/s].
+    """
+    stiffness = machine.moment_arms(q) ** 2 * compute_oil_stiffness(machine, q)
+    return np.sqrt(stiffness / np.diag(machine.mass_matrix(q)))
+
+
+def find_lowest_joint_frequencies(machine: Machine) -> FloatArray:
+    """Find the lowest natural frequency of each joint over random postures.
+
+    POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        Natural frequencies, float64[n], [rad/s]. They may belong to different postures.
+    """
+    arrays = machine.arrays
+    postures = np.random.default_rng(SAMPLING_SEED).uniform(
+        arrays.joint_min, arrays.joint_max, (POSTURE_SAMPLES, machine.joint_count)
+    )
+    return np.array(np.min([compute_joint_frequencies(machine, q) for q in postures], axis=0))

@@ -1,0 +1,256 @@
+"""Estimates of the servo pumps' lag and of the delay of commands, from measured flows.
+
+A pump of lag τ has commands Q_cmd that act i steps late. Over a window of several steps of h
+seconds each, its flow changes by
+
+    ΔQ = θ Σ (Q_cmd(k − i) − Q(k)),        θ = 1 − e^(−h/τ)
+
+Q is measured by the pump's speed. For each possible delay, θ is found by least squares with
+exponential forgetting. The delay is the one with the least residual. All pumps are of one make and
+share one θ; windows that no healthy pump would produce are discarded. The delay applies to all
+commands, valve commands included.
+
+Source: L. Ljung, System Identification, Section 3.2 (first order with a dead time, a set of models
+of which the best is taken).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.circuit.records import Record, Records
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray
+
+WINDOW_STEPS = 10
+"""Number of steps in a window."""
+
+MAX_DELAY_STEPS = 6
+"""Longest delay that is considered, in steps."""
+
+INITIAL_DEVIATION = 0.6
+"""Initial standard deviation of θ, as a share of the machine file's value."""
+
+FLOW_DEVIATION = 4e-3
+"""Standard deviation of a window's ΔQ, as a share of full flow.
+
+It covers readings and what a first-order lag does not describe."""
+
+MIN_EXCITATION = 0.3
+"""Smallest Σ (Q_cmd − Q) of a window that is used, in full flows."""
+
+FORGETTING_FACTOR = 0.995
+"""Factor by which each new window reduces the weight of those before."""
+
+PLAUSIBLE_LAG_RATIOS = (0.2, 8.0)
+"""Smallest and largest lag of a healthy pump, in multiples of the machine file's."""
+
+PLAUSIBLE_EXCESS = 9.0
+"""Residual beyond the least one, in FLOW_DEVIATION², up to which a delay is still plausible."""
+
+MIN_LAG_DEVIATION = 0.03
+"""Smallest standard deviation of the lag, as a share of it, however much data there is."""
+
+DRIVE_DTYPE = np.dtype(
+    [
+        ("step", "f8"),  # [s] h
+        ("full_flow", "f8"),  # [m³/s] largest flow of a pump
+        ("largest_change", "f8"),  # [m³/s] largest change of flow in a step
+        ("file", "f8"),  # θ by the machine file
+        ("theta", "f8"),  # θ
+        ("lag", "f8"),  # [s] τ
+        ("deviation", "f8"),  # standard deviation of τ, as a share of it
+        ("delay", "i8"),  # estimated delay, in steps
+        ("latest", "i8"),  # longest plausible delay, in steps
+        ("steps", "i8"),  # number of steps in the present window
+    ]
+)
+"""Estimates of lag and delay that all servo pumps share."""
+
+
+class DriveEstimates(NamedTuple):
+    """Estimates of how m servo pumps follow their commands."""
+
+    record: Records  # DRIVE_DTYPE[1]
+    sent: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, commands of the last steps, the newest first
+    before: FloatArray  # [m, 2] m³/s, flow in the last step, and at the start of the window
+    driven: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
+    # [4, MAX_DELAY_STEPS + 1] Σ x², Σ x y, Σ y² of all windows, in full flows; residual
+    squares: FloatArray
+    flow: FloatArray  # [m] m³/s, flow at the instant when the next command begins to act
+    pending: FloatArray  # [m] m³, oil delivered until then
+
+
+def build_drive_estimates(
+    lag: float, step: float, full_flow: float, slew: float, count: int
+) -> DriveEstimates:
+    """Build the initial estimates of pumps from the machine file's values.
+
+    Args:
+        lag: τ of a pump [s].
+        step: Control period h [s].
+        full_flow: Largest flow of a pump [m³/s].
+        slew: Largest rate of change of the flow [m³/s²].
+        count: Number m of pumps.
+
+    Returns:
+        The estimates: lag of the file, delay 0, longest plausible delay MAX_DELAY_STEPS.
+    """
+    record = np.zeros(1, DRIVE_DTYPE)
+    record["step"], record["full_flow"], record["largest_change"] = step, full_flow, slew * step
+    record["file"] = record["theta"] = -math.expm1(-step / lag)
+    record["lag"], record["deviation"], record["latest"] = lag, INITIAL_DEVIATION, MAX_DELAY_STEPS
+    return DriveEstimates(
+        record=record,
+        sent=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        before=np.zeros((count, 2)),
+        driven=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        squares=np.zeros((4, MAX_DELAY_STEPS + 1)),
+        flow=np.zeros(count),
+        pending=np.zeros(count),
+    )
+
+
+@kernel(borrows=True)
+def update_drive_estimates(d: DriveEstimates, modules: Records) -> bool:
+    """Add one step of all pumps to the window, and predict each pump's flow.
+
+    The flow is predicted for the instant when the next command begins to act, see
+    `predict_pump_flow`. The kernel runs before the pumps get new commands. Every WINDOW_STEPS
+    steps, the windows that `accumulate_pump_window` accepts give new estimates of lag and delay.
+
+    Args:
+        d: Estimates, updated in place. `flow` [m³/s] and `pending` [m³] are written in every step.
+        modules: Records of the circuit's modules, [m], with measured flows and the commands of the
+            last step.
+
+    Returns:
+        True if lag and delay were estimated anew in this step.
+    """
+    own = d.record[0]
+    reach = own.largest_change / own.theta
+    for k in range(len(modules)):
+        flow, sent, last = modules[k].flow, d.sent[k], d.before[k, 0]
+        for i in range(MAX_DELAY_STEPS, 0, -1):
+            sent[i] = sent[i - 1]
+        sent[0] = modules[k].flow_command
+        if own.steps == 0:
+            d.before[k, 1] = last
+            d.driven[k] = 0.0
+        for i in range(MAX_DELAY_STEPS + 1):
+            d.driven[k, i] += min(max(sent[i] - last, -reach), reach)
+        d.before[k, 0] = flow
+    own.steps += 1
+    learnt = False
+    if own.steps == WINDOW_STEPS:
+        own.steps = 0
+        for k in range(len(modules)):
+            rise = (d.before[k, 0] - d.before[k, 1]) / own.full_flow
+            learnt = accumulate_pump_window(d.squares, d.driven[k], rise, own) or learnt
+        if learnt:
+            estimate_lag_and_delay(own, d.squares)
+    for k in range(len(modules)):
+        d.flow[k], d.pending[k] = predict_pump_flow(own, modules[k].flow, d.sent[k])
+    return learnt
+
+
+@kernel(borrows=True)
+def accumulate_pump_window(
+    squares: FloatArray, driven: FloatArray, rise: float, own: Record
+) -> bool:
+    """Add a pump's window to the sums of the least squares, unless it is discarded.
+
+    A window is discarded in two cases, judged at the present estimate of the delay. |Σ (Q_cmd − Q)|
+    is below MIN_EXCITATION full flows. Or ΔQ corresponds to a lag outside PLAUSIBLE_LAG_RATIOS
+    times the machine file's. Earlier windows are weighted down by FORGETTING_FACTOR.
+
+    Args:
+        squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4,
+            MAX_DELAY_STEPS + 1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both in full flows.
+        driven: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS + 1].
+        rise: ΔQ of the window, in full flows.
+        own: Estimates of the pumps' dynamics (record of DRIVE_DTYPE). Reads `delay`, `full_flow`
+            and `file`.
+
+    Returns:
+        True if the window was used.
+    """
+    x = driven[own.delay] / own.full_flow
+    if abs(x) < MIN_EXCITATION:
+        return False
+    least, most = (
+        -math.expm1(math.log1p(-own.file) / PLAUSIBLE_LAG_RATIOS[1]),
+        PLAUSIBLE_LAG_RATIOS[0],
+    )
+    if not least < rise / x < -math.expm1(math.log1p(-own.file) / most):
+        return False
+    for i in range(MAX_DELAY_STEPS + 1):
+        x = driven[i] / own.full_flow
+        squares[0, i] = FORGETTING_FACTOR * squares[0, i] + x * x
+        squares[1, i] = FORGETTING_FACTOR * squares[1, i] + x * rise
+        squares[2, i] = FORGETTING_FACTOR * squares[2, i] + rise * rise
+    return True
+
+
+@kernel(borrows=True)
+def estimate_lag_and_delay(own: Record, squares: FloatArray) -> None:
+    """Estimate delay, θ and lag of the pumps by least squares with a prior, for each delay.
+
+    Each window gives x = Σ (Q_cmd − Q) and y = ΔQ, both in full flows. θ_file is the prior, w its
+    weight, and h the control period:
+
+        θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (FLOW_DEVIATION / (INITIAL_DEVIATION θ_file))²
+        residual = Σ (y − θ x)² + w (θ − θ_file)²,   τ = −h / ln(1 − θ)
+
+    The delay with the least residual wins. `latest` becomes the longest delay whose residual
+    exceeds the least one by less than PLAUSIBLE_EXCESS · FLOW_DEVIATION².
+
+    Args:
+        own: Estimates of the pumps' dynamics (record of DRIVE_DTYPE). Writes in place `delay` and
+            `latest` [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard
+            deviation of τ as a share of τ, at least MIN_LAG_DEVIATION.
+        squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, MAX_DELAY_STEPS + 1]. The
+            last row is written in place.
+    """
+    prior = (FLOW_DEVIATION / (INITIAL_DEVIATION * own.file)) ** 2
+    least = math.inf
+    left = squares[3]
+    for i in range(MAX_DELAY_STEPS + 1):
+        weight = squares[0, i] + prior
+        theta = (squares[1, i] + prior * own.file) / weight
+        left[i] = squares[2, i] - 2.0 * theta * squares[1, i] + theta * theta * squares[0, i]
+        left[i] += prior * (theta - own.file) ** 2
+        if left[i] < least:
+            least, own.delay, own.theta = left[i], i, theta
+            own.deviation = max(FLOW_DEVIATION / math.sqrt(weight) / theta, MIN_LAG_DEVIATION)
+    for i in range(MAX_DELAY_STEPS + 1):
+        if left[i] < least + PLAUSIBLE_EXCESS * FLOW_DEVIATION * FLOW_DEVIATION:
+            own.latest = i
+    own.lag = -own.step / math.log1p(-own.theta)
+
+
+@kernel(borrows=True)
+def predict_pump_flow(own: Record, flow: float, sent: FloatArray) -> tuple[float, float]:
+    """Predict a pump's flow at the instant when the next command begins to act.
+
+    That instant is the estimated delay ahead of now. The commands that have been sent but do not
+    act yet change the flow through the lag and the slew limit.
+
+    Args:
+        own: Estimates of the pumps' dynamics (record of DRIVE_DTYPE).
+        flow: Present flow [m³/s].
+        sent: Commands of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1], [m³/s].
+
+    Returns:
+        Flow at that instant [m³/s], and oil delivered until then [m³].
+    """
+    volume = 0.0
+    for i in range(own.delay - 1, -1, -1):
+        change = own.theta * (sent[i] - flow)
+        change = min(max(change, -own.largest_change), own.largest_change)
+        volume += own.step * (flow + 0.5 * change)
+        flow += change
+    return flow, volume

@@ -1,0 +1,243 @@
+"""The reference of the servo: a trajectory and its mode schedule, at present and a bit ahead."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_control.speed_scaling import build_full_speed_scaling
+from mhsb_model.circuit.records import Records
+from mhsb_model.kernels.bound_kernel import bind_kernel
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import (
+    SECOND_NS,
+    MotionState,
+    Trajectory,
+    quintic_hermite,
+    standstill,
+)
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+
+PREVIEW_POINT = 2
+"""Index of the reference point for which modes and forces are prepared."""
+
+
+class ReferencePreview:
+    """Reference of the servo, evaluated at present and at a few points ahead.
+
+    `update` writes positions [rad or m], velocities and accelerations of the joints into
+    `values`, float64[points, 3, n]. The points are evenly spaced in time; the first is now, and
+    point `PREVIEW_POINT` is `preview` [s] later. Values and modes are valid after `update`.
+
+    Attributes:
+        trajectory: The trajectory that is followed.
+        schedule: Its mode schedule.
+        speed_scaling: State of the speed scaling, RATE_DTYPE[1].
+        full_speed_velocity: Velocity that the trajectory has now at full speed, float64[n], [rad/s
+            or m/s].
+    """
+
+    trajectory: Trajectory
+    schedule: ModeSchedule
+
+    def __init__(self, values: FloatArray, preview: float) -> None:
+        """Prepare the reference; `follow` has to be called before `update`.
+
+        Args:
+            values: Array that `update` writes in place, float64[points, 3, n].
+            preview: Time from now to point `PREVIEW_POINT` [s].
+        """
+        self._values = values
+        self._spacing_ns = round(preview / PREVIEW_POINT * SECOND_NS)
+        self._rows: IntArray = np.zeros(2, dtype=np.int64)
+        self.speed_scaling = build_full_speed_scaling()
+        self.full_speed_velocity: FloatArray = np.zeros(values.shape[2])
+
+    def follow(self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool) -> None:
+        """Follow a trajectory with its mode schedule from now on.
+
+        The next `update` reports that the modes have changed. Speed scaling and delay are kept.
+
+        Args:
+            trajectory: Trajectory to be followed.
+            schedule: Its mode schedule.
+            planned: Whether the trajectory is a plan. False for a stop or a hold that the simulator
+                makes itself. `executes_plan` depends on it.
+        """
+        self.trajectory = trajectory
+        self.schedule = schedule
+        self._planned = planned
+        self._evaluate = bind_kernel(
+            evaluate_reference,
+            trajectory.offset_ns,
+            trajectory.position,
+            trajectory.velocity,
+            trajectory.acceleration,
+            schedule.offset_ns,
+            self._values,
+            self._rows,
+            self.speed_scaling,
+            self.full_speed_velocity,
+            integer_count=2,
+        )
+        self._rows[:] = -1  # so that the next update reports the modes as changed
+
+    def compute_trajectory_time_ns(self, time_ns: int) -> int:
+        """Return the time at which the trajectory is evaluated.
+
+        It is `time_ns` less the delay that speed scaling has accumulated.
+
+        Args:
+            time_ns: Time of the servo [ns].
+
+        Returns:
+            Time of the trajectory [ns].
+        """
+        return time_ns - int(np.rint(self.speed_scaling["delay"][0]))
+
+    @property
+    def has_ended(self) -> bool:
+        """True if the trajectory had ended at the last `update`."""
+        return bool(self.speed_scaling["rests"][0])
+
+    def hold(self, time_ns: int, position: FloatArray, modes: ModeArray) -> None:
+        """Hold a posture with constant modes from a given time on, instead of a plan.
+
+        Args:
+            time_ns: Time of the trajectory at which the hold begins [ns].
+            position: Joint positions to be held, float64[n], [rad or m].
+            modes: Modes during the hold, uint8[n].
+        """
+        schedule = ModeSchedule(time_ns, np.zeros(1, dtype=np.int64), np.atleast_2d(modes))
+        self.follow(standstill(position, time_ns), schedule, planned=False)
+
+    def executes_plan(self, time_ns: int) -> bool:
+        """Return whether a plan is being executed: not ended, stopped or replaced by a hold.
+
+        Args:
+            time_ns: Time of the servo [ns].
+
+        Returns:
+            True up to the end of a plan's trajectory.
+        """
+        return self._planned and self.compute_trajectory_time_ns(time_ns) <= self.trajectory.end_ns
+
+    def update(self, time_ns: int) -> bool:
+        """Evaluate the reference and its modes at a time, and at the points ahead of it.
+
+        Args:
+            time_ns: Time of the servo [ns].
+
+        Returns:
+            True if the modes, at present or ahead, have changed since the last call.
+        """
+        now, ahead = self._rows
+        self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)
+        return bool(now != self._rows[0] or ahead != self._rows[1])
+
+    @property
+    def modes(self) -> ModeArray:
+        """Modes in force, uint8[n]."""
+        return self.schedule.modes[self._rows[0]]
+
+    @property
+    def modes_ahead(self) -> ModeArray:
+        """Modes in force at point `PREVIEW_POINT`, uint8[n]."""
+        return self.schedule.modes[self._rows[1]]
+
+    @property
+    def state(self) -> MotionState:
+        """Position, velocity and acceleration of the reference at present, with speed scaling."""
+        position, velocity, acceleration = self._values[0].copy()
+        return MotionState(position, velocity, acceleration)
+
+    def sample_at_full_speed(self, time_ns: int) -> MotionState:
+        """Return the state that the reference would have now at full speed.
+
+        The position is that of the present reference. Velocity and acceleration are taken from the
+        trajectory without speed scaling.
+
+        Args:
+            time_ns: Time of the servo [ns].
+
+        Returns:
+            State of the trajectory at `compute_trajectory_time_ns(time_ns)`.
+        """
+        if self.speed_scaling["rate"][0] == 1.0:
+            return self.state
+        return self.trajectory.sample(self.compute_trajectory_time_ns(time_ns))
+
+
+@kernel(borrows=True)
+def evaluate_reference(
+    offset_ns: IntArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    mode_offset_ns: IntArray,
+    values: FloatArray,
+    rows: IntArray,
+    speed_scaling: Records,
+    full_speed_velocity: FloatArray,
+    spacing_ns: int,
+    since_ns: int,
+) -> None:
+    """Evaluate the reference at present and ahead, and find its modes.
+
+    Between trajectory points the reference is the quintic Hermite interpolant. It has the first
+    point's state before the stamp, and rests at the last point afterwards. A trajectory of one
+    point rests.
+
+    At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². The
+    acceleration at present also contains ds/dt times the full-speed velocity. The points ahead are
+    s times the spacing apart on the trajectory. Test oracle: `Trajectory.sample`.
+
+    Args:
+        offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].
+        position: Joint positions at these points, float64[k, n], [rad or m].
+        velocity: Joint velocities at these points, float64[k, n].
+        acceleration: Joint accelerations at these points, float64[k, n].
+        mode_offset_ns: Times after the stamp from which each row of the mode schedule applies,
+            int64[rows], [ns].
+        values: Positions, velocities and accelerations, float64[points, 3, n]. Written in place.
+        rows: Rows of the mode schedule now and at point `PREVIEW_POINT`, int64[2]. Written in
+            place; row 0 before the first time.
+        speed_scaling: RATE_DTYPE[1] with rate, its change and the delay. Writes `rests` in place: 1
+            if the trajectory has ended, else 0.
+        full_speed_velocity: Present velocity without speed scaling, float64[n], [rad/s or m/s].
+            Written in place.
+        spacing_ns: Time between two reference points at full speed [ns].
+        since_ns: Present time after the stamp [ns], before the delay is subtracted.
+    """
+    last = len(offset_ns) - 1
+    since_ns -= int(np.rint(speed_scaling[0].delay))
+    speed_scaling[0].rests = 1.0 if since_ns > offset_ns[last] else 0.0
+    rate, change = speed_scaling[0].rate, speed_scaling[0].change
+    if rate != 1.0:
+        spacing_ns = int(rate * spacing_ns)
+    for k in range(2):
+        time = since_ns + k * PREVIEW_POINT * spacing_ns
+        rows[k] = max(0, int(np.searchsorted(mode_offset_ns, time, "right")) - 1)
+    for k in range(len(values)):
+        time = since_ns + k * spacing_ns
+        out = values[k]
+        if time > offset_ns[last] or last == 0:
+            for j in range(position.shape[1]):
+                out[0, j], out[1, j], out[2, j] = position[last, j], 0.0, 0.0
+                if k == 0:
+                    full_speed_velocity[j] = 0.0
+            continue
+        time = max(time, 0)
+        i = min(int(np.searchsorted(offset_ns, time, "right")) - 1, last - 1)
+        h = (offset_ns[i + 1] - offset_ns[i]) / SECOND_NS
+        s = (time - offset_ns[i]) / SECOND_NS
+        for j in range(position.shape[1]):
+            start = (position[i, j], velocity[i, j], acceleration[i, j])
+            end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
+            out[0, j], out[1, j], out[2, j] = quintic_hermite(s, h, start, end)
+            if k == 0:
+                full_speed_velocity[j] = out[1, j]
+            if rate != 1.0 or change != 0.0:
+                slowing = change * out[1, j] if k == 0 else 0.0
+                out[1, j] *= rate
+                out[2, j] = rate * rate * out[2, j] + slowing

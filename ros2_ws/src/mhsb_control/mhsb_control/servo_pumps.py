@@ -1,0 +1,560 @@
+"""Servo pumps of coordinated control: the flow that each is to deliver.
+
+The pumps deliver the flow that the valves are about to take; the pressure error only trims it. No
+pump runs faster than it can be stopped before its oil would overfill the line, judged by the
+reference ahead. Two cases differ in caution:
+
+- Flow that is drawn is judged by the estimated lag of the pumps, with leakage reduced by its
+  uncertainty.
+- Flow that charges a line beyond that is judged by a slower pump with a longer delay, and a stiffer
+  line.
+
+Commands act with a delay, so that all decisions use the flow and the oil at the instant when the
+command begins to act. On the rail, pumps that are no longer needed count until they have come to
+rest.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_control.cascade import ServoArguments
+from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, compute_coasting_volumes
+from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
+from mhsb_control.draw_estimate import (
+    build_draw_observers,
+    compute_draw_shortfall,
+    update_draw_observer,
+)
+from mhsb_control.line_estimate import (
+    CHECK_VALVE_MARGIN,
+    SHUT_OPENING,
+    LineEstimates,
+    build_line_estimates,
+)
+from mhsb_control.pump_estimate import DriveEstimates, build_drive_estimates, update_drive_estimates
+from mhsb_control.reference import PREVIEW_POINT
+from mhsb_model.circuit.elements import compute_orifice_flow
+from mhsb_model.circuit.records import Record, Records
+from mhsb_model.hydraulics import compute_pressure_without_margin, inlet_area
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED_MODES
+from mhsb_model.types import FloatArray, IntArray
+
+MIN_CHARGE_SHARE = 0.15
+"""Share of a line's missing oil that is charged at least, however uncertain line and pump are."""
+
+CAUTION_SIGMAS = 1.5
+"""Standard deviations by which charging assumes less leakage, stiffer oil and slower pumps."""
+
+PUMP_GAINS_DTYPE = np.dtype(
+    [
+        ("preview", "f8"),  # [s] time to point PREVIEW_POINT of the reference
+        ("bandwidth", "f8"),  # [1/s] λ/τ, desired bandwidth of a pump
+        ("pressure_gain", "f8"),  # [1/s] k
+        # share of the flow's rise to the next point that is commanded in advance
+        ("pump_rise", "f8"),
+        ("allowed_rise", "f8"),  # [Pa] rise above the target that is allowed while a pump coasts
+        # [Pa] line pressure below which the manifold may feed the line as well
+        ("fed_below", "f8"),
+    ]
+)
+"""Gains and limits of the servo pumps' control in SI units."""
+
+MIN_CAPACITY_FACTOR = 0.3
+"""Smallest factor on a line's capacity that charging assumes for stiffer oil."""
+
+MIN_MANIFOLD_PRESSURE_SHARE = 0.94
+"""Share of P_S down to which the oil stored in the manifold may charge lines."""
+
+MANIFOLD_RESERVE = 2e5
+"""Pressure beyond p_L + m(v) that is left in the manifold for actuators that move in mode N [Pa].
+
+It covers friction and a reserve at which the reference governor does not act."""
+
+MIN_DIVERTED_SHARE = 0.9
+"""Share of a lent pump's flow that has to reach the rail before the pump counts as feeding it."""
+
+
+class PumpState(NamedTuple):
+    """State by which the servo pumps are driven, beside the cascade."""
+
+    gains: Records  # PUMP_GAINS_DTYPE[1]
+    rail_target: FloatArray  # [2] Pa, pressure targets of the rail, now and at the preview point
+    rail_before: FloatArray  # [1] Pa, rail pressure before the last line began to leave
+    volume: FloatArray  # [n + 1, REFERENCE_POINTS] m³, see `predict_line_volumes`; last row: rail
+    coasting: (
+        FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, see `compute_coasting_limit`
+    )
+    cautious_coasting: FloatArray  # as `coasting`, of pumps that stop later than estimated
+    charging_flow_left: FloatArray  # [1] m³/s, flow that is left for charging lines in this step
+    lines: LineEstimates  # estimates of oil compressibility and leakage
+    leakage_uncertainty: (
+        FloatArray  # [n + 1] m³/s, uncertainty of the leakage; the last one is the rail's
+    )
+    drives: DriveEstimates  # estimates of pump lag and command delay
+    draws: Records  # DRAW_DTYPE[n + 1]; the last row is the rail's
+    coasting_times: FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, times of `coasting`
+
+
+def build_pump_state(machine: Machine, signals: ServoSignals) -> PumpState:
+    """Build the state of a machine's servo pumps, at rest.
+
+    Args:
+        machine: The machine as its file describes it.
+        signals: Signals of the controller. The present rail pressure becomes the first target of
+            the rail.
+
+    Returns:
+        The state, with the pump lag and the leakage of the machine file, and a command delay of 0.
+    """
+    servo, oil, n = machine.config.servo.coordinated, machine.config.circuit, machine.joint_count
+    lag, preview = oil.servo_pump_lag, servo.preview
+    gains = np.zeros(1, PUMP_GAINS_DTYPE)
+    gains["preview"] = preview
+    spin_up = signals.circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
+    gains["bandwidth"] = 1.0 / (servo.pump_response * spin_up)
+    gains["pump_rise"] = np.minimum(
+        1.0, PREVIEW_POINT / (np.maximum(1.0 / lag, gains["bandwidth"]) * preview)
+    )
+    gains["pressure_gain"] = servo.pressure_gain / lag
+    gains["allowed_rise"] = servo.allowed_rise
+    gains["fed_below"] = signals.circuit.constants["supply_pressure"] + CHECK_VALVE_MARGIN
+    points = np.concatenate(
+        [np.arange(COASTING_SAMPLES) / COASTING_SAMPLES, np.arange(1, REFERENCE_POINTS)]
+    )
+    full_flow = float(signals.circuit.constants["servo_pump_flow"][0])
+    step, count = machine.config.simulation.step, len(signals.circuit.modules)
+    pumps = PumpState(
+        gains=gains,
+        rail_target=np.full(2, signals.rail_pressure[0]),
+        rail_before=np.full(1, signals.rail_pressure[0]),
+        volume=np.zeros((n + 1, REFERENCE_POINTS)),
+        coasting=np.zeros(len(points)),
+        cautious_coasting=np.zeros(len(points)),
+        charging_flow_left=np.zeros(1),
+        lines=build_line_estimates(n),
+        leakage_uncertainty=np.zeros(n + 1),
+        drives=build_drive_estimates(lag, step, full_flow, oil.servo_pump_slew, count),
+        draws=build_draw_observers(n),
+        coasting_times=points * preview / PREVIEW_POINT,
+    )
+    predict_coasting(pumps)
+    return pumps
+
+
+@kernel(borrows=True)
+def predict_coasting(p: PumpState) -> None:
+    """Recompute the oil that a pump delivers after a stop command, per unit of its flow.
+
+    `coasting` follows from the estimated lag and delay. `cautious_coasting` follows from a lag that
+    is CAUTION_SIGMAS standard deviations longer, and from the longest plausible delay.
+
+    Args:
+        p: State of the pumps. Writes `coasting` and `cautious_coasting` [s], at the times
+            `coasting_times`, in place.
+    """
+    own = p.drives.record[0]
+    delay, later = own.delay * own.step, (own.latest - own.delay) * own.step
+    compute_coasting_volumes(own.lag, delay, 0.0, p.coasting_times, p.coasting)
+    compute_coasting_volumes(
+        (1.0 + CAUTION_SIGMAS * own.deviation) * own.lag,
+        delay,
+        later,
+        p.coasting_times,
+        p.cautious_coasting,
+    )
+
+
+@kernel(borrows=True)
+def is_served(j: int, serves: IntArray) -> bool:
+    """Return whether any booster module serves actuator j.
+
+    Args:
+        j: Index of the actuator.
+        serves: Actuator that each module serves, int64[m]; −1 if idle.
+
+    Returns:
+        True if at least one module serves it.
+    """
+    found = False
+    for user in serves:
+        found = found or user == j
+    return found
+
+
+@kernel(inline="always")
+def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
+    """Compute the flow that each boosted line is about to supply, and the oil it supplies ahead.
+
+    The flow is that of `compute_commanded_flow` plus leakage, plus the share `pump_rise` of the
+    increase of the reference's flow up to the next point. The oil up to each point ahead is
+
+        V(t) = ∫ (A_dir |v| + leakage) dt + A_dir ΔF/k_h
+
+    by the trapezoidal rule, with v the reference's piston speed. ΔF is the change of the
+    cylinder force up to the preview point, positive in the direction of motion [N]. It compresses
+    the chamber. Its oil is spread evenly over the points up to the preview point at which the
+    piston moves. For v, moment arms are linear in the joint position about point PREVIEW_POINT. A
+    line gets zeros if it is not joined to the rail and no module serves its actuator.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `line_flow` of all axes [m³/s]
+            in place.
+        p: State of the pumps. Writes in place `volume` [m³] and `leakage_uncertainty` [m³/s] of all
+            lines, but not of the rail. Column 0 of `volume` is the oil that the present flow would
+            draw up to point 1; column k is V at point k. The uncertainty is CAUTION_SIGMAS standard
+            deviations of the leakage.
+    """
+    reference, cylinders, axes = s.reference, s.cylinders, s.axes
+    volume, g = p.volume, p.gains[0]
+    spacing = g.preview / PREVIEW_POINT
+    for j in range(len(axes)):
+        axis, cylinder = axes[j], cylinders[j]
+        if axis.joined == 0.0 and not is_served(j, s.serves):
+            axis.line_flow = 0.0
+            volume[j] = 0.0
+            continue
+        leakage = p.lines.estimate[1 + j] * axis.leakage
+        p.leakage_uncertainty[j] = (
+            CAUTION_SIGMAS * math.sqrt(p.lines.covariance[1 + j, 1 + j]) * axis.leakage
+        )
+        cap, rod = cylinder.cap_area, cylinder.rod_area
+        pressed = (axis.force_ahead - axis.force) / axis.stiffness
+        pressed *= cap if axis.speed_ahead > 0.0 else -rod
+        axis.line_flow = compute_commanded_flow(axis, cylinder) + leakage
+        before, moving = 0.0, 0
+        for k in range(1, PREVIEW_POINT + 1):
+            moving += 1 if reference[k, 1, j] != 0.0 else 0
+        for k in range(len(reference)):
+            if k == 0:
+                speed = axis.speed
+            elif k == PREVIEW_POINT:
+                speed = axis.speed_ahead
+            else:
+                way = reference[k, 0, j] - reference[PREVIEW_POINT, 0, j]
+                speed = (axis.arm_ahead + axis.arm_slope_ahead * way) * reference[k, 1, j]
+            flow = leakage + abs(speed) * inlet_area(cap, rod, speed)
+            if k == 0:
+                volume[j, k] = spacing * flow
+            else:
+                drawn = volume[j, k - 1] if k > 1 else 0.0
+                volume[j, k] = drawn + 0.5 * spacing * (before + flow)
+                moves = k <= PREVIEW_POINT and reference[k, 1, j] != 0.0
+                volume[j, k] += pressed / moving if moves else 0.0
+            if k == 1:
+                axis.line_flow += max(0.0, flow - before) * g.pump_rise
+            before = flow
+
+
+@kernel(inline="always")
+def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
+    """Observe the flow that lines really draw, and correct the expected flow of boosted lines.
+
+    If pumps alone feed a line, `line_flow` is reduced by the observed shortfall. Pumps alone feed
+    it if its join valve is shut and its check valve is closed, that is, above `fed_below`. The rail
+    and all lines joined to it count as one line, the last record of `draws`. Its shortfall is
+    subtracted in `compute_rail_demand`.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Reduces `line_flow` of axes [m³/s] in
+            place.
+        p: State of the pumps. Updates `draws` in place.
+    """
+    axes, draws, lines, own, rail = s.axes, p.draws, p.lines, p.drives.record[0], s.rail_pressure[0]
+    c, g, squeeze, n = s.constants[0], p.gains[0], lines.estimate[0], len(s.axes)
+    lag = s.gains[0].valve_lag + own.delay * own.step
+    supplied = lines.fed[n, 0] - c.bleed_conductance * (rail - c.tank_pressure)
+    joined_flow, capacity, alone = 0.0, squeeze * c.rail_capacity, rail > g.fed_below
+    line_capacity = squeeze * c.line_capacity
+    for j in range(n):
+        axis, line, shut = axes[j], s.sensors[j].line_pressure, s.actuators[j].join < SHUT_OPENING
+        commanded_flow = compute_commanded_flow(axis, s.cylinders[j])
+        own_supply = lines.fed[j, 0] - lines.estimate[1 + j] * axis.leakage
+        if axis.joined > 0.0:
+            supplied += own_supply
+            joined_flow += commanded_flow
+            capacity += line_capacity
+        alone = alone and (shut or axis.joined > 0.0)
+        own_alone = shut and line > g.fed_below and axis.line_flow > 0.0
+        update_draw_observer(
+            draws[j], line, own_supply, commanded_flow, line_capacity, lag, own.step, own_alone
+        )
+        if own_alone:
+            axis.line_flow -= min(
+                compute_draw_shortfall(draws[j], axis.supply_target), commanded_flow
+            )
+    update_draw_observer(draws[n], rail, supplied, joined_flow, capacity, lag, own.step, alone)
+
+
+@kernel
+def compute_commanded_flow(axis: Record, cylinder: Record) -> float:
+    """Compute the flow that a piston is commanded to take from its line.
+
+    u is the demanded piston speed. A demand against the direction of the reference at the preview
+    point counts as 0. If the reference rests there, the present direction counts. Such a demand
+    usually comes from a piston that lags because the valve's overlap is not known yet.
+
+    Args:
+        axis: State of the cylinder's control axis (record of AXIS_DTYPE), with demand and speeds.
+        cylinder: Areas of the cylinder.
+
+    Returns:
+        A_dir |u| [m³/s].
+    """
+    motion = axis.speed_ahead if axis.speed_ahead != 0.0 else axis.speed
+    if axis.demand * motion < 0.0:
+        return 0.0
+    return inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand) * abs(axis.demand)
+
+
+@kernel(inline="always")
+def compute_pump_demand(
+    drawn: float,
+    pressure: float,
+    target: float,
+    target_ahead: float,
+    capacity: float,
+    volume: FloatArray,
+    pending: float,
+    flow_uncertainty: float,
+    p: PumpState,
+) -> float:
+    """Compute the flow that a pump is to feed into a line or into the rail.
+
+    It is the drawn flow plus a charging flow k C (p_ref − p). p is the pressure when the command
+    begins to act, and k the gain `pressure_gain`. Three limits apply:
+
+    - The sum stays below `compute_coasting_limit` by the estimates.
+    - The charging flow stays within `p.charging_flow_left`.
+    - The sum stays within the coasting limit of a slower pump on a stiffer line. At least the
+      share MIN_CHARGE_SHARE of the charging flow is allowed nevertheless.
+
+    The first limit is relaxed for a line that the manifold may feed as well. Such a line gets the
+    drawn flow and MIN_CHARGE_SHARE of the charging flow, if the limit without leakage uncertainty
+    allows that. Its leakage can be observed only once its pump alone feeds it.
+
+    Args:
+        drawn: Flow that is about to be drawn from the line [m³/s].
+        pressure: Measured pressure of the line [Pa].
+        target: p_ref, present target of the pressure [Pa].
+        target_ahead: Target from point PREVIEW_POINT on [Pa].
+        capacity: C, capacity of the line with the estimated compressibility [m³/Pa].
+        volume: Oil drawn up to each point ahead, float64[points], [m³]; see
+            `compute_coasting_limit`.
+        pending: Oil that arrives whatever is commanded now [m³].
+        flow_uncertainty: Part of the drawn flow that is uncertain [m³/s].
+        p: State of the pumps. Reduces `charging_flow_left` by the charging flow in place.
+
+    Returns:
+        Flow [m³/s], not limited to the pump's range.
+    """
+    g = p.gains[0]
+    rise = g.allowed_rise + target - pressure
+    rise_ahead = g.allowed_rise + target_ahead - pressure
+    spacing = g.preview / PREVIEW_POINT
+    limit = compute_coasting_limit(
+        volume, p.coasting, capacity, rise, rise_ahead, pending, flow_uncertainty, spacing
+    )
+    squeeze = p.lines.estimate[0]
+    stiff = capacity * max(
+        1.0 - CAUTION_SIGMAS * math.sqrt(p.lines.covariance[0, 0]) / squeeze, MIN_CAPACITY_FACTOR
+    )
+    cautious = compute_coasting_limit(
+        volume, p.cautious_coasting, stiff, rise, rise_ahead, pending, flow_uncertainty, spacing
+    )
+    own = p.drives.record[0]
+    filled = pending - drawn * own.delay * own.step
+    lacking = g.pressure_gain * (capacity * (target - pressure) - filled)
+    charge = min(lacking, p.charging_flow_left[0])
+    least = MIN_CHARGE_SHARE * charge
+    if pressure < min(target, g.fed_below):
+        sure = compute_coasting_limit(
+            volume, p.coasting, capacity, rise, rise_ahead, pending, 0.0, spacing
+        )
+        limit = max(limit, min(drawn + least, sure))
+    charge = min(charge, max(cautious - drawn, least))
+    p.charging_flow_left[0] -= max(charge, 0.0)
+    return min(drawn + charge, limit)
+
+
+@kernel(borrows=True)
+def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
+    """Compute the flow with which lines may be charged without starving the main pump's consumers.
+
+    The flow has two parts, each at least 0. The first is what the main pump has left,
+    Q_MP − Σ (A_dir |v_ref| + leakage) over all actuators. The second is k C (p − p_kept), from the
+    oil stored in the manifold of capacity C, with the gain k = `pressure_gain`. p is the lowest
+    line pressure. p_kept is the greater of two pressures. One is MIN_MANIFOLD_PRESSURE_SHARE P_S.
+    The other is what actuators that move in mode N need plus MANIFOLD_RESERVE, at most P_S.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo.
+        p: State of the pumps. Reads `gains` and the leakage estimates in `lines`.
+
+    Returns:
+        Charging flow of all lines together [m³/s]; 0 if no pump is in use.
+    """
+    in_use = False
+    for user in s.serves:
+        in_use = in_use or user >= 0
+    if not in_use:
+        return 0.0
+    c, g = s.constants[0], p.gains[0]
+    left, lowest, kept = c.main_pump_flow, np.inf, MIN_MANIFOLD_PRESSURE_SHARE * c.supply_pressure
+    for j in range(len(s.axes)):
+        axis, cylinder, line = s.axes[j], s.cylinders[j], s.sensors[j].line_pressure
+        area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed)
+        left -= area * abs(axis.speed) + p.lines.estimate[1 + j] * axis.leakage
+        lowest = min(lowest, line)
+        if not BOOSTED_MODES[s.modes[j]] and axis.speed != 0.0:
+            force = axis.force + axis.bias
+            needed = compute_pressure_without_margin(
+                cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area, c.tank_pressure,
+                force, axis.speed,
+            )  # fmt: skip
+            kept = max(kept, min(needed + MANIFOLD_RESERVE, c.supply_pressure))
+    pent_up = c.manifold_capacity * (lowest - kept)
+    return max(0.0, left) + max(0.0, g.pressure_gain * pent_up)
+
+
+@kernel(borrows=True)
+def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
+    """Return whether a module in use feeds the shared rail.
+
+    A module that serves its own line feeds the rail if that line is joined to the rail. A lent
+    module, spare ones included, does so once more than the share MIN_DIVERTED_SHARE of its flow
+    goes to the rail.
+
+    Args:
+        module: Record of the circuit's module.
+        home: Actuator to whose line the module belongs; −1 for a spare.
+        user: Actuator that the module serves; not negative.
+        axes: AXIS_DTYPE[n].
+
+    Returns:
+        True if it feeds the rail.
+    """
+    if home == user:
+        return axes[user].joined > 0.0
+    return module.to_rail > MIN_DIVERTED_SHARE
+
+
+@kernel(inline="always")
+def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> float:
+    """Compute the flow that all pumps on the rail together are to feed into it.
+
+    The drawn flow has three parts. They are `line_flow` of the joined lines, plus the flow through
+    closing or throttled join valves of other lines, less the observed shortfall of the rail.
+    `compute_pump_demand` adds the charging flow and the limits.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo.
+        p: State of the pumps. Writes the rail's entries of `volume` and `leakage_uncertainty` (the
+            last ones), and reduces `charging_flow_left`, in place.
+        pending: Oil that arrives in the rail whatever is commanded now [m³].
+
+    Returns:
+        Flow of all these pumps together [m³/s], not limited to their range.
+    """
+    axes, volume, rail_pressure = s.axes, p.volume, s.rail_pressure[0]
+    c = s.constants[0]
+    drawn, capacity = 0.0, c.rail_capacity
+    rail_volume = volume[len(axes)]
+    rail_volume[:] = 0.0
+    p.leakage_uncertainty[len(axes)] = 0.0
+    for j in range(len(axes)):
+        axis = axes[j]
+        if axis.joined > 0.0:
+            drawn += axis.line_flow
+            rail_volume += volume[j]
+            p.leakage_uncertainty[len(axes)] += p.leakage_uncertainty[j]
+            capacity += c.line_capacity
+        else:
+            through, _ = compute_orifice_flow(
+                c.switching_coefficient * s.actuators[j].join,
+                rail_pressure - s.sensors[j].line_pressure,
+                c.laminar_pressure,
+            )
+            drawn += through
+    target, ahead = p.rail_target[0], p.rail_target[1]
+    drawn -= min(compute_draw_shortfall(p.draws[len(axes)], target), drawn)
+    return compute_pump_demand(
+        drawn,
+        rail_pressure,
+        target,
+        ahead,
+        p.lines.estimate[0] * capacity,
+        rail_volume,
+        pending,
+        p.leakage_uncertainty[len(axes)],
+        p,
+    )
+
+
+@kernel(inline="always")
+def command_pumps(s: ServoArguments, p: PumpState) -> None:
+    """Compute the flow command of every servo pump, with lead compensation of the pump's lag.
+
+        Q_cmd = Q + λ (Q_ref − Q)                pump alone on its line
+        Q_cmd = Q̄ + λ (Q_ref − ΣQ)/n             each of n pumps that feed the rail
+
+    λ = max(1, bandwidth × estimated lag). Q_ref is the demand by
+    `compute_pump_demand` or `compute_rail_demand`. Q is the flow at the instant when the command
+    acts. Q̄ is the mean flow of the n pumps. ΣQ is the whole flow into the rail, including idle
+    pumps that still coast. All pumps on the rail get the same command. Their flows therefore become
+    equal with the pumps' own lag, without a disturbance of the sum.
+
+    Commands are limited to 0 … Q_max. Idle modules get 0, as do lent ones that do not feed the rail
+    yet. A module is lent if it serves an actuator other than its own.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `flow_command` [m³/s] and
+            `lend` (1: switch the module to the rail, 0: to its own line) of all modules in place.
+        p: State of the pumps. Updates `drives` in place. If lag and delay were estimated anew, it
+            also writes `coasting` and `cautious_coasting`.
+    """
+    axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
+    c, g, drives = s.constants[0], p.gains[0], p.drives
+    if update_drive_estimates(drives, modules):
+        predict_coasting(p)
+    lead = max(1.0, g.bandwidth * drives.record[0].lag)
+    sharing, shared, reaching, pending = 0, 0.0, 0.0, 0.0
+    for k in range(len(modules)):
+        module, user = modules[k], serves[k]
+        if user < 0:
+            reaching += drives.flow[k] * module.to_rail
+            pending += drives.pending[k] * module.to_rail
+        elif feeds_rail(module, module_home[k], user, axes):
+            sharing += 1
+            shared += drives.flow[k]
+            pending += drives.pending[k]
+    rail_command = 0.0
+    if sharing > 0:
+        demand = compute_rail_demand(s, p, pending)
+        rail_command = (shared + lead * (demand - shared - reaching)) / sharing
+    for k in range(len(modules)):
+        module, user = modules[k], serves[k]
+        module.lend = 1.0 if user >= 0 and module_home[k] != user else 0.0
+        command = 0.0
+        if user >= 0 and feeds_rail(module, module_home[k], user, axes):
+            command = rail_command
+        elif user >= 0 and module.lend == 0.0:
+            axis = axes[user]
+            demand = compute_pump_demand(
+                axis.line_flow,
+                s.sensors[user].line_pressure,
+                axis.supply_target,
+                axis.target_ahead,
+                p.lines.estimate[0] * c.line_capacity,
+                p.volume[user],
+                drives.pending[k],
+                p.leakage_uncertainty[user],
+                p,
+            )
+            command = drives.flow[k] + lead * (demand - drives.flow[k])
+        module.flow_command = min(max(command, 0.0), c.servo_pump_flow)

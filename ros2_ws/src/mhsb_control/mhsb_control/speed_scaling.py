@@ -1,0 +1,93 @@
+"""Speed scaling: the rate at which the reference passes along its path.
+
+A plan is evaluated at its own time τ, with τ̇ = s the rate. s is 1 unless the plan is slowed:
+
+    q = Q(τ),  q̇ = Q′ s,  q̈ = Q″ s² + Q′ ṡ
+
+Every posture is therefore one of the plan, and is passed no faster than planned. The delay t − τ
+stays until the plan has ended. Then τ catches up, twice as fast as t, so that no plan that is about
+to begin is skipped.
+
+Source: path-velocity decomposition, Siciliano et al., Robotics, Section 4.3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.circuit.records import Record, Records
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.trajectory import SECOND_NS
+
+RATE_DTYPE = np.dtype(
+    [
+        ("rate", "f8"),  # s
+        ("change", "f8"),  # [1/s] ṡ
+        ("delay", "f8"),  # [ns] t − τ
+        ("rests", "f8"),  # 1 if the plan has ended, else 0
+    ]
+)
+"""State of the speed scaling."""
+
+RATE_BANDWIDTH = 40.0
+"""Natural frequency ω with which the rate approaches the wanted one, without overshoot [rad/s]."""
+
+FASTEST_SLOWING = 8.0
+"""Largest −ṡ [1/s]: a piston at 12 mm/s is decelerated by less than 0.1 m/s²."""
+
+FASTEST_RECOVERY = 2.0
+"""Largest ṡ [1/s]."""
+
+FASTEST_TURN = 200.0
+"""Largest |s̈| [1/s²]. The pumps then have 40 ms to follow the lower need while braking."""
+
+NEARLY_FULL, NEARLY_NONE = 1e-3, 1e-4
+"""Tolerances at which the rate is set exactly: 1 − s towards 1, and s towards 0."""
+
+
+def build_full_speed_scaling() -> Records:
+    """Return the state of a speed scaling that nothing has slowed.
+
+    Returns:
+        RATE_DTYPE[1] with rate 1 and no delay.
+    """
+    pace = np.zeros(1, RATE_DTYPE)
+    pace["rate"] = 1.0
+    return pace
+
+
+@kernel
+def update_rate(scaling: Record, wanted_rate: float, step: float) -> None:
+    """Move the rate towards the wanted one over a step, with continuous change.
+
+        s̈ = ω² (s_wanted − s) − 2 ω ṡ
+
+    ω is RATE_BANDWIDTH. |s̈| stays within FASTEST_TURN, ṡ within −FASTEST_SLOWING …
+    FASTEST_RECOVERY, and s within 0 … 1. The delay grows by (1 − s) times the step. If the plan has
+    ended, the rate becomes 1 at once, and the delay decreases by the step, down to 0.
+
+    Args:
+        scaling: State of the speed scaling (record of RATE_DTYPE). Writes `rate` (s), `change` (ṡ)
+            [1/s] and `delay` [ns] in place.
+        wanted_rate: Wanted rate, 0 … 1.
+        step: Control period [s].
+    """
+    before, goal = scaling.rate, wanted_rate
+    if scaling.rests > 0.0:
+        scaling.rate, scaling.change = 1.0, 0.0
+        scaling.delay = max(0.0, scaling.delay - step * SECOND_NS)
+        return
+    if goal == 1.0 and before > 1.0 - NEARLY_FULL:
+        scaling.rate, scaling.change = 1.0, 0.0
+    elif goal == 0.0 and before < NEARLY_NONE:
+        scaling.rate = scaling.change = 0.0
+    else:
+        jerk = RATE_BANDWIDTH * (RATE_BANDWIDTH * (goal - before) - 2.0 * scaling.change)
+        jerk = min(max(jerk, -FASTEST_TURN), FASTEST_TURN)
+        change = scaling.change + step * jerk
+        scaling.change = min(max(change, -FASTEST_SLOWING), FASTEST_RECOVERY)
+        rate = before + step * scaling.change
+        scaling.rate = min(max(rate, 0.0), 1.0)
+        if scaling.rate != rate:
+            scaling.change = 0.0
+    scaling.delay += (1.0 - 0.5 * (before + scaling.rate)) * step * SECOND_NS

@@ -1,0 +1,89 @@
+"""Stability of the cascade: its linear loop in postures all over the workspace."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_control.cascade import build_axis_records
+from mhsb_control.natural_frequency import compute_oil_stiffness
+from mhsb_model.circuit.records import Records
+from mhsb_model.machine import Machine
+from mhsb_model.schema import CascadeGains
+from mhsb_model.types import FloatArray
+
+POSTURE_SAMPLES = 200
+"""Number of random postures in which the loop is examined."""
+SAMPLING_SEED = 1
+"""Seed of the random postures."""
+
+SLOWEST_DECAY = 0.0128
+"""Smallest decay rate of the linear loop, over the lowest natural frequency of the arm.
+
+It applies to every posture with every payload. The suite's own arm has 0.3 1/s."""
+
+
+def build_closed_loop_matrix(axes: Records, loaded: Machine, q: FloatArray) -> FloatArray:
+    """Build the system matrix of the cascade at a posture, linear, with ideal valves and supply.
+
+    With the errors e of the cylinder lengths, excess forces f, biases d and integrals w,
+
+        R⁻¹ M R⁻¹ ë = −f
+        ḟ = k_h (ė + w) + ω_F (d + k_p k_h/ω_F e − f)
+        τ ḋ = f − d
+        ẇ = k_i e
+
+    R is the diagonal matrix of the moment arms, M the mass matrix, and k_h the stiffness of the oil
+    in each cylinder. `mhsb_control.cascade` defines the gains k_p, ω_F, τ and k_i.
+
+    Args:
+        axes: AXIS_DTYPE[n] with the gains.
+        loaded: Machine with the actual payload.
+        q: Joint positions, float64[n], [rad or m].
+
+    Returns:
+        Square matrix for the states (e, ė, f, d, w), n each. The state w of an axis with k_i = 0 is
+        left out.
+    """
+    inverse_arms = np.diag(1.0 / loaded.moment_arms(q))
+    mass = inverse_arms @ loaded.mass_matrix(q) @ inverse_arms
+    oil = np.diag(compute_oil_stiffness(loaded, q))
+    names = ("position_gain", "force_bandwidth", "bias_time", "integral_gain")
+    position, force, bias, integral = (np.diag(axes[name]) for name in names)
+    forget = np.linalg.inv(bias)
+    one, none = np.eye(len(q)), np.zeros((len(q), len(q)))
+    loop = np.block(
+        [
+            [none, one, none, none, none],
+            [none, none, -np.linalg.inv(mass), none, none],
+            [position @ oil, oil, -force, force, oil],
+            [none, none, forget, -forget, none],
+            [integral, none, none, none, none],
+        ]
+    )
+    there = np.concatenate([np.ones(4 * len(q), dtype=bool), axes["integral_gain"] > 0.0])
+    return np.asarray(loop[np.ix_(there, there)])
+
+
+def compute_slowest_decay(machine: Machine, gains: CascadeGains, payload: float) -> float:
+    """Compute the decay rate of the slowest mode of the linear loop, over random postures.
+
+    POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
+    The axes' gains are set for the payload of the machine file, see `build_axis_records`.
+
+    Args:
+        machine: The machine as its file describes it.
+        gains: Gains of the controller, relative to natural frequencies.
+        payload: Actual payload [kg].
+
+    Returns:
+        Smallest −Re λ of all eigenvalues λ in all postures [1/s]; negative if an oscillation grows.
+    """
+    axes, loaded = build_axis_records(machine, gains), machine.changed(payload=payload)
+    limits = machine.arrays.joint_min, machine.arrays.joint_max
+    postures = np.random.default_rng(SAMPLING_SEED).uniform(
+        *limits, (POSTURE_SAMPLES, machine.joint_count)
+    )
+    return -max(
+        float(np.linalg.eigvals(build_closed_loop_matrix(axes, loaded, q)).real.max())
+        for q in postures
+    )

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from mhsb_control.valve_estimate import (
+    DRIFT_DEVIATIONS,
+    LENGTH_DEVIATION,
+    OVERLAP_SPEED,
+    STROKE_DEVIATION,
+    WINDOW_STEPS,
+    ValveEstimates,
+    accumulate_valve_window,
+    build_valve_estimates,
+    compute_opening,
+    update_valve_filter,
+)
+from mhsb_model.circuit.elements import metered_opening
+
+STEP, SPEED_GAIN, STIFFNESS = 1e-3, 0.1, 1e7
+
+
+def moved(
+    gain: float, overlap: float, openings: np.ndarray, softness: float = 1.0
+) -> ValveEstimates:
+    """A valve after windows at these openings, while its cylinder's force rises by 2 N a step."""
+    valves, length, force = build_valve_estimates(1), 0.5, 0.0
+    valve = valves.records[0]
+    for opening in openings:
+        speed = gain * SPEED_GAIN * metered_opening(opening, overlap)
+        for _ in range(WINDOW_STEPS + 1):
+            valve["opening"], valve["speed_gain"] = opening, SPEED_GAIN
+            length += speed * STEP - softness * 2.0 / STIFFNESS
+            force += 2.0
+            accumulate_valve_window(valves, 0, speed, length, force, STIFFNESS, STEP)
+    return valves
+
+
+@pytest.mark.parametrize(("gain", "overlap"), [(1.0, 0.0), (0.8, 0.03), (1.2, 0.01)])
+def test_gain_and_overlap_are_learnt_from_motions_both_ways(gain: float, overlap: float) -> None:
+    random = np.random.default_rng(1)
+    openings = random.choice([-1.0, 1.0], 80) * random.uniform(0.06, 0.4, 80)
+    valves = moved(gain, overlap, openings)
+    truth = np.array([gain / (1.0 - overlap), gain * overlap / (1.0 - overlap), 1.0])
+    deviation = np.sqrt(np.diag(valves.covariance[0]))
+    assert np.all(np.abs(valves.estimate[0] - truth) < 2.0 * deviation)
+    assert deviation[0] < 0.05
+    assert deviation[1] < 0.005
+
+
+def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
+    valves = moved(0.8, 0.03, np.full(80, 0.1))
+    assert np.sqrt(valves.covariance[0, 0, 0]) > 0.05
+    valve = valves.records[0]
+    speed = 0.8 * SPEED_GAIN * metered_opening(0.1, 0.03)
+    assert compute_opening(valve, speed) == pytest.approx(0.1, rel=0.02)
+
+
+def test_at_rest_nothing_is_learnt() -> None:
+    fresh, valves = build_valve_estimates(1), build_valve_estimates(1)
+    valves.records["speed_gain"] = SPEED_GAIN
+    for _ in range(500):
+        accumulate_valve_window(valves, 0, 0.0, 0.5, 1000.0, STIFFNESS, STEP)
+    np.testing.assert_array_equal(valves.covariance, fresh.covariance)
+
+
+def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
+    """Opened a little further each time, as the inverse does, until its piston would move."""
+    valves, overlap = build_valve_estimates(1), 0.025
+    valve = valves.records[0]
+    for _ in range(40):
+        valve["speed_gain"] = SPEED_GAIN
+        opening = compute_opening(valve, 1e-3)
+        speed = SPEED_GAIN * metered_opening(opening, overlap)
+        length = 0.5
+        for _ in range(WINDOW_STEPS + 1):
+            valve["opening"] = opening
+            accumulate_valve_window(valves, 0, 0.0, length, 1000.0, STIFFNESS, STEP)
+            length += speed * STEP
+    assert speed > 5e-4
+    assert valve["overlap"] == pytest.approx(overlap, abs=8e-3)
+
+
+@pytest.mark.parametrize("demand", [-0.012, -OVERLAP_SPEED, 2e-3, 0.012])
+def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: float) -> None:
+    valve, gain, overlap = build_valve_estimates(1).records[0], 0.9, 0.025
+    valve["gain"], valve["overlap"] = gain / (1.0 - overlap), overlap
+    valve["speed_gain"] = SPEED_GAIN
+    opening = compute_opening(valve, demand)
+    assert gain * SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(demand)
+
+
+def test_the_update_is_kalmans() -> None:
+    """Oracle: the matrix form of the filter."""
+    random = np.random.default_rng(2)
+    estimate, covariance = np.array([1.0, 0.0, 1.0]), np.diag([0.02, 4e-4, 0.1])
+    wanted, spread = estimate.copy(), covariance.copy()
+    for _ in range(20):
+        row, y = random.normal(0.0, 5e-4, 3), random.normal(0.0, 5e-4)
+        update_valve_filter(estimate, covariance, y, *row)
+        spread = spread + np.diag(np.square(DRIFT_DEVIATIONS))
+        gain = (
+            spread @ row / (row @ spread @ row + LENGTH_DEVIATION**2 + (STROKE_DEVIATION * y) ** 2)
+        )
+        wanted = wanted + gain * (y - row @ wanted)
+        spread = spread - np.outer(gain, row @ spread)
+    np.testing.assert_allclose(estimate, wanted, rtol=1e-9)
+    np.testing.assert_allclose(covariance, spread, rtol=1e-6, atol=1e-15)

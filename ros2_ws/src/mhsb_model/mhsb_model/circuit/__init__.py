@@ -1,0 +1,1 @@
+"""Hydraulic circuit of a machine: component equations, constants and record types."""

@@ -1,0 +1,67 @@
+"""Components of a machine's hydraulic circuit, as its machine file describes them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.circuit.constants import (
+    build_actuators,
+    build_cylinders,
+    build_modules,
+    compute_constants,
+)
+from mhsb_model.circuit.records import Records
+from mhsb_model.machine import Machine
+from mhsb_model.types import IntArray
+
+
+class Components(NamedTuple):
+    """Constants of the circuit, and the state and commands of its components.
+
+    There are n actuators and m booster modules. A controller writes `valve_command` and
+    `join_command` of the actuators, and `flow_command` and `lend` of the modules.
+    `circuit.quantities` lists the fields of all records.
+    """
+
+    cylinders: Records
+    """Cylinders and their valves, one record of CYLINDER_DTYPE for each of the n actuators."""
+
+    constants: Records
+    """Constants of the whole circuit, a single record of CONSTANTS_DTYPE."""
+
+    module_home: IntArray
+    """Index of the actuator whose line each module feeds, int64[m]; −1 for a spare module."""
+
+    actuators: Records
+    """State and commands of the actuators, ACTUATOR_DTYPE[n]."""
+
+    modules: Records
+    """State and commands of the booster modules, MODULE_DTYPE[m]."""
+
+
+def describe_components(machine: Machine, substep: float) -> Components:
+    """Build the components of a machine's circuit at rest, healthy and with closed valves.
+
+    Module j belongs to actuator j. Modules beyond the number of actuators are spare ones without a
+    line.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+        substep: Duration of one integration step of the circuit [s]. The constants contain the
+            decay of each first-order lag and the transition matrix of the spool over this time.
+
+    Returns:
+        Components with new arrays, which the simulator and the controller write in place.
+    """
+    actuator_count = machine.joint_count
+    home = np.arange(machine.arrays.module_count, dtype=np.int64)
+    home[home >= actuator_count] = -1
+    return Components(
+        cylinders=build_cylinders(machine),
+        constants=compute_constants(machine, substep),
+        module_home=home,
+        actuators=build_actuators(machine),
+        modules=build_modules(home),
+    )

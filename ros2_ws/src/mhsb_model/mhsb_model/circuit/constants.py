@@ -1,0 +1,198 @@
+"""Constants and initial states of the circuit's components, computed from the machine file."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mhsb_model.circuit.elements import spool_transition
+from mhsb_model.circuit.quantities import (
+    ACTUATOR_DTYPE,
+    CONSTANTS_DTYPE,
+    CYLINDER_DTYPE,
+    MODULE_DTYPE,
+)
+from mhsb_model.circuit.records import Records
+from mhsb_model.linkages.linkage import cylinder_length
+from mhsb_model.machine import Machine
+from mhsb_model.schema import Linkage, Motor
+from mhsb_model.types import IntArray
+
+RATED_BLEED_PRESSURE = 1e7
+"""Pressure drop at which the machine file states the flow of the rail's bleed valve [Pa]."""
+
+FILE_TEMPERATURE = 40.0
+"""Oil temperature at which the machine file states the oil's properties [°C]."""
+
+VISCOSITY_SLOPE = 0.036
+"""Exponential decrease k_µ of the oil's viscosity with temperature [1/K].
+
+It fits a mineral oil ISO VG 46 between 20 and 60 °C, whose viscosity falls from 110 to 26 mm²/s."""
+
+BULK_MODULUS_SLOPE = 0.005
+"""Exponential decrease k_β of a mineral oil's bulk modulus with temperature [1/K]."""
+
+
+def build_cylinders(machine: Machine) -> Records:
+    """Build the records of a machine's cylinders and of the servo valve of each.
+
+    The shortest and the longest cylinder length are those at the two joint limits. A rotary motor
+    (slew) has its own volume added to the dead volume, and `swept` = 0.
+
+    Args:
+        machine: Machine with n actuators.
+
+    Returns:
+        Areas, lengths, dead volume, valve coefficient and friction factor of each cylinder,
+        CYLINDER_DTYPE[n].
+    """
+    arrays = machine.arrays
+    cylinders = np.zeros(machine.joint_count, CYLINDER_DTYPE)
+    cylinders["cap_area"] = arrays.cap_area
+    cylinders["rod_area"] = arrays.rod_area
+    for j in range(machine.joint_count):
+        ends = [
+            cylinder_length(arrays.linkage[j], q)
+            for q in (arrays.joint_min[j], arrays.joint_max[j])
+        ]
+        cylinders[j]["min_length"], cylinders[j]["max_length"] = min(ends), max(ends)
+    motors = [
+        linkage if isinstance(linkage, Motor) else None for linkage in _list_linkages(machine)
+    ]
+    volume = np.array([motor.volume if motor else 0.0 for motor in motors])
+    cylinders["dead_volume"] = machine.config.circuit.chamber_dead_volume + volume
+    cylinders["valve_coefficient"] = arrays.valve_coefficient
+    cylinders["friction"] = machine.friction_factors
+    cylinders["swept"] = [0.0 if motor else 1.0 for motor in motors]
+    return cylinders
+
+
+def _list_linkages(machine: Machine) -> list[Linkage]:
+    """Return the linkage of each joint, in joint order."""
+    return [joint.linkage for joint in machine.config.joints]
+
+
+def build_actuators(machine: Machine) -> Records:
+    """Build the records of a machine's actuators at rest, healthy and with closed valves.
+
+    Args:
+        machine: Machine with n actuators.
+
+    Returns:
+        ACTUATOR_DTYPE[n]; all fields are 0 except `relief` [Pa], `obeys` = 1 and `leakage` = 1.
+    """
+    actuators = np.zeros(machine.joint_count, ACTUATOR_DTYPE)
+    actuators["relief"] = machine.chamber_reliefs
+    actuators["obeys"] = actuators["leakage"] = 1.0
+    return actuators
+
+
+def build_modules(module_home: IntArray) -> Records:
+    """Build the records of booster modules at rest and healthy.
+
+    Spare modules feed the rail from the start (`to_rail` = 1).
+
+    Args:
+        module_home: Index of the actuator whose line each module feeds, int64[m]; −1 for a spare
+            module.
+
+    Returns:
+        MODULE_DTYPE[m]: all fields are 0 except `strength` = 1, `slowness` = 1 and, for spare
+        modules, `to_rail` = 1.
+    """
+    modules = np.zeros(len(module_home), MODULE_DTYPE)
+    modules["to_rail"] = module_home < 0
+    modules["strength"] = modules["slowness"] = 1.0
+    return modules
+
+
+def compute_constants(machine: Machine, substep: float) -> Records:
+    """Compute the constants of a machine's circuit.
+
+    Flows at a rated pressure drop become coefficients: k = Q/√Δp of an orifice, Q/Δp of a linear
+    valve. Volumes become capacities V/β, and lags become decays e^(−substep/τ).
+
+    Viscosity µ and bulk modulus β depend on the temperature difference ΔT from FILE_TEMPERATURE:
+
+        µ/µ_file = e^(−k_µ ΔT),   β/β_file = e^(−k_β ΔT)
+
+    Viscous friction is proportional to µ, and the laminar flow of the rail's bleed valve to 1/µ.
+    The pressure drop at which an orifice turns laminar is proportional to µ², since it follows from
+    the Reynolds number.
+
+    Components that the machine file leaves out get values that switch them off: bristle stiffness
+    0, accumulator volume 0, spool rate inf.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+        substep: Duration of one integration step of the circuit [s].
+
+    Returns:
+        CONSTANTS_DTYPE[1].
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (viscosity and bulk modulus over temperature).
+    """
+    arrays = machine.arrays
+    oil, real = machine.config.circuit, machine.config.imperfections
+    warmth = real.oil_temperature - FILE_TEMPERATURE
+    thinner = math.exp(-VISCOSITY_SLOPE * warmth)
+    beta = oil.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth)
+    stiction, accumulator = real.stiction, real.accumulator
+    spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
+    values = {
+        "tank_pressure": arrays.tank_pressure,
+        "supply_pressure": arrays.supply_pressure,
+        "main_pump_flow": arrays.main_pump_flow,
+        "main_pump_droop": oil.main_pump_droop,
+        "bulk_modulus": beta,
+        "line_capacity": oil.line_volume / beta,
+        "rail_capacity": oil.rail_volume / beta,
+        "manifold_capacity": oil.manifold_volume / beta,
+        "laminar_pressure": oil.laminar_pressure * thinner**2,
+        "leakage_coefficient": arrays.leakage_flow
+        / math.sqrt(arrays.supply_pressure - arrays.tank_pressure),
+        "check_coefficient": oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop),
+        "switching_coefficient": oil.switching_valve_flow
+        / math.sqrt(oil.switching_valve_pressure_drop),
+        "anti_cavitation_gain": oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop,
+        "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE / thinner,
+        "relief_gain": oil.relief_flow_gain,
+        "line_relief": oil.line_relief_pressure,
+        "manifold_relief": arrays.supply_pressure + oil.manifold_relief_margin,
+        "vapour_pressure": oil.vapour_pressure,
+        "pump_filling": oil.pump_filling_pressure,
+        "main_pump_efficiency": oil.main_pump_efficiency,
+        "main_pump_drag": oil.main_pump_drag_power,
+        "servo_pump_drag": oil.servo_pump_drag_power,
+        "servo_pump_flow": arrays.servo_pump_flow + oil.servo_pump_flow_reserve,
+        "servo_pump_decay": math.exp(-substep / oil.servo_pump_lag),
+        "servo_pump_slew": oil.servo_pump_slew,
+        "servo_pump_power": oil.servo_pump_power,
+        "servo_pump_efficiency": arrays.servo_pump_efficiency,
+        "switching_time": oil.switching_valve_time,
+        "switching_decay": math.exp(-substep / oil.switching_valve_time),
+        "coulomb_friction": oil.coulomb_friction,
+        "viscous_friction": oil.viscous_friction * thinner,
+        "friction_speed": oil.friction_speed,
+        "breakaway": stiction.breakaway if stiction else 1.0,
+        "stribeck_speed": stiction.speed if stiction else 1.0,
+        "bristle_stiffness": stiction.stiffness if stiction else 0.0,
+        "bristle_damping": stiction.damping if stiction else 0.0,
+        "valve_overlap": real.valve_overlap,
+        "valve_hysteresis": real.valve_hysteresis,
+        "spool_rate": real.spool_rate or math.inf,
+        "accumulator_volume": accumulator.volume if accumulator else 0.0,
+        "accumulator_precharge": accumulator.precharge if accumulator else math.inf,
+        "accumulator_exponent": accumulator.exponent if accumulator else 1.0,
+        "substep": substep,
+        "spool_00": spool[0],
+        "spool_01": spool[1],
+        "spool_10": spool[2],
+        "spool_11": spool[3],
+    }
+    constants = np.zeros(1, CONSTANTS_DTYPE)
+    for name, value in values.items():
+        constants[name] = value
+    return constants

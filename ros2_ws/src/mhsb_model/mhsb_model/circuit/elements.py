@@ -1,0 +1,434 @@
+"""Elements of the hydraulic circuit, one small function for each component.
+
+Resistive elements return (Q, dQ/dΔp): the flow [m³/s] through the element and its
+slope [m³/(s Pa)]. The flow is positive from the side at which the pressure drop Δp [Pa] begins. The
+slope is never negative. Dynamic elements return their state after dt [s], exactly for an input that
+is constant during dt.
+
+Sources: H. E. Merritt, Hydraulic Control Systems (orifices, chambers, servo valves, leakage);
+paper, Section 1 (servo pump, check valve and switching valve of a booster module).
+"""
+
+from __future__ import annotations
+
+import math
+
+from mhsb_model.circuit.records import Record
+from mhsb_model.kernels.kernel import kernel
+
+
+@kernel(inline="always")
+def compute_orifice_flow(k: float, drop: float, laminar: float) -> tuple[float, float]:
+    """Compute the flow through an orifice, turbulent at large and laminar at small drops.
+
+        Q = k Δp / (Δp² + Δp_c²)^¼
+
+    The flow tends to k √|Δp| with the sign of Δp if |Δp| ≫ Δp_c. It is smooth through zero.
+
+    Args:
+        k: Flow coefficient [m³/(s √Pa)].
+        drop: Pressure drop Δp, of either sign [Pa].
+        laminar: Pressure drop Δp_c below which the flow is laminar [Pa].
+
+    Returns:
+        Flow Q [m³/s] and slope dQ/dΔp [m³/(s Pa)].
+    """
+    square = drop * drop + laminar * laminar
+    root = math.sqrt(math.sqrt(square))
+    flow = k * drop / root
+    slope = k * (0.5 * drop * drop + laminar * laminar) / (square * root)
+    return flow, slope
+
+
+@kernel(inline="always")
+def compute_check_valve_flow(k: float, drop: float, laminar: float) -> tuple[float, float]:
+    """Compute the flow through a check valve, which opens forwards and is tight backwards.
+
+        Q = orifice(k, Δp) if Δp > 0, else 0
+
+    The returned slope is Q/Δp (the chord) and not dQ/dΔp (the tangent). The tangent is less steep.
+    With the tangent, an implicit integration step may pass Δp = 0 and let oil flow back.
+
+    Args:
+        k: Flow coefficient [m³/(s √Pa)].
+        drop: Pressure drop Δp in the direction of flow [Pa].
+        laminar: Pressure drop below which the flow is laminar [Pa].
+
+    Returns:
+        Flow Q [m³/s] and slope Q/Δp [m³/(s Pa)]; both are 0 if the valve is shut.
+    """
+    if drop <= 0.0:
+        return 0.0, 0.0
+    flow, _ = compute_orifice_flow(k, drop, laminar)
+    return flow, flow / drop
+
+
+@kernel(inline="always")
+def compute_relief_valve_flow(gain: float, drop: float, setting: float) -> tuple[float, float]:
+    """Compute the flow through a relief valve with a linear characteristic.
+
+        Q = gain · max(0, Δp − setting)
+
+    With setting = 0 it is an anti-cavitation valve.
+
+    Args:
+        gain: Flow per pressure above the setting [m³/(s Pa)].
+        drop: Pressure drop Δp over the valve [Pa].
+        setting: Pressure drop at which the valve opens [Pa].
+
+    Returns:
+        Flow Q [m³/s] and slope dQ/dΔp [m³/(s Pa)]; both are 0 if the valve is shut.
+    """
+    if drop <= setting:
+        return 0.0, 0.0
+    return gain * (drop - setting), gain
+
+
+@kernel(inline="always")
+def compute_main_pump_flow(
+    max_flow: float, setting: float, droop: float, pressure: float
+) -> tuple[float, float]:
+    """Compute the flow of the main pump, whose regulator holds its outlet pressure.
+
+        Q = Q_max (p_set − p)/droop, limited to 0 … Q_max
+
+    Args:
+        max_flow: Largest flow Q_max [m³/s].
+        setting: Pressure p_set at which the regulator has reduced the flow to 0 [Pa].
+        droop: Fall of the pressure below p_set at which the flow is Q_max [Pa].
+        pressure: Pressure p in the manifold behind the pump [Pa].
+
+    Returns:
+        Flow into the manifold [m³/s] and its slope −dQ/dp ≥ 0 [m³/(s Pa)].
+    """
+    share = (setting - pressure) / droop
+    if share <= 0.0:
+        return 0.0, 0.0
+    if share >= 1.0:
+        return max_flow, 0.0
+    return max_flow * share, max_flow / droop
+
+
+@kernel(inline="always")
+def advance_servo_pump_flow(
+    flow: float, command: float, largest: float, decay: float, largest_change: float
+) -> float:
+    """Compute the flow of a speed-controlled servo pump after one step.
+
+        τ dQ/dt = Q_cmd − Q,  |dQ/dt| ≤ slew,  0 ≤ Q_cmd ≤ largest
+
+    Args:
+        flow: Flow Q at the start of the step [m³/s].
+        command: Commanded flow Q_cmd; values outside 0 … `largest` are limited to it [m³/s].
+        largest: Largest flow that the pump can give at present [m³/s].
+        decay: Decay e^(−dt/τ) of the pump's lag over the step.
+        largest_change: Largest change of the flow in the step, slew · dt [m³/s].
+
+    Returns:
+        Flow at the end of the step [m³/s].
+    """
+    goal = min(max(command, 0.0), largest)
+    change = (goal - flow) * (1.0 - decay)
+    return flow + min(max(change, -largest_change), largest_change)
+
+
+@kernel(inline="always")
+def compute_pump_filling(pressure: float, vapour: float, filling: float) -> tuple[float, float]:
+    """Compute the share of its displacement that a pump's inlet fills with oil.
+
+    The share is (p − p_v)/Δp_f, limited to 0 … 1.
+
+    Args:
+        pressure: Pressure p at the inlet [Pa].
+        vapour: Vapour pressure p_v [Pa].
+        filling: Pressure Δp_f above the vapour pressure at which the pump is filled completely
+            [Pa].
+
+    Returns:
+        Filled share, 0 … 1, and its slope over the inlet pressure [1/Pa].
+
+    Source:
+        J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (cavitation at the inlet).
+    """
+    above = pressure - vapour
+    if above >= filling:
+        return 1.0, 0.0
+    if above <= 0.0:
+        return 0.0, 0.0
+    return above / filling, 1.0 / filling
+
+
+@kernel(inline="always")
+def shaft_power(hydraulic: float, speed: float, efficiency: float, drag_power: float) -> float:
+    """Compute the power at the shaft of a pump.
+
+        P = max(0, Δp Q)/η + P_d n
+
+    The drag power P_d does not depend on the pressure, so the overall efficiency Δp Q/P is lower at
+    small loads.
+
+    Args:
+        hydraulic: Hydraulic power Δp Q [W]; negative values count as 0.
+        speed: Pump speed n, as a share of full speed.
+        efficiency: Efficiency η without drag.
+        drag_power: Power P_d that drag takes at full speed [W].
+
+    Returns:
+        Shaft power P [W].
+
+    Source:
+        W. E. Wilson, Rotary Pumps and Fluid Motors (torque proportional to pressure, plus drag).
+    """
+    return max(0.0, hydraulic) / efficiency + drag_power * speed
+
+
+@kernel(inline="always")
+def advance_pressure_and_cavity(
+    pressure: float, cavity: float, capacity: float, vapour: float, inflow: float
+) -> tuple[float, float]:
+    """Compute pressure and vapour volume of a node after oil has flowed into it.
+
+    The node holds C (p − p_v) − V_v more oil than fills it at the vapour pressure p_v. If that
+    content is negative, the pressure stays at p_v and vapour fills the missing volume.
+
+    Args:
+        pressure: Pressure p before [Pa].
+        cavity: Vapour volume V_v before [m³].
+        capacity: Capacity C = V/β of the node [m³/Pa].
+        vapour: Vapour pressure p_v [Pa].
+        inflow: Net volume of oil that has flowed in during the step [m³].
+
+    Returns:
+        Pressure [Pa] and vapour volume [m³] after the step; the volume is 0 if the pressure exceeds
+        p_v.
+
+    Source:
+        E. B. Wylie, V. L. Streeter, Fluid Transients in Systems (discrete vapour cavities).
+    """
+    content = capacity * (pressure - vapour) - cavity + inflow
+    if content < 0.0:
+        return vapour, -content
+    return vapour + content / capacity, 0.0
+
+
+@kernel(inline="always")
+def follow_with_backlash(follower: float, leader: float, width: float) -> float:
+    """Return the position of a follower that a leader moves through backlash.
+
+    The follower stays where it is while the leader is within ±width/2 of it. Otherwise it follows
+    the leader at a distance of width/2. If either position is nan, the leader's is returned.
+
+    Args:
+        follower: Position of the follower before.
+        leader: Present position of the leader.
+        width: Total width of the backlash, in the same unit.
+
+    Returns:
+        New position of the follower.
+
+    Source:
+        A. Visintin, Differential Models of Hysteresis (the play operator).
+    """
+    lag = leader - follower
+    if lag > 0.5 * width:
+        return leader - 0.5 * width
+    if lag < -0.5 * width:
+        return leader + 0.5 * width
+    return leader if math.isnan(lag) else follower
+
+
+@kernel(inline="always")
+def metered_opening(spool: float, overlap: float) -> float:
+    """Return the opening of a servo valve's edges at a spool position.
+
+        sign(x) max(0, |x| − o)/(1 − o)
+
+    Args:
+        spool: Spool position x, −1 … 1 of the stroke; positive extends.
+        overlap: Overlap o of the edges, as a share of the stroke; nothing opens within ±o.
+
+    Returns:
+        Signed opening, ±1 at full stroke, for which the valve's flow is rated.
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (lap).
+    """
+    if abs(spool) < overlap:
+        return 0.0
+    return (spool - math.copysign(overlap, spool)) / (1.0 - overlap)
+
+
+@kernel(inline="always")
+def accumulator_capacity(
+    pressure: float, volume: float, precharge: float, exponent: float
+) -> float:
+    """Compute the hydraulic capacity of a gas accumulator.
+
+    With p V^n = p₀ V₀^n:
+
+        C = −dV/dp = V₀/(n p) (p₀/p)^(1/n)
+
+    Args:
+        pressure: Oil pressure p [Pa].
+        volume: Gas volume V₀ at the precharge pressure [m³].
+        precharge: Precharge pressure p₀ [Pa].
+        exponent: Polytropic exponent n of the gas.
+
+    Returns:
+        Capacity C [m³/Pa]; 0 up to the precharge pressure.
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (accumulators).
+    """
+    if pressure <= precharge:
+        return 0.0
+    return volume / (exponent * pressure) * (precharge / pressure) ** (1.0 / exponent)
+
+
+@kernel(inline="always")
+def sliding_friction(
+    coulomb: float, breakaway: float, stribeck_speed: float, speed: float
+) -> float:
+    """Compute the steady friction at a speed without its viscous part (Stribeck curve).
+
+        g(v) = F_c (1 + (b − 1) e^(−(v/v_s)²))
+
+    Args:
+        coulomb: Coulomb friction F_c [N].
+        breakaway: Ratio b of static to Coulomb friction.
+        stribeck_speed: Speed v_s of the Stribeck effect [m/s].
+        speed: Piston speed v [m/s].
+
+    Returns:
+        Magnitude of the friction g [N].
+    """
+    ratio = speed / stribeck_speed
+    return coulomb * (1.0 + (breakaway - 1.0) * math.exp(-ratio * ratio))
+
+
+@kernel(inline="always")
+def advance_bristle_deflection(
+    deflection: float, speed: float, steady_friction: float, stiffness: float, dt: float
+) -> float:
+    """Advance the bristle deflection of the LuGre friction model by one step.
+
+        dz/dt = v − σ₀ |v| z / g
+
+    The solution is exact for a constant speed.
+
+    Args:
+        deflection: Deflection z at the start of the step [m].
+        speed: Piston speed v [m/s].
+        steady_friction: Steady friction g at that speed, see `sliding_friction` [N].
+        stiffness: Bristle stiffness σ₀ [N/m].
+        dt: Duration of the step [s].
+
+    Returns:
+        Deflection at the end of the step [m].
+
+    Source:
+        C. Canudas de Wit, H. Olsson, K. J. Åström, P. Lischinsky, A new model for control of
+        systems with friction (1995).
+    """
+    rate = stiffness * abs(speed) / steady_friction * dt
+    if rate < 1e-9:
+        return deflection + speed * dt * (1.0 - 0.5 * rate)
+    decay = math.exp(-rate)
+    steady = steady_friction / stiffness if speed > 0.0 else -steady_friction / stiffness
+    return steady + (deflection - steady) * decay
+
+
+@kernel(inline="always")
+def advance_first_order_lag(value: float, command: float, decay: float) -> float:
+    """Advance a first-order lag τ dx/dt = u − x, such as a switching valve, by one step.
+
+    Args:
+        value: State x at the start of the step.
+        command: Input u, constant during the step.
+        decay: e^(−dt/τ).
+
+    Returns:
+        State at the end of the step.
+    """
+    return command + (value - command) * decay
+
+
+@kernel(inline="always")
+def chamber_volumes(cylinder: Record, length: float) -> tuple[float, float]:
+    """Compute the oil volumes on the cap side and on the rod side of a cylinder.
+
+        V_A = V₀ + A s,   V_B = V₀ + a (s_max − s),   s = length − min_length
+
+    They give the capacity C = V/β in dp/dt = (ΣQ − A ds/dt)/C. For a rotary motor both are V₀.
+
+    Args:
+        cylinder: One record of CYLINDER_DTYPE.
+        length: Cylinder length between its pins [m].
+
+    Returns:
+        Volume on the cap side and on the rod side [m³].
+    """
+    extended, left = length - cylinder.min_length, cylinder.max_length - length
+    cap, rod = cylinder.swept * cylinder.cap_area, cylinder.swept * cylinder.rod_area
+    return cylinder.dead_volume + cap * extended, cylinder.dead_volume + rod * left
+
+
+@kernel(inline="always")
+def friction_force(coulomb: float, viscous: float, speed_scale: float, speed: float) -> float:
+    """Compute Coulomb and viscous friction of a cylinder, smooth through zero speed.
+
+        F = F_c tanh(v/v_s) + b v
+
+    Args:
+        coulomb: Coulomb friction F_c [N].
+        viscous: Viscous coefficient b [N s/m].
+        speed_scale: Speed v_s over which the sign of the Coulomb friction changes [m/s].
+        speed: Piston speed v [m/s].
+
+    Returns:
+        Friction, with the sign of the speed; it acts against the motion [N].
+    """
+    return coulomb * math.tanh(speed / speed_scale) + viscous * speed
+
+
+def spool_transition(
+    frequency: float, damping: float, dt: float
+) -> tuple[float, float, float, float]:
+    """Compute the transition matrix of a valve spool, a second-order system, over one step.
+
+    With ω = 2π · frequency, ζ = damping and a constant command u, the spool position x obeys
+
+        ẍ + 2ζω ẋ + ω²(x − u) = 0
+
+    The state is (x − u, ẋ). With the system matrix S and the identity I, the matrix exponential is
+
+        Φ = e^(−ζω dt) [c I + s (S + ζω I)],   ω_d = ω √|1 − ζ²|
+        c = cos(ω_d dt),   s = sin(ω_d dt)/ω_d
+
+    If ζ > 1, cosh and sinh take the place of cos and sin.
+
+    Args:
+        frequency: Natural frequency ω/2π [Hz].
+        damping: Damping ratio ζ > 0.
+        dt: Duration of the step [s].
+
+    Returns:
+        Elements Φ₀₀, Φ₀₁ [s], Φ₁₀ [1/s], Φ₁₁.
+    """
+    omega = 2.0 * math.pi * frequency
+    rate = damping * omega
+    discriminant = omega * omega * (1.0 - damping * damping)
+    root = math.sqrt(abs(discriminant))
+    if root * dt < 1e-9:
+        c, s = 1.0, dt
+    elif discriminant > 0.0:
+        c, s = math.cos(root * dt), math.sin(root * dt) / root
+    else:
+        c, s = math.cosh(root * dt), math.sinh(root * dt) / root
+    decay = math.exp(-rate * dt)
+    return (
+        decay * (c + s * rate),
+        decay * s,
+        -decay * s * omega * omega,
+        decay * (c - s * rate),
+    )

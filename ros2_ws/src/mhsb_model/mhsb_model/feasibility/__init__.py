@@ -1,0 +1,1 @@
+"""Checks of a motion against the machine: limits of its curve, and loads that cause cavitation."""

@@ -1,0 +1,102 @@
+"""Loads that drive a piston faster than its inlet chamber fills, so that the chamber cavitates.
+
+A matched servo valve lets as much oil into the inlet chamber as leaves the other one only up to a
+certain load. That load does not depend on the piston speed (`hydraulics.cavitates`). Such loads are
+not a limit of a motion: the anti-cavitation valves fill the chamber from the tank. The servo has
+less stiffness during that time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.hydraulics import cavitates
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Cavitation:
+    """Cavitation of one actuator during a motion."""
+
+    actuator: str
+    """Name of the actuator."""
+
+    begin: float
+    """Time at which the inlet chamber first cavitates [s]."""
+
+    duration: float
+    """Total time in which the inlet chamber cavitates [s]."""
+
+    force: float
+    """Strongest load that causes cavitation, positive if it resists extension [N]."""
+
+    def __str__(self) -> str:
+        """Describe the cavitation in one sentence."""
+        return (
+            f"the load drives {self.actuator} with up to {abs(self.force):.0f} N from "
+            f"{self.begin:.2f} s on, for {self.duration:.2f} s in all: its inlet chamber "
+            "cavitates at any speed"
+        )
+
+
+def find_cavitating(
+    machine: Machine, force: FloatArray, speed: FloatArray, least_speed: float = 0.0
+) -> np.ndarray:
+    """Return whether each load empties the inlet chamber of its actuator.
+
+    The line is taken to be at P_S. A boosted line has a higher pressure and fills the chamber
+    better, which is neglected.
+
+    Args:
+        machine: Machine with n actuators.
+        force: Load on each piston, positive if it resists extension, shape (k, n) [N].
+        speed: Piston speeds, positive if extending, shape (k, n) [m/s].
+        least_speed: Speed up to which a piston counts as held by its closed valve and never
+            cavitates [m/s].
+
+    Returns:
+        True if the load empties the inlet chamber, bool[k, n], aligned with `force`.
+    """
+    m = machine.arrays
+    empty = cavitates(m.cap_area, m.rod_area, m.supply_pressure, m.tank_pressure, force, speed)
+    return empty & (np.abs(speed) > least_speed)
+
+
+def summarize_cavitation(
+    machine: Machine,
+    time: FloatArray,
+    force: FloatArray,
+    speed: FloatArray,
+    least_speed: float = 0.0,
+) -> tuple[Cavitation, ...]:
+    """Summarize the cavitation of each actuator over a motion.
+
+    An instant counts as lasting until the next one, and the last instant as lasting 0 s.
+
+    Args:
+        machine: Machine with n actuators.
+        time: Instants in ascending order, shape (k,) [s].
+        force: Load on each piston at these instants, positive if it resists extension, shape
+            (k, n) [N].
+        speed: Piston speeds at these instants, positive if extending, shape (k, n) [m/s].
+        least_speed: Speed up to which a piston counts as held by its closed valve [m/s].
+
+    Returns:
+        One entry for each actuator that cavitates, in the order of the actuators; empty if none
+        does.
+    """
+    empty = find_cavitating(machine, force, speed, least_speed)
+    span = np.append(np.diff(time), 0.0)
+    return tuple(
+        Cavitation(
+            name,
+            float(time[np.argmax(empty[:, j])]),
+            float(span[empty[:, j]].sum()),
+            float(max(force[empty[:, j], j], key=abs)),
+        )
+        for j, name in enumerate(machine.actuator_names)
+        if empty[:, j].any()
+    )

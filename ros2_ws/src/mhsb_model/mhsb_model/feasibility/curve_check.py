@@ -1,0 +1,653 @@
+"""Check of a trajectory's curve: compare the extrema of each quintic piece with the limits.
+
+A piece of duration h between the points (q₀, v₀, a₀) and (q₁, v₁, a₁) has, in Bernstein form over
+u = t/h, the control values
+
+    position      q₀, q₀ + v₀h/5, q₀ + 2v₀h/5 + a₀h²/20, and the same from the end with −h
+    velocity      w₀ = v₀, w₁ = v₀ + a₀h/4, w₂ = 5(q₁ − q₀)/h − w₀ − w₁ − w₃ − w₄,
+                  w₃ = v₁ − a₁h/4, w₄ = v₁
+    acceleration  xᵢ = 4(wᵢ₊₁ − wᵢ)/h,   jerk  yᵢ = 3(xᵢ₊₁ − xᵢ)/h
+
+A polynomial stays within the hull of its control values, so these are compared first. If they
+exceed a limit, the extrema are computed: they are at the ends and at the roots of the derivative.
+The roots of a quadratic have a closed form. A cubic or quartic is monotone between two neighbouring
+roots of its own derivative, and its roots are found there by false position.
+
+Source: Farin, Curves and Surfaces for CAGD, Chapter 5.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from mhsb_model.curve_limits import CurveLimits
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray, IntArray
+
+POSITION_TOLERANCE = 1e-5
+"""Excess over a joint limit that is tolerated [rad, m].
+
+A braking command samples its plan anew every 20 ms. Across a jump of the jerk by 1000 rad/s³ it
+then leaves the plan's curve by this much."""
+
+POSITION_ROUNDING = 8.0 * 2.0**-52
+"""Relative error of a position in a message, from rounding and a few operations before it.
+
+It changes velocity, acceleration and jerk of a piece by 5/h, 20/h² and 120/h³ times as much."""
+
+ROOT_STEPS = 60
+"""Largest number of iterations of the root finder."""
+
+ROOT_RESIDUE = 1e-10
+"""Largest residual of a root, relative to the largest control value of the polynomial.
+
+The extremum there is then off by about the square of it."""
+
+
+class Quantity(IntEnum):
+    """Limited quantity of a joint's motion."""
+
+    POSITION = 0
+    """Position [rad or m], limited below and above."""
+
+    SPEED = 1
+    """Magnitude of the velocity [rad/s or m/s]."""
+
+    ACCELERATION = 2
+    """Magnitude of the acceleration [rad/s² or m/s²]."""
+
+    JERK = 3
+    """Magnitude of the jerk [rad/s³ or m/s³]."""
+
+
+# Kernels take plain integers.
+_POSITION, _SPEED = int(Quantity.POSITION), int(Quantity.SPEED)
+_ACCELERATION, _JERK = int(Quantity.ACCELERATION), int(Quantity.JERK)
+
+EXCESS_ROW, VALUE_ROW, TIME_ROW = range(3)
+"""Rows of the kernel's result: excess, value of the quantity, time after the first point [s].
+
+The excess of a position is absolute [rad or m], that of the other quantities relative to the
+limit."""
+
+
+@dataclass(frozen=True)
+class CurveExcess:
+    """Worst excess of a curve over a limit."""
+
+    quantity: Quantity
+    """Quantity that exceeds its limit."""
+
+    joint: int
+    """Index of the joint, from 0."""
+
+    time: float
+    """Time after the trajectory's first point [s]."""
+
+    value: float
+    """Position [rad], or magnitude of speed [rad/s], acceleration [rad/s²] or jerk [rad/s³].
+
+    The unit is m instead of rad if the joint slides. inf if the value overflows."""
+
+
+def find_curve_excess(limits: CurveLimits, trajectory: Trajectory) -> CurveExcess | None:
+    """Find the worst excess of a trajectory's curve over its limits.
+
+    Only the first quantity with an excess is reported, in the order position, speed, acceleration,
+    jerk. A joint that begins outside its range may return to it, but not move out again. Its
+    position limit is the point nearest to the range that it has reached so far.
+
+    Args:
+        limits: Limits of each joint.
+        trajectory: Trajectory with quintic pieces, same joints as `limits`.
+
+    Returns:
+        The largest excess of that quantity over all joints, absolute for a position and otherwise
+        relative to the limit. None if the curve keeps all limits.
+    """
+    found = _compute_excesses(limits, trajectory)
+    for quantity in Quantity:
+        joint = int(np.argmax(found[EXCESS_ROW, quantity]))
+        if found[EXCESS_ROW, quantity, joint] > 0.0:
+            _, value, time = found[:, quantity, joint].tolist()
+            return CurveExcess(quantity, joint, time, value)
+    return None
+
+
+def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float:
+    """Return how many times slower a curve must be to keep its speed, acceleration and jerk limits.
+
+    A curve that takes k times as long has 1/k of the speed, 1/k² of the acceleration and 1/k³ of
+    the jerk. k is the largest of the factors that the three limits need. Position limits are not
+    considered.
+
+    Args:
+        limits: Limits of each joint.
+        trajectory: Trajectory with quintic pieces, same joints as `limits`.
+
+    Returns:
+        Factor k > 1 on the duration; 0 if the curve keeps all three limits as it is.
+    """
+    excess = _compute_excesses(limits, trajectory)[EXCESS_ROW].max(axis=1)
+    powers = {Quantity.SPEED: 1, Quantity.ACCELERATION: 2, Quantity.JERK: 3}
+    beyond = [(1.0 + excess[each]) ** (1.0 / n) for each, n in powers.items() if excess[each] > 0.0]
+    return max(beyond, default=0.0)
+
+
+def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray:
+    """Compute the worst excess of each quantity and joint of a trajectory.
+
+    Args:
+        limits: Limits of each joint.
+        trajectory: Trajectory with quintic pieces and n joints.
+
+    Returns:
+        float64[3, 4, n], indexed by row (EXCESS_ROW, VALUE_ROW, TIME_ROW), `Quantity` and joint.
+        All three rows are 0 where the limit is kept.
+    """
+    found = np.zeros((3, len(Quantity), trajectory.joint_count))
+    _find_excesses(
+        trajectory.offset_ns,
+        trajectory.position,
+        trajectory.velocity,
+        trajectory.acceleration,
+        limits.lower,
+        limits.upper,
+        np.stack([limits.speed, limits.acceleration, limits.jerk]),
+        found,
+    )
+    return found
+
+
+def describe_curve_problem(machine: Machine, trajectory: Trajectory) -> str | None:
+    """Describe the worst excess of a trajectory over what the machine can follow.
+
+    Args:
+        machine: Machine whose `curve_limits` apply.
+        trajectory: Trajectory to check.
+
+    Returns:
+        A clause that begins with "its trajectory" and names the joint, the time after the first
+        point, the value and the limit. None if the machine can follow the curve.
+    """
+    limits = machine.curve_limits
+    excess = find_curve_excess(limits, trajectory)
+    if excess is None:
+        return None
+    j, value, at = excess.joint, excess.value, f"{excess.time:.3f} s after its first point"
+    name, unit = machine.joint_names[j], machine.joint_units[j]
+    if excess.quantity is Quantity.POSITION:
+        lower, upper = limits.lower[j], limits.upper[j]
+        return (
+            f"its trajectory takes {name} {max(lower - value, value - upper):.3g} {unit} beyond "
+            f"its limits [{lower:.4g}, {upper:.4g}] {unit}, {at}"
+        )
+    if excess.quantity is Quantity.SPEED:
+        return (
+            f"its trajectory moves {name} at {value:.3g} {unit}/s, {at}; the main pump cannot "
+            f"move it faster than {limits.speed[j]:.3g} {unit}/s"
+        )
+    if excess.quantity is Quantity.ACCELERATION:
+        return (
+            f"its trajectory accelerates {name} by {value:.3g} {unit}/s², {at}; pressures cannot "
+            f"accelerate it by more than {limits.acceleration[j]:.3g} {unit}/s²"
+        )
+    return (
+        f"its trajectory moves {name} with a jerk of {value:.3g} {unit}/s³, {at}; valves cannot "
+        f"follow more than {limits.jerk[j]:.3g} {unit}/s³"
+    )
+
+
+@kernel
+def _find_excesses(
+    offset_ns: IntArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    rate_limits: FloatArray,
+    excesses: FloatArray,
+) -> None:
+    """Write the worst excess of each quantity and joint into `excesses`.
+
+    Each piece is checked by `_check_piece`. If its control values overflow, the excess is inf. A
+    joint that begins outside its range may return to it, but not move out again. Its position limit
+    in a piece is the nearest point to the range that the trajectory's points have reached so far.
+
+    Test oracle: SciPy's BPoly.
+
+    Args:
+        offset_ns: Times of the points after the first one, int64[points], [ns].
+        position: Joint positions, float64[points, n], [rad or m].
+        velocity: Joint velocities, float64[points, n].
+        acceleration: Joint accelerations, float64[points, n].
+        lower: Least position of each joint, float64[n], [rad or m].
+        upper: Greatest position of each joint, float64[n], [rad or m].
+        rate_limits: Limits of speed, acceleration and jerk (rows) of each joint, float64[3, n].
+        excesses: Result, float64[3, 4, n], zeros before: rows EXCESS_ROW, VALUE_ROW and TIME_ROW,
+            then `Quantity`, then joint. Written in place; an excess stays 0 if the limit is kept.
+    """
+    place, speed, force, jerk = np.empty(6), np.empty(5), np.empty(4), np.empty(3)
+    breaks = np.empty((3, 6))
+    for j in range(position.shape[1]):
+        low, high = position[0, j], position[0, j]
+        for k in range(len(offset_ns) - 1):
+            h = (offset_ns[k + 1] - offset_ns[k]) / SECOND_NS
+            q0, q1 = position[k, j], position[k + 1, j]
+            low = min(lower[j], max(low, q0))
+            high = max(upper[j], min(high, q0))
+            _compute_control_values(
+                h, q0, velocity[k, j], acceleration[k, j],
+                q1, velocity[k + 1, j], acceleration[k + 1, j],
+                place, speed, force, jerk,
+            )  # fmt: skip
+            begin = offset_ns[k] / SECOND_NS
+            rounding = POSITION_ROUNDING * max(1.0, abs(q0), abs(q1))
+            if _record_overflow(speed, force, jerk, excesses, j, begin):
+                continue
+            _check_piece(
+                place,
+                speed,
+                force,
+                jerk,
+                breaks,
+                h,
+                begin,
+                rounding,
+                low,
+                high,
+                rate_limits,
+                excesses,
+                j,
+            )
+
+
+@kernel
+def _compute_control_values(
+    h: float,
+    q0: float,
+    v0: float,
+    a0: float,
+    q1: float,
+    v1: float,
+    a1: float,
+    position: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+) -> None:
+    """Write the Bernstein control values of one quintic piece and of its three derivatives.
+
+    The derivatives are computed from the difference q₁ − q₀ and not from the control values of the
+    position: dividing by h would amplify their rounding. The module's docstring has the equations.
+    For a joint that slides, m takes the place of rad.
+
+    Args:
+        h: Duration of the piece [s].
+        q0: Position at the start [rad].
+        v0: Velocity at the start [rad/s].
+        a0: Acceleration at the start [rad/s²].
+        q1: Position at the end [rad].
+        v1: Velocity at the end [rad/s].
+        a1: Acceleration at the end [rad/s²].
+        position: Control values of the position, float64[6], written in place [rad].
+        speed: Control values of the velocity, float64[5], written in place [rad/s].
+        acceleration: Control values of the acceleration, float64[4], written in place [rad/s²].
+        jerk: Control values of the jerk, float64[3], written in place [rad/s³].
+    """
+    speed[0], speed[1], speed[3], speed[4] = v0, v0 + 0.25 * a0 * h, v1 - 0.25 * a1 * h, v1
+    speed[2] = 5.0 * ((q1 - q0) / h) - (speed[0] + speed[1] + speed[3] + speed[4])
+    acceleration[0], acceleration[3] = a0, a1
+    acceleration[1], acceleration[2] = (
+        4.0 * (speed[2] - speed[1]) / h,
+        4.0 * (speed[3] - speed[2]) / h,
+    )
+    for i in range(3):
+        jerk[i] = 3.0 * (acceleration[i + 1] - acceleration[i]) / h
+    position[0], position[1], position[2] = (
+        q0,
+        q0 + 0.2 * h * v0,
+        q0 + 0.2 * h * (speed[0] + speed[1]),
+    )
+    position[5], position[4], position[3] = (
+        q1,
+        q1 - 0.2 * h * v1,
+        q1 - 0.2 * h * (speed[3] + speed[4]),
+    )
+
+
+@kernel
+def _record_overflow(
+    speed: FloatArray,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+    excesses: FloatArray,
+    j: int,
+    begin: float,
+) -> bool:
+    """Return whether control values of a piece are infinite or nan, and write an excess of inf.
+
+    Only the first such quantity gets the excess, in the order speed, acceleration, jerk. Nothing is
+    written if all control values are finite.
+
+    Args:
+        speed: Control values of the velocity, float64[5].
+        acceleration: Control values of the acceleration, float64[4].
+        jerk: Control values of the jerk, float64[3].
+        excesses: Worst excesses so far, float64[3, 4, n], written in place.
+        j: Index of the joint.
+        begin: Start of the piece, after the first point of the trajectory [s].
+
+    Returns:
+        True if an excess of inf was written.
+    """
+    for quantity, values in ((_SPEED, speed), (_ACCELERATION, acceleration), (_JERK, jerk)):
+        if not _find_largest_magnitude(values) < math.inf:
+            _record_excess(excesses, quantity, j, math.inf, math.inf, begin)
+            return True
+    return False
+
+
+@kernel
+def _check_piece(
+    position: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+    breaks: FloatArray,
+    h: float,
+    begin: float,
+    rounding: float,
+    low: float,
+    high: float,
+    rate_limits: FloatArray,
+    excesses: FloatArray,
+    j: int,
+) -> None:
+    """Check one piece of joint j against all limits and write its excesses into `excesses`.
+
+    The control values are compared first, since they bound the curve. Extrema are computed only if
+    a control value exceeds its limit. An extremum is at a root of the derivative. The roots of the
+    jerk give the extrema of the acceleration. The roots of the acceleration, found between them,
+    give the extrema of the speed. The roots of the speed give the extrema of the position. For a
+    joint that slides, m takes the place of rad.
+
+    Args:
+        position: Control values of the position, float64[6], [rad].
+        speed: Control values of the velocity, float64[5], [rad/s].
+        acceleration: Control values of the acceleration, float64[4], [rad/s²].
+        jerk: Control values of the jerk, float64[3], [rad/s³].
+        breaks: Working memory, float64[3, 6], for values u = 0 … 1 within the piece; overwritten.
+        h: Duration of the piece [s].
+        begin: Start of the piece, after the first point of the trajectory [s].
+        rounding: Rounding error of the piece's positions [rad].
+        low: Lower limit of the position in this piece [rad].
+        high: Upper limit of the position in this piece [rad].
+        rate_limits: Limits of speed, acceleration and jerk (rows) of each joint, float64[3, n].
+        excesses: Worst excesses so far, float64[3, 4, n], written in place.
+        j: Index of the joint.
+    """
+    beyond = max(position.max() - high, low - position.min()) > 0.0
+    fast = _find_largest_magnitude(speed) > rate_limits[0, j]
+    if _find_largest_magnitude(jerk) > rate_limits[2, j]:
+        count = _write_quadratic_extrema(jerk, breaks[0])
+        slack = 120.0 * rounding / h**3
+        _record_excesses_at(
+            jerk, breaks[0, :count], h, begin, rate_limits[2, j], slack, excesses, _JERK, j
+        )
+    if not (beyond or fast or _find_largest_magnitude(acceleration) > rate_limits[1, j]):
+        return
+    count = _write_quadratic_roots(jerk, breaks[0])
+    slack = 20.0 * rounding / h**2
+    _record_excesses_at(
+        acceleration,
+        breaks[0, :count],
+        h,
+        begin,
+        rate_limits[1, j],
+        slack,
+        excesses,
+        _ACCELERATION,
+        j,
+    )
+    if not (beyond or fast):
+        return
+    count = _write_polynomial_roots(acceleration, breaks[0, :count], breaks[1])
+    slack = 5.0 * rounding / h
+    _record_excesses_at(
+        speed, breaks[1, :count], h, begin, rate_limits[0, j], slack, excesses, _SPEED, j
+    )
+    if not beyond:
+        return
+    count = _write_polynomial_roots(speed, breaks[1, :count], breaks[2])
+    for u in breaks[2, :count]:
+        q = _evaluate_bernstein(position, u)
+        excess = max(q - high, low - q)
+        if excess > POSITION_TOLERANCE:
+            _record_excess(excesses, _POSITION, j, excess, q, begin + u * h)
+
+
+@kernel
+def _record_excesses_at(
+    control: FloatArray,
+    points: FloatArray,
+    h: float,
+    begin: float,
+    limit: float,
+    slack: float,
+    excesses: FloatArray,
+    quantity: int,
+    j: int,
+) -> None:
+    """Write the excess of a quantity at given points of a piece if it is the worst so far.
+
+    The excess is relative, |value|/limit − 1. A value counts only if it exceeds the limit by more
+    than `slack`.
+
+    Args:
+        control: Control values of the quantity.
+        points: Points of the piece to look at, each u = 0 … 1.
+        h: Duration of the piece [s].
+        begin: Start of the piece, after the first point of the trajectory [s].
+        limit: Limit of the magnitude.
+        slack: Excess that is put down to rounding, in the unit of the limit.
+        excesses: Worst excesses so far, float64[3, 4, n], written in place.
+        quantity: `Quantity` as an integer.
+        j: Index of the joint.
+    """
+    for u in points:
+        reached = abs(_evaluate_bernstein(control, u))
+        if reached > limit + slack:
+            _record_excess(excesses, quantity, j, reached / limit - 1.0, reached, begin + u * h)
+
+
+@kernel(borrows=True)
+def _record_excess(
+    excesses: FloatArray, quantity: int, j: int, excess: float, value: float, time: float
+) -> None:
+    """Write an excess into `excesses` unless a worse one is already there.
+
+    Args:
+        excesses: Worst excesses so far, float64[3, 4, n], written in place.
+        quantity: `Quantity` as an integer.
+        j: Index of the joint.
+        excess: Excess over the limit: absolute for a position, else relative.
+        value: Position, or magnitude of the quantity.
+        time: Time after the first point of the trajectory [s].
+    """
+    if excess > excesses[EXCESS_ROW, quantity, j]:
+        excesses[EXCESS_ROW, quantity, j] = excess
+        excesses[VALUE_ROW, quantity, j] = value
+        excesses[TIME_ROW, quantity, j] = time
+
+
+@kernel(borrows=True)
+def _find_largest_magnitude(control: FloatArray) -> float:
+    """Return the largest magnitude of some control values.
+
+    Args:
+        control: Values, float64[k].
+
+    Returns:
+        The largest magnitude; nan if one of the values is nan.
+    """
+    largest = 0.0
+    for each in control:
+        if not abs(each) <= largest:
+            largest = abs(each)
+            if math.isnan(largest):
+                return largest
+    return largest
+
+
+@kernel(borrows=True)
+def _evaluate_bernstein(control: FloatArray, u: float) -> float:
+    """Evaluate a polynomial in Bernstein form.
+
+    Args:
+        control: Control values, one more than the degree.
+        u: Position within the piece, 0 … 1.
+
+    Returns:
+        Value of the polynomial at u.
+
+    Source:
+        Farin, Section 5.3 (nested multiplication).
+    """
+    degree, rest = len(control) - 1, 1.0 - u
+    power, choices, total = 1.0, 1.0, control[0] * rest
+    for i in range(1, degree):
+        power *= u
+        choices *= (degree - i + 1) / i
+        total = (total + power * choices * control[i]) * rest
+    return total + power * u * control[degree]
+
+
+@kernel(borrows=True)
+def _write_quadratic_extrema(control: FloatArray, points: FloatArray) -> int:
+    """Write the candidates for the extrema of a quadratic: 0, its vertex, and 1.
+
+    Args:
+        control: Control values of the quadratic, float64[3].
+        points: Result u = 0 … 1 in ascending order, written in place. The vertex is left out if it
+            is not inside.
+
+    Returns:
+        Number of values written, 2 or 3.
+    """
+    c0, c1, c2 = control[0], control[1], control[2]
+    bend = (c0 - c1) - (c1 - c2)
+    points[0], points[1] = 0.0, 1.0
+    if (c0 - c1) * bend <= 0.0 or abs(c0 - c1) >= abs(bend):
+        return 2
+    points[1], points[2] = (c0 - c1) / bend, 1.0
+    return 3
+
+
+@kernel(borrows=True)
+def _write_quadratic_roots(control: FloatArray, points: FloatArray) -> int:
+    """Write 0, the roots of a quadratic between 0 and 1, and 1.
+
+    With t = u/(1 − u) the roots follow from c₂t² + 2c₁t + c₀ = 0:
+
+        t = p/c₂ and c₀/p,   p = −c₁ ∓ √(c₁² − c₀c₂)
+
+    Args:
+        control: Control values c₀, c₁, c₂ of the quadratic, float64[3].
+        points: Result u = 0 … 1 in ascending order, written in place.
+
+    Returns:
+        Number of values written, 2 to 4.
+    """
+    points[0], points[1] = 0.0, 1.0
+    scale = _find_largest_magnitude(control)
+    if scale == 0.0:
+        return 2
+    c0, c1, c2 = control[0] / scale, control[1] / scale, control[2] / scale
+    square = c1 * c1 - c0 * c2
+    if square < 0.0:
+        return 2
+    p = -c1 - math.copysign(math.sqrt(square), c1)
+    one = p / (p + c2) if p + c2 != 0.0 else -1.0
+    other = c0 / (c0 + p) if c0 + p != 0.0 else -1.0
+    count = 1
+    for u in (min(one, other), max(one, other)):
+        if 0.0 < u < 1.0:
+            points[count] = u
+            count += 1
+    points[count] = 1.0
+    return count + 1
+
+
+@kernel(borrows=True)
+def _write_polynomial_roots(control: FloatArray, breaks: FloatArray, points: FloatArray) -> int:
+    """Write 0, the roots of a polynomial between 0 and 1, and 1.
+
+    Args:
+        control: Control values of the polynomial.
+        breaks: 0, the roots of its derivative in ascending order, and 1. The polynomial is monotone
+            between two neighbours.
+        points: Result u = 0 … 1 in ascending order, written in place.
+
+    Returns:
+        Number of values written, at least 2.
+    """
+    points[0], count = 0.0, 1
+    residue = ROOT_RESIDUE * _find_largest_magnitude(control)
+    left, at_left = 0.0, control[0]
+    for i in range(1, len(breaks)):
+        right, at_right = breaks[i], _evaluate_bernstein(control, breaks[i])
+        if (at_left < 0.0) != (at_right < 0.0):
+            points[count] = _find_root(control, left, right, at_left, at_right, residue)
+            count += 1
+        left, at_left = right, at_right
+    points[count] = 1.0
+    return count + 1
+
+
+@kernel(borrows=True)
+def _find_root(
+    control: FloatArray, left: float, right: float, at_left: float, at_right: float, residue: float
+) -> float:
+    """Find the root of a polynomial in an interval in which it is monotone.
+
+    The method is false position with the Illinois modification, at most ROOT_STEPS iterations.
+
+    Args:
+        control: Control values of the polynomial.
+        left: Left end of the interval, u = 0 … 1.
+        right: Right end of the interval, u = 0 … 1.
+        at_left: Value of the polynomial at the left end.
+        at_right: Value at the right end, of the other sign.
+        residue: Magnitude below which a value counts as 0.
+
+    Returns:
+        Root u between `left` and `right`.
+    """
+    middle, side = left, 0
+    for _ in range(ROOT_STEPS):
+        span = at_right - at_left
+        middle = (left * at_right - right * at_left) / span if span != 0.0 else left
+        if not left <= middle <= right:
+            middle = 0.5 * (left + right)
+        value = _evaluate_bernstein(control, middle)
+        if abs(value) <= residue:
+            break
+        if (value < 0.0) == (at_left < 0.0):
+            left, at_left = middle, value
+            if side == -1:
+                at_right *= 0.5
+            side = -1
+        else:
+            right, at_right = middle, value
+            if side == 1:
+                at_left *= 0.5
+            side = 1
+    return middle

@@ -1,0 +1,316 @@
+"""Executor of the suite's nodes: a callback that fails does not end its node.
+
+rclpy's executor raises whatever a callback raises, and an exception while a message is taken leaves
+the callback group occupied for good. Here each fault is recorded in the node's `faults`, a client
+that waits for an answer gets one, and the node goes on.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from collections.abc import Callable, Coroutine, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import Parameter, ParameterType, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import SingleThreadedExecutor, await_or_execute
+from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.task import Task
+
+from mhsb_msgs_py import stamps
+from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.faults import Faults, name_callback
+
+MAX_EXECUTOR_FAULTS = 100
+"""Number of faults of the executor itself in a row, without a served callback, that end the
+process."""
+
+MOST_CHANGES = 100
+"""Largest number of parameters that one request may set, twice as many as a node has.
+
+Each is checked together with all others, which takes some milliseconds. Nothing else is served
+during that time.
+"""
+
+TOO_MANY = f"one request may set {MOST_CHANGES} parameters; send this one in another request"
+"""Refusal of further parameters of a request."""
+
+Execution = Callable[[], Coroutine[Any, Any, None]]
+"""Coroutine function that executes a callback whose input has been taken."""
+
+
+def get_faults(node: Node) -> Faults:
+    """Return the record of a node's faults; create it if the node has none.
+
+    Args:
+        node: The node; a new record is stored as its attribute `faults`.
+
+    Returns:
+        The record.
+    """
+    if not hasattr(node, "faults"):
+        node.faults = Faults(node)
+    record: Faults = node.faults
+    return record
+
+
+class GuardedExecutor(SingleThreadedExecutor):
+    """Single-threaded executor that survives exceptions in the callbacks of its nodes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._in_a_row = 0
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Serve one callback, and record an exception of a task or of the wait itself as a fault.
+
+        Three kinds of exceptions are raised again, and end the node: a shutdown, a type in
+        `Faults.ending_errors`, and the last of `MAX_EXECUTOR_FAULTS` exceptions in a row.
+
+        Args:
+            timeout_sec: Longest time to wait for work [s]; None waits without limit.
+        """
+        try:
+            super().spin_once(timeout_sec)
+        except Exception as error:
+            self._in_a_row += 1
+            nodes = self.get_nodes()
+            if not nodes or self._in_a_row >= MAX_EXECUTOR_FAULTS:
+                raise
+            get_faults(nodes[0]).record_fault("a task of the node", error)
+        else:
+            self._in_a_row = 0
+
+    def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Task:
+        """Make the task that takes the input of one callback, executes it, and records exceptions.
+
+        The input of services is taken by `_take_request`, messages for the node's clock by
+        `_take_clock`, and all other input by rclpy.
+
+        Args:
+            entity: Subscription, timer, service or other object that is ready.
+            node: Node of the entity.
+            take_from_wait_list: rclpy's function that takes the input of the entity.
+
+        Returns:
+            The task.
+        """
+        faults = get_faults(node)
+        take = take_from_wait_list
+        if isinstance(entity, Service):
+            take = functools.partial(self._take_request, node)
+        elif getattr(entity, "callback", None) == node._time_source.clock_callback:
+            take = _take_clock
+
+        def guarded_take(entity: Any) -> Execution | None:
+            """Take the entity's input, and record an exception as a fault.
+
+            Args:
+                entity: What the executor serves.
+
+            Returns:
+                Coroutine function that executes the callback; None if there is no input or it
+                failed.
+            """
+            try:
+                execute: Execution | None = take(entity)
+            except Exception as error:
+                faults.record_fault(name_callback(entity), error)
+                return None
+            return None if execute is None else functools.partial(guarded, execute)
+
+        async def guarded(execute: Execution) -> None:
+            """Execute the callback, and record its success or its exception.
+
+            Args:
+                execute: Coroutine function that executes it.
+            """
+            try:
+                await execute()
+            except Exception as error:
+                faults.record_fault(name_callback(entity), error)
+            else:
+                faults.record_success(entity)
+
+        return super()._make_handler(entity, node, guarded_take)
+
+    def _take_request(self, node: Node, service: Service) -> Execution | None:
+        """Take a request from a service's queue.
+
+        Its answer is sent even if the callback fails. If it cannot be sent, this is logged.
+
+        Args:
+            node: Node of the service.
+            service: The service.
+
+        Returns:
+            Coroutine function that answers the request; None if the service was destroyed before.
+        """
+        try:
+            with service.handle:
+                request, header = service.handle.service_take_request(service.srv_type.Request)
+        except InvalidHandle:  # the service was destroyed
+            return None
+
+        async def execute() -> None:
+            """Answer the request that was taken, and send the response.
+
+            A response that cannot be sent is logged. Nothing happens if the queue was empty.
+            """
+            if header is None:
+                return
+            response = await self._compute_response(node, service, request)
+            try:
+                service.send_response(response, header)
+            except RCLError as error:
+                node.get_logger().warning(
+                    f"an answer of {name_callback(service)} could not be sent: {error}",
+                    throttle_duration_sec=1.0,
+                )
+
+        return execute
+
+    async def _compute_response(self, node: Node, service: Service, request: Any) -> Any:
+        """Compute the response of a service, with the reason of a refusal if its callback fails.
+
+        Requests to set parameters go to `_set_parameters`, parameter by parameter for
+        SetParameters and all at once for SetParametersAtomically. At most `MOST_CHANGES` parameters
+        are set; SetParameters refuses those beyond, SetParametersAtomically the whole request.
+
+        Args:
+            node: Node of the service.
+            service: The service.
+            request: The request.
+
+        Returns:
+            Response of the service. After a fault, its `success` is False and its `message` names
+            the fault, if it has these fields.
+        """
+        response = service.srv_type.Response()
+        if service.srv_type is SetParameters:
+            for parameter in request.parameters[:MOST_CHANGES]:
+                alone = SetParameters.Request(parameters=[parameter])
+                given = await self._set_parameters(node, service, [parameter], alone)
+                response.results.append(given)
+            beyond = len(request.parameters) - len(response.results)
+            response.results.extend([SetParametersResult(reason=TOO_MANY)] * beyond)
+        elif service.srv_type is SetParametersAtomically:
+            response.result = await self._set_parameters(node, service, request.parameters, request)
+        else:
+            try:
+                return await await_or_execute(service.callback, request, response)
+            except Exception as error:
+                sentence = get_faults(node).record_fault(name_callback(service), error)
+                response = service.srv_type.Response()
+                if hasattr(response, "success") and hasattr(response, "message"):
+                    response.success, response.message = False, sentence
+        return response
+
+    async def _set_parameters(
+        self, node: Node, service: Service, parameters: Sequence[Parameter], request: Any
+    ) -> SetParametersResult:
+        """Set parameters all or none.
+
+        They are refused if there are more than `MOST_CHANGES`, or if `_find_unusable_parameter`
+        gives a reason. If the callback raises an exception, they are refused, a fault is recorded,
+        and the node's parameters are restored.
+
+        Args:
+            node: Node of the parameters.
+            service: The service that sets parameters.
+            parameters: Parameters of the request.
+            request: Request with these parameters alone.
+
+        Returns:
+            Result; its reason is empty if the parameters are set, and otherwise one printable
+            sentence.
+        """
+        reason = (
+            _find_unusable_parameter(node, parameters)
+            if len(parameters) <= MOST_CHANGES
+            else TOO_MANY
+        )
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
+        before = dict(node._parameters)
+        try:
+            response = await await_or_execute(
+                service.callback, request, service.srv_type.Response()
+            )
+        except Exception as error:
+            node._parameters = before
+            reason = get_faults(node).record_fault(name_callback(service), error)
+            return SetParametersResult(successful=False, reason=reason)
+        several = service.srv_type is SetParameters
+        result = response.results[0] if several else response.result
+        result.reason = str(MessageError(result.reason))
+        return result
+
+
+def _take_clock(subscription: Subscription) -> Execution | None:
+    """Take a time for the node's clock.
+
+    Args:
+        subscription: Subscription of /clock.
+
+    Returns:
+        Coroutine function that sets the clock; None if there is no message.
+
+    Raises:
+        MessageError: The time is not one that a clock may show (`stamps.from_clock`): with it, the
+            node could not send its own stamps any more.
+    """
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    if taken is None:
+        return None
+    stamps.from_clock(taken[0].clock)
+
+    async def execute() -> None:
+        """Set the node's clock by the message."""
+        subscription.callback(taken[0])
+
+    return execute
+
+
+def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str:
+    """Return why parameters of a request cannot be set with any value.
+
+    Args:
+        node: Node of the parameters. Its `deletable_parameters` are those that may be deleted.
+        parameters: Parameters of the request.
+
+    Returns:
+        One sentence on the first parameter that is unknown, of an unknown type or must not be
+        deleted; empty if there is none.
+    """
+    deletable = getattr(node, "deletable_parameters", ())
+    for parameter in parameters:
+        name, kind = parameter.name, parameter.value.type
+        if not node.has_parameter(name):
+            near = suggest_parameter(node, name)
+            return str(MessageError(f"there is no parameter '{name}'{near}"))
+        if kind > ParameterType.PARAMETER_STRING_ARRAY:
+            return (
+                f"{name} has a value of type {kind}; types are 1 (bool) to "
+                f"{ParameterType.PARAMETER_STRING_ARRAY} (array of texts)"
+            )
+        if kind == ParameterType.PARAMETER_NOT_SET and name not in deletable:
+            return f"{name} cannot be deleted; set it to another value"
+    return ""
+
+
+def suggest_parameter(node: Node, name: str) -> str:
+    """Return "; did you mean NAME?" for the most similar parameter; empty if none is similar.
+
+    Args:
+        node: Node of the parameters.
+        name: Name that does not exist.
+    """
+    near = difflib.get_close_matches(name[:100], sorted(node._parameters), 1)
+    return f"; did you mean {near[0]}?" if near else ""

@@ -1,0 +1,205 @@
+"""Subscriptions that also receive from publishers whose quality of service does not match theirs.
+
+A reliable subscription gets nothing from a best-effort publisher, such as a micro controller. A
+transient-local subscription gets nothing from a volatile publisher. ROS then delivers nothing and
+only logs an event. `MatchingSubscriptions` opens a second subscription with the publisher's own
+quality of service; the first one stays for all others.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from mhsb_msgs_py.topics import Topic
+
+MESSAGE_CAPACITY = 64
+"""Number of last messages of a topic among which duplicates are recognized."""
+
+Offer = tuple[ReliabilityPolicy, DurabilityPolicy]
+"""Reliability and durability that a publisher offers."""
+
+
+@dataclass(eq=False)
+class _SubscribedTopic:
+    """Topic with its subscriptions.
+
+    Attributes:
+        topic: Name, type and the quality of service that is asked for.
+        callback: Called with message and information, once for each message.
+        first: The subscription with the topic's own quality of service.
+        further: Further subscriptions, by the reliability and durability of the publishers that
+            the first one does not match.
+        keys: Publishing time [ns] and sequence number of the last messages.
+    """
+
+    topic: Topic
+    callback: Callable[[Any, dict[str, int]], None]
+    first: Subscription | None = None
+    further: dict[Offer, Subscription] = field(default_factory=dict)
+    keys: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=MESSAGE_CAPACITY))
+
+    def pass_on(self, message: Any, info: dict[str, int]) -> None:
+        """Pass a message to the callback, unless another subscription has already received it.
+
+        If there are further subscriptions, duplicates are recognized by publishing time and
+        sequence number among the last MESSAGE_CAPACITY messages. Otherwise all messages are passed.
+
+        Args:
+            message: The message.
+            info: rclpy's information on the message.
+        """
+        if self.further:
+            key = info["source_timestamp"], info.get("publication_sequence_number") or 0
+            if key in self.keys:
+                return
+            self.keys.append(key)
+        self.callback(message, info)
+
+
+class MatchingSubscriptions:
+    """Subscriptions of a node; `update` opens further ones if publishers need them.
+
+    Attributes:
+        problem: One sentence that names all publishers whose quality of service a topic's own
+            subscription does not match; empty if there is none.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Store the node; `add` makes the subscriptions.
+
+        Args:
+            node: Node that gets the subscriptions.
+        """
+        self._node = node
+        self._heard: list[_SubscribedTopic] = []
+        self.problem = ""
+
+    def add(
+        self,
+        topic: Topic,
+        callback: Callable[[Any, dict[str, int]], None],
+        *,
+        at_once: bool = False,
+    ) -> Subscription:
+        """Subscribe to a topic with its own quality of service.
+
+        Args:
+            topic: Name, type and quality of service.
+            callback: Called with each message and rclpy's information on it.
+            at_once: Whether to call `update` at once when ROS finds a publisher that does not
+                match. ROS then checks for this event at every wake.
+
+        Returns:
+            The subscription with the topic's own quality of service.
+        """
+        heard = _SubscribedTopic(topic, callback)
+        found = (lambda event: self.update()) if at_once else None
+        events = SubscriptionEventCallbacks(incompatible_qos=found, use_default_callbacks=False)
+        heard.first = self._subscribe(heard, topic.qos, events)
+        self._heard.append(heard)
+        return heard.first
+
+    def update(self) -> None:
+        """Open further subscriptions for publishers that a topic's own subscription does not match.
+
+        There is one for each combination of reliability and durability that such publishers offer,
+        and each is logged. A further subscription is closed once all its publishers are gone. The
+        topic's own subscription stays. `problem` names all publishers that do not match it, also
+        publishers that a further subscription serves.
+        """
+        problems = []
+        for heard in self._heard:
+            offers: dict[Offer, list[str]] = {}
+            for each in self._node.get_publishers_info_by_topic(heard.topic.name):
+                offer = each.qos_profile.reliability, each.qos_profile.durability
+                if not _matches(heard.topic.qos, *offer):
+                    name = f"{each.node_namespace.rstrip('/')}/{each.node_name}"
+                    offers.setdefault(offer, []).append(name)
+            for offer in heard.further.keys() - offers.keys():
+                self._node.destroy_subscription(heard.further.pop(offer))
+            for offer, names in offers.items():
+                whose = f"{heard.topic.name} of {', '.join(names)}"
+                problems.append(f"{whose} is {_describe_mismatch(heard, offer)}")
+                if offer not in heard.further:
+                    self._open(heard, offer, problems[-1])
+        self.problem = "; ".join(problems)
+
+    def _open(self, subscribed: _SubscribedTopic, offer: Offer, problem: str) -> None:
+        """Subscribe to a topic once more, with a publisher's quality of service, and log this.
+
+        Args:
+            subscribed: The topic. The subscription is added to its `further` in place.
+            offer: Reliability and durability of the publisher.
+            problem: Sentence on the mismatch.
+        """
+        reliability, durability = offer
+        qos = QoSProfile(
+            history=subscribed.topic.qos.history,
+            depth=subscribed.topic.qos.depth,
+            reliability=reliability,
+            durability=durability,
+        )
+        silent = SubscriptionEventCallbacks(use_default_callbacks=False)
+        subscribed.further[offer] = self._subscribe(subscribed, qos, silent)
+        self._node.get_logger().warning(
+            f"{problem}; it is heard as it comes: messages may be lost, and what was said before "
+            "now is not known"
+        )
+
+    def _subscribe(
+        self, subscribed: _SubscribedTopic, qos: QoSProfile, events: SubscriptionEventCallbacks
+    ) -> Subscription:
+        """Create a subscription whose messages go to `subscribed.pass_on`."""
+        topic = subscribed.topic
+        return self._node.create_subscription(
+            topic.message, topic.name, subscribed.pass_on, qos, event_callbacks=events
+        )
+
+
+def _matches(
+    wanted: QoSProfile, reliability: ReliabilityPolicy, durability: DurabilityPolicy
+) -> bool:
+    """Return whether a subscription receives from a publisher, by the rules of DDS.
+
+    Args:
+        wanted: Quality of service of the subscription.
+        reliability: Reliability of the publisher.
+        durability: Durability of the publisher.
+
+    Returns:
+        False if the subscription is reliable and the publisher best effort, or if the subscription
+        is transient local and the publisher volatile. Otherwise True.
+    """
+    reliable = wanted.reliability == ReliabilityPolicy.RELIABLE
+    latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    if reliable and reliability == ReliabilityPolicy.BEST_EFFORT:
+        return False
+    return not (latched and durability == DurabilityPolicy.VOLATILE)
+
+
+def _describe_mismatch(subscribed: _SubscribedTopic, offer: Offer) -> str:
+    """Describe how the quality of service of a publisher falls short of what a topic asks for.
+
+    Args:
+        subscribed: The topic.
+        offer: Reliability and durability of the publisher.
+
+    Returns:
+        "best effort, not reliable", "volatile, not transient local", or both joined by "and".
+    """
+    reliability, durability = offer
+    less = []
+    if reliability == ReliabilityPolicy.BEST_EFFORT:
+        less.append("best effort, not reliable")
+    wanted = subscribed.topic.qos.durability
+    if wanted == DurabilityPolicy.TRANSIENT_LOCAL and durability == DurabilityPolicy.VOLATILE:
+        less.append("volatile, not transient local")
+    return " and ".join(less)

@@ -1,0 +1,1 @@
+"""Moves and simulated situations on which planners are compared and tested."""

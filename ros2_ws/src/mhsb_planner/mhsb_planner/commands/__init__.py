@@ -1,1 +1,0 @@
-"""What `ros2 run mhsb_planner` offers beside the node."""

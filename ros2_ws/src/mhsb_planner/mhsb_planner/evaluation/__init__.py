@@ -1,1 +1,0 @@
-"""How good plans are: the paper's cases, ground truth, benchmarks, operating points."""

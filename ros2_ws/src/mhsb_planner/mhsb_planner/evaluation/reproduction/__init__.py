@@ -1,1 +1,0 @@
-"""The paper's cases and sweeps, run and judged: published beside own values, and the figures."""

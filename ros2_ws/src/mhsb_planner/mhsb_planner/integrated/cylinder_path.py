@@ -1,0 +1,704 @@
+"""Cost of a cylinder path: a polyline of cylinder lengths, with the best modes along it.
+
+A cylinder path is given by waypoints `via`, shape (points, n) [m]. Each segment is cut into pieces
+of limited stroke, and each piece is priced as a step of `s2_step`. Dynamic programming over the
+pieces picks the mode combination of each piece. It minimises
+
+    w₁ E + w₂ T + w₃ switches + w₄ M
+
+with energy E [J], time T [s], the number of mode switches and the area shortfall M [m]
+(`manipulability_loss`). If a cylinder holds a load that P_S cannot carry, it is boosted as in the
+motion. The switches to the modes that hold the arm at the end of the path are counted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import needs_boost
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import tip_position, tip_positions
+from mhsb_model.linkages.linkage import find_joint_angle
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.obstacles.clearance import move_is_clear
+from mhsb_model.statics import piston_forces
+from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
+from mhsb_model.workspace import compute_workspace_excess
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.lower_bound import bound_cost_between
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, compute_step_area_loss
+from mhsb_planner.search.s2_step import (
+    DURATION_COLUMN,
+    ENERGY_PAPER_COLUMN,
+    ENERGY_SERIES_COLUMN,
+    STEP_INADMISSIBLE,
+    HydraulicCoefficients,
+    Postures,
+    StepBuffers,
+    compute_hydraulic_coefficients,
+    create_step_buffers,
+    middle_forces,
+    price_steps_to_node,
+)
+
+MAX_PIECE_STROKE = 2e-3
+"""Largest stroke of a cylinder within one piece, for an arm of the paper's size [m]."""
+
+WORKSPACE_TOLERANCE = 1e-9
+"""Largest distance of the tip outside the workspace [m]. A path that starts farther outside may
+stay as far outside.
+"""
+
+WORKSPACE_EDGE_DISTANCE = 5e-3
+"""Distance of the tip from the workspace's edge below which the middle of a piece is checked, too
+[m].
+"""
+
+BOOST_RESERVE = 30e3
+"""Additional boost margin if the polytope's area has a weight [Pa].
+
+Boost reduces the area, and a motion follows its path too loosely to avoid boost by a smaller
+margin.
+"""
+
+REST_SPEED = 2e-4
+"""Piston speed below which a cylinder holds its load [m/s]. S3 and S4 use the same value,
+`motion.s3_limits.DEAD_BAND`.
+"""
+
+HALF_WAY = 2
+"""Index in `PathCostBuffers.points` of the posture half-way along a piece."""
+
+
+class PathCostModel(NamedTuple):
+    """Constants by which cylinder paths are priced.
+
+    Attributes:
+        machine: Numeric description of the machine.
+        circuit: Hydraulic coefficients of the machine.
+        patterns: Mode combinations, uint8, shape (patterns, n).
+        switches: Number of actuators that change their mode between two combinations, shape
+            (patterns + 1, patterns). Row: combination before; the last row stands for the modes in
+            force at the start. Column: combination after.
+        weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
+        energy_column: Column of a step's cost that holds the energy in the chosen reading.
+        area: Weight w₄ of the area shortfall and the reference area.
+        obstacles: Obstacles as `Obstacles.path_rows`; empty if there are none.
+        max_piece_stroke: Largest stroke of a cylinder within one piece [m].
+    """
+
+    machine: MachineArrays
+    circuit: HydraulicCoefficients
+    patterns: ModeArray
+    switches: IntArray
+    weight: FloatArray
+    energy_column: int
+    area: AreaTerm
+    obstacles: FloatArray
+    max_piece_stroke: float
+
+
+def cost_model(
+    machine: Machine,
+    start_modes: ModeArray,
+    weight: FloatArray,
+    column: int,
+    area: AreaTerm = WITHOUT_AREA,
+) -> PathCostModel:
+    """Build the cost model for cylinder paths that start with given modes.
+
+    A cylinder slower than REST_SPEED counts as held. It must be boosted if P_S cannot hold its
+    load. If the area has a weight, BOOST_RESERVE is added to the boost margin.
+
+    Args:
+        machine: The arm in its plane.
+        start_modes: Modes in force at the start, uint8, shape (n,).
+        weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
+        column: Column of a step's cost that holds the energy in the chosen reading,
+            ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN.
+        area: Weight and reference of the area shortfall; by default the area is ignored.
+
+    Returns:
+        The cost model, with all mode combinations of the machine.
+    """
+    patterns = machine.patterns
+    before = np.vstack([patterns, start_modes[None, :]])
+    switches = np.count_nonzero(before[:, None, :] != patterns[None, :, :], axis=2)
+    circuit = compute_hydraulic_coefficients(machine.arrays, patterns)._replace(
+        rest_speed=REST_SPEED
+    )
+    if area.weight > 0.0:
+        circuit = circuit._replace(boost_margin=circuit.boost_margin + BOOST_RESERVE)
+    return PathCostModel(
+        machine.arrays,
+        circuit,
+        patterns,
+        frozen(switches),
+        frozen(weight),
+        column,
+        area,
+        machine.obstacles.path_rows,
+        MAX_PIECE_STROKE * machine.relative_size,
+    )
+
+
+def without_leakage_cost(t: PathCostModel) -> PathCostModel:
+    """Return a copy of the cost model in which leakage costs nothing.
+
+    It suits a motion whose duration is fixed by something else, so that leakage flows anyway.
+
+    Args:
+        t: Cost model of the cylinder path.
+    """
+    return t._replace(circuit=t.circuit._replace(leakage_flow=0.0, idle_leakage=0.0))
+
+
+class PathCostBuffers(NamedTuple):
+    """Working memory of one thread, so that pricing allocates nothing.
+
+    Attributes:
+        scratch: Cost and status of the last priced piece in each mode combination.
+        points: Three postures: indices 0 and 1 are the ends of the piece, 2 is half-way.
+        middle: Piston forces half-way along the piece, shape (1, n) [N].
+        owner: Index of the posture in which each mode combination ends, shape (2, patterns); row i
+            holds i.
+        value: Least cost up to points 0 and 1 by mode combination of arrival, shape (2, patterns +
+            1). The last column stands for the modes in force at the start.
+        shortfall: Cost w₄ M of the priced piece, shape (patterns,).
+    """
+
+    scratch: StepBuffers
+    points: Postures
+    middle: FloatArray
+    owner: IntArray
+    value: FloatArray
+    shortfall: FloatArray
+
+
+@kernel
+def new_path_cost_buffers(t: PathCostModel) -> PathCostBuffers:
+    """Allocate the working memory for a cost model.
+
+    Args:
+        t: Cost model of the cylinder path.
+
+    Returns:
+        Buffers with undefined contents, except `owner` and a `shortfall` of 0.
+    """
+    count, n = t.patterns.shape
+    points = Postures(np.empty((3, n)), np.empty((3, n)), np.empty((3, n)))
+    owner = np.zeros((2, count), dtype=np.int64)
+    owner[1, :] = 1
+    return PathCostBuffers(
+        create_step_buffers(t.patterns),
+        points,
+        np.empty((1, n)),
+        owner,
+        np.empty((2, count + 1)),
+        np.zeros(count),
+    )
+
+
+@kernel(borrows=True)
+def place_posture(
+    m: MachineArrays, points: Postures, i: int, length: FloatArray, guess: int
+) -> None:
+    """Write the posture that has given cylinder lengths into points[i].
+
+    The joint positions are found by Newton's method from a neighbouring posture. Writes posture,
+    length and piston force of points[i].
+
+    Args:
+        m: Numeric description of the machine.
+        points: Postures, changed in place.
+        i: Index of the posture to write.
+        length: Cylinder lengths, shape (n,) [m].
+        guess: Index of a posture in `points` whose angles are close.
+    """
+    for j in range(len(length)):
+        points.length[i, j] = length[j]
+        points.posture[i, j] = find_joint_angle(
+            m.linkage[j], length[j], m.joint_min[j], m.joint_max[j], points.posture[guess, j]
+        )
+    piston_forces(m, points.posture[i], points.force[i])
+
+
+@kernel(borrows=True)
+def _workspace_excess(m: MachineArrays, posture: FloatArray) -> float:
+    """Return the distance of the tip outside the workspace [m]; negative inside."""
+    x, z = tip_position(m, posture)
+    return compute_workspace_excess(m, x, z)
+
+
+@kernel(borrows=True)
+def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
+    """Return whether the tip gets out of the workspace between points[here] and points[1 - here].
+
+    A start outside the workspace may stay as far outside as it is. Near the edge, the posture
+    half-way in cylinder lengths is checked, too. (`middle_forces` checks only the straight line in
+    joint space, from which a cylinder path deviates.)
+
+    Args:
+        m: Numeric description of the machine.
+        points: Postures; points[2] is overwritten with the posture half-way.
+        here: Index of the start, 0 or 1.
+
+    Returns:
+        True if the piece leaves the workspace.
+    """
+    begin, end = (
+        _workspace_excess(m, points.posture[here]),
+        _workspace_excess(m, points.posture[1 - here]),
+    )
+    allowed = max(WORKSPACE_TOLERANCE, begin)
+    if end > allowed:
+        return True
+    if max(begin, end) < -WORKSPACE_EDGE_DISTANCE:
+        return False
+    for j in range(points.length.shape[1]):
+        length = 0.5 * (points.length[0, j] + points.length[1, j])
+        points.posture[HALF_WAY, j] = find_joint_angle(
+            m.linkage[j], length, m.joint_min[j], m.joint_max[j], points.posture[here, j]
+        )
+    return _workspace_excess(m, points.posture[HALF_WAY]) > allowed
+
+
+@kernel(borrows=True)
+def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
+    """Price the straight move between two postures in all mode combinations.
+
+    The move leads from w.points[here] to w.points[1 - here]. It is inadmissible if the tip leaves
+    the workspace or the arm comes too near to an obstacle. Writes w.scratch (duration, energies and
+    status of each combination), w.shortfall and w.middle.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread.
+        here: Index of the start in w.points, 0 or 1.
+
+    Returns:
+        The status of the combinations that may be used, as `s2_step.price_steps_to_node` returns
+        it: those with an equal w.scratch.status. STEP_INADMISSIBLE means none.
+    """
+    there = 1 - here
+    m, posture = t.machine, w.points.posture
+    if _leaves_workspace(m, w.points, here):
+        return STEP_INADMISSIBLE
+    if len(t.obstacles) > 0 and not move_is_clear(
+        m, t.obstacles, posture[here], posture[there], True
+    ):
+        return STEP_INADMISSIBLE
+    middle_forces(m, posture[here], posture, there, w.middle)
+    status = price_steps_to_node(
+        t.circuit,
+        t.patterns,
+        w.points,
+        here,
+        w.points,
+        there,
+        1,
+        w.owner[there],
+        w.middle,
+        w.scratch,
+    )
+    if t.area.weight > 0.0 and status != STEP_INADMISSIBLE:
+        compute_step_area_loss(
+            m,
+            t.area,
+            posture[here],
+            posture[there],
+            t.patterns,
+            w.scratch.status,
+            status,
+            w.shortfall,
+        )
+    return status
+
+
+@kernel
+def piece_count(start: FloatArray, end: FloatArray, piece: float) -> int:
+    """Return the number of pieces into which a straight move is cut.
+
+    Args:
+        start: Cylinder lengths at the start, shape (n,) [m].
+        end: Cylinder lengths at the end, shape (n,) [m].
+        piece: Largest stroke of a cylinder within one piece [m].
+
+    Returns:
+        The smallest number of equal pieces that keep the limit, at least 1.
+    """
+    stroke = 0.0
+    for j in range(len(start)):
+        stroke = max(stroke, abs(end[j] - start[j]))
+    return max(1, math.ceil(stroke / piece - 1e-9))
+
+
+@kernel(borrows=True)
+def least_move_cost(t: PathCostModel, start: FloatArray, end: FloatArray) -> float:
+    """Return the lower bound on the cost of any path between two vectors of cylinder lengths."""
+    return bound_cost_between(t.circuit, start, end, t.weight)
+
+
+@kernel(borrows=True)
+def _piece_cost(t: PathCostModel, w: PathCostBuffers, p: int) -> float:
+    """Return w₁ E + w₂ T + w₄ M of the piece that was priced last, in mode combination p."""
+    cost = w.scratch.cost
+    return (
+        t.weight[0] * cost[p, t.energy_column]
+        + t.weight[1] * cost[p, DURATION_COLUMN]
+        + w.shortfall[p]
+    )
+
+
+@kernel(borrows=True)
+def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: IntArray) -> float:
+    """Extend the dynamic programming by the piece from w.points[here] to the other point.
+
+    For each admissible combination p of the piece:
+
+        after[p] = min over o of (value[o] + w₃ switches[o, p]) + cost of the piece in p
+
+    Reads w.value[here] and writes w.value[1 - here]; inadmissible combinations get inf.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread.
+        here: Index of the piece's start in w.points, 0 or 1.
+        parent: Written in place, shape (patterns,): best combination before the piece, for each
+            combination of the piece.
+
+    Returns:
+        Least cost up to the end of the piece; inf if the piece is inadmissible.
+    """
+    status = price_piece(t, w, here)
+    if status == STEP_INADMISSIBLE:
+        return math.inf
+    value, after = w.value[here], w.value[1 - here]
+    w_switch = t.weight[2]
+    after[:] = math.inf
+    least = math.inf
+    for p in range(len(t.patterns)):
+        if w.scratch.status[p] != status:
+            continue
+        best = math.inf
+        for o in range(len(value)):
+            arrived = value[o] + w_switch * t.switches[o, p]
+            if arrived < best:
+                best = arrived
+                parent[p] = o
+        after[p] = best + _piece_cost(t, w, p)
+        least = min(least, after[p])
+    return least
+
+
+@kernel(borrows=True)
+def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray) -> int:
+    """Count the actuators that must change their mode to hold the arm at rest.
+
+    An actuator holds its load in mode DB if the load needs boost, otherwise in mode N.
+
+    Args:
+        m: Numeric description of the machine.
+        force: Piston forces at rest, shape (n,) [N].
+        modes: Modes before the rest, shape (n,).
+
+    Returns:
+        Number of switches.
+    """
+    count = 0
+    for j in range(len(force)):
+        hold = Mode.DB if needs_boost(m, j, force[j], 0.0) else Mode.N
+        if modes[j] != hold:
+            count += 1
+    return count
+
+
+@kernel(borrows=True)
+def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> float:
+    """Add the switches to the holding modes to the costs at w.points[at].
+
+    Changes w.value[at] in place.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread.
+        at: Index of the path's last posture in w.points, 0 or 1.
+
+    Returns:
+        Least cost of the whole path.
+    """
+    least = math.inf
+    for p in range(len(t.patterns)):
+        count = count_switches_to_hold(t.machine, w.points.force[at], t.patterns[p])
+        w.value[at, p] += t.weight[2] * count
+        least = min(least, w.value[at, p])
+    return least
+
+
+@kernel
+def begin_path(
+    t: PathCostModel, w: PathCostBuffers, length: FloatArray, posture: FloatArray
+) -> None:
+    """Set the working memory to the start of a cylinder path.
+
+    Writes w.points[0] and w.value[0]: cost 0 in the modes in force at the start, inf in all mode
+    combinations.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread.
+        length: Cylinder lengths at the start, shape (n,) [m].
+        posture: Joint positions at the start, shape (n,) [rad or m].
+    """
+    w.points.posture[0] = posture
+    w.points.length[0] = length
+    piston_forces(t.machine, posture, w.points.force[0])
+    w.value[0, :] = math.inf
+    w.value[0, -1] = 0.0
+
+
+@kernel
+def continue_path(
+    t: PathCostModel,
+    w: PathCostBuffers,
+    via: FloatArray,
+    limit: float,
+    parent: IntArray,
+    rests_at_end: bool = True,
+) -> float:
+    """Price further waypoints of a cylinder path, starting from w.points[0] and w.value[0].
+
+    Cuts each segment into pieces and runs the dynamic programming over them. On success,
+    w.points[0] and w.value[0] describe the last waypoint. On failure their content is undefined.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread.
+        via: Waypoints, shape (points, n) [m]; the first is the one at w.points[0].
+        limit: The path is given up if its cost so far plus a lower bound on the rest of `via`
+            reaches this cost.
+        parent: Written in place, shape (pieces or 1, patterns): best combination before each piece,
+            for each combination of that piece. With a single row only the last piece's entries
+            remain.
+        rests_at_end: Whether the arm rests at the last waypoint, so that switches to the holding
+            modes count.
+
+    Returns:
+        Least cost from the start of the whole path to the last waypoint; inf if no mode
+        combinations are admissible or the limit is reached. 0 if `via` has no segment and the arm
+        does not rest there.
+    """
+    rest = 0.0
+    for s in range(len(via) - 1):
+        rest += least_move_cost(t, via[s], via[s + 1])
+    here, row = 0, 0
+    length = np.empty(via.shape[1])
+    least = 0.0
+    for s in range(len(via) - 1):
+        count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
+        piece = least_move_cost(t, via[s], via[s + 1]) / count
+        for k in range(1, count + 1):
+            for j in range(len(length)):
+                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
+            place_posture(t.machine, w.points, 1 - here, length, here)
+            least = _extend_by_piece(t, w, here, parent[row])
+            rest -= piece
+            if least + rest >= limit:
+                return math.inf
+            here = 1 - here
+            row = row + 1 if row + 1 < len(parent) else 0
+    if rests_at_end:
+        least = _add_holding_switches(t, w, here)
+        if least >= limit:
+            return math.inf
+    if here == 1:
+        w.points.posture[0] = w.points.posture[1]
+        w.points.length[0] = w.points.length[1]
+        w.points.force[0] = w.points.force[1]
+        w.value[0] = w.value[1]
+    return least
+
+
+@kernel
+def price_path(
+    t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray, limit: float
+) -> float:
+    """Return the least cost of a cylinder path from its start to rest at its end.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, overwritten.
+        via: Waypoints, shape (points, n) [m].
+        start: Joint positions at via[0], shape (n,) [rad or m].
+        limit: The path is given up once a lower bound on its cost reaches this.
+
+    Returns:
+        The cost; inf if the path is inadmissible or its cost reaches the limit.
+    """
+    begin_path(t, w, via[0], start)
+    return continue_path(t, w, via, limit, np.empty((1, len(t.patterns)), dtype=np.int64))
+
+
+@kernel
+def compute_costs_to_go(
+    t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
+) -> FloatArray:
+    """Compute the least cost from each waypoint of an admissible path to its end.
+
+    Switches between pieces and to the holding modes at the end are included. The working memory is
+    overwritten.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread.
+        via: Waypoints, shape (points, n) [m].
+        start: Joint positions at via[0], shape (n,) [rad or m].
+
+    Returns:
+        Cost by waypoint and by the mode combination in which the waypoint is reached, shape
+        (points, patterns). Inf means that there is no admissible continuation. The first row is all
+        inf, since it is not computed.
+    """
+    pieces, patterns = 0, len(t.patterns)
+    for s in range(len(via) - 1):
+        pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
+    cost = np.full((pieces, patterns), np.inf)
+    begin_path(t, w, via[0], start)
+    length = np.empty(via.shape[1])
+    here, row = 0, 0
+    for s in range(len(via) - 1):
+        count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
+        for k in range(1, count + 1):
+            for j in range(len(length)):
+                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
+            place_posture(t.machine, w.points, 1 - here, length, here)
+            status = price_piece(t, w, here)
+            for p in range(patterns):
+                if status != STEP_INADMISSIBLE and w.scratch.status[p] == status:
+                    cost[row, p] = _piece_cost(t, w, p)
+            here, row = 1 - here, row + 1
+    ahead = np.full((len(via), patterns), np.inf)
+    for p in range(patterns):
+        count = count_switches_to_hold(t.machine, w.points.force[here], t.patterns[p])
+        ahead[-1, p] = t.weight[2] * count
+    after, before = ahead[-1].copy(), np.empty(patterns)
+    for s in range(len(via) - 2, 0, -1):
+        for _ in range(piece_count(via[s], via[s + 1], t.max_piece_stroke)):
+            row -= 1
+            before[:] = np.inf
+            for p in range(patterns):
+                there = cost[row, p] + after[p]
+                if there < np.inf:
+                    for o in range(patterns):
+                        before[o] = min(before[o], there + t.weight[2] * t.switches[o, p])
+            after[:] = before
+        ahead[s] = after
+    return ahead
+
+
+@kernel
+def _find_best_patterns(
+    t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
+) -> IntArray:
+    """Find the best mode combination of each piece of an admissible path.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, overwritten.
+        via: Waypoints, shape (points, n) [m].
+        start: Joint positions at via[0], shape (n,) [rad or m].
+
+    Returns:
+        Index into t.patterns for each piece, shape (pieces,).
+    """
+    pieces = 0
+    for s in range(len(via) - 1):
+        pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
+    parent = np.empty((pieces, len(t.patterns)), dtype=np.int64)
+    begin_path(t, w, via[0], start)
+    continue_path(t, w, via, math.inf, parent)
+    pattern = np.empty(pieces, dtype=np.int64)
+    pattern[-1] = np.argmin(w.value[0, :-1])
+    for k in range(pieces - 1, 0, -1):
+        pattern[k - 1] = parent[k, pattern[k]]
+    return pattern
+
+
+@kernel
+def _compute_pieces(
+    t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Compute postures, mode combinations and costs of all pieces of an admissible path.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, overwritten.
+        via: Waypoints, shape (points, n) [m].
+        start: Joint positions at via[0], shape (n,) [rad or m].
+
+    Returns:
+        Joint positions at the ends of the pieces, shape (pieces + 1, n) [rad or m]; index of the
+        best mode combination of each piece, shape (pieces,); and duration [s] and energy in both
+        readings [J] of each piece, shape (pieces, 3).
+    """
+    pattern = _find_best_patterns(t, w, via, start)
+    begin_path(t, w, via[0], start)
+    posture = np.empty((len(pattern) + 1, via.shape[1]))
+    cost = np.empty((len(pattern), 3))
+    posture[0] = start
+    here, row = 0, 0
+    for s in range(len(via) - 1):
+        count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
+        for k in range(1, count + 1):
+            length = via[s] + (via[s + 1] - via[s]) * k / count
+            place_posture(t.machine, w.points, 1 - here, length, here)
+            price_piece(t, w, here)
+            cost[row] = w.scratch.cost[pattern[row]]
+            here, row = 1 - here, row + 1
+            posture[row] = w.points.posture[here]
+    return posture, pattern, cost
+
+
+def to_discrete_path(
+    t: PathCostModel,
+    w: PathCostBuffers,
+    via: FloatArray,
+    cost: float,
+    start: FloatArray,
+    start_modes: ModeArray,
+    lower_bound: float,
+    statistics: SearchStatistics,
+) -> DiscretePath:
+    """Convert a cylinder path to a discrete path, with one step for each piece and the best modes.
+
+    Args:
+        t: Cost model of the cylinder path.
+        w: Working memory of the thread, overwritten.
+        via: Waypoints of an admissible path, shape (points, n) [m].
+        cost: Cost of the path, stored as it is.
+        start: Joint positions at via[0], shape (n,) [rad or m].
+        start_modes: Modes in force at the start, shape (n,).
+        lower_bound: Lower bound on the energy of every plan [J], stored as it is.
+        statistics: Statistics of the search, stored as they are.
+
+    Returns:
+        The discrete path.
+    """
+    posture, pattern, of_step = _compute_pieces(t, w, via, start)
+    return DiscretePath(
+        tip=tip_positions(t.machine, posture),
+        posture=posture,
+        modes=t.patterns[pattern],
+        duration=of_step[:, DURATION_COLUMN],
+        energy=of_step[:, ENERGY_PAPER_COLUMN],
+        energy_series=of_step[:, ENERGY_SERIES_COLUMN],
+        cost=cost,
+        start_modes=start_modes,
+        lower_bound=lower_bound,
+        statistics=statistics,
+    )

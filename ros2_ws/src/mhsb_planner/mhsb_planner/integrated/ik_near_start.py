@@ -1,0 +1,179 @@
+"""Goal postures near the start posture, for chains with more than three joints.
+
+Even samples of two and more free coordinates lie degrees apart, which is more than a short move
+needs. Postures with a joint at its limit are rarely among them. Therefore each pair of joints
+closes the chain in turn, one other joint is sampled, and the rest keep their start positions. From
+each such curve the posture with the least lower bound on the cost is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
+from mhsb_model.inverse_kinematics.tip_postures import (
+    close_chain,
+    find_closing_joints,
+    find_closure_side,
+)
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.linkages.linkage import cylinder_length
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, frozen
+from mhsb_planner.errors import ZoneError
+from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
+from mhsb_planner.search.goal_clearance import find_clear_postures
+from mhsb_planner.search.lower_bound import bound_cost_between
+from mhsb_planner.search.s2_step import HydraulicCoefficients, describe_postures
+
+JOINT_SAMPLE_COUNT = 24
+"""Number of even samples of a joint's range, limits included; the start position is an additional
+sample.
+"""
+
+
+def add_postures_near_start(
+    machine: Machine,
+    goals: GoalPostures,
+    start: FloatArray,
+    circuit: HydraulicCoefficients,
+    weight: FloatArray,
+) -> GoalPostures:
+    """Add goal postures near the start to the sampled ones, at the goal itself.
+
+    Nothing is added in three cases: the arm has three joints, whose samples are dense; a range of ψ
+    is required; or no sample lies at the goal itself. Postures too near to obstacles are left out.
+
+    Args:
+        machine: The arm in its plane.
+        goals: Sampled goal postures.
+        start: Start posture, shape (n,) [rad or m].
+        circuit: Hydraulic coefficients of the machine.
+        weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
+
+    Returns:
+        The goal postures, the additional ones last; `goals` itself if nothing is added.
+    """
+    x, z = goals.tip
+    at_goal = np.any(np.all(goals.tips == goals.tip, axis=1))
+    if machine.joint_count == 3 or goals.psi_range is not None or not at_goal:
+        return goals
+    lengths = machine.cylinder_lengths(start)
+    near = _search_near_postures(machine.arrays, circuit, start, lengths, x, z, weight)
+    try:
+        near = near[find_clear_postures(machine, x, z, near)]
+    except ZoneError:  # the sampled postures remain
+        return goals
+    if len(near) == 0:
+        return goals
+    postures = np.concatenate([goals.postures.posture, near])
+    elbow, free = _elbows_and_free_coordinates(machine, near)
+    return replace(
+        goals,
+        tips=frozen(np.concatenate([goals.tips, np.tile(goals.tip, (len(near), 1))])),
+        postures=describe_postures(machine.arrays, postures),
+        elbow=frozen(np.concatenate([goals.elbow, elbow])),
+        free=frozen(np.concatenate([goals.free, free])),
+    )
+
+
+def _elbows_and_free_coordinates(
+    machine: Machine, postures: FloatArray
+) -> tuple[np.ndarray, FloatArray]:
+    """Return elbow branches and free joint coordinates of postures, as `GoalPostures` stores them.
+
+    Args:
+        machine: The arm in its plane.
+        postures: Postures, shape (k, n) [rad or m].
+
+    Returns:
+        Elbow branches, 1 if the second-last joint's angle is positive, else −1; with telescopes the
+        sides of `find_closure_side`, −1 or 1; shape (k,). Free coordinates, shape (k, n - 2) [rad
+        or m]: q₁ … q₍ₙ₋₃₎ and ψ, or with telescopes the positions of the joints that do not close
+        the chain.
+    """
+    a, n = machine.arrays, machine.joint_count
+    if machine.has_telescope:
+        i, j = find_closing_joints(a)
+        sides = np.array([find_closure_side(a, q, i, j) for q in postures], dtype=np.int64)
+        return sides, postures[:, held_joints(machine)]
+    elbow = np.where(postures[:, n - 2] > 0.0, 1, -1)
+    return elbow, np.column_stack([postures[:, : n - 3], postures.sum(axis=1)])
+
+
+@kernel
+def _search_near_postures(
+    m: MachineArrays,
+    c: HydraulicCoefficients,
+    start: FloatArray,
+    lengths: FloatArray,
+    x: float,
+    z: float,
+    weight: FloatArray,
+) -> FloatArray:
+    """Find the posture of least lower bound on each of many curves of goal postures.
+
+    There is a curve for each pair of joints that close the chain and each third joint. The third
+    joint takes JOINT_SAMPLE_COUNT even positions from limit to limit, and its start position. Both
+    solutions of `close_chain` belong to one curve. All other joints keep their start positions. The
+    bound is that on the cost from the start to the posture.
+
+    Test oracle: the same search in plain Python.
+
+    Args:
+        m: Numeric description of the machine.
+        c: Hydraulic coefficients of the machine.
+        start: Start posture, shape (n,) [rad or m].
+        lengths: Cylinder lengths in the start posture, shape (n,) [m].
+        x: Goal position of the tip, forward [m].
+        z: Goal position of the tip, upward [m].
+        weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
+
+    Returns:
+        The best posture of each curve that has any within joint limits, shape (found, n)
+        [rad or m].
+    """
+    n, count = len(start), 0
+    found = np.empty((n * (n - 1) // 2 * (n - 2), n))
+    q, length = np.empty(n), np.empty(n)
+    for i in range(n):
+        for j in range(i + 1, n):
+            for k in range(n):
+                if k in (i, j):
+                    continue
+                least = math.inf
+                for sample in range(2 * (JOINT_SAMPLE_COUNT + 1)):
+                    q[:] = start
+                    share = (sample // 2) / (JOINT_SAMPLE_COUNT - 1)
+                    if share <= 1.0:
+                        q[k] = (1.0 - share) * m.joint_min[k] + share * m.joint_max[k]
+                    if not close_chain(m, x, z, i, j, 2 * (sample % 2) - 1, q):
+                        continue
+                    if not is_within_limits(m, q):
+                        continue
+                    for joint in range(n):
+                        length[joint] = cylinder_length(m.linkage[joint], q[joint])
+                    cost = bound_cost_between(c, lengths, length, weight)
+                    if cost < least:
+                        least = cost
+                        found[count] = q
+                if least < math.inf:
+                    count += 1
+    return found[:count]
+
+
+def warm_up(machine: Machine, start: FloatArray, circuit: HydraulicCoefficients) -> None:
+    """Compile the kernels of this module by one call.
+
+    Args:
+        machine: The arm in its plane.
+        start: Posture used for the call, shape (n,) [rad or m].
+        circuit: Hydraulic coefficients of the machine.
+    """
+    x, z = machine.tip_position(start)
+    lengths = machine.cylinder_lengths(start)
+    _search_near_postures(machine.arrays, circuit, start, lengths, float(x), float(z), np.ones(3))

@@ -1,0 +1,374 @@
+"""Lower bound on the cost of every plan from a start posture to a tip position, for any ψ.
+
+The bound is the minimum of `bound_cost_between` over the continuous set of goal postures. Branch
+and bound over the end-link angle ψ finds it. For a cell [a, b] of ψ and an elbow branch, interval
+arithmetic encloses the joint positions, and so the cylinder lengths, in a box. The least cost to
+the box bounds the cost of the cell. A cell is halved if its bound is below the least cost to the
+middle of any cell so far.
+
+With the tip at distance R in direction φ, and u = ψ − φ, the wrist lies at distance D in direction
+φ + α. The angle between upper arm and wrist direction is β:
+
+    D² = R² + L₃² − 2 R L₃ cos u         α = atan2(−L₃ sin u, R − L₃ cos u)
+    cos|q₂| = (D² − L₁² − L₂²)/(2 L₁ L₂)  β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|)
+    q₁ = φ + α − sgn(q₂) β                q₃ = ψ − q₁ − q₂
+
+With more joints a cell holds intervals of the inner joints' angles, too. An inner link is removed
+by the same formulas, with intervals of R and φ. With telescopes a cell holds intervals of all
+joints that do not close the chain (`telescope_cells`).
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.inverse_kinematics.tip_postures import has_prismatic_joint, solve_posture
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.linkages.linkage import cylinder_length
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
+from mhsb_planner.integrated.intervals import (
+    INTERVAL_ROUNDING,
+    Interval,
+    cosine_range,
+    enclose_lengths,
+    tip_relative_to_link_end,
+    wrist_direction_range,
+)
+from mhsb_planner.integrated.telescope_cells import enclose_with_telescopes
+from mhsb_planner.search.lower_bound import bound_cost_between, bound_costs_between
+from mhsb_planner.search.s2_step import HydraulicCoefficients
+
+BOUND_TOLERANCE = 1e-3
+"""Relative gap between the bound found and the true minimum at which the branch and bound stops."""
+
+MIN_CELL_WIDTH = 1e-5
+"""Width below which a cell is not halved further [rad]."""
+
+FIRST_CELLS = 32
+"""Number of cells into which ψ is divided at first, for each elbow branch."""
+MOST_CELLS, SOON_CELLS = 4000, 1000
+"""Largest number of additional cells for chains that are not 3R: without and with a deadline."""
+
+
+@kernel
+def _elbow_offset_range(low: float, high: float, l1: float, l2: float) -> Interval:
+    """Return the range of β over |q₂| ∈ [low, high].
+
+    β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|). If L₂ < L₁, its maximum lies at cos|q₂| = −L₂/L₁.
+
+    Args:
+        low: Least |q₂| [rad].
+        high: Greatest |q₂| [rad].
+        l1: Length L₁ of the first link [m].
+        l2: Length L₂ of the second link [m].
+
+    Returns:
+        Least and greatest β [rad].
+    """
+    a = math.atan2(l2 * math.sin(low), l1 + l2 * math.cos(low))
+    b = math.atan2(l2 * math.sin(high), l1 + l2 * math.cos(high))
+    most = max(a, b)
+    if l2 < l1 and low < math.acos(-l2 / l1) < high:
+        most = math.asin(l2 / l1)
+    return min(a, b), most
+
+
+@kernel
+def enclose_cell(
+    m: MachineArrays, tip: tuple[float, float], elbow: int, cell: FloatArray, box: FloatArray
+) -> bool:
+    """Enclose all cylinder lengths that occur in a cell of goal postures.
+
+    Args:
+        m: Numeric description of the machine.
+        tip: Tip position (x, z) [m].
+        elbow: Elbow branch, ∓1; with telescopes the side of `close_chain`.
+        cell: Lower and upper ends of the free joint coordinates, shape (n - 2, 2): inner joints'
+            angles, then ψ [rad]. With telescopes: all joints that do not close the chain [rad or
+            m].
+        box: Written in place, shape (2, n): shortest and longest length of each cylinder [m].
+
+    Returns:
+        False if the cell holds no posture within the limits; `box` is then incomplete.
+    """
+    if has_prismatic_joint(m):
+        return enclose_with_telescopes(m, tip, elbow, cell, box)
+    k = len(m.link_length) - 3
+    l1, l2, l3 = m.link_length[k], m.link_length[k + 1], m.link_length[k + 2]
+    distance, phi = math.hypot(tip[0], tip[1]), math.atan2(tip[1], tip[0])
+    radius, direction, heading = (distance, distance), (phi, phi), (0.0, 0.0)
+    for j in range(k):
+        if not enclose_lengths(m, j, cell[j, 0], cell[j, 1], box):
+            return False
+        heading = heading[0] + cell[j, 0], heading[1] + cell[j, 1]
+        radius, direction = tip_relative_to_link_end(
+            radius, direction, m.link_length[j], heading[0], heading[1]
+        )
+    low, high = cell[k, 0], cell[k, 1]
+    cosine = cosine_range(low - direction[1], high - direction[0])
+    near = min(max(l3 * cosine[1], radius[0]), radius[1])
+    c_low = near * near + l3 * l3 - 2.0 * near * l3 * cosine[1] - l1 * l1 - l2 * l2
+    c_high = -math.inf
+    for r in radius:
+        c_high = max(c_high, r * r + l3 * l3 - 2.0 * r * l3 * cosine[0] - l1 * l1 - l2 * l2)
+    c_low, c_high = c_low / (2.0 * l1 * l2), c_high / (2.0 * l1 * l2)
+    if c_low > 1.0 + INTERVAL_ROUNDING or c_high < -1.0 - INTERVAL_ROUNDING:
+        return False
+    bend = math.acos(min(1.0, c_high)), math.acos(max(-1.0, min(1.0, c_low)))
+    alpha = wrist_direction_range(low - direction[1], high - direction[0], radius, l3)
+    beta = _elbow_offset_range(bend[0], bend[1], l1, l2)
+    if elbow > 0:
+        q2 = bend
+        q1 = direction[0] + alpha[0] - beta[1], direction[1] + alpha[1] - beta[0]
+    else:
+        q2 = -bend[1], -bend[0]
+        q1 = direction[0] + alpha[0] + beta[0], direction[1] + alpha[1] + beta[1]
+    q3 = low - q1[1] - q2[1], high - q1[0] - q2[0]
+    angles = ((q1[0] - heading[1], q1[1] - heading[0]), q2, q3)
+    found = True
+    for j in range(3):
+        found = found and enclose_lengths(m, k + j, angles[j][0], angles[j][1], box)
+    return found
+
+
+@kernel
+def _compute_cell_bounds(
+    m: MachineArrays,
+    c: HydraulicCoefficients,
+    start: FloatArray,
+    tip: tuple[float, float],
+    elbow: int,
+    cell: FloatArray,
+    weight: FloatArray,
+    w: FloatArray,
+) -> Interval:
+    """Bound the cost from the start to all goal postures of a cell.
+
+    Args:
+        m: Numeric description of the machine.
+        c: Hydraulic coefficients of the machine.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        tip: Tip position (x, z) [m].
+        elbow: Elbow branch, ∓1; with telescopes the side of `close_chain`.
+        cell: Lower and upper ends of the free joint coordinates, shape (n - 2, 2) [rad or m].
+        weight: Weights of energy [1/J] and time [1/s].
+        w: Working memory, shape (5, n).
+
+    Returns:
+        Lower bound on the cost to any posture of the cell, inf if it holds none. Lower bound on the
+        cost to the posture in its middle, inf if that is not within the limits.
+    """
+    box, nearest, q, free = w[:2], w[2], w[3], w[4]
+    if not enclose_cell(m, tip, elbow, cell, box):
+        return math.inf, math.inf
+    for j in range(len(start)):
+        nearest[j] = min(box[1, j], max(box[0, j], start[j]))
+    bound, achieved = bound_cost_between(c, start, nearest, weight), math.inf
+    for j in range(len(cell)):
+        free[j] = 0.5 * (cell[j, 0] + cell[j, 1])
+    if solve_posture(m, tip[0], tip[1], free[: len(cell)], elbow, q):
+        for j in range(len(start)):
+            nearest[j] = cylinder_length(m.linkage[j], q[j])
+        achieved = bound_cost_between(c, start, nearest, weight)
+    return bound, achieved
+
+
+@kernel
+def _branch_and_bound(
+    m: MachineArrays,
+    c: HydraulicCoefficients,
+    start: FloatArray,
+    tip: tuple[float, float],
+    psi: Interval,
+    weight: FloatArray,
+    best_sampled_bound: float,
+) -> Interval:
+    """Bound the cost to any posture at one tip position, for an arm of three turning joints.
+
+    Depth-first branch and bound over ψ and both elbow branches. A cell is closed if its bound is
+    within BOUND_TOLERANCE of `best_sampled_bound`, no lower than the current result, or if it is
+    narrower than MIN_CELL_WIDTH.
+
+    Args:
+        m: Numeric description of the machine.
+        c: Hydraulic coefficients of the machine.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        tip: Tip position (x, z) [m].
+        psi: Least and greatest ψ [rad].
+        weight: Weights of energy [1/J] and time [1/s].
+        best_sampled_bound: Least bound for any single goal posture so far, at any tip position;
+            inf: none.
+
+    Returns:
+        Lower bound, inf if no posture reaches the tip position; and `best_sampled_bound`, updated
+        with the postures evaluated here.
+    """
+    work, cell = np.empty((5, len(start))), np.empty((1, 2))
+    cells = [(0, 0.0, 0.0)]
+    cells.pop()
+    for elbow in (-1, 1):
+        for i in range(FIRST_CELLS):
+            width = (psi[1] - psi[0]) / FIRST_CELLS
+            cells.append((elbow, psi[0] + i * width, psi[0] + (i + 1) * width))
+    least = math.inf
+    while len(cells) > 0:
+        elbow, low, high = cells.pop()
+        cell[0, 0], cell[0, 1] = low, high
+        bound, middle = _compute_cell_bounds(m, c, start, tip, elbow, cell, weight, work)
+        if bound == math.inf:
+            continue
+        best_sampled_bound = min(best_sampled_bound, middle)
+        if (
+            bound >= (1.0 - BOUND_TOLERANCE) * best_sampled_bound
+            or high - low < MIN_CELL_WIDTH
+            or bound >= least
+        ):
+            least = min(least, bound)
+            continue
+        cells.append((elbow, low, 0.5 * (low + high)))
+        cells.append((elbow, 0.5 * (low + high), high))
+    return least, best_sampled_bound
+
+
+@kernel
+def _branch_and_bound_of_chain(
+    m: MachineArrays,
+    c: HydraulicCoefficients,
+    start: FloatArray,
+    tip: tuple[float, float],
+    ranges: FloatArray,
+    weight: FloatArray,
+    best_sampled_bound: float,
+    most_cells: int,
+) -> Interval:
+    """Bound the cost to any posture at one tip position, for a chain of any kind.
+
+    Best-first branch and bound: the cell of the least bound is halved along its widest side. This
+    order looks at the fewest cells, which matters with several free coordinates. It stops if the
+    least bound is within BOUND_TOLERANCE of `best_sampled_bound`, the cell is too narrow, or no
+    more cells are allowed.
+
+    Args:
+        m: Numeric description of the machine.
+        c: Hydraulic coefficients of the machine.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        tip: Tip position (x, z) [m].
+        ranges: Lower end, upper end and unit of each free joint coordinate, shape (n - 2, 3) [rad
+            or m]. Widths are compared in these units (1 rad for an angle).
+        weight: Weights of energy [1/J] and time [1/s].
+        best_sampled_bound: Least bound for any single goal posture so far, at any tip position;
+            inf: none.
+        most_cells: Largest number of cells beside the first ones.
+
+    Returns:
+        Lower bound, inf if no posture reaches the tip position; and `best_sampled_bound`, updated
+        with the postures evaluated here.
+    """
+    n = len(start)
+    work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + most_cells, n - 2, 2))
+    elbow = np.empty(len(cell), dtype=np.int64)
+    for i in range(2 * FIRST_CELLS):
+        elbow[i] = -1 if i < FIRST_CELLS else 1
+        cell[i] = ranges[:, :2]
+        low = ranges[n - 3, 0]
+        width = (ranges[n - 3, 1] - low) / FIRST_CELLS
+        cell[i, n - 3, 0] = low + (i % FIRST_CELLS) * width
+        cell[i, n - 3, 1] = low + (i % FIRST_CELLS + 1) * width
+    first = [(0.0, 0)]
+    first.pop()
+    begun, count = 0, 2 * FIRST_CELLS
+    while True:
+        for i in range(begun, count):
+            bound, middle = _compute_cell_bounds(m, c, start, tip, elbow[i], cell[i], weight, work)
+            best_sampled_bound = min(best_sampled_bound, middle)
+            if bound < math.inf:
+                heapq.heappush(first, (bound, i))
+        if len(first) == 0:
+            return math.inf, best_sampled_bound
+        bound, i = heapq.heappop(first)
+        width = (cell[i, :, 1] - cell[i, :, 0]) / ranges[:, 2]
+        widest = np.argmax(width)
+        low, high = cell[i, widest, 0], cell[i, widest, 1]
+        full = count + 2 > len(cell)
+        if (
+            full
+            or bound >= (1.0 - BOUND_TOLERANCE) * best_sampled_bound
+            or width[widest] < MIN_CELL_WIDTH
+        ):
+            return bound, best_sampled_bound
+        begun = count
+        for half in range(2):
+            elbow[count], cell[count] = elbow[i], cell[i]
+            cell[count, widest, 1 - half] = 0.5 * (low + high)
+            count += 1
+
+
+def lower_bound_to_goals(
+    machine: Machine,
+    circuit: HydraulicCoefficients,
+    start: FloatArray,
+    goals: GoalPostures,
+    weight: FloatArray,
+    most_cells: int = MOST_CELLS,
+) -> float:
+    """Return a lower bound on the cost of every plan from cylinder lengths to the goal.
+
+    The bound is the minimum over all tip positions of the goal and all postures there.
+
+    Args:
+        machine: The arm in its plane.
+        circuit: Hydraulic coefficients of the machine.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        goals: Goal postures, which give tip positions and the range of ψ.
+        weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
+        most_cells: Largest number of additional cells if the arm is not 3R.
+
+    Returns:
+        The bound; inf if no posture reaches any of the tip positions.
+    """
+    between = (-math.pi, math.pi) if goals.psi_range is None else goals.psi_range
+    least, achieved, three = math.inf, math.inf, machine.is_3r
+    ranges = np.empty((0, 3)) if three else _free_coordinate_ranges(machine, between)
+    if not three:  # a known cost lets cells be closed earlier
+        achieved = float(bound_costs_between(circuit, start, goals.postures.length, weight).min())
+    for tip in map(tuple, np.unique(goals.tips, axis=0).tolist()):
+        if three:
+            here, achieved = _branch_and_bound(
+                machine.arrays, circuit, start, tip, between, weight, achieved
+            )
+        else:
+            here, achieved = _branch_and_bound_of_chain(
+                machine.arrays, circuit, start, tip, ranges, weight, achieved, most_cells
+            )
+        least = min(least, here)
+    return least
+
+
+def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:
+    """Return lower end, upper end and unit of each free joint coordinate.
+
+    The free coordinates are the inner joints' angles and ψ. With telescopes they are the positions
+    of the joints that do not close the chain; the range of ψ is then ignored.
+
+    Args:
+        machine: The arm in its plane, not 3R.
+        psi: Least and greatest ψ [rad].
+
+    Returns:
+        Lower end, upper end and the change that counts as one radian, shape (n - 2, 3) [rad or m].
+    """
+    a = machine.arrays
+    if machine.has_telescope:
+        held = held_joints(machine)
+        return np.column_stack(
+            [a.joint_min[held], a.joint_max[held], machine.radian_equivalents[held]]
+        )
+    inner = slice(0, machine.joint_count - 3)
+    low, high = np.append(a.joint_min[inner], psi[0]), np.append(a.joint_max[inner], psi[1])
+    return np.column_stack([low, high, np.ones(len(low))])

@@ -1,0 +1,186 @@
+"""Request, effort limits and results of the integrated search."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.deadline import SearchTime
+from mhsb_planner.integrated.cylinder_path import (
+    PathCostBuffers,
+    PathCostModel,
+    new_path_cost_buffers,
+    price_path,
+)
+from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures
+from mhsb_planner.integrated.lower_bound import MOST_CELLS, SOON_CELLS, lower_bound_to_goals
+from mhsb_planner.search.lower_bound import bound_costs_between
+
+
+@dataclass(frozen=True)
+class SearchLimits:
+    """Limits on the effort of the integrated search.
+
+    Attributes:
+        psi_spacing: Spacing of the goal postures along the end-link angle ψ [rad].
+        max_first_spacing: Upper bound on the spacing of the first lattice [m].
+        min_spacing: Lower bound on the spacing of the last lattice, if there is a path already [m].
+        finest_step_count: Largest number of finest lattice steps between the start and the farthest
+            goal posture that may still be cheaper.
+        spacing_ratio: Ratio of the spacings of two lattices in sequence.
+        max_expansions: Largest number of states to expand in all lattices together, once there is a
+            path.
+        max_last_spacing: Spacing of the last lattice if there is no path yet, and upper bound on it
+            otherwise [m].
+        stride_shares: Strides of the compass search in the order of use, as shares of the lattice
+            spacing.
+        goal_turn: Change of the free joint coordinates at the goal for a stride of one lattice
+            spacing [rad].
+        max_sweeps: Largest number of sweeps with each stride.
+    """
+
+    psi_spacing: float = PSI_SPACING
+    max_first_spacing: float = 25e-3
+    min_spacing: float = 1e-3
+    finest_step_count: int = 20
+    spacing_ratio: float = 1.6
+    max_expansions: int = 12_000
+    max_last_spacing: float = 4e-3
+    stride_shares: tuple[float, ...] = (0.5, 0.25, 0.125, 0.0625)
+    goal_turn: float = 0.1
+    max_sweeps: int = 3
+
+    def scaled(self, scale: float) -> SearchLimits:
+        """Return the limits for an arm of another size, with all lengths scaled.
+
+        Args:
+            scale: Size of the arm relative to the paper's arm.
+        """
+        return replace(
+            self,
+            max_first_spacing=scale * self.max_first_spacing,
+            min_spacing=scale * self.min_spacing,
+            max_last_spacing=scale * self.max_last_spacing,
+        )
+
+
+WITH_AREA = SearchLimits(max_expansions=40_000, stride_shares=(0.5, 0.25, 0.1))
+"""Search limits if the polytope's area has a weight.
+
+Lower bounds are then weak, so that more states are expanded. The last stride is longer: shorter
+ones improve only the sum over pieces by which the shortfall is approximated, not the real cost.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class CylinderPath:
+    """A cylinder path with its goal posture and its cost.
+
+    Attributes:
+        waypoints: Waypoints, shape (points, n) [m].
+        goal_index: Index of the goal posture for which the path was found.
+        elbow: Elbow branch (∓1) of the posture at the end.
+        free: Free joint coordinates of the posture at the end, shape (n - 2,), as in
+            `tip_postures`; refinement may have changed them.
+        cost: Cost w₁ E + w₂ T + w₃ switches + w₄ M with the best modes.
+    """
+
+    waypoints: FloatArray
+    goal_index: int
+    elbow: int
+    free: FloatArray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class SearchProblem:
+    """Data that all stages of the integrated search share.
+
+    Attributes:
+        machine: The arm in its plane.
+        cost_model: Cost model of the search.
+        buffers: Working memory for pricing; it makes the problem usable by one thread only.
+        start: Start posture, shape (n,) [rad or m].
+        start_lengths: Cylinder lengths in the start posture, shape (n,) [m].
+        goals: Goal postures.
+        lower_bound: Lower bound on the cost of every path from the start to a goal.
+        goal_lower_bounds: Lower bound on the cost of a path to each goal posture, shape (goals,).
+        time: Time limit of the search.
+        limits: Limits on the effort.
+    """
+
+    machine: Machine
+    cost_model: PathCostModel
+    buffers: PathCostBuffers
+    start: FloatArray
+    start_lengths: FloatArray
+    goals: GoalPostures
+    lower_bound: float
+    goal_lower_bounds: FloatArray
+    time: SearchTime
+    limits: SearchLimits
+
+    @classmethod
+    def create(
+        cls,
+        machine: Machine,
+        posture: FloatArray,
+        cost_model: PathCostModel,
+        goals: GoalPostures,
+        time: SearchTime,
+        effort: SearchLimits,
+    ) -> SearchProblem:
+        """Create the problem from a start posture to given goal postures.
+
+        Computes the lower bounds; the one over all goals takes a branch and bound.
+
+        Args:
+            machine: The arm in its plane.
+            posture: Start posture, shape (n,) [rad or m].
+            cost_model: Cost model of the search.
+            goals: Goal postures.
+            time: Time limit of the search; with a deadline the bound uses fewer cells.
+            effort: Limits on the effort.
+
+        Returns:
+            The problem, with its own working memory.
+        """
+        lengths, reached = machine.cylinder_lengths(posture), goals.postures.length
+        weight, cells = cost_model.weight, max_bound_cells(time)
+        return cls(
+            machine=machine,
+            cost_model=cost_model,
+            buffers=new_path_cost_buffers(cost_model),
+            start=posture,
+            start_lengths=lengths,
+            goals=goals,
+            lower_bound=lower_bound_to_goals(
+                machine, cost_model.circuit, lengths, goals, weight, cells
+            ),
+            goal_lower_bounds=bound_costs_between(cost_model.circuit, lengths, reached, weight),
+            time=time,
+            limits=effort,
+        )
+
+    def price(self, via: FloatArray, limit: float = math.inf) -> float:
+        """Compute the cost of a cylinder path from the start, with the best modes along it.
+
+        Args:
+            via: Waypoints, shape (points, n) [m]; the first is the start.
+            limit: The path is given up if its cost reaches this.
+
+        Returns:
+            The cost; inf if the path is inadmissible or its cost reaches the limit.
+        """
+        return float(price_path(self.cost_model, self.buffers, via, self.start, limit))
+
+    def path_to_goal(self, via: FloatArray, k: int, cost: float) -> CylinderPath:
+        """Create the cylinder path to goal posture k from its waypoints and cost."""
+        return CylinderPath(via, k, int(self.goals.elbow[k]), self.goals.free[k], cost)
+
+
+def max_bound_cells(time: SearchTime) -> int:
+    """Return the largest number of cells for a lower bound; fewer if there is a deadline."""
+    return SOON_CELLS if time.has_deadline else MOST_CELLS

@@ -1,0 +1,241 @@
+"""Coasting: the motion by which a moving start comes to rest within acceleration and jerk limits.
+
+The state of each piston (L₀, v₀, a₀) is regarded as a state within a motion made of ramps. In this
+motion the commanded speed changed from v_a to v_b at the time −τ. At the time δ it changes to 0.
+With k, ρ and R = ∫ρ of the ramp (`s3_ramps`),
+
+    v₀ = v_a (1 − ρ(τ)) + v_b ρ(τ),   a₀ = (v_b − v_a) k(τ)
+    L(t) = L₀ + v_a t + (v_b − v_a) (R(t + τ) − R(τ)) − v_b R(t − δ)
+
+The piston comes to rest at L₀ + v_b (T_r/2 + δ) + (v_b − v_a) (τ − T_r/2 − R(τ)), where T_r is the
+duration of the ramp. A path that starts there at the time δ makes a corner like any other. If its
+speeds equal v_b, nothing changes.
+
+Many pairs (v_a, v_b) lead to the same state. v_a = 0 is chosen if the piston speeds up, and v_b = 0
+if it slows down, as far as both stay within V_max. δ is 0, or as long as needed for the jerks of
+both changes of speed not to exceed the limit together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.piston_motion import convert_to_pistons
+from mhsb_planner.motion.ramped_motion import RampedMotion
+from mhsb_planner.motion.s3_ramps import (
+    Ramp,
+    evaluate_ramp,
+    find_ramp_time,
+    round_up_to_time_step,
+    shortest_ramp,
+)
+from mhsb_planner.motion.trajectory_points import sample_curve
+
+MOST_PARTS = 4
+"""Largest δ, as a multiple of half the time in which a ramp's acceleration builds up [-]."""
+
+STEADY_ACCELERATION_SHARE = 0.1
+"""Share of the allowed acceleration up to which pistons count as moving steadily [-]."""
+
+ACCELERATION_ROUNDING = 1e-9
+"""Acceleration below which a value counts as rounding [m/s²]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coasting:
+    """Motion by which a moving start comes to rest.
+
+    Attributes:
+        motion: Motion of the pistons; its last ramp is the one that brings them to rest.
+        trajectory: The same motion of the joints, with stamp 0.
+    """
+
+    motion: RampedMotion
+    trajectory: Trajectory
+
+    @property
+    def ramp(self) -> Ramp:
+        """Ramp by which the motion comes to rest."""
+        return Ramp(float(self.motion.rise[-1]), float(self.motion.blend[-1]))
+
+    @property
+    def stop_time(self) -> float:
+        """Time δ at which the ramp to rest begins [s]."""
+        return float(self.motion.ramp_begin[-1])
+
+    @property
+    def posture(self) -> FloatArray:
+        """Joint positions at which the arm comes to rest, shape (n,) [rad or m]."""
+        return self.trajectory.position[-1]
+
+
+def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
+    """Compute the motion by which a moving start comes to rest by itself, its coasting.
+
+    Several ramps and values of δ are tried; the first motion within the limits of acceleration and
+    jerk is taken. If there is none, the last one is taken and exceeds them
+    (`RampedMotion.keeps_dynamic_limits`).
+
+    Args:
+        machine: Machine that moves.
+        start: State of the joints at the start.
+
+    Returns:
+        Coasting from the start to rest.
+    """
+    for motion in _iterate_gentler_motions(machine, start):
+        if motion.keeps_dynamic_limits:
+            break
+    rest = motion.sample(np.array([0.0, motion.end]))[0][-1]
+    return Coasting(motion, sample_curve(motion, start, rest))
+
+
+def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[RampedMotion]:
+    """Yield coasting motions with ever smaller acceleration or jerk.
+
+    The ramp that the present speeds need comes first, then the ramp for V_max. With each of them δ
+    grows from 0 in `MOST_PARTS` equal steps.
+
+    Args:
+        machine: Machine that moves.
+        start: State of the joints at the start.
+
+    Yields:
+        Motions of the pistons from the start to rest.
+    """
+    state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
+    _, speed, acceleration = convert_to_pistons(machine.arrays, *state)
+    own, longest = _choose_ramp(machine, speed, acceleration), shortest_ramp(machine)
+    for ramp in (own,) if own == longest else (own, longest):
+        for parts in range(MOST_PARTS + 1):
+            yield _compute_coasting_motion(machine, start, ramp, parts)
+
+
+def _compute_coasting_motion(
+    machine: Machine, start: MotionState, ramp: Ramp, parts: int
+) -> RampedMotion:
+    """Compute the coasting with a given ramp and a given time at which the ramp to rest begins.
+
+    The ramp to rest begins at the time δ = `parts` · T₂/2, rounded up to a multiple of
+    RAMP_TIME_STEP.
+
+    Args:
+        machine: Machine that moves.
+        start: State of the joints at the start.
+        ramp: Ramp of all changes of speed.
+        parts: δ as a multiple of half the ramp's time T₂, in which acceleration builds up. 0 means
+            δ = 0.
+
+    Returns:
+        Motion of the pistons with n + 1 ramps: one begun in the past for each piston, and the
+        common ramp to rest.
+    """
+    m, n = machine.arrays, machine.joint_count
+    state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
+    length, speed, acceleration = convert_to_pistons(m, *state)
+    stop_time = round_up_to_time_step(0.5 * parts * ramp.blend) if parts > 0 else 0.0
+    since, before, after = _infer_past_changes(m, ramp.rise, ramp.blend, speed, acceleration)
+    return RampedMotion(
+        machine,
+        start.position,
+        length,
+        speed=before,
+        ramp_begin=np.append(-since, stop_time),
+        change=np.vstack([np.diag(after - before), -after]),
+        rise=np.full(n + 1, ramp.rise),
+        blend=np.full(n + 1, ramp.blend),
+        node_time=np.array([stop_time + ramp.duration]),
+    )
+
+
+def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
+    """Choose the shortest ramp from given piston speeds to rest.
+
+    If a piston's acceleration exceeds STEADY_ACCELERATION_SHARE of its limit, the ramp for V_max is
+    chosen, since a change of speed is already under way.
+
+    Args:
+        machine: Machine that moves.
+        speed: Piston speeds, shape (n,) [m/s].
+        acceleration: Piston accelerations, shape (n,) [m/s²].
+
+    Returns:
+        Ramp common to all pistons.
+    """
+    if (
+        np.abs(acceleration).max()
+        > STEADY_ACCELERATION_SHARE * machine.arrays.max_piston_acceleration
+    ):
+        return shortest_ramp(machine)
+    return shortest_ramp(machine, float(np.abs(speed).max()))
+
+
+@kernel
+def _infer_past_changes(
+    m: MachineArrays, rise: float, blend: float, speed: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Find a past change of speed that explains the state of each piston.
+
+    The commanded speed was v_a until the time τ ago, and has been v_b since then. For a piston that
+    speeds up, v_a = 0 is chosen, and for one that slows down, v_b = 0. If the other speed would
+    then exceed V_max, that speed is V_max, and neither is 0. A piston without acceleration has v_a
+    = v_b, its present speed.
+
+    Args:
+        m: Arrays of the machine.
+        rise: Time T₁ of the ramp [s].
+        blend: Time T₂ of the ramp [s].
+        speed: Piston speeds, shape (n,) [m/s].
+        acceleration: Piston accelerations, shape (n,) [m/s²].
+
+    Returns:
+        τ [s], v_a [m/s] and v_b [m/s] of each piston, all of shape (n,).
+    """
+    n, total = len(speed), rise + blend
+    since, before, after = np.empty(n), np.empty(n), np.empty(n)
+    for j in range(n):
+        sign = -1.0 if acceleration[j] < 0.0 else 1.0
+        v, a, limit = sign * speed[j], sign * acceleration[j], m.max_piston_speed[j]
+        if a < ACCELERATION_ROUNDING:
+            since[j], before[j], after[j] = 0.5 * total, speed[j], speed[j]
+            continue
+        if v > 0.0:
+            tau = find_ramp_time(rise, blend, v / a)
+            if _compute_speed_change(rise, blend, tau, a) > limit > v:
+                tau = total - find_ramp_time(rise, blend, (limit - v) / a)
+        else:
+            tau = total - find_ramp_time(rise, blend, -v / a)
+            if _compute_speed_change(rise, blend, tau, a) > limit > -v:
+                tau = find_ramp_time(rise, blend, (limit + v) / a)
+        if _compute_speed_change(rise, blend, tau, a) == np.inf:
+            tau = 0.5 * total
+        step = _compute_speed_change(rise, blend, tau, a)
+        _, share, _ = evaluate_ramp(rise, blend, tau)
+        since[j] = tau
+        before[j], after[j] = sign * (v - share * step), sign * (v + (1.0 - share) * step)
+    return since, before, after
+
+
+@kernel
+def _compute_speed_change(rise: float, blend: float, tau: float, acceleration: float) -> float:
+    """Compute the change of speed whose ramp has a given acceleration at the time τ.
+
+    Args:
+        rise: Time T₁ of the ramp [s].
+        blend: Time T₂ of the ramp [s].
+        tau: Time since the ramp began [s].
+        acceleration: Acceleration at that time [m/s²].
+
+    Returns:
+        Change of speed [m/s]; inf if the ramp has no acceleration at τ.
+    """
+    _, _, k = evaluate_ramp(rise, blend, tau)
+    return acceleration / k if k > 0.0 else np.inf

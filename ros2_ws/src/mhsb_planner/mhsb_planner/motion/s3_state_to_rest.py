@@ -1,0 +1,334 @@
+"""Steering: the fastest motion from a state of motion straight to rest at a posture near by.
+
+It serves goals that move: each plan ends where the goal was seen last and is left long before its
+end. Each piston passes from its state (v₀, a₀) to one speed v within acceleration and jerk limits,
+keeps v, and then comes to rest. v is the speed with which the piston reaches its end first. If
+other pistons take longer, v is lower so that all arrive together. A change of speed is a jerk,
+perhaps a time at the highest acceleration, and the opposite jerk. With the peak acceleration a,
+
+    v₁ − v₀ = ±(2a² − a₀²)/(2j),   a = √(j |v₁ − v₀| + a₀²/2) up to a_max
+
+Source: Biagiotti, Melchiorri, Trajectory Planning for Automatic Machines and Robots, Section 3.4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.piston_motion import (
+    compute_cylinder_lengths,
+    convert_to_joints,
+    convert_to_pistons,
+)
+from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP
+from mhsb_planner.search.discrete_path import DiscretePath
+
+JERK_SHARE = 0.8
+"""Share of the allowed jerk that steering takes [-].
+
+Between its points a trajectory has up to a quarter more."""
+
+BISECTION_STEPS = 48
+"""Number of bisections by which a piston's speed is found."""
+
+PISTON_PHASES = 7
+"""Number of phases of a piston: three to change speed, one at constant speed, three to stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steering:
+    """A moving start from which a motion steers straight to its end.
+
+    Attributes:
+        start: State of the joints at the start of the motion.
+        trajectory: Rest of the plan in force, with stamp 0; paths are searched from its end.
+    """
+
+    start: MotionState
+    trajectory: Trajectory
+
+    @property
+    def posture(self) -> FloatArray:
+        """Joint positions from which paths are searched, shape (n,) [rad or m]."""
+        return self.trajectory.position[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class SteeredMotion:
+    """Motion of n pistons straight to their ends, in phases of constant jerk.
+
+    Attributes:
+        machine: Machine that moves.
+        start: Joint positions at time 0, shape (n,) [rad or m].
+        length: Cylinder lengths at time 0, shape (n,) [m].
+        speed: Piston speeds at time 0, shape (n,) [m/s].
+        acceleration: Piston accelerations at time 0, shape (n,) [m/s²].
+        jerk: Jerk of each phase, shape (n, PISTON_PHASES) [m/s³].
+        phase: Duration of each phase, shape (n, PISTON_PHASES) [s].
+        share: Share of the motion's duration after which the motion is to be at each node of the
+            path, shape (k + 1,) [-].
+    """
+
+    machine: Machine
+    start: FloatArray
+    length: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    phase: FloatArray
+    share: FloatArray
+
+    @cached_property
+    def end(self) -> float:
+        """Time at which the last piston rests [s]."""
+        return max(float(self.phase.sum(axis=1).max()), RAMP_TIME_STEP)
+
+    @property
+    def node_time(self) -> FloatArray:
+        """Time at which the motion is to be at each node of the path, shape (k + 1,) [s]."""
+        return self.end * self.share
+
+    @property
+    def breaks(self) -> FloatArray:
+        """Times between which the jerk is constant [s].
+
+        Times less than RAMP_TIME_STEP from the one before or from the end are left out.
+        """
+        kept, last = [0.0], self.end - RAMP_TIME_STEP
+        for time in np.unique(np.cumsum(self.phase, axis=1)).tolist():
+            if kept[-1] + RAMP_TIME_STEP <= time <= last:
+                kept.append(time)
+        return np.array([*kept, self.end])
+
+    def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute the joint motion at given times.
+
+        Args:
+            time: Times in ascending order, shape (m,) [s].
+
+        Returns:
+            Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
+            [rad/s² or m/s²], of shape (m, n).
+        """
+        pistons = _sample_pistons(
+            time, self.length, self.speed, self.acceleration, self.jerk, self.phase
+        )
+        return convert_to_joints(self.machine.arrays, *pistons, self.start)
+
+
+def compute_steered_motion(
+    machine: Machine, path: DiscretePath, start: MotionState, stretch: float
+) -> SteeredMotion:
+    """Compute the motion that steers from a moving start to rest at a path's end.
+
+    Postures between the path's ends do not matter. All pistons arrive together.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path whose last posture is the end.
+        start: State of the joints at the start.
+        stretch: Factor on the path's duration [-]; the motion lasts at least that long.
+
+    Returns:
+        Motion of the pistons that begins at time 0, in PISTON_PHASES phases of constant jerk for
+        each piston.
+    """
+    m = machine.arrays
+    state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
+    length, speed, acceleration = convert_to_pistons(m, *state)
+    stroke = compute_cylinder_lengths(m, path.posture[-1:])[0] - length
+    least = stretch * float(path.duration.sum())
+    jerk, phase = _plan_phases(
+        m, JERK_SHARE * m.max_piston_jerk, stroke, speed, acceleration, least
+    )
+    share = path.time / path.time[-1]
+    return SteeredMotion(machine, start.position, length, speed, acceleration, jerk, phase, share)
+
+
+@kernel
+def _plan_speed_change(
+    v0: float, a0: float, v1: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
+) -> tuple[float, float]:
+    """Compute the three phases of one piston's change of speed, from (v₀, a₀) to (v₁, 0).
+
+    Args:
+        v0: Speed at the beginning v₀ [m/s].
+        a0: Acceleration at the beginning a₀ [m/s²].
+        v1: Speed at the end v₁ [m/s]; the acceleration there is 0.
+        a_max: Largest acceleration [m/s²].
+        j: Magnitude of the jerk [m/s³].
+        jerk: Jerk of each phase, shape (3,) [m/s³]. Written in place.
+        phase: Duration of each phase, shape (3,) [s]. Written in place.
+
+    Returns:
+        Stroke during the change, signed [m], and its duration [s].
+    """
+    sign = 1.0 if v1 >= v0 + 0.5 * a0 * abs(a0) / j else -1.0
+    step, own = sign * (v1 - v0), sign * a0
+    peak, flat = math.sqrt(max(j * step + 0.5 * own * own, 0.0)), 0.0
+    highest = max(a_max, own)
+    if peak > highest:
+        flat = (step - (2.0 * highest * highest - own * own) / (2.0 * j)) / highest
+        peak = highest
+    jerk[0], jerk[1], jerk[2] = sign * j, 0.0, -sign * j
+    phase[0], phase[1], phase[2] = max(0.0, (peak - own) / j), flat, peak / j
+    way, v, a, time = 0.0, v0, a0, 0.0
+    for i in range(3):
+        t = phase[i]
+        way += t * (v + t * (0.5 * a + t * jerk[i] / 6.0))
+        v += t * (a + 0.5 * t * jerk[i])
+        a += t * jerk[i]
+        time += t
+    return way, time
+
+
+@kernel
+def _plan_stop_via_speed(
+    v: float, v0: float, a0: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
+) -> tuple[float, float]:
+    """Compute the phases of one piston from (v₀, a₀) to the speed v and at once on to rest.
+
+    Args:
+        v: Speed in between [m/s]. It is kept for no time: phase 3 is set to 0.
+        v0: Speed at the beginning v₀ [m/s].
+        a0: Acceleration at the beginning a₀ [m/s²].
+        a_max: Largest acceleration [m/s²].
+        j: Magnitude of the jerk [m/s³].
+        jerk: Jerk of each phase, shape (PISTON_PHASES,) [m/s³]. Written in place.
+        phase: Duration of each phase, shape (PISTON_PHASES,) [s]. Written in place.
+
+    Returns:
+        Stroke, signed [m], and duration [s].
+    """
+    there, first = _plan_speed_change(v0, a0, v, a_max, j, jerk[:3], phase[:3])
+    phase[3] = jerk[3] = 0.0
+    back, second = _plan_speed_change(v, 0.0, 0.0, a_max, j, jerk[4:], phase[4:])
+    return there + back, first + second
+
+
+@kernel
+def _plan_phases(
+    m: MachineArrays,
+    j: float,
+    stroke: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    least: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the phases of all pistons so that they cover their strokes and arrive together.
+
+    Each piston changes its speed to v, keeps v for a time, and then stops. First the v of the
+    fastest motion of each piston is found by bisection. Then v is lowered for each piston that
+    would arrive before the slowest one or before `least`. Test oracle: the ends are reached, the
+    limits kept, and no bang-bang motion is shorter.
+
+    Args:
+        m: Arrays of the machine, with the limits of piston speed and acceleration.
+        j: Magnitude of the jerk [m/s³].
+        stroke: Signed stroke of each piston, shape (n,) [m].
+        speed: Piston speeds at the start, shape (n,) [m/s].
+        acceleration: Piston accelerations at the start, shape (n,) [m/s²].
+        least: Least duration of the motion [s].
+
+    Returns:
+        Jerks [m/s³] and durations [s] of the phases, both of shape (n, PISTON_PHASES).
+    """
+    n, a_max = len(stroke), m.max_piston_acceleration
+    jerk, phase = np.zeros((n, PISTON_PHASES)), np.zeros((n, PISTON_PHASES))
+    fastest, longest = np.empty(n), least
+    for i in range(n):
+        v0, a0, r, p = speed[i], acceleration[i], jerk[i], phase[i]
+        high = max(m.max_piston_speed[i], abs(v0))
+        low = -high
+        way, time = _plan_stop_via_speed(high, v0, a0, a_max, j, r, p)
+        if way > stroke[i]:
+            way, time = _plan_stop_via_speed(low, v0, a0, a_max, j, r, p)
+            if way >= stroke[i]:
+                high = low
+            else:
+                for _ in range(BISECTION_STEPS):
+                    middle = 0.5 * (low + high)
+                    way, time = _plan_stop_via_speed(middle, v0, a0, a_max, j, r, p)
+                    if way > stroke[i]:
+                        high = middle
+                    else:
+                        low = middle
+        way, time = _plan_stop_via_speed(high, v0, a0, a_max, j, r, p)
+        fastest[i] = high
+        if high != 0.0:
+            time += max(0.0, (stroke[i] - way) / high)
+        longest = max(longest, time)
+    for i in range(n):
+        v0, a0, r, p = speed[i], acceleration[i], jerk[i], phase[i]
+        still, _ = _plan_stop_via_speed(0.0, v0, a0, a_max, j, r, p)
+        left = stroke[i] - still
+        v = fastest[i]
+        if v * left > 0.0:
+            slow, fast = 0.0, v
+            for _ in range(BISECTION_STEPS):
+                middle = 0.5 * (slow + fast)
+                way, time = _plan_stop_via_speed(middle, v0, a0, a_max, j, r, p)
+                if time + (stroke[i] - way) / middle > longest:
+                    slow = middle
+                else:
+                    fast = middle
+            v = fast
+        way, _ = _plan_stop_via_speed(v, v0, a0, a_max, j, r, p)
+        if v != 0.0:
+            p[3] = max(0.0, (stroke[i] - way) / v)
+    return jerk, phase
+
+
+@kernel
+def _sample_pistons(
+    time: FloatArray,
+    length: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+    phase: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute lengths, speeds and accelerations of pistons that move in phases of constant jerk.
+
+    After its last phase a piston rests.
+
+    Args:
+        time: Times in ascending order, shape (m,) [s].
+        length: Cylinder lengths at time 0, shape (n,) [m].
+        speed: Piston speeds at time 0, shape (n,) [m/s].
+        acceleration: Piston accelerations at time 0, shape (n,) [m/s²].
+        jerk: Jerk of each phase, shape (n, PISTON_PHASES) [m/s³].
+        phase: Duration of each phase, shape (n, PISTON_PHASES) [s].
+
+    Returns:
+        Cylinder lengths [m], piston speeds [m/s] and accelerations [m/s²], of shape (m, n).
+    """
+    n = len(length)
+    x, v, a = np.empty((len(time), n)), np.empty((len(time), n)), np.empty((len(time), n))
+    for i in range(n):
+        xs, vs, as_, since, k = length[i], speed[i], acceleration[i], 0.0, 0
+        for row in range(len(time)):
+            while k < PISTON_PHASES and time[row] >= since + phase[i, k]:
+                t = phase[i, k]
+                xs += t * (vs + t * (0.5 * as_ + t * jerk[i, k] / 6.0))
+                vs += t * (as_ + 0.5 * t * jerk[i, k])
+                as_ += t * jerk[i, k]
+                since += t
+                k += 1
+            t = time[row] - since
+            r = jerk[i, k] if k < PISTON_PHASES else 0.0
+            if k == PISTON_PHASES:
+                t, vs, as_ = 0.0, 0.0, 0.0
+            x[row, i] = xs + t * (vs + t * (0.5 * as_ + t * r / 6.0))
+            v[row, i] = vs + t * (as_ + 0.5 * t * r)
+            a[row, i] = as_ + t * r
+    return x, v, a

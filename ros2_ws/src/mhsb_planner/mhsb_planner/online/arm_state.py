@@ -1,0 +1,388 @@
+"""Arm state: what the planner knows of the arm from its messages, and the command in force.
+
+A simulator may run at another speed than real time, and falls behind if it cannot keep up. Plans
+are stamped in the arm's time, which is estimated here from the stamps of the arm's messages: a plan
+that is in time by any other clock may come too late.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mhsb_model.command import Command
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.types import FloatArray, ModeArray
+
+STAMP_WINDOW = 1.0
+"""Age up to which a stamp is used to compute the time [s]; the least delayed stamp counts.
+
+The age is relative to the latest stamp that was kept.
+"""
+
+SPEED_WINDOW = 3.0
+"""Age up to which a stamp is used to compute the speed of the arm's clock [s]."""
+
+SHORTEST_SPAN = 0.3
+"""Shortest span between two stamps from which a speed is computed [s].
+
+A shorter span gives no reliable speed.
+"""
+
+STAMP_SPACING = 0.02
+"""Length of a time slot, of which only the least delayed stamp is kept [s]."""
+
+MIN_CLOCK_JUMP = 1.0
+"""Difference between a stamp and its expected time above which the clock has been set ahead [s]."""
+
+AS_THE_WORLD = 0.1
+"""Largest deviation of a clock's speed from 1 that is attributed to delays of messages [-]."""
+
+
+class ArmClockEstimator:
+    """Map from the steady clock [s] to the arm's clock [ns]."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop all stamps, because another arm sends them or the arm has been restarted."""
+        self._heard: deque[tuple[float, int]] = deque()
+        self._last: tuple[float, int] | None = None
+
+    def add_stamp(self, stamp_ns: int, steady_time: float) -> bool:
+        """Add a stamp, and return whether it is not earlier than the stamp before.
+
+        All earlier stamps are dropped if the arm's clock has gone back, or has jumped ahead of its
+        expected time by more than `MIN_CLOCK_JUMP`. In each time slot of `STAMP_SPACING` only the
+        least delayed stamp is kept. Stamps older than `SPEED_WINDOW` are dropped.
+
+        Args:
+            stamp_ns: Stamp by the arm's clock [ns].
+            steady_time: Time of receipt by the steady clock [s].
+
+        Returns:
+            False if the stamp is earlier than the one before; True otherwise, also after a jump
+            ahead.
+        """
+        went_back = self._last is not None and stamp_ns < self._last[1]
+        if went_back or self._jumps_ahead(stamp_ns, steady_time):
+            self.forget()
+        self._last = (steady_time, stamp_ns)
+        if not self._heard or steady_time // STAMP_SPACING != self._heard[-1][0] // STAMP_SPACING:
+            self._heard.append(self._last)
+        else:
+            kept, kept_ns = self._heard[-1]
+            if stamp_ns - kept_ns > self.speed * (steady_time - kept) * SECOND_NS:
+                self._heard[-1] = self._last
+        while steady_time - self._heard[0][0] > SPEED_WINDOW:
+            self._heard.popleft()
+        return not went_back
+
+    def keep_last_stamp_only(self) -> None:
+        """Drop all stamps but the last.
+
+        The caller uses this if the arm's clock is behind the time extrapolated from earlier stamps.
+        """
+        if self._last is not None:
+            self._heard = deque([self._last])
+
+    def _jumps_ahead(self, stamp_ns: int, steady_time: float) -> bool:
+        """Return whether a stamp is more than `MIN_CLOCK_JUMP` ahead of its expected time.
+
+        The expected time is the last stamp, moved on at the clock's estimated speed.
+
+        Args:
+            stamp_ns: Stamp by the arm's clock [ns].
+            steady_time: Time of receipt by the steady clock [s].
+
+        Returns:
+            True if it is; False otherwise, and for the first stamp.
+        """
+        if self._last is None:
+            return False
+        last, last_ns = self._last
+        return (stamp_ns - last_ns) / SECOND_NS > self.speed * (steady_time - last) + MIN_CLOCK_JUMP
+
+    def time_since_last_stamp(self, steady_time: float) -> float:
+        """Return the time since the last stamp [s], infinite if there was none."""
+        return float("inf") if self._last is None else steady_time - self._last[0]
+
+    @property
+    def speed(self) -> float:
+        """Speed of the arm's clock: seconds on that clock per second of the steady clock.
+
+        The speed is the slope between the first and the last stamp that are kept. It is 1 if they
+        are apart by less than `SHORTEST_SPAN`, or if the slope deviates from 1 by at most
+        `AS_THE_WORLD`.
+        """
+        if not self._heard:
+            return 1.0
+        (first, first_ns), (last, last_ns) = self._heard[0], self._heard[-1]
+        if last - first < SHORTEST_SPAN:
+            return 1.0
+        speed = (last_ns - first_ns) / SECOND_NS / (last - first)
+        return 1.0 if abs(speed - 1.0) <= AS_THE_WORLD else speed
+
+    def extrapolate_ns(self, steady_time: float) -> int:
+        """Extrapolate the arm's clock to the present.
+
+        Each stamp of the last `STAMP_WINDOW` is moved on at the estimated speed. The latest result
+        counts, since it comes from the least delayed stamp.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+
+        Returns:
+            Present time by the arm's clock [ns].
+
+        Raises:
+            ValueError: No stamp has been heard.
+        """
+        if not self._heard:
+            raise ValueError("no stamp of the arm has been heard")
+        speed, latest = self.speed, self._heard[-1][0]
+        return max(
+            stamp_ns + round(speed * (steady_time - heard) * SECOND_NS)
+            for heard, stamp_ns in self._heard
+            if latest - heard <= STAMP_WINDOW
+        )
+
+
+OLDEST_STATE = 0.5
+"""Age above which a measured or commanded state counts as outdated [s]."""
+
+NO_PLAN = 0
+"""Value of `plan_in_force` while the arm holds its position without a plan."""
+
+REST_SPEED = 0.01
+"""Joint speed below which an arm counts as standing still [rad/s]; for sliding joints [m/s]."""
+
+REST_TIME = 0.2
+"""Time for which the arm must stand still before it counts as at rest [s].
+
+No motion stays below `REST_SPEED` for so long: joints that reverse together pass that range within
+0.1 s.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class StampedState:
+    """State of the arm, with the time of its stamp and the time of its receipt.
+
+    Attributes:
+        state: Position, velocity and acceleration of all joints.
+        stamp_ns: Stamp of the message by the arm's clock [ns].
+        received_at: Time of receipt by the steady clock [s].
+    """
+
+    state: MotionState
+    stamp_ns: int
+    received_at: float
+
+
+class RestDetector:
+    """Detector of a measured standstill of the arm.
+
+    An arm that a servo holds vibrates: measured velocities of up to 0.06 rad/s occur beside
+    positions within 0.1 mrad. Therefore two speeds are computed over the last `REST_TIME` before
+    the last measurement. The smaller one counts. One is the largest measured velocity. The other is
+    the largest change of a joint's position, divided by `REST_TIME`.
+    """
+
+    def __init__(self) -> None:
+        self._heard: deque[tuple[float, float, FloatArray]] = deque()
+        self._since = math.inf
+
+    def add_measurement(self, state: MotionState, steady_time: float) -> None:
+        """Add a measurement, and drop those that are older than `REST_TIME`.
+
+        If nothing was heard for more than `OLDEST_STATE`, the series of measurements starts anew.
+        Measurements of all publishers count: if two arms use one name, both must rest.
+
+        Args:
+            state: Measured position [rad or m] and velocity [rad/s or m/s] of all joints.
+            steady_time: Time of receipt by the steady clock [s].
+        """
+        if self._heard and steady_time - self._heard[-1][0] > OLDEST_STATE:
+            self._heard.clear()
+        if not self._heard:
+            self._since = steady_time
+        self._heard.append((steady_time, float(np.abs(state.velocity).max()), state.position))
+        while steady_time - self._heard[0][0] > REST_TIME:
+            self._heard.popleft()
+
+    def is_at_rest(self, steady_time: float) -> bool:
+        """Return whether the arm has been measured at rest for `REST_TIME`.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+
+        Returns:
+            True if all three hold: the last measurement is at most `OLDEST_STATE` old, the series
+            has lasted for `REST_TIME`, and the joint speed is below `REST_SPEED`.
+        """
+        if not self._heard or steady_time - self._heard[-1][0] > OLDEST_STATE:
+            return False
+        last = self._heard[-1][0]
+        return last - self._since >= REST_TIME and self._compute_speed() < REST_SPEED
+
+    def describe_motion(self, steady_time: float) -> str:
+        """Return a clause on the measured joint speed, for a message that the arm does not rest.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+
+        Returns:
+            A clause without capital letter and full stop. It says that nothing was measured within
+            `OLDEST_STATE`, or gives the joint speed beside its limit.
+        """
+        if not self._heard or steady_time - self._heard[-1][0] > OLDEST_STATE:
+            return f"nothing was measured of the arm in the last {OLDEST_STATE:g} s (joint_states)"
+        speed = self._compute_speed()
+        return f"a joint of the arm moves at {speed:.3g} rad/s, it rests below {REST_SPEED:g} rad/s"
+
+    def _compute_speed(self) -> float:
+        """Return the joint speed over the kept measurements, the smaller of two values [rad/s].
+
+        One is the largest measured velocity of any joint. The other is the largest change of any
+        joint's position, divided by `REST_TIME`.
+
+        Returns:
+            The smaller of both, not negative; in m/s if it belongs to a joint that slides.
+        """
+        by_velocity = max(speed for _, speed, _ in self._heard)
+        by_position = float(np.ptp([position for *_, position in self._heard], axis=0).max())
+        return min(by_velocity, by_position / REST_TIME)
+
+
+@dataclass
+class ArmState:
+    """Latest messages and findings about the arm; None means that nothing was received.
+
+    Attributes:
+        joint_count: Number of joints.
+        reference: State that the servo follows.
+        measured: Measured joint state; its acceleration is 0.
+        plan_in_force_ns: Stamp of the plan that the arm reports as in force [ns]; `NO_PLAN` while
+            it holds.
+        modes: Mode of each actuator as the arm reports it, uint8[n].
+        own_command: This planner's last command that the arm has confirmed. An arm that reports no
+            plan in force is assumed to follow what it was sent.
+        fault: Sentence on the fault for which the arm has stopped and takes no plan; empty without
+            one.
+        plan_delay_ns: Time by which the arm follows plans later than stamped, since its reference
+            governor has slowed them [ns].
+        publisher_conflict: Sentence that names several publishers of the arm's reference; empty
+            with one.
+        qos_mismatch: Sentence that names publishers whose quality of service does not match; empty
+            without.
+        machine_difference: Sentence on how the arm's machine file differs from the planner's; empty
+            if equal.
+        is_machine_known: Whether the arm has reported its machine, or has been found not to report
+            it.
+        first_state_at: Time of the first state by the steady clock [s]; infinite before.
+        clock_estimator: Estimator of the arm's clock.
+        rest_detector: Detector of a measured standstill.
+    """
+
+    joint_count: int
+    reference: StampedState | None = None
+    measured: StampedState | None = None
+    plan_in_force_ns: int | None = None
+    modes: ModeArray | None = None
+    own_command: Command | None = None
+    fault: str = ""
+    plan_delay_ns: int = 0
+    publisher_conflict: str = ""
+    qos_mismatch: str = ""
+    machine_difference: str = ""
+    is_machine_known: bool = False
+    first_state_at: float = math.inf
+    clock_estimator: ArmClockEstimator = field(default_factory=ArmClockEstimator)
+    rest_detector: RestDetector = field(default_factory=RestDetector)
+
+    def forget(self) -> None:
+        """Drop states, modes, plan in force and clock estimate after a clock jump or a reset.
+
+        The plan delay is set to 0. Faults, sentences on publishers and machine, and the detector of
+        rest stay.
+        """
+        self.reference = self.measured = self.plan_in_force_ns = self.modes = self.own_command = (
+            None
+        )
+        self.plan_delay_ns = 0
+        self.clock_estimator.forget()
+
+    def get_plan_time_ns(self, steady_time: float, ros_ns: int) -> int:
+        """Return the present time of plans [ns].
+
+        This is the arm's clock less the plan delay, so that plans are stamped in the time in which
+        the arm follows them. If the arm has been silent for more than `OLDEST_STATE`, the ROS clock
+        takes the place of the arm's clock if it is earlier. The ROS clock may come from the arm; it
+        then stands still if the arm does.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+            ros_ns: Present time by the ROS clock [ns].
+
+        Returns:
+            Time of plans [ns]. If no stamp has been heard from the arm, it is `ros_ns` without the
+            delay.
+        """
+        silence = self.clock_estimator.time_since_last_stamp(steady_time)
+        if silence == math.inf:
+            return ros_ns
+        now_ns = self.clock_estimator.extrapolate_ns(steady_time)
+        return (min(now_ns, ros_ns) if silence > OLDEST_STATE else now_ns) - self.plan_delay_ns
+
+    def has_fresh_state(self, steady_time: float) -> bool:
+        """Return whether a reference or measurement was received at most `OLDEST_STATE` ago."""
+        return self.is_fresh(self.reference, steady_time) or self.is_fresh(
+            self.measured, steady_time
+        )
+
+    def get_fresh_state(self, steady_time: float) -> MotionState | None:
+        """Return the reference that the servo follows, or else the measured state.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+
+        Returns:
+            Position, velocity and acceleration of all joints. The reference counts if it is at most
+            `OLDEST_STATE` old, else a measurement of at most that age. None without either.
+        """
+        for heard in (self.reference, self.measured):
+            if heard is not None and self.is_fresh(heard, steady_time):
+                return heard.state
+        return None
+
+    @staticmethod
+    def is_fresh(stamped_state: StampedState | None, steady_time: float) -> bool:
+        """Return whether a state exists and was received at most `OLDEST_STATE` ago."""
+        return stamped_state is not None and steady_time - stamped_state.received_at <= OLDEST_STATE
+
+    @property
+    def modes_in_force(self) -> ModeArray:
+        """Mode of each actuator as the arm reports it, uint8[n]; all N if it reports none."""
+        if self.modes is not None:
+            return self.modes
+        return np.full(self.joint_count, Mode.N, dtype=np.uint8)
+
+    def executes_own(self, now_ns: int) -> bool:
+        """Return whether the arm moves under a command of this planner.
+
+        Args:
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            True until the end of the last confirmed command. The arm must report that command as in
+            force, or never report any plan in force.
+        """
+        own = self.own_command
+        confirmed = own is not None and self.plan_in_force_ns in (None, own.stamp_ns)
+        return own is not None and confirmed and now_ns < own.trajectory.end_ns

@@ -1,0 +1,146 @@
+"""Commit horizon: the time ahead of now at which a new plan takes over from the old one.
+
+The commit horizon is the sum of two durations. The first is the 0.95 quantile of the time to the
+first feasible motion. The second is the 0.95 quantile of the time from there until the arm has
+confirmed a plan. Time for improving a plan does not count: improvement uses what is left of the
+horizon. Recent plans count more, so that a horizon that load has made long shortens again after a
+few plans.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.types import FloatArray
+
+DURATION_QUANTILE = 0.95
+"""Share of plans that the commit horizon must suffice for."""
+
+SAMPLE_CAPACITY = 50
+"""Number of last plans whose durations are kept."""
+
+HALF_LIFE = 4.0
+"""Number of newer plans after which a duration counts half.
+
+What was usual 20 plans ago no longer affects the 0.95 quantile.
+"""
+
+LATE_PLAN_FACTOR = 1.5
+"""Factor on the commit horizon for a plan that is made again because the one before was late."""
+
+MIN_TRANSPORT_SHARE = 0.15
+"""Least time for transport and confirmation, as a share of the time to the first motion.
+
+If plans take long, their transport to the arm is delayed, too. A plan that comes too late costs its
+whole commit horizon.
+"""
+
+OFFLINE_LEAD = 0.1
+"""Commit horizon of plans that are made in simulated time, which stands still during planning [s].
+"""
+
+INITIAL_PLANNING_TIME, INITIAL_TRANSPORT_TIME = 0.05, 0.02
+"""Durations that are assumed before anything has been measured [s]."""
+
+
+class CommitHorizon(NamedTuple):
+    """Commit horizon of one plan.
+
+    Attributes:
+        total: Time from the plan's stamp to where it leaves the plan before [s].
+        transport_reserve: Part of it that is reserved for encoding, transport and confirmation
+            after planning [s].
+        is_longest: Whether no longer horizon is allowed: it is fixed, or at its upper bound.
+    """
+
+    total: float
+    transport_reserve: float
+    is_longest: bool
+
+
+class CommitHorizonEstimator:
+    """Estimator of the commit horizon, from the real durations of earlier plans."""
+
+    def __init__(self) -> None:
+        self._first_motion: deque[float] = deque([INITIAL_PLANNING_TIME], maxlen=SAMPLE_CAPACITY)
+        self._flight: deque[float] = deque([INITIAL_TRANSPORT_TIME], maxlen=SAMPLE_CAPACITY)
+
+    def add_first_motion(self, seconds: float) -> None:
+        """Add the time from the request for a plan to its first feasible motion [s]."""
+        self._first_motion.append(seconds)
+
+    def add_transport_time(self, seconds: float) -> None:
+        """Add the time from the end of planning to the arm's confirmation [s].
+
+        It covers encoding, transport and the receiver.
+        """
+        self._flight.append(seconds)
+
+    @property
+    def transport_time(self) -> float:
+        """Estimated time from the end of planning to the arm's confirmation [s]."""
+        return compute_recent_quantile(np.array(self._flight))
+
+    @property
+    def horizon(self) -> float:
+        """Estimated time from a plan's stamp to its change, at which it leaves the old plan [s]."""
+        return compute_recent_quantile(np.array(self._first_motion)) + self._transport_reserve
+
+    @property
+    def _transport_reserve(self) -> float:
+        """Time to reserve for transport and confirmation [s].
+
+        It is `transport_time`, but at least `MIN_TRANSPORT_SHARE` of the time to the first motion.
+        """
+        return max(
+            self.transport_time,
+            MIN_TRANSPORT_SHARE * compute_recent_quantile(np.array(self._first_motion)),
+        )
+
+    def choose_horizon(
+        self, lower_bound: float, upper_bound: float, fixed_horizon: float, horizon_factor: float
+    ) -> CommitHorizon:
+        """Return the commit horizon within its bounds, and the part that is reserved for transport.
+
+        Without a fixed horizon it is the estimate times `horizon_factor`, limited to the bounds.
+        The reserved part is the estimated time for transport and confirmation times
+        `horizon_factor`, at most half of the horizon.
+
+        Args:
+            lower_bound: Lower bound [s].
+            upper_bound: Upper bound [s].
+            fixed_horizon: Horizon to use in place of the estimate, whatever the bounds [s]; 0 for
+                the estimate.
+            horizon_factor: Factor on the estimate, above 1 for a goal whose plans came too late
+                before.
+
+        Returns:
+            Horizon and reserved part [s], and whether no longer horizon is allowed.
+        """
+        wanted = horizon_factor * self.horizon
+        total = fixed_horizon or min(max(wanted, lower_bound), upper_bound)
+        flight = min(horizon_factor * self._transport_reserve, 0.5 * total)
+        return CommitHorizon(total, flight, is_longest=fixed_horizon > 0.0 or wanted >= upper_bound)
+
+
+def compute_recent_quantile(samples: FloatArray, quantile: float = DURATION_QUANTILE) -> float:
+    """Return a weighted quantile of samples, in which newer samples count more.
+
+    The weight of a sample with k newer ones is 0.5 ** (k / HALF_LIFE).
+
+    Args:
+        samples: Values in order of age, the newest last, shape (n,) with n at least 1.
+        quantile: Share of the total weight, 0 to 1.
+
+    Returns:
+        The smallest sample for which this sample and all smaller ones together have at least this
+        share of the weight.
+    """
+    weight = 0.5 ** (np.arange(len(samples))[::-1] / HALF_LIFE)
+    order = np.argsort(samples)
+    share = np.cumsum(weight[order]) / weight.sum()
+    row = min(int(np.searchsorted(share, quantile - 1e-12)), len(samples) - 1)
+    return float(samples[order][row])

@@ -1,0 +1,147 @@
+"""Record of a goal from its arrival to its end: reports sent, plans tried, own settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.goal import Goal
+from mhsb_model.verdict import (
+    ExecutionReport,
+    GoalVerdict,
+    Outcome,
+    PlanSummary,
+    Report,
+    Verdict,
+)
+from mhsb_planner.online.replanning import Replan
+from mhsb_planner.online.settings import Settings
+
+Adjustment = Callable[[Settings], Settings]
+"""Function that derives the settings for one goal from the settings for all goals."""
+
+
+def keep_settings(settings: Settings) -> Settings:
+    """Return the settings unchanged."""
+    return settings
+
+
+def ignore_report(report: Report) -> None:
+    """Ignore a report."""
+
+
+@dataclass
+class PendingGoal:
+    """Record of a goal from its arrival on, kept until it has ended.
+
+    Attributes:
+        goal: Where the tip shall go.
+        received_at: Time of receipt by the steady clock [s].
+        waiting_since: Time since when it waits to be planned for, or to be planned for again [s].
+        has_verdict: Whether it has got its verdict and was accepted.
+        attempts: Number of plans that were sent for it.
+        plan_stamp_ns: Stamp of the last of these plans [ns]; 0 without one.
+        lead_ms: Time from receipt of the goal to where that plan leaves the one before [ms].
+        horizon_factor: Factor on the commit horizon; grows with each plan that came too late.
+        late_plans_at_longest_horizon: Number of times that even the longest commit horizon was too
+            short.
+        needs_exact_place: Whether it is planned for at its exact place even if it moves.
+        has_ended: Whether it has ended.
+        is_cancelled: Whether it has been cancelled.
+        adjust_settings: Derives its settings from the settings for all goals.
+        on_report: Called with each report on this goal.
+    """
+
+    goal: Goal
+    received_at: float
+    waiting_since: float
+    has_verdict: bool = False
+    attempts: int = 0
+    plan_stamp_ns: int = 0
+    lead_ms: float = 0.0
+    horizon_factor: float = 1.0
+    late_plans_at_longest_horizon: int = 0
+    needs_exact_place: bool = False
+    has_ended: bool = False
+    is_cancelled: bool = False
+    adjust_settings: Adjustment = keep_settings
+    on_report: Callable[[Report], None] = ignore_report
+    _settings: tuple[Settings, Settings] | None = field(default=None, repr=False)
+
+    def get_settings(self, common_settings: Settings) -> Settings:
+        """Return the settings with which this goal is planned.
+
+        They are derived by `adjust_settings`. The result is cached and stays the same object as
+        long as `common_settings` does. If the goal's own options do not fit later settings for all
+        goals, its previous settings are kept.
+
+        Args:
+            common_settings: Settings for all goals.
+
+        Returns:
+            Settings for this goal.
+
+        Raises:
+            MhsbError: The goal's options do not fit `common_settings` the first time.
+        """
+        before, own = self._settings or (None, None)
+        if own is None or before is not common_settings:
+            try:
+                own = self.adjust_settings(common_settings)
+            except MhsbError:
+                if own is None:
+                    raise
+            self._settings = common_settings, own
+        return own
+
+    def make_refusal(self, code: Verdict, sentence: str) -> GoalVerdict:
+        """Return the verdict of a refusal."""
+        return GoalVerdict.of(self.goal, code, sentence)
+
+    def make_acceptance(self, code: Verdict, sentence: str, plan: PlanSummary) -> GoalVerdict:
+        """Return the verdict of an acceptance."""
+        return GoalVerdict.of(self.goal, code, sentence, plan)
+
+    def make_execution_report(
+        self, outcome: Outcome, sentence: str, reason: Verdict | None = None
+    ) -> ExecutionReport:
+        """Return the execution report that ends this goal after its acceptance."""
+        return ExecutionReport(
+            outcome,
+            sentence,
+            self.goal.stamp_ns,
+            self.plan_stamp_ns,
+            self.attempts,
+            self.lead_ms,
+            reason,
+        )
+
+
+def summarize_plan(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:
+    """Summarize a plan for the verdict of its goal.
+
+    Args:
+        replan: The plan.
+        plan_ms: Time from receipt of the goal to the plan's publication [ms].
+        lead_ms: Time from receipt of the goal to the plan's change, at which it leaves the plan
+            before [ms].
+
+    Returns:
+        Stamp [ns], energy in both readings [J], lower bound [J], duration [s] and number of mode
+        switches of the plan. Also its excess over V_max, its time with cavitation [s] and both
+        given times.
+    """
+    plan = replan.plan
+    return PlanSummary(
+        plan_stamp_ns=replan.command.stamp_ns,
+        energy_j=plan.energy.paper,
+        energy_series_j=plan.energy.series,
+        duration_s=plan.duration,
+        switches=plan.motion.schedule.switch_count,
+        plan_ms=plan_ms,
+        lower_bound_j=plan.lower_bound,
+        lead_ms=lead_ms,
+        speed_excess=plan.motion.speed_excess,
+        cavitation_s=sum(each.duration for each in plan.cavitations),
+    )

@@ -1,0 +1,67 @@
+"""Interfaces that the lifecycle of goals needs: a clock and an outbox."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from mhsb_model.command import Command
+from mhsb_model.verdict import Report
+from mhsb_planner.online.plan_request import PlanRequest
+
+
+class Clock(Protocol):
+    """Source of the present time."""
+
+    def steady_time(self) -> float:
+        """Return the present time by the steady clock of `deadline.now` [s]."""
+        ...
+
+    def ros_ns(self) -> int:
+        """Return the present time by the ROS clock [ns]."""
+        ...
+
+
+class PlannerIO(Protocol):
+    """Outbox of a lifecycle: planning worker, arm, user and log."""
+
+    def start_planning(self, request: PlanRequest) -> None:
+        """Start to make a plan; `GoalLifecycle.handle_plan_answer` gets the answer later."""
+        ...
+
+    def send(self, command: Command) -> None:
+        """Send a command to the arm."""
+        ...
+
+    def report(self, report: Report) -> None:
+        """Send a verdict or an execution report to the user."""
+        ...
+
+    def warn(self, sentence: str) -> None:
+        """Write a warning to the log."""
+        ...
+
+    def stop_arm(self, on_answer: Callable[[bool, str], None]) -> bool:
+        """Call the arm's own ~/stop.
+
+        Args:
+            on_answer: Called with success and sentence when the arm answers.
+
+        Returns:
+            False if the service is not there.
+        """
+        ...
+
+    def is_arm_connected(self) -> bool:
+        """Return whether the arm would receive a plan."""
+        ...
+
+    def describe_publisher_conflict(self) -> str:
+        """Return a sentence that names the publishers of `reference` if there are several.
+
+        The ROS graph decides, which shows a killed process for a while.
+
+        Returns:
+            The sentence; empty with one publisher or none.
+        """
+        ...

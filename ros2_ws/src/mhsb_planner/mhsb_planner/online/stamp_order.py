@@ -1,0 +1,103 @@
+"""Order of the stamps of `reference`: detects a clock that was set back, and several publishers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from enum import Enum
+
+DECIDED_AFTER = 1.0
+"""Time within which the stamps of two publishers go back at least a second time [s].
+
+A reference comes at least twice a second, and a clock is not set back twice within this time.
+"""
+
+SECOND_PUBLISHER_TIMEOUT = 3.0
+"""Time without a further step back of stamps after which there counts as being one publisher [s].
+"""
+
+
+class Order(Enum):
+    """Conclusion from a stamp about the clocks of the publishers of a topic."""
+
+    FORWARD = "later than all before"
+    BACK = "the clock was set back"
+    MIXED = "of a clock behind another one, or not decided yet"
+
+
+class StampOrder:
+    """Detector that distinguishes a clock set back from several publishers with other clocks.
+
+    The stamps of one publisher go back once when its clock is set. With two publishers they go back
+    again and again. The ROS graph shows a killed process for a while, so the number of publishers
+    alone does not decide.
+
+    Attributes:
+        publisher_conflict: Sentence that names several publishers whose clocks differ; empty
+            without them.
+    """
+
+    def __init__(self, several_publishers: Callable[[], str]) -> None:
+        """Begin without a stamp.
+
+        Args:
+            several_publishers: Returns a sentence that names the publishers in the ROS graph if
+                there are several, otherwise an empty one. Called when a stamp goes back.
+        """
+        self.publisher_conflict = ""
+        self._several_publishers = several_publishers
+        self._last_ns = -1
+        self._latest_ns = -1
+        self._back_at = -math.inf
+
+    def add_stamp(self, stamp_ns: int, steady_time: float) -> Order:
+        """Classify the stamp of a message, and update `publisher_conflict`.
+
+        A step back is a stamp earlier than the one before. If the ROS graph shows one publisher,
+        its clock was set back. With several publishers, `DECIDED_AFTER` must pass. A second step
+        back in that time sets `publisher_conflict`. Without one, the next stamp that is still
+        behind the latest means that the clock was set back. `SECOND_PUBLISHER_TIMEOUT` after the
+        last step back, `publisher_conflict` is cleared.
+
+        Args:
+            stamp_ns: Stamp by the publisher's clock [ns].
+            steady_time: Time of receipt by the steady clock [s].
+
+        Returns:
+            `FORWARD` if the stamp is not earlier than the latest of all. `BACK` if the clock was
+            set back; the stamp then counts as the latest. `MIXED` if the message is to be ignored,
+            because it may come from another publisher.
+        """
+        steps_back, self._last_ns = stamp_ns < self._last_ns, stamp_ns
+        if steps_back and not self._has_several_publishers(steady_time):
+            self._latest_ns = stamp_ns
+            return Order.BACK
+        if self.publisher_conflict and steady_time - self._back_at > SECOND_PUBLISHER_TIMEOUT:
+            self.publisher_conflict = ""
+        if stamp_ns >= self._latest_ns:
+            self._latest_ns = stamp_ns
+            return Order.FORWARD
+        if self.publisher_conflict or steady_time - self._back_at <= DECIDED_AFTER:
+            return Order.MIXED
+        self._latest_ns = stamp_ns
+        return Order.BACK
+
+    def _has_several_publishers(self, steady_time: float) -> bool:
+        """Record a step back, and return whether the ROS graph shows several publishers.
+
+        Sets `publisher_conflict` if there are several publishers and the step back before was at
+        most `DECIDED_AFTER` ago. Clears it if there is one publisher.
+
+        Args:
+            steady_time: Time of receipt by the steady clock [s].
+
+        Returns:
+            True if there are several publishers.
+        """
+        several = self._several_publishers()
+        if several and steady_time - self._back_at <= DECIDED_AFTER:
+            self.publisher_conflict = several
+        elif not several:
+            self.publisher_conflict = ""
+        self._back_at = steady_time
+        return bool(several)

@@ -1,0 +1,129 @@
+"""Start state: the command that a new plan continues.
+
+A plan continues the command in force (trajectory and mode schedule) if that is this planner's own.
+Otherwise it starts from the reference that the servo follows. Hardware without a reference starts
+from this planner's last command, or from measured joint states at rest. The time of plans is the
+arm's clock less the delay by which speed scaling has slowed plans.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.command import Command
+from mhsb_model.errors import MhsbError
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.online.arm_state import OLDEST_STATE, REST_SPEED, ArmState
+
+
+class NoStateError(MhsbError):
+    """Error: it is not known where the arm is."""
+
+    def __init__(self, sentence: str = "", mismatch: str = "") -> None:
+        """Compose the sentence.
+
+        Args:
+            sentence: Sentence to use in place of the one that nothing has been heard; empty for
+                that one.
+            mismatch: Sentence on publishers whose quality of service does not match, appended if
+                not empty.
+        """
+        sentence = sentence or (
+            "nothing is known of the arm: no reference or joint_states in the last "
+            f"{OLDEST_STATE:g} s; start the arm or its simulator"
+        )
+        super().__init__("; ".join(filter(None, (sentence, mismatch))))
+
+
+class OtherMachineError(MhsbError):
+    """Error: the arm was started with another machine file than the planner."""
+
+
+class MovingError(MhsbError):
+    """Error: the arm moves under a command that this planner does not know."""
+
+
+def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> Command:
+    """Return the command that a plan made now has to continue.
+
+    States are fresh if they were received at most `OLDEST_STATE` ago. The first of these that
+    exists decides:
+
+    1. This planner's last confirmed command, if the arm reports it as in force.
+    2. A fresh reference: the result holds there; an error if it moves.
+    3. This planner's last confirmed command, if the arm never reports a plan in force.
+    4. A fresh measurement: the result holds there; an error if the arm moves.
+
+    Args:
+        arm_state: Arm state.
+        steady_time: Present time by the steady clock [s].
+        now_ns: Present time of plans, the stamp of a hold [ns].
+
+    Returns:
+        This planner's own command, or one that holds the position in the modes in force.
+
+    Raises:
+        OtherMachineError: The arm has another machine file.
+        NoStateError: There is no fresh state, or several publishers send references.
+        MovingError: The arm moves, but not under a command of this planner.
+    """
+    if arm_state.machine_difference:
+        raise OtherMachineError(arm_state.machine_difference)
+    if arm_state.publisher_conflict:
+        raise NoStateError(f"where the arm is is not known: {arm_state.publisher_conflict}")
+    own = arm_state.own_command
+    if own is not None and arm_state.plan_in_force_ns == own.stamp_ns:
+        return own
+    if arm_state.reference is not None and arm_state.is_fresh(arm_state.reference, steady_time):
+        return _from_reference(arm_state, arm_state.reference.state, now_ns)
+    if arm_state.plan_in_force_ns is None and own is not None:
+        return own
+    if arm_state.measured is not None and arm_state.is_fresh(arm_state.measured, steady_time):
+        return _from_measured(arm_state, arm_state.measured.state, now_ns)
+    raise NoStateError(mismatch=arm_state.qos_mismatch)
+
+
+def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
+    """Return a command that holds at a reference that rests.
+
+    Args:
+        arm_state: Arm state, which gives the modes in force.
+        state: Position, velocity and acceleration of the reference.
+        now_ns: Stamp of the result [ns].
+
+    Returns:
+        The holding command.
+
+    Raises:
+        MovingError: Velocity or acceleration of the reference are not exactly 0.
+    """
+    if state.velocity.any() or state.acceleration.any():
+        raise MovingError(
+            "the arm follows a command that this planner did not give, at "
+            f"{np.abs(state.velocity).max():.3g} rad/s; call the arm's ~/stop or wait until "
+            "it rests"
+        )
+    return Command.hold(now_ns, state.position, arm_state.modes_in_force)
+
+
+def _from_measured(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
+    """Return a command that holds at the measured joint positions.
+
+    Args:
+        arm_state: Arm state, which gives the modes in force.
+        state: Measured position and velocity.
+        now_ns: Stamp of the result [ns].
+
+    Returns:
+        The holding command.
+
+    Raises:
+        MovingError: The speed of a joint is `REST_SPEED` or more.
+    """
+    speed = float(np.abs(state.velocity).max())
+    if speed >= REST_SPEED:
+        raise MovingError(
+            f"the arm moves at {speed:.3g} rad/s and its command is unknown; a first plan "
+            f"needs less than {REST_SPEED:g} rad/s"
+        )
+    return Command.hold(now_ns, state.position, arm_state.modes_in_force)

@@ -1,0 +1,168 @@
+"""Paths through via points: planned leg by leg and joined to one path that need not stop there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_planner.deadline import SearchTime
+from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
+from mhsb_planner.planners.resting import insert_rests
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.s2_graph import StepGraph
+
+
+class PathSource(Protocol):
+    """Interface of a source of paths for the whole arm."""
+
+    @property
+    def machine(self) -> Machine:
+        """The whole arm."""
+
+    def bound(self, task: PathRequest) -> float:
+        """Return a lower bound on the energy of every plan for a request [J]."""
+
+    def paths(self, task: PathRequest, time: SearchTime) -> Iterator[PathProposal]:
+        """Yield paths from the departure to the goal, as `PathPlanner.paths` does."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePaths:
+    """Paths of a planner for an arm that moves in one plane only.
+
+    Attributes:
+        planner: The planner.
+        graph: Step graph for the planner.
+    """
+
+    planner: PathPlanner
+    graph: StepGraph
+
+    @property
+    def machine(self) -> Machine:
+        """Machine of the graph."""
+        return self.graph.machine
+
+    def bound(self, task: PathRequest) -> float:
+        """Return a lower bound on the energy of every plan for a request [J]."""
+        return task.energy_lower_bound(self.graph)
+
+    def paths(self, task: PathRequest, time: SearchTime) -> Iterator[PathProposal]:
+        """Return the planner's paths."""
+        return self.planner.paths(self.graph, task, time)
+
+
+def paths_through_via_points(
+    source: PathSource, task: PathRequest, time: SearchTime
+) -> Iterator[PathProposal]:
+    """Yield paths from the departure to the goal through all via points in their order.
+
+    A leg leads to the next via point, the last one to the goal. Each leg is planned by itself and
+    ends in the posture that is best for itself. In a first round the legs to via points are the
+    first paths of the source, in a second round the cheapest. Each path comes a second time with
+    rests at the via points. Without rests, an arm whose ramps cut the corners may miss the points.
+
+    Args:
+        source: Source of the paths of each leg.
+        task: The request; without via points the source's own paths are yielded.
+        time: Time limit of the searches.
+
+    Yields:
+        Path proposals, with the source's lower bound on the energy for the whole request [J].
+
+    Raises:
+        MhsbError: The source's errors, if a leg has no path.
+    """
+    if not task.options.via:
+        yield from source.paths(task, time)
+        return
+    bound = source.bound(task)
+    for thorough in (False, True):
+        legs: list[DiscretePath] = []
+        onward = replace(task, options=task.options.for_via_point)
+        for point in task.options.via:
+            legs.append(plan_leg(source, replace(onward, goal=point), time, thorough))
+            onward = onward.continued_from(legs[-1])
+        last = replace(onward, goal=task.goal, options=task.options.for_last_leg)
+        for candidate in source.paths(last, time):
+            whole = replace(join_paths([*legs, candidate.path]), lower_bound=bound)
+            yield candidate._replace(path=whole)
+            before = np.cumsum([leg.steps for leg in legs])
+            before = np.unique(before[(before > 0) & (before < whole.steps)])
+            if len(before) > 0:
+                rested = insert_rests(source.machine, whole, before, task.options.weights)
+                yield candidate._replace(path=rested)
+
+
+def plan_leg(
+    source: PathSource, task: PathRequest, time: SearchTime, cheapest: bool
+) -> DiscretePath:
+    """Return the path of a leg to a via point.
+
+    Args:
+        source: Source of paths.
+        task: Request whose goal is the via point.
+        time: Time limit of the search.
+        cheapest: Whether to take the cheapest of all paths; otherwise the first is taken.
+
+    Returns:
+        Path from the departure to the via point.
+    """
+    found = (candidate.path for candidate in source.paths(task, time))
+    first = next(found)
+    return min([first, *found], key=lambda path: path.cost) if cheapest else first
+
+
+def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
+    """Join paths to one path.
+
+    Costs and search statistics are summed up. Lower bound and start modes are those at the first
+    path.
+
+    Args:
+        legs: The paths; each begins in the posture and in the modes in which the one before ends.
+
+    Returns:
+        One path.
+    """
+    first = legs[0]
+
+    def concatenate_nodes(name: str) -> np.ndarray:
+        """Concatenate an array with a row for each node over all paths in `legs`.
+
+        The first node of each later path is dropped, because it repeats the last node of the path
+        before.
+
+        Args:
+            name: Field of `DiscretePath`.
+
+        Returns:
+            Array with one row for each node of the joined path.
+        """
+        rest = (getattr(leg, name)[1:] for leg in legs[1:])
+        return np.concatenate([getattr(first, name), *rest])
+
+    def concatenate_steps(name: str) -> np.ndarray:
+        """Concatenate an array with a row for each step over all paths in `legs`."""
+        return np.concatenate([getattr(leg, name) for leg in legs])
+
+    return DiscretePath(
+        tip=concatenate_nodes("tip"),
+        posture=concatenate_nodes("posture"),
+        modes=concatenate_steps("modes"),
+        duration=concatenate_steps("duration"),
+        energy=concatenate_steps("energy"),
+        energy_series=concatenate_steps("energy_series"),
+        cost=sum(leg.cost for leg in legs),
+        start_modes=first.start_modes,
+        lower_bound=first.lower_bound,
+        statistics=SearchStatistics(
+            sum(leg.statistics.expanded for leg in legs),
+            sum(leg.statistics.generated for leg in legs),
+            sum(leg.statistics.seconds for leg in legs),
+        ),
+    )

@@ -1,0 +1,234 @@
+"""Command `goal`: sends one goal to a running planner and prints the verdict and the result."""
+
+from __future__ import annotations
+
+import json as json_format
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Annotated, Any
+
+import tyro
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from mhsb_model import command_line
+from mhsb_model.command_line import NumberRange
+from mhsb_model.types import Position
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
+from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_planner.ros.goal_sender import GoalSender
+
+EXIT_ACCEPTED, EXIT_REFUSED, EXIT_NO_ANSWER = 0, 1, 3
+"""Exit codes: 0 goal accepted or reached; 1 refused, superseded or not reached; 3 no answer in
+time.
+"""
+
+
+def goal(
+    place: Annotated[
+        Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z"), NumberRange(-1e4, 1e4)
+    ],
+    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), NumberRange(0.0, 2.0)] = None,
+    psi_range: Annotated[
+        tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH"), NumberRange(-100.0, 100.0)
+    ] = None,
+    wait: bool = False,
+    timeout: Annotated[float, tyro.conf.arg(metavar="S"), NumberRange(0.0, 1e6)] = 10.0,
+    json: bool = False,
+) -> int:
+    """Send the tip to (X, Z), or (X, Y, Z) for an arm that slews, and print the verdict.
+
+    Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 3: no
+    answer in time. Tolerance and angle range are set as parameters of the planner and stay until
+    they are changed (goal_tolerance, goal_psi_min, goal_psi_max). Others are goal_segment and
+    goal_box.
+
+    Args:
+        place: Forward, to the left and up from the base [m]; without Y that is 0.
+        tolerance: Distance from the goal at which the tip may end as well [m]; 0 for the exact
+            goal.
+        psi_range: Least and greatest angle of the end link at the goal [rad]; a whole turn, such as
+            0 6.3, leaves it free.
+        wait: Also wait until the motion has ended.
+        timeout: How long to wait for a planner, and again for its answer [s].
+        json: Print the verdict, and with --wait the execution report, as one JSON object.
+
+    Returns:
+        The exit code.
+    """
+    if len(place) not in (2, 3):
+        given = " ".join(f"{value:g}" for value in place)
+        raise command_line.UsageError(f"give X Z or X Y Z [m], not {given or 'nothing'}")
+    if timeout <= 0:
+        raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
+    if psi_range is not None and not psi_range[0] <= psi_range[1]:
+        low, high = psi_range
+        raise command_line.UsageError(
+            f"--psi-range takes the least and the greatest angle, not {low:g} and {high:g}"
+        )
+    command_line.set_interrupt_note("no goal was sent")
+    say = _print_nothing if json else partial(print, flush=True)
+    try:
+        with run_ros(), serve_node(GoalSender) as (executor, sender):
+            changes = _collect_parameter_changes(tolerance, psi_range)
+            answer = _send_and_wait(sender, executor, place, changes, wait, timeout, say)
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+    if answer.trouble:
+        say(answer.trouble)
+    if json:
+        print(json_format.dumps(answer.to_json_values()))
+    return answer.exit_code
+
+
+def _print_nothing(_: str) -> None:
+    """Print nothing; used in place of print for JSON output."""
+
+
+@dataclass(frozen=True)
+class CommandResult:
+    """Result of the command.
+
+    Attributes:
+        exit_code: Exit code of the process.
+        trouble: Sentence on why no verdict or report came; empty if none is missing.
+        verdict: The planner's verdict on the goal, or None.
+        execution: The execution report if it was waited for, or None.
+    """
+
+    exit_code: int
+    trouble: str = ""
+    verdict: GoalVerdict | None = None
+    execution: ExecutionReport | None = None
+
+    def to_json_values(self) -> dict[str, Any]:
+        """Return the result in plain types for JSON, in SI units.
+
+        Returns:
+            Keys `exit_code`, `trouble`, `verdict` and `execution`. Verdict and report are mappings
+            of their fields; a missing value is None.
+        """
+        return {
+            "exit_code": self.exit_code,
+            "trouble": self.trouble or None,
+            "verdict": asdict(self.verdict) if self.verdict else None,
+            "execution": asdict(self.execution) if self.execution else None,
+        }
+
+
+def _collect_parameter_changes(
+    tolerance: float | None, psi_range: tuple[float, float] | None
+) -> dict[str, float]:
+    """Return the values of the planner's parameters for a tolerance and an angle range.
+
+    Args:
+        tolerance: Value for `goal_tolerance` [m]; None to leave that parameter as it is.
+        psi_range: Values for `goal_psi_min` and `goal_psi_max`, the end link's angle [rad]; None to
+            leave them as they are.
+
+    Returns:
+        Values by parameter name; empty if both are None.
+    """
+    changes = {} if tolerance is None else {"goal_tolerance": tolerance}
+    if psi_range is not None:
+        changes |= {"goal_psi_min": psi_range[0], "goal_psi_max": psi_range[1]}
+    return changes
+
+
+def _send_and_wait(
+    sender: GoalSender,
+    executor: SingleThreadedExecutor,
+    place: Position,
+    changes: dict[str, float],
+    wait: bool,
+    timeout: float,
+    say: Callable[[str], None],
+) -> CommandResult:
+    """Set the planner's parameters, send the goal, and wait for its verdict and its end.
+
+    The steps are: find a planner, set its parameters, get the verdict, and see the motion end. Each
+    step waits at most `timeout`; the last one waits the planned duration longer.
+
+    Args:
+        sender: Node that sends the goal.
+        executor: Executor that serves the node.
+        place: Goal in `base_link`, (x, z) or (x, y, z) [m].
+        changes: Parameters to set before, by name.
+        wait: Whether to wait for the end of the motion.
+        timeout: Longest time for each step [s].
+        say: Prints verdict and execution report as they come.
+
+    Returns:
+        Exit code, and the verdict and execution report that came. If one is missing, `trouble` says
+        why. After a refused goal or a plan without motion the end is not waited for.
+    """
+    if not spin_until(executor, lambda: sender.is_matched, timeout):
+        return CommandResult(
+            EXIT_NO_ANSWER,
+            f"no planner was found within {timeout:g} s; start one in this ROS domain: "
+            "ros2 run mhsb_planner planner_node",
+        )
+    if changes:
+        try:
+            refused = sender.set_planner_parameters(executor, changes, timeout)
+        except TimeoutError:
+            return CommandResult(
+                EXIT_NO_ANSWER, f"the planner did not take its parameters within {timeout:g} s"
+            )
+        if refused:
+            return CommandResult(EXIT_REFUSED, f"the planner refused its parameters: {refused}")
+    command_line.set_interrupt_note(
+        "the goal was sent, and what the planner says was not waited for"
+    )
+    verdict = sender.request_verdict(executor, place, timeout)
+    if verdict is None:
+        return CommandResult(EXIT_NO_ANSWER, f"the planner gave no answer within {timeout:g} s")
+    if verdict.code.accepted:
+        command_line.set_interrupt_note(
+            "the goal stays, and the arm goes there; the planner's ~/stop ends that"
+        )
+    say("\n".join(_format_verdict(verdict)))
+    if not verdict.code.accepted:
+        return CommandResult(EXIT_REFUSED, verdict=verdict)
+    if not wait or verdict.plan is None or verdict.plan.plan_stamp_ns == 0:
+        return CommandResult(EXIT_ACCEPTED, verdict=verdict)
+    stamp_ns = verdict.goal_stamp_ns
+    longest = verdict.plan.duration_s + timeout
+    if not spin_until(executor, lambda: stamp_ns in sender.executions, longest):
+        trouble = f"the planner did not report an end within {timeout:g} s of the planned one"
+        return CommandResult(EXIT_NO_ANSWER, trouble, verdict)
+    report = sender.executions[stamp_ns]
+    say(f"{report.outcome.value}: {report.sentence}")
+    reached = report.outcome is Outcome.REACHED
+    return CommandResult(EXIT_ACCEPTED if reached else EXIT_REFUSED, "", verdict, report)
+
+
+def _format_verdict(verdict: GoalVerdict) -> list[str]:
+    """Return the lines to print for a verdict.
+
+    Args:
+        verdict: The verdict.
+
+    Returns:
+        One line with code and sentence. If a plan was published, a second line: duration [s],
+        energy in both readings and its lower bound [J], mode switches, and planning time [ms].
+    """
+    lines = [f"{verdict.code.value}: {verdict.sentence}"]
+    plan = verdict.plan
+    if plan is not None and plan.plan_stamp_ns != 0:
+        lines.append(
+            f"  {plan.duration_s:.2f} s, {plan.energy_j:.0f} J ({plan.energy_series_j:.0f} J in "
+            f"series reading, at least {plan.lower_bound_j:.0f} J), {plan.switches} mode switches, "
+            f"planned in {plan.plan_ms:.1f} ms"
+        )
+    return lines
+
+
+def main() -> int:
+    """Run the executable `ros2 run mhsb_planner goal`."""
+    return command_line.run(goal, name="goal", node=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

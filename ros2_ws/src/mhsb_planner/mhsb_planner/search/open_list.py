@@ -1,0 +1,274 @@
+"""State records and open list of A* searches.
+
+The open list is a binary heap of numbered states that stores the position of each state. States are
+ordered by least `estimate`, then by least `depth`, then by least number. The field `place` of a
+state is its position in the heap; it is NOT_IN_HEAP if the state is not in the heap.
+
+Searches differ in the source of the steps that leave a state: stored steps, or moves priced when
+they are needed. Each search has its own loop, because numba caches no kernel that receives another
+kernel as an argument. The common parts are in this module. They are inlined, because passing a
+tuple of arrays costs more than their work does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import IntArray, Records
+
+NOT_IN_HEAP = -1
+"""Value of `place` for a state that is not in the heap."""
+
+
+@kernel(inline="always")
+def _precedes(states: Records, a: int, b: int) -> bool:
+    """Return whether state a precedes state b in the heap order.
+
+    The order is by least estimated total cost, then fewest steps, then least state number.
+
+    Args:
+        states: Records of all states, of `open_list.STATE_DTYPE`.
+        a: Number of a state, an index into `states`.
+        b: Number of another state.
+
+    Returns:
+        True if a comes first.
+    """
+    one, other = states[a], states[b]
+    if one.estimate != other.estimate:
+        return one.estimate < other.estimate
+    if one.depth != other.depth:
+        return one.depth < other.depth
+    return a < b
+
+
+@kernel(inline="always")
+def sift_up(states: Records, heap: IntArray, i: int, state: int) -> None:
+    """Insert a state into the heap at position i, or move it up to its place.
+
+    The state's estimate must be set already. If its estimate has decreased, i is its present place.
+
+    Args:
+        states: Records of all states, of `open_list.STATE_DTYPE`. The field `place` is written.
+        heap: State numbers in heap order. Written in place.
+        i: Free position in the heap from which the state moves up. For a new state this is the
+            number of states in the heap; the caller counts the new one.
+        state: Number of the state.
+    """
+    while i > 0:
+        above = (i - 1) // 2
+        if not _precedes(states, state, heap[above]):
+            break
+        heap[i] = heap[above]
+        states[heap[i]].place = i
+        i = above
+    heap[i] = state
+    states[state].place = i
+
+
+@kernel(inline="always")
+def pop(states: Records, heap: IntArray, size: int) -> int:
+    """Remove the first state from the heap and restore the heap order.
+
+    The caller decrements its own count of states in the heap.
+
+    Args:
+        states: Records of all states, of `open_list.STATE_DTYPE`. The field `place` is written.
+        heap: State numbers in heap order. Written in place.
+        size: Number of states in the heap before the call, at least 1.
+
+    Returns:
+        Number of the removed state, which has the least estimate.
+    """
+    top = heap[0]
+    states[top].place = NOT_IN_HEAP
+    size -= 1
+    if size == 0:
+        return top
+    state = heap[size]
+    i = 0
+    while True:
+        below = 2 * i + 1
+        if below >= size:
+            break
+        if below + 1 < size and _precedes(states, heap[below + 1], heap[below]):
+            below += 1
+        if not _precedes(states, heap[below], state):
+            break
+        heap[i] = heap[below]
+        states[heap[i]].place = i
+        i = below
+    heap[i] = state
+    states[state].place = i
+    return top
+
+
+SEARCH_PAUSED, GOAL_FOUND, SEARCH_EXHAUSTED, ARRAYS_FULL = 0, 1, 2, 3
+"""Reasons for which a portion of a search ends.
+
+PAUSED: the limit of expansions is reached. FOUND: the goal is the next state to expand. EXHAUSTED:
+no state is left to expand. FULL: the arrays have no room for the steps that leave the next
+state."""
+
+NO_STATE = -1
+"""Number that stands for no state or no posture."""
+
+WAITING_COUNT, EXPANDED_COUNT, GENERATED_COUNT = 0, 1, 2
+"""Indices into `OpenList.counts`: states in the heap, states expanded, steps generated."""
+
+
+STATE_DTYPE = np.dtype(
+    [
+        ("cost", np.float64),  # of the best path from the start so far
+        ("estimate", np.float64),  # cost so far plus lower bound on the cost to the goal
+        ("depth", np.int32),  # number of steps of that path
+        ("parent", np.int32),  # state before on that path; NO_STATE if that is the start
+        ("place", np.int32),  # position in the heap, or NOT_IN_HEAP
+        ("step", np.int32),  # number of the last step, if the search numbers steps
+    ]
+)
+"""Record of one state. It fills half a cache line, because a search accesses states at random."""
+
+
+class OpenList(NamedTuple):
+    """Records of all states and the heap of open ones, with which a search can be continued.
+
+    The goal is one more state; it has the greatest number.
+
+    Attributes:
+        states: Records of STATE_DTYPE, shape (states + 1,); the last one is the goal.
+        heap: Numbers of the open states in heap order, shape (states + 1,). Only the first
+            counts[WAITING_COUNT] entries are valid.
+        counts: Counters WAITING, EXPANDED and GENERATED, shape (3,).
+    """
+
+    states: Records
+    heap: IntArray
+    counts: IntArray
+
+    @property
+    def goal_cost(self) -> float:
+        """Cost of the best path to the goal so far; inf if there is none."""
+        return float(self.states[-1].cost)
+
+
+def create_open_list(states: int) -> OpenList:
+    """Create the open list of a search that has not begun.
+
+    All states have infinite cost, no parent, and are not in the heap.
+
+    Args:
+        states: Number of states without the goal.
+
+    Returns:
+        An open list with states + 1 records; the last one is the goal.
+    """
+    unknown = np.array([(np.inf, 0.0, 0, NO_STATE, NOT_IN_HEAP, 0)], dtype=STATE_DTYPE)
+    words = np.empty((states + 1, STATE_DTYPE.itemsize // 8), dtype=np.int64)
+    words[:] = unknown.view(np.int64)  # NumPy copies words faster than records
+    rows = words.view(STATE_DTYPE)[:, 0].view(np.recarray)
+    return OpenList(rows, np.empty(states + 1, np.int64), np.zeros(3, np.int64))
+
+
+def enlarge_open_list(f: OpenList) -> OpenList:
+    """Copy an open list to one with twice as many states.
+
+    The goal stays the last state, so its number changes, also in the heap. Parent numbers stay
+    valid, since the goal is never a parent.
+
+    Args:
+        f: Open list with its search under way.
+
+    Returns:
+        A new open list with the same search progress. Additional states have infinite cost. The
+        goal's number is twice the old one.
+    """
+    goal = len(f.states) - 1
+    wider, waiting = create_open_list(2 * goal), f.counts[WAITING_COUNT]
+    wider.states[:goal], wider.states[-1] = f.states[:goal], f.states[goal]
+    wider.heap[: goal + 1], wider.counts[:] = f.heap, f.counts
+    wider.heap[:waiting][f.heap[:waiting] == goal] = 2 * goal
+    return wider
+
+
+@kernel(inline="always")
+def pop_first_state(f: OpenList) -> int:
+    """Remove the open state with the least estimate from the heap.
+
+    Args:
+        f: Open list. Its heap, counts and the state's `place` are written in place.
+
+    Returns:
+        Number of the state, or NO_STATE if the heap is empty.
+    """
+    if f.counts[WAITING_COUNT] == 0:
+        return NO_STATE
+    state = pop(f.states, f.heap, f.counts[WAITING_COUNT])
+    f.counts[WAITING_COUNT] -= 1
+    return state
+
+
+@kernel(inline="always")
+def record_path_to(
+    f: OpenList, target: int, state: int, steps: int, cost: float, lower_bound: float
+) -> None:
+    """Record a new best path to a target state and put the target into the heap.
+
+    If the target is in the heap already, its position is updated. A target that was expanded
+    before becomes open again. The caller has checked that the path is better.
+
+    Args:
+        f: Open list. The target's record, the heap and the counts are written in place.
+        target: Number of the state that is reached.
+        state: Number of the state before it, NO_STATE for the start.
+        steps: Number of steps from the start to the target.
+        cost: Cost from the start to the target.
+        lower_bound: Lower bound on the cost from the target to the goal.
+    """
+    reached = f.states[target]
+    reached.cost = cost
+    reached.estimate = cost + lower_bound
+    reached.depth = steps
+    reached.parent = state
+    slot = reached.place
+    if slot == NOT_IN_HEAP:
+        slot = f.counts[WAITING_COUNT]
+        f.counts[WAITING_COUNT] += 1
+    sift_up(f.states, f.heap, slot, target)
+
+
+def trace_path_to_goal(f: OpenList) -> IntArray:
+    """Return the states of the path found, from the first after the start to the goal.
+
+    Args:
+        f: Open list of a search that has reached the goal.
+
+    Returns:
+        State numbers in path order. The start has no number and is left out; the goal is last.
+    """
+    return _trace_path_to(f.states, len(f.states) - 1)
+
+
+@kernel
+def _trace_path_to(states: Records, state: int) -> IntArray:
+    """Trace a state's chain of parents back to the start.
+
+    Args:
+        states: Records of all states.
+        state: Number of the last state of the path.
+
+    Returns:
+        State numbers in path order, from the first after the start to `state`.
+    """
+    before, count = state, 0
+    while before != NO_STATE:
+        before = states[before].parent
+        count += 1
+    way = np.empty(count, dtype=np.int64)
+    for k in range(count - 1, -1, -1):
+        way[k] = state
+        state = states[state].parent
+    return way

@@ -1,0 +1,470 @@
+"""Pricing of the graph's steps: all at once, or posture by posture when a search needs them.
+
+"Pricing" a step means computing its duration and energies. Steps are stored once per distinct
+posture that they leave. A search expands a small share of all postures, so after a change of the
+machine it is cheaper to price only the steps that leave these.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing, nullcontext
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.linkages.linkage import moment_arm
+from mhsb_model.obstacles.clearance import bound_travel, move_is_clear
+from mhsb_model.statics import gravity_torque
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.workspace import move_stays_in_workspace
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
+from mhsb_planner.search.s2_layout import Layout
+from mhsb_planner.search.s2_step import (
+    STEP_INADMISSIBLE,
+    HydraulicCoefficients,
+    Postures,
+    StepBuffers,
+    create_step_buffers,
+    describe_postures,
+    price_steps_to_node,
+)
+from mhsb_planner.workers import Result, over_ranges
+
+POSTURES_PER_TASK = 128
+"""Number of postures that one thread works on before it takes the next task."""
+
+NOT_PRICED = -1
+"""Value of `Edges.first` for a posture whose steps have no price yet."""
+
+
+class Edges(NamedTuple):
+    """Admissible steps of the graph; steps that leave posture i are first[i] to last[i] - 1.
+
+    Attributes:
+        first: First step of each posture, shape (postures,); NOT_PRICED if the steps are unknown.
+        last: One after the last step of each posture, shape (postures,).
+        used: Number of steps stored, shape (1,).
+        state: State that each step reaches, node · patterns + pattern, shape (room,).
+        pattern: Index of the mode pattern of each step, shape (room,).
+        cost: Cost of each step, shape (room, 3): T [s], E paper [J], E series [J].
+    """
+
+    first: IntArray
+    last: IntArray
+    used: IntArray
+    state: IntArray
+    pattern: IntArray
+    cost: FloatArray
+
+
+class CylinderForces(NamedTuple):
+    """Cylinder forces under gravity as a linear function of the payload.
+
+    The force is bare + payload · for_each_kg.
+
+    Attributes:
+        bare: Forces of the arm without payload, shape (postures or moves, n) [N].
+        for_each_kg: Additional force per payload, shape (postures or moves, n) [N/kg].
+    """
+
+    bare: FloatArray
+    for_each_kg: FloatArray
+
+
+class StepCostModel(NamedTuple):
+    """Data from which the costs of the graph's steps are computed.
+
+    Attributes:
+        circuit: Hydraulic coefficients of the machine.
+        patterns: Mode patterns, shape (patterns, n).
+        layout: Numbering of postures, states and moves.
+        postures: Postures with cylinder lengths and forces.
+        middle: Forces at the middle of each move; NaN if the tip leaves the workspace on the way.
+        machine: Arrays of the machine.
+        obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
+        clearance: Clearance of each posture from the nearest obstacle, shape (postures,) [m]. Empty
+            if there are no obstacles.
+    """
+
+    circuit: HydraulicCoefficients
+    patterns: ModeArray
+    layout: Layout
+    postures: Postures
+    middle: CylinderForces
+    machine: MachineArrays
+    obstacles: FloatArray
+    clearance: FloatArray
+
+
+@kernel(borrows=True)
+def price_steps(
+    cost_model: StepCostModel,
+    i: int,
+    buffers: StepBuffers,
+    state: IntArray,
+    pattern: IntArray,
+    cost: FloatArray,
+    found: int,
+) -> int:
+    """Append the admissible steps that leave a posture to lists of steps.
+
+    All neighbouring nodes and mode patterns are examined. Moves that leave the workspace or come
+    too near to an obstacle are left out. Test oracle: steps computed one by one in plain NumPy.
+
+    Args:
+        cost_model: Postures, forces, obstacles and hydraulic numbers of the graph.
+        i: Number of the posture that the steps leave.
+        buffers: Working memory, overwritten.
+        state: State that each step reaches. Written in place from index `found` on.
+        pattern: Mode pattern of each step. Written in place from index `found` on.
+        cost: T [s], E paper [J] and E series [J] of each step, shape (room, 3). Written in place
+            from index `found` on. The lists need room for `compute_max_step_count` more steps.
+        found: Number of steps that the lists contain before the call.
+
+    Returns:
+        Number of steps that the lists contain after the call.
+    """
+    layout, patterns = cost_model.layout, cost_model.patterns
+    bare, for_each_kg = cost_model.middle
+    middle, payload, crowded = (
+        buffers.middle,
+        cost_model.machine.payload,
+        len(cost_model.obstacles) > 0,
+    )
+    row = layout.move[i]
+    for node in layout.neighbors[layout.node[i]]:
+        first = layout.first_posture[node] if node >= 0 else 0
+        count = layout.first_posture[node + 1] - first if node >= 0 else 0
+        if count == 0:
+            continue
+        for k in range(count):
+            for j in range(patterns.shape[1]):
+                middle[k, j] = bare[row + k, j] + payload * for_each_kg[row + k, j]
+        if crowded:
+            _mark_collisions(cost_model, i, first, count, middle)
+        row += count
+        owner = layout.posture_of_state[node]
+        status = price_steps_to_node(
+            cost_model.circuit,
+            patterns,
+            cost_model.postures,
+            i,
+            cost_model.postures,
+            first,
+            count,
+            owner,
+            middle,
+            buffers,
+        )
+        if status == STEP_INADMISSIBLE:
+            continue
+        for p in range(len(patterns)):
+            if buffers.status[p] == status:
+                state[found] = node * len(patterns) + p
+                pattern[found] = p
+                for k in range(cost.shape[1]):
+                    cost[found, k] = buffers.cost[p, k]
+                found += 1
+    return found
+
+
+@kernel(borrows=True)
+def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
+    """Mark the moves from a posture to the postures of a node that come too near to an obstacle.
+
+    Most moves are decided by the clearances at both ends and the distance that the arm travels. A
+    move from a clear posture to one that is too near is not clear. All other moves are checked
+    along the way.
+
+    Args:
+        t: Postures, clearances and obstacles of the graph.
+        i: Number of the posture that the moves leave.
+        first: Number of the first posture of the node that is reached.
+        count: Number of postures of that node.
+        middle: Forces at the middle of each move, shape (count or more, n) [N]. middle[k, 0] is set
+            to NaN in place if the move to posture first + k is not clear.
+    """
+    posture, here = t.layout.posture, t.clearance[i]
+    for k in range(count):
+        if math.isnan(middle[k, 0]):
+            continue
+        there = t.clearance[first + k]
+        clear = False
+        if min(here, there) >= 0.0:
+            clear = here + there >= bound_travel(t.machine, posture[i], posture[first + k], False)
+        possible = here < 0.0 or there >= 0.0
+        if not clear and possible:
+            clear = move_is_clear(t.machine, t.obstacles, posture[i], posture[first + k], False)
+        if not clear:
+            middle[k, 0] = math.nan
+
+
+@kernel
+def _price_range(
+    t: StepCostModel, missing: IntArray, leaving: IntArray, begin: int, end: int
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Price the steps that leave some postures.
+
+    Args:
+        t: Postures, forces, obstacles and hydraulic numbers of the graph.
+        missing: Numbers of the postures whose steps have no price yet.
+        leaving: Number of steps that leave each of `missing`, aligned with it. Entries begin to
+            end - 1 are written in place.
+        begin: First index into `missing` to work on.
+        end: One after the last index into `missing`.
+
+    Returns:
+        Reached state and mode pattern of each step, shape (steps,), and cost, shape (steps, 3): T
+        [s], E paper [J], E series [J]. The steps are sorted by posture in the order of `missing`.
+    """
+    scratch = create_step_buffers(t.patterns)
+    room = (end - begin) * compute_max_step_count(t.layout, t.patterns)
+    state = np.empty(room, dtype=np.int64)
+    pattern = np.empty(room, dtype=np.int64)
+    cost = np.empty((room, 3))
+    found = 0
+    for k in range(begin, end):
+        before = found
+        found = price_steps(t, missing[k], scratch, state, pattern, cost, found)
+        leaving[k] = found - before
+    return state[:found].copy(), pattern[:found].copy(), cost[:found].copy()
+
+
+@kernel(borrows=True)
+def compute_max_step_count(layout: Layout, patterns: ModeArray) -> int:
+    """Return an upper bound on the number of steps that leave one posture.
+
+    Args:
+        layout: Layout whose nodes have at most 8 neighbours.
+        patterns: Mode patterns, shape (patterns, n).
+
+    Returns:
+        Number of neighbours times number of patterns.
+    """
+    return layout.neighbors.shape[1] * len(patterns)
+
+
+@kernel
+def _compute_move_forces(
+    empty: MachineArrays,
+    one_kg: MachineArrays,
+    layout: Layout,
+    bare: FloatArray,
+    for_each_kg: FloatArray,
+    begin: int,
+    end: int,
+) -> None:
+    """Compute the cylinder forces at the middle of all moves that leave a range of postures.
+
+    A move is straight in joint space. Its rows become NaN if the tip leaves the workspace on the
+    way. Test oracle: `middle_forces`.
+
+    Args:
+        empty: Arrays of the machine without payload.
+        one_kg: Arrays of the machine with a payload of 1 kg.
+        layout: Numbering of postures and moves.
+        bare: Forces without payload, shape (moves, n) [N]. Written in place.
+        for_each_kg: Additional force per payload, shape (moves, n) [N/kg]. Written in place.
+        begin: Number of the first posture.
+        end: One after the number of the last posture.
+    """
+    n = layout.posture.shape[1]
+    middle = np.empty(n)
+    for i in range(begin, end):
+        start, move = layout.posture[i], layout.move[i]
+        for node in layout.neighbors[layout.node[i]]:
+            if node < 0:
+                continue
+            for k in range(layout.first_posture[node], layout.first_posture[node + 1]):
+                last = layout.posture[k]
+                if move_stays_in_workspace(empty, start, last):
+                    for j in range(n):
+                        middle[j] = 0.5 * (start[j] + last[j])
+                    gravity_torque(empty, middle, bare[move])
+                    gravity_torque(one_kg, middle, for_each_kg[move])
+                    for j in range(n):
+                        arm = moment_arm(empty.linkage[j], middle[j])
+                        bare[move, j] /= arm
+                        for_each_kg[move, j] = for_each_kg[move, j] / arm - bare[move, j]
+                else:
+                    bare[move] = for_each_kg[move] = math.nan
+                move += 1
+
+
+def compute_posture_forces(m: MachineArrays, layout: Layout) -> CylinderForces:
+    """Compute the cylinder forces in all postures of a layout.
+
+    Args:
+        m: Arrays of the machine; its payload is ignored.
+        layout: Layout that contains the postures.
+
+    Returns:
+        Forces of the arm without payload [N] and additional forces per payload [N/kg], one row for
+        each posture.
+    """
+    bare, loaded = (
+        describe_postures(m._replace(payload=payload), layout.posture).force
+        for payload in (0.0, 1.0)
+    )
+    return CylinderForces(bare, loaded - bare)
+
+
+def compute_move_forces(
+    m: MachineArrays, layout: Layout, jobs: int | None = None, deadline: Deadline = NO_DEADLINE
+) -> CylinderForces:
+    """Compute the cylinder forces at the middle of all moves, in parallel threads.
+
+    Args:
+        m: Arrays of the machine; its payload is ignored.
+        layout: Numbering of postures and moves.
+        jobs: Number of threads; None means one per processor.
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        Forces of the arm without payload [N] and additional forces per payload [N/kg], one row for
+        each move in the order of `Layout.move`. Rows are NaN if the tip leaves the workspace on the
+        way.
+
+    Raises:
+        DeadlineError: The deadline passed.
+    """
+    empty, one_kg = (m._replace(payload=payload) for payload in (0.0, 1.0))
+    bare, for_each_kg = (np.empty((layout.move[-1], layout.posture.shape[1])) for _ in range(2))
+    work = partial(_compute_move_forces, empty, one_kg, layout, bare, for_each_kg)
+    _run_in_parallel(work, len(layout.posture), jobs, deadline)
+    return CylinderForces(bare, for_each_kg)
+
+
+class PricedSteps:
+    """The steps of a graph, priced when they are needed; several threads may use it at once.
+
+    Attributes:
+        edges: Steps priced so far. Its arrays are replaced when they become too small; the numbers
+            of steps do not change.
+        cost_model: Data from which step costs are computed.
+        complete: True if all steps are priced.
+    """
+
+    def __init__(self, terms: StepCostModel, jobs: int | None, room: int = 0) -> None:
+        """Prepare the store of steps without pricing any.
+
+        Args:
+            terms: Postures, forces, obstacles and hydraulic numbers from which step costs are
+                computed.
+            jobs: Number of threads; None means one per processor.
+            room: Number of steps for which memory is reserved; it grows when needed.
+        """
+        postures = len(terms.layout.posture)
+        self.cost_model = terms
+        self._jobs = jobs
+        self._lock = threading.Lock()
+        self.complete = postures == 0
+        self.edges = Edges(
+            first=np.full(postures, NOT_PRICED),
+            last=np.zeros(postures, dtype=np.int64),
+            used=np.zeros(1, dtype=np.int64),
+            state=np.empty(room, dtype=np.int64),
+            pattern=np.empty(room, dtype=np.int64),
+            cost=np.empty((room, 3)),
+        )
+
+    def guard(self) -> AbstractContextManager[object]:
+        """Return a context manager to hold while a kernel may add steps to `edges`.
+
+        Returns:
+            The lock of this object, or a context manager without effect if all steps are priced.
+        """
+        return nullcontext() if self.complete else self._lock
+
+    def grow(self, room: int) -> None:
+        """Enlarge the arrays of `edges`, at least to twice their size.
+
+        The caller must hold the lock `guard()`. New arrays replace the old ones.
+
+        Args:
+            room: Least number of further steps for which room is needed.
+        """
+        count = int(self.edges.used[0])
+        larger = max(2 * len(self.edges.state), count + room)
+        changed = {}
+        for name in ("state", "pattern", "cost"):
+            old = getattr(self.edges, name)
+            changed[name] = np.empty((larger, *old.shape[1:]), dtype=old.dtype)
+            changed[name][:count] = old[:count]
+        self.edges = self.edges._replace(**changed)
+
+    def price(self, postures: IntArray, deadline: Deadline = NO_DEADLINE) -> None:
+        """Price the steps that leave some postures, unless they are priced already.
+
+        It holds the lock `guard()` during the call and works in parallel threads. If the deadline
+        passes, no step is added.
+
+        Args:
+            postures: Numbers of the postures.
+            deadline: Instant at which the work is given up.
+
+        Raises:
+            DeadlineError: The deadline passed.
+        """
+        if self.complete:
+            return
+        with self.guard():
+            missing = postures[self.edges.first[postures] == NOT_PRICED]
+            leaving = np.empty(len(missing), dtype=np.int64)
+            work = partial(_price_range, self.cost_model, missing, leaving)
+            parts = _run_in_parallel(work, len(missing), self._jobs, deadline)
+            total, count = int(leaving.sum()), int(self.edges.used[0])
+            if count + total > len(self.edges.state):
+                self.grow(total)
+            last = count + np.cumsum(leaving)
+            self.edges.first[missing], self.edges.last[missing] = last - leaving, last
+            for state, pattern, cost in parts:
+                part = slice(count, count + len(state))
+                self.edges.state[part], self.edges.pattern[part] = state, pattern
+                self.edges.cost[part] = cost
+                count += len(state)
+            self.edges.used[0] = count
+
+    def price_all(self, deadline: Deadline = NO_DEADLINE) -> None:
+        """Price all steps of the graph that have no price yet.
+
+        Args:
+            deadline: Instant at which the work is given up.
+
+        Raises:
+            DeadlineError: The deadline passed; no step is added.
+        """
+        if not self.complete:
+            self.price(np.arange(len(self.edges.first)), deadline)
+            self.complete = True
+
+
+def _run_in_parallel(
+    work: Callable[[int, int], Result], total: int, jobs: int | None, deadline: Deadline
+) -> list[Result]:
+    """Run a function over ranges of indices in threads and collect its results.
+
+    Args:
+        work: Function of (begin, end); end is excluded.
+        total: Number of indices; the ranges cover 0 to total - 1.
+        jobs: Number of threads; None means one per processor.
+        deadline: Instant at which the work is given up, checked after each range.
+
+    Returns:
+        Results in the order of the ranges.
+
+    Raises:
+        DeadlineError: The deadline passed.
+    """
+    results = []
+    with closing(over_ranges(work, total, POSTURES_PER_TASK, jobs)) as parts:
+        for part in parts:
+            deadline.check("the pricing of steps")
+            results.append(part)
+    return results

@@ -1,1 +1,0 @@
-"""The suite as running processes: started, loaded, commanded and watched from outside."""

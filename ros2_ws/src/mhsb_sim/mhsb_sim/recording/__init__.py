@@ -1,1 +1,0 @@
-"""Recordings: writing, mending and reading rosbag2 folders."""

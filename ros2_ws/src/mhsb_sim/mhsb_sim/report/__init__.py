@@ -1,1 +1,0 @@
-"""What a recording tells: motion, goals and energy, in numbers and figures."""

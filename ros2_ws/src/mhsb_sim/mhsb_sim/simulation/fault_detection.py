@@ -1,0 +1,314 @@
+"""Symptoms that show that an arm does not do what its servo wants, one class each.
+
+A symptom is a number that is small while all is well. `SupervisionLimits` holds the value at which
+it warns and the value at which the arm is stopped. A new symptom is a class and an entry in
+`SYMPTOM_KINDS`, with its pair of limits.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray
+from mhsb_sim.simulation.fault_isolation import (
+    DisagreeingLine,
+    DisagreeingValve,
+    FrozenLength,
+    FrozenPressure,
+    JumpingLength,
+    SilentSensor,
+)
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
+
+MIN_DURATION_SAMPLES = 5
+"""Number of samples, one every WATCH_PERIOD_NS, for which a pressure must last.
+
+Shorter peaks and dips are ignored.
+"""
+
+COMMON_LOSS_SHARE = 0.1
+"""Share of P_S that every line lacks if the main pump is the cause."""
+
+FULL_COMMAND_SHARE = 0.99
+"""Share of the full command from which on a command counts as saturated."""
+
+
+@dataclass(frozen=True)
+class SupervisionLimits:
+    """Limits of the symptoms: a warning above the first value, a stop above the second.
+
+    The symptoms from `silent_sensor` on name a part that has failed; see `fault_isolation`.
+
+    Attributes:
+        following_error: Deviation of a joint from its reference [rad].
+        overpressure: Pressure of a chamber or line, as a share of its relief valve's setting.
+        supply_loss: Share of the main pump's pressure that a line lacks.
+        saturation: Time with a valve fully open or a servo pump at full speed [s].
+        held: Time for which the mode guard holds the plan [s].
+        silent_sensor: Time for which a sensor gives no reading [s].
+        frozen_pressure: Time for which a pressure sensor repeats its reading [s].
+        frozen_length: Stroke of a piston's reference while its sensor repeats its reading [m].
+        jumping_length: Jump of a length between two samples, as a multiple of the longest stroke of
+            a piston in that time.
+        disagreeing_line: Pressure difference of a line in mode N to all other such lines [Pa].
+        disagreeing_valve: Stroke of a piston that its valve's opening does not explain [m].
+    """
+
+    following_error: tuple[float, float] = (0.03, 0.06)
+    overpressure: tuple[float, float] = (0.85, 0.97)
+    supply_loss: tuple[float, float] = (0.6, 0.8)
+    saturation: tuple[float, float] = (0.3, 1.0)
+    held: tuple[float, float] = (1.0, 3.0)
+    silent_sensor: tuple[float, float] = (0.005, 0.01)
+    frozen_pressure: tuple[float, float] = (0.12, 0.2)
+    frozen_length: tuple[float, float] = (3e-4, 6e-4)
+    jumping_length: tuple[float, float] = (0.8, 1.0)
+    disagreeing_line: tuple[float, float] = (2.5e5, 5e5)
+    disagreeing_valve: tuple[float, float] = (5e-4, 8e-4)
+
+
+class Symptom(Protocol):
+    """A symptom that supervision evaluates every `WATCH_PERIOD_NS`.
+
+    Attributes:
+        name: Name of the field of `SupervisionLimits`.
+        unit: Unit of the value; empty for a ratio.
+        closes_valves: Whether the valves close at once if it stops the arm, since the servo could
+            not brake it.
+    """
+
+    name: str
+    unit: str
+    closes_valves: bool
+
+    def __init__(self, machine: Machine) -> None:
+        """Prepare the symptom for a machine, without any history."""
+        ...
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Evaluate the symptom for a new sample.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Present size of the symptom in its unit, and a clause that names the part.
+        """
+        ...
+
+
+class FollowingError:
+    """Largest deviation of a joint from its reference, max |q_ref − q| [rad].
+
+    Deviations of a sliding joint are scaled so that its whole range counts as π rad.
+    """
+
+    name, unit = "following_error", "rad"
+    closes_valves = False
+
+    def __init__(self, machine: Machine) -> None:
+        self._names, self._units = machine.joint_names, machine.joint_units
+        self._radians = machine.radian_equivalents
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the joint with the largest deviation.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Deviation of that joint [rad], scaled if it slides, and a clause that names it.
+        """
+        off = np.abs(sample.reference.position - sample.measured.position)
+        size = off / self._radians
+        j = int(np.argmax(size))
+        text = f"{self._names[j]} is {off[j]:.3f} {self._units[j]} off its reference"
+        return Finding(float(size[j]), text)
+
+
+class Overpressure:
+    """Largest ratio p/p_relief of pressure to relief setting over all chambers and lines [-].
+
+    Each pressure counts with its lowest value in the last MIN_DURATION_SAMPLES samples.
+    """
+
+    name, unit = "overpressure", ""
+    closes_valves = False
+
+    def __init__(self, machine: Machine) -> None:
+        """Store names and relief settings of all cap sides, then rod sides, then lines.
+
+        Args:
+            machine: The machine.
+        """
+        actuators, chambers = machine.actuator_names, machine.chamber_reliefs
+        lines = np.full(len(actuators), machine.config.circuit.line_relief_pressure)
+        parts = ("cap side", "rod side", "line")
+        self._names = [f"the {part} of {name}" for part in parts for name in actuators]
+        self._settings = np.concatenate([chambers, chambers, lines])
+        self._lasting = MinimumFilter()
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the chamber or line with the highest pressure relative to its relief setting.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Ratio of its lowest recent pressure to its setting [-], and a clause that names it. The
+            ratio is 0 until there are MIN_DURATION_SAMPLES samples.
+        """
+        of = sample.actuators
+        pressure = np.concatenate([of.cap_pressure, of.rod_pressure, of.supply_pressure])
+        share = self._lasting.update(pressure / self._settings)
+        k = int(np.argmax(share))
+        return Finding(
+            float(share[k]),
+            f"{self._names[k]} is at {share[k] * self._settings[k] / 1e6:.1f} MPa, "
+            f"{share[k]:.2f} of its relief valve's setting",
+        )
+
+
+class SupplyLoss:
+    """Largest lack of supply pressure over the lines, 1 − p_line/P_S [-].
+
+    Each line counts with its smallest lack in the last MIN_DURATION_SAMPLES samples.
+    """
+
+    name, unit = "supply_loss", ""
+    closes_valves = False
+
+    def __init__(self, machine: Machine) -> None:
+        """Store the names of the actuators, and P_S by the machine file.
+
+        Args:
+            machine: The machine.
+        """
+        self._names = machine.actuator_names
+        self._supply = machine.arrays.supply_pressure
+        self._lasting = MinimumFilter()
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the line that lacks the largest share of the supply pressure.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Smallest recent lack of that line as a share of P_S, and a clause. The share is 0 until
+            there are MIN_DURATION_SAMPLES samples. The clause says "all lines" instead of one name
+            if every line lacks more than COMMON_LOSS_SHARE.
+        """
+        lacking = self._lasting.update(1.0 - sample.actuators.supply_pressure / self._supply)
+        j = int(np.argmax(lacking))
+        where = f"the line of {self._names[j]} lacks"
+        if np.min(lacking) > COMMON_LOSS_SHARE:
+            where = "all lines lack"
+        return Finding(float(lacking[j]), f"{where} {lacking[j]:.2f} of the main pump's pressure")
+
+
+class Saturation:
+    """Time for which a valve's or servo pump's command has been saturated."""
+
+    name, unit = "saturation", "s"
+    closes_valves = False
+
+    def __init__(self, machine: Machine) -> None:
+        """Store texts for all valves, then all servo pumps, and set their counters to 0.
+
+        Args:
+            machine: The machine.
+        """
+        pumps = range(1, machine.arrays.module_count + 1)
+        self._names = [
+            *(f"the valve of {name} has been fully open" for name in machine.actuator_names),
+            *(f"servo pump {number} has been at full speed" for number in pumps),
+        ]
+        self._looks = np.zeros(len(self._names))
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Update how long each command has been saturated, and return the longest time.
+
+        A command is saturated from FULL_COMMAND_SHARE on. The time is uninterrupted: one
+        unsaturated sample resets it to 0. Each call counts as WATCH_PERIOD_NS, so it must come once
+        in that period.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Longest time [s], and a clause with name and time. If nothing is saturated: 0 and the
+            first valve.
+        """
+        of = sample.actuators
+        command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
+        self._looks = np.where(command >= FULL_COMMAND_SHARE, self._looks + 1.0, 0.0)
+        k = int(np.argmax(self._looks))
+        time = float(self._looks[k]) * WATCH_PERIOD_NS / SECOND_NS
+        return Finding(time, f"{self._names[k]} for {time:.2f} s")
+
+
+class HeldPlan:
+    """Time for which the mode guard has held the plan, because the arm would sag otherwise."""
+
+    name, unit = "held", "s"
+    closes_valves = False
+
+    def __init__(self, machine: Machine) -> None:
+        pass
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Return the time for which the plan has been held.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            The time [s], 0 if the plan is not held, and a clause with time and reason.
+        """
+        text = f"the plan has been held for {sample.held:.2f} s: {sample.hold_reason}"
+        return Finding(sample.held, text)
+
+
+class MinimumFilter:
+    """Filter that gives the smallest value of each element of an array in its last samples."""
+
+    def __init__(self) -> None:
+        self._last: deque[FloatArray] = deque(maxlen=MIN_DURATION_SAMPLES)
+
+    def update(self, now: FloatArray) -> FloatArray:
+        """Add a sample, and return the minimum of the last MIN_DURATION_SAMPLES samples.
+
+        Args:
+            now: New sample, an array in any unit.
+
+        Returns:
+            Element-wise minimum, of the same shape and unit. All 0 until there are
+            MIN_DURATION_SAMPLES samples.
+        """
+        self._last.append(now)
+        if len(self._last) < MIN_DURATION_SAMPLES:
+            return np.zeros_like(now)
+        return np.min(self._last, axis=0)
+
+
+SYMPTOM_KINDS: tuple[type[Symptom], ...] = (
+    SilentSensor,
+    FrozenPressure,
+    FrozenLength,
+    JumpingLength,
+    DisagreeingLine,
+    DisagreeingValve,
+    FollowingError,
+    Overpressure,
+    SupplyLoss,
+    Saturation,
+    HeldPlan,
+)
+"""Symptoms in the order of their evaluation; the first one above its limit stops the arm."""

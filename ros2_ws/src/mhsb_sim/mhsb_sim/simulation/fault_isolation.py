@@ -1,0 +1,436 @@
+"""Symptoms that name the failed part, from sensor readings and servo commands alone.
+
+Each symptom compares two signals that cannot disagree in a healthy arm, however much the arm
+differs from its machine file. The tolerances follow from that; a fault within them stays unnamed.
+
+Source: R. Isermann, Fault-Diagnosis Systems, 2006 (parity relations, plausibility of signals).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from mhsb_model.circuit.constants import build_cylinders
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
+from mhsb_sim.simulation.sensors import Sensed
+
+WATCH_PERIOD = WATCH_PERIOD_NS / SECOND_NS
+"""Time between two samples [s]."""
+CAP_SENSOR, ROD_SENSOR, LINE_SENSOR = range(3)
+"""Columns of `Sensed.pressure`."""
+PRESSURE_NAMES = "cap pressure", "rod pressure", "line pressure"
+"""Names of these columns in texts."""
+STOPPED_FLOW_SHARE = 0.05
+"""Share of its full flow up to which a servo pump counts as stopped."""
+
+
+class SilentSensor:
+    """Time for which a sensor has given no reading."""
+
+    name, unit = "silent_sensor", "s"
+    closes_valves = True
+
+    def __init__(self, machine: Machine) -> None:
+        """Prepare the names of all sensors, in the order of `Sensed.silent`.
+
+        Args:
+            machine: The machine.
+        """
+        names = machine.actuator_names
+        pumps = range(1, machine.arrays.module_count + 1)
+        self._names = [
+            *(f"the length sensor of {name}" for name in names),
+            *(f"the {each} sensor of {name}" for name in names for each in PRESSURE_NAMES),
+            "the pressure sensor of the rail",
+            *(f"the speed sensor of servo pump {k}" for k in pumps),
+        ]
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the sensor that has given no reading for the longest time.
+
+        Args:
+            sample: State of the arm, with the silent time of each sensor.
+
+        Returns:
+            Time without a reading [s], and a clause that names the sensor. If all give readings: 0
+            and the first sensor.
+        """
+        silent = sample.sensed.silent
+        k = int(np.argmax(silent))
+        return Finding(float(silent[k]), f"{self._names[k]} has told nothing for {silent[k]:.3f} s")
+
+
+class FrozenPressure:
+    """Time for which a pressure sensor has repeated its reading while others change."""
+
+    name, unit = "frozen_pressure", "s"
+    closes_valves = True
+
+    def __init__(self, machine: Machine) -> None:
+        """Prepare the names and timers of all pressure sensors but the rail's.
+
+        Args:
+            machine: The machine.
+        """
+        self._names = [
+            f"the {kind} sensor of {name}"
+            for name in machine.actuator_names
+            for kind in PRESSURE_NAMES
+        ]
+        self._before = np.full((machine.joint_count, len(PRESSURE_NAMES)), np.nan)
+        self._same = np.zeros((machine.joint_count, len(PRESSURE_NAMES)))
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the pressure sensor whose reading has been unchanged for the longest time.
+
+        A sample counts as WATCH_PERIOD if at least one pressure reading has changed in it, else as
+        0. A change of a reading resets the time of that sensor.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Time without change [s], and a clause that names the sensor.
+        """
+        now = sample.sensed.pressure
+        changed = now != self._before
+        self._before = now
+        self._same = np.where(changed, 0.0, self._same + float(changed.any()) * WATCH_PERIOD)
+        k = int(np.argmax(self._same))
+        time = float(self._same.flat[k])
+        return Finding(time, f"{self._names[k]} has told the very same for {time:.2f} s")
+
+
+class FrozenLength:
+    """Stroke of a piston's reference since its length sensor last changed its reading."""
+
+    name, unit = "frozen_length", "m"
+    closes_valves = True
+
+    def __init__(self, machine: Machine) -> None:
+        """Prepare the last readings of all length sensors, and the reference at their last change.
+
+        Args:
+            machine: The machine.
+        """
+        self._machine = machine
+        self._told = np.full(machine.joint_count, np.nan)
+        self._wanted = np.zeros(machine.joint_count)
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the piston whose reference has moved furthest since its length reading changed.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Distance of that reference from its place at the last change of the reading [m], and a
+            clause that names the sensor.
+        """
+        now = sample.sensed.length
+        wanted = self._machine.cylinder_lengths(sample.reference.position)
+        self._wanted = np.where(now != self._told, wanted, self._wanted)
+        self._told = now
+        way = np.abs(wanted - self._wanted)
+        j = int(np.argmax(way))
+        return Finding(
+            float(way[j]),
+            f"the length sensor of {self._machine.actuator_names[j]} has told the very same while "
+            f"its piston was to go {1e3 * way[j]:.2f} mm",
+        )
+
+
+class JumpingLength:
+    """Jump of a length reading between two samples, as a multiple of FARTHEST [-]."""
+
+    name, unit = "jumping_length", ""
+    closes_valves = True
+
+    FARTHEST: ClassVar = 3e-3
+    """Longest stroke of a piston between two samples [m]."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._names = machine.actuator_names
+        self._length: FloatArray | None = None
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the length reading that has jumped furthest since the last sample.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Jump of that reading divided by FARTHEST [-], and a clause that names the sensor. The
+            jump is 0 in the first sample.
+        """
+        before, self._length = self._length, sample.sensed.length
+        way = self._length - (self._length if before is None else before)
+        j = int(np.argmax(np.abs(way)))
+        text = f"the length sensor of {self._names[j]} has leapt by {1e3 * way[j]:.1f} mm"
+        return Finding(float(abs(way[j])) / self.FARTHEST, text)
+
+
+class DisagreeingLine:
+    """Lasting pressure difference of an unboosted line to all other such lines and to P_S.
+
+    Behind their check valves, all lines of actuators in mode N are at the main pump's pressure. A
+    line that its own servo pump feeds is not compared. P_S is the value of the machine file.
+    """
+
+    name, unit = "disagreeing_line", "Pa"
+    closes_valves = True
+
+    SETTLED: ClassVar = 2.0
+    """Time after which nothing of a boost is left in a line [s]."""
+
+    SMOOTHING: ClassVar = 0.05
+    """Gain of the low-pass filter per sample."""
+
+    def __init__(self, machine: Machine) -> None:
+        """Set the time in mode N and the filtered difference of each line to 0.
+
+        Args:
+            machine: The machine.
+        """
+        self._names = machine.actuator_names
+        self._supply = machine.arrays.supply_pressure
+        self._full = machine.arrays.servo_pump_flow
+        self._since = np.zeros(machine.joint_count)
+        self._apart = np.zeros(machine.joint_count)
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the line whose pressure differs most from that of all others.
+
+        A line counts once its actuator has been in mode N, with its servo pump stopped, for
+        SETTLED. Of its differences to the other counting lines and to P_S, the one of smallest
+        magnitude is filtered. Without another counting line, 0 is filtered.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Magnitude of the filtered difference of that line [Pa], and a clause that names its
+            pressure sensor.
+        """
+        sensed = sample.sensed
+        line, pumps = sensed.pressure[:, LINE_SENSOR], min(len(sensed.modes), len(sensed.pump_flow))
+        feeds = np.zeros(len(line), dtype=bool)
+        feeds[:pumps] = sensed.pump_flow[:pumps] > STOPPED_FLOW_SHARE * self._full
+        unboosted = (sensed.modes == Mode.N) & ~feeds
+        self._since = np.where(unboosted, self._since + WATCH_PERIOD, 0.0)
+        counts = self._since > self.SETTLED
+        for j in range(len(line)):
+            others = [line[i] for i in np.flatnonzero(counts) if i != j]
+            differences = [line[j] - other for other in (*others, self._supply)]
+            least = min(differences, key=abs) if counts[j] and others else 0.0
+            self._apart[j] += self.SMOOTHING * (least - self._apart[j])
+        j = int(np.argmax(np.abs(self._apart)))
+        apart = float(self._apart[j])
+        name = f"the line pressure sensor of {self._names[j]}"
+        return Finding(abs(apart), f"{name} is {apart / 1e6:.2f} MPa off the others")
+
+
+class DisagreeingValve:
+    """Stroke of a piston that its valve's opening does not explain.
+
+    Valve opening and pressures of either chamber, A (cap side) and B (rod side), explain a piston
+    speed [m/s]:
+
+        v_A = (Q_A − C_A ṗ_A)/A,   v_B = (Q_B + C_B ṗ_B)/a
+
+    Q_A flows into chamber A and Q_B out of chamber B [m³/s]. C is the capacity of a chamber
+    [m³/Pa], ṗ the rate of its pressure [Pa/s], A and a are the piston areas [m²]. All speeds
+    between the two are explained as well, within tolerances for gain, overlap and delay of the
+    valve. Speed beyond them is integrated to a stroke, which decays with the time constant
+    FORGETTING.
+    """
+
+    name, unit = "disagreeing_valve", "m"
+    closes_valves = True
+
+    GAIN: ClassVar = 0.4
+    OPENING: ClassVar = 0.05
+    """Tolerances of valves against the file: share of a speed (GAIN), and of the stroke (OPENING).
+    """
+
+    SLOWEST: ClassVar = 3e-3
+    """Unexplained speed that is ignored [m/s]."""
+
+    FORGETTING: ClassVar = 0.5
+    """Time constant in which the integrated stroke is forgotten [s]."""
+
+    def __init__(self, machine: Machine) -> None:
+        """Set the unexplained stroke of each piston to 0.
+
+        Args:
+            machine: The machine, with areas, valve coefficients and oil of the comparison.
+        """
+        self._machine = machine
+        self._names = machine.actuator_names
+        self._cylinders = build_cylinders(machine)
+        self._unexplained = np.zeros(machine.joint_count)
+        self._before: Sensed | None = None
+        self._opened = np.zeros(machine.joint_count)
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Find the piston with the largest unexplained stroke.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Unexplained stroke of that piston [m], and a clause that names its actuator. In the
+            first sample: 0 and an empty text.
+        """
+        now, before = sample.sensed, self._before
+        opened = self._opened
+        self._before, self._opened = now, now.valve_command
+        if before is None:
+            return Finding(0.0, "")
+        speed = (now.length - before.length) / WATCH_PERIOD
+        lowest, highest = self._compute_explained_speeds(
+            before, now, np.array([opened, now.valve_command])
+        )
+        beyond = np.maximum(lowest - speed, speed - highest) - self.GAIN * np.abs(speed)
+        beyond = np.maximum(beyond - self.SLOWEST, 0.0)
+        self._unexplained += (beyond - self._unexplained / self.FORGETTING) * WATCH_PERIOD
+        j = int(np.argmax(self._unexplained))
+        far = float(self._unexplained[j])
+        return Finding(
+            far,
+            f"the valve or the length sensor of {self._names[j]} fails: its piston has gone "
+            f"{1e3 * far:.2f} mm otherwise than the valve was told to open",
+        )
+
+    def _compute_explained_speeds(
+        self, before: Sensed, now: Sensed, opening: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Compute the range of piston speeds that valve openings and pressures explain.
+
+        Pressures and lengths are means of two samples, and pressure rates their differences over
+        WATCH_PERIOD. For both chambers, each of the two valve commands is evaluated as it is, and
+        with OPENING added and subtracted. The range covers all twelve results.
+
+        Args:
+            before: Readings of the last sample.
+            now: Readings of this sample.
+            opening: Valve commands at both samples, −1 … 1, float64[2, n].
+
+        Returns:
+            Lowest and highest speed of each piston, both float64[n], [m/s]. Each is moved outwards
+            by the share GAIN of its magnitude.
+        """
+        arrays, oil, own = self._machine.arrays, self._machine.config.circuit, self._cylinders
+        pressure = 0.5 * (before.pressure + now.pressure)
+        rate = (now.pressure - before.pressure) / WATCH_PERIOD
+        length = 0.5 * (before.length + now.length)
+        chambers = (
+            (arrays.cap_area, CAP_SENSOR, length - own["min_length"], 1.0),
+            (arrays.rod_area, ROD_SENSOR, own["max_length"] - length, -1.0),
+        )
+        slack = np.array([-self.OPENING, 0.0, self.OPENING])
+        speeds = []
+        for area, side, stroke, sign in chambers:
+            capacity = (own["dead_volume"] + own["swept"] * area * stroke) / oil.bulk_modulus
+            fed = np.maximum(pressure[:, LINE_SENSOR] - pressure[:, side], 0.0)
+            emptied = np.maximum(pressure[:, side] - arrays.tank_pressure, 0.0)
+            for each in (opening[:, None, :] + slack[:, None]).reshape(-1, len(area)):
+                drop = np.where(sign * each > 0.0, fed, emptied)
+                flow = arrays.valve_coefficient * each * np.sqrt(drop)
+                speeds.append((flow - sign * capacity * rate[:, side]) / area)
+        explained = np.array(speeds)
+        lowest, highest = explained.min(axis=0), explained.max(axis=0)
+        return lowest - self.GAIN * np.abs(lowest), highest + self.GAIN * np.abs(highest)
+
+
+class ServoPumpMonitor:
+    """Monitor of servo pumps: finds pumps that do not follow their commands.
+
+    The flow of each pump is compared with the flow of a simulated healthy pump that gets the same
+    command. That pump has the lag and at most the power of the machine file. A pump that deviates
+    by more than APART for LASTING fails. These tolerances allow three times the file's lag.
+
+    Attributes:
+        failures: Clause on each failed pump, by the pump's index from 0.
+    """
+
+    APART: ClassVar = 0.2
+    """Deviation of a pump that counts, as a share of its full flow."""
+
+    SUSPECTED: ClassVar = 0.05
+    LASTING: ClassVar = 0.2
+    """Durations of a deviation [s]: SUSPECTED may explain another symptom, LASTING is a failure."""
+
+    def __init__(self, machine: Machine) -> None:
+        """Set the flow of each healthy pump to 0.
+
+        Args:
+            machine: The machine, with lag, full flow and power of its pumps.
+        """
+        oil, arrays = machine.config.circuit, machine.arrays
+        self._supply = arrays.supply_pressure
+        self._full = arrays.servo_pump_flow + oil.servo_pump_flow_reserve
+        self._power = arrays.servo_pump_efficiency * oil.servo_pump_power
+        self._decay = math.exp(-WATCH_PERIOD / oil.servo_pump_lag)
+        self._healthy = np.zeros(arrays.module_count)
+        self._lasting = np.zeros(arrays.module_count)
+        self.failures: dict[int, str] = {}
+
+    def update(self, sensed: Sensed) -> bool:
+        """Compare all pumps with healthy ones, and record new failures in `failures`.
+
+        Each call counts as WATCH_PERIOD.
+
+        Args:
+            sensed: Readings and commands of this sample: flows, commanded flows and pressures.
+
+        Returns:
+            True if a pump has been found to fail that had not failed before.
+        """
+        boost = max(sensed.pressure[:, LINE_SENSOR].max() - self._supply, 1.0)
+        goal = np.minimum(sensed.pump_command, self._power / boost)
+        self._healthy += (1.0 - self._decay) * (goal - self._healthy)
+        apart = np.abs(sensed.pump_flow - self._healthy) / self._full
+        self._lasting = np.where(apart > self.APART, self._lasting + WATCH_PERIOD, 0.0)
+        found = set(np.flatnonzero(self._lasting > self.LASTING).tolist()) - set(self.failures)
+        for k in sorted(found):
+            self.failures[k] = self._describe_pump(k, sensed)
+        return bool(found)
+
+    def describe_suspects(self, sensed: Sensed) -> str:
+        """Describe pumps that have failed, and others that have deviated for SUSPECTED.
+
+        Args:
+            sensed: Readings and commands of this sample.
+
+        Returns:
+            Clauses separated by commas; empty if there is no such pump.
+        """
+        late = np.flatnonzero(self._lasting > self.SUSPECTED).tolist()
+        new = [self._describe_pump(k, sensed) for k in late if k not in self.failures]
+        return ", ".join([*self.failures.values(), *new])
+
+    def _describe_pump(self, k: int, sensed: Sensed) -> str:
+        """Describe the actual and the commanded speed of a pump, as shares of its full speed.
+
+        Args:
+            k: Index of the pump, from 0.
+            sensed: Readings and commands.
+
+        Returns:
+            A clause for a person.
+        """
+        share, commanded = sensed.pump_flow[k] / self._full, sensed.pump_command[k] / self._full
+        does = (
+            "stands still"
+            if share < STOPPED_FLOW_SHARE
+            else f"runs at {share:.2f} of its full speed"
+        )
+        return f"servo pump {k + 1} {does}, told to run at {commanded:.2f}"

@@ -1,1 +1,0 @@
-"""Experiments over many runs: the servo study, tuning, planners side by side."""

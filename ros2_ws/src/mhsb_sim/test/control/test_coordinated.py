@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from mhsb_control.cascade import INTEGRAL_LIMIT_RATIO, MAX_POSITION_GAIN_RATIO
+from mhsb_control.coordinated import CoordinatedController, limit_gains_by_delay
+from mhsb_model.hydraulics import required_pressure
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray
+from mhsb_sim.simulation.simulator import Simulator
+
+RAMP, CRUISE = 0.4, 0.8  # s
+
+
+def cruise(onset: FloatArray, velocity: FloatArray) -> Trajectory:
+    """From rest to a steady velocity, through the posture `onset` half-way, and to rest again."""
+    time = np.arange(0.0, 2 * RAMP + CRUISE + 1e-9, 0.02)
+    up, down = np.clip(time / RAMP, 0, 1), np.clip((time - RAMP - CRUISE) / RAMP, 0, 1)
+    way = RAMP * (up**3 - up**4 / 2) + np.clip(time - RAMP, 0, CRUISE)
+    way += RAMP * (down - down**3 + down**4 / 2)
+    speed = 3 * up**2 - 2 * up**3 - (3 * down**2 - 2 * down**3)
+    rise = (6 * up * (1 - up) - 6 * down * (1 - down)) / RAMP
+    start = onset - velocity * (RAMP + CRUISE) / 2
+    offset = np.rint(time * SECOND_NS).astype(np.int64)
+    return Trajectory(
+        0, offset, start + np.outer(way, velocity), np.outer(speed, velocity),
+        np.outer(rise, velocity),
+    )  # fmt: skip
+
+
+def test_lines_are_charged_with_what_the_main_pump_can_spare(machine: Machine) -> None:
+    """Where a boost begins while strokes and leakage take nine tenths of the main pump's flow."""
+    m, onset = machine.arrays, np.array([-0.032, -0.794, -1.029])
+    velocity = 1.08 * np.array([-0.260, 0.182, 0.183])
+    speed = machine.moment_arms(onset) * velocity
+    flow = np.where(speed > 0, m.cap_area, m.rod_area) @ np.abs(speed)
+    assert 0.9 < (flow + 3 * m.leakage_flow) / m.main_pump_flow < 0.95
+    motion = cruise(onset, velocity)
+    switched = (RAMP + CRUISE / 2, RAMP + CRUISE / 2 + 0.1)
+    simulator = Simulator(machine, posture=motion.position[0])
+    simulator.set_plan(
+        motion, ModeSchedule(0, [0, round(switched[0] * SECOND_NS)], [[0, 0, 0], [2, 0, 0]])
+    )
+    manifold, line = [], []
+    while simulator.time_ns < (RAMP + CRUISE) * SECOND_NS:
+        simulator.step()
+        state = simulator.actuator_states
+        manifold.append(state.manifold_pressure)
+        line.append(state.supply_pressure[0])
+    assert min(manifold[200:]) > 0.9 * m.supply_pressure
+    held = required_pressure(m, 0, machine.piston_forces(onset)[0], 0.0)
+    assert held > 1.4 * m.supply_pressure
+    assert line[round(1000 * switched[1])] > held - m.boost_margin
+
+
+def test_a_slow_pump_charges_its_line_though_its_leakage_is_not_known(machine: Machine) -> None:
+    """As long as the manifold feeds the line of a moving piston, too, leakage cannot be learnt."""
+    slow = machine.with_values({"circuit.servo_pump_lag": 0.08, "payload.mass": 5.0})
+    onset, velocity = np.array([-0.032, -0.794, -1.029]), np.array([0.1, -0.06, 0.06])
+    motion = cruise(onset, velocity)
+    simulator = Simulator(slow, posture=motion.position[0])
+    simulator.set_plan(motion, ModeSchedule(0, [0, SECOND_NS // 5], [[0, 0, 0], [1, 0, 0]]))
+    simulator.advance(RAMP + CRUISE / 2)
+    force = slow.piston_forces(onset)[0]
+    speed = (slow.moment_arms(onset) * velocity)[0]
+    needed = required_pressure(slow.arrays, 0, force, speed)
+    assert needed > 1.2 * slow.arrays.supply_pressure
+    assert simulator.actuator_states.supply_pressure[0] > needed - slow.arrays.boost_margin
+
+
+def test_a_piston_in_boost_is_told_no_speed_that_its_pump_cannot_keep_up_with(
+    machine: Machine,
+) -> None:
+    """An arm that is far behind its reference asks for more than the pump delivers."""
+    m = machine.arrays
+    signals = Simulator(machine)._signals
+    controller = CoordinatedController(machine, signals)
+    axes = controller._control.args[0].axes
+    signals.modes[:] = [1, 0, 0]
+    signals.serves[:] = [0, -1, -1, -1]
+    controller.update()
+    signals.reference[:, 1, 0] = 2e-3 / axes["arm"][0]  # it moves: at rest, all is slow
+    signals.sensors["length"][0] -= 0.01
+    for _ in range(20):
+        controller.update()
+    constants = signals.circuit.constants[0]
+    left = constants["servo_pump_flow"] - axes["leakage"][0]
+    assert axes["demand"][0] == pytest.approx(left / m.cap_area[0], rel=0.02)
+    signals.modes[:] = 0
+    signals.serves[:] = -1
+    for _ in range(2):
+        controller.update()
+    assert axes["demand"][0] > 1.5 * left / m.cap_area[0]
+
+
+def test_the_integral_of_an_axis_goes_up_to_its_share_of_the_actuators_own_v_max(
+    machine: Machine,
+) -> None:
+    slower = machine.with_values({"joints.1.actuator.max_piston_speed": 0.006})
+    signals = Simulator(slower)._signals
+    controller = CoordinatedController(slower, signals)
+    axes = controller._control.args[0].axes
+    axes["integral_gain"] = 1e4
+    controller.update()
+    signals.reference[:, 1] = 1e-3 / axes["arm"]
+    signals.sensors["length"] -= 1e-3
+    highest = np.zeros(3)
+    for _ in range(200):
+        controller.update()
+        highest = np.maximum(highest, axes["integral"])
+    np.testing.assert_allclose(highest, np.array([0.012, 0.006, 0.012]) / INTEGRAL_LIMIT_RATIO)
+
+
+@pytest.mark.parametrize(("late", "softness"), [(0, 1.0), (2, 1.0), (5, 1.0), (5, 0.6), (5, 1.5)])
+def test_a_force_loop_that_is_late_keeps_a_phase_margin_of_38_degrees(
+    machine: Machine, late: int, softness: float
+) -> None:
+    """Of ω_F/(c s) with the spool's lag, a step and the delay as dead time, at its crossing."""
+    controller = CoordinatedController(machine, Simulator(machine)._signals)
+    servo, _, pumps = controller._control.args
+    pumps.drives.record["delay"], pumps.lines.estimate[0] = late, softness
+    usual = servo.axes["force_bandwidth"].copy()
+    limit_gains_by_delay(servo, pumps)
+    bandwidth, oil = servo.axes["force_bandwidth"], machine.config.circuit
+    crossing = bandwidth / min(softness, 1.0)
+    spool = oil.valve_damping / (np.pi * oil.valve_frequency)
+    dead = spool + (1 + late) * machine.config.simulation.step
+    assert np.all(np.degrees(np.pi / 2 - crossing * dead) >= 38.0)
+    assert np.all(bandwidth <= usual)
+    assert np.all(servo.axes["position_gain"] <= MAX_POSITION_GAIN_RATIO * bandwidth)
+    if late == 0:
+        np.testing.assert_array_equal(bandwidth, usual)

@@ -1,0 +1,467 @@
+"""`check`: print a summary of a machine file as text or JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from mhsb_model import command_line, hydraulics
+from mhsb_model.linkages import linkage
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.obstacles.clearance import clearances
+from mhsb_model.types import FloatArray, frozen
+
+PSI_SAMPLES, TELESCOPE_PSI_SAMPLES = 180, 3600
+"""Number of end-link angles ψ at which postures are looked for at each point.
+
+The larger number is for arms with a telescope: their postures may exist within a few degrees of ψ
+only.
+"""
+
+SLEW_SAMPLES = 72
+"""Number of slew angles at which zones are tested; 5° apart if the arm turns all the way."""
+
+SLEW_DRIVES = ("rack_and_pinion", "motor")
+"""Kinds of linkage that drive a slewing joint, which carries no gravity load."""
+
+
+def check(
+    file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Print a summary of a machine file: reach, moment arms, loads, boost, room left by zones.
+
+    Args:
+        file: Machine file (YAML, SI units); the suite's own arm when left out.
+        json_: Print one JSON object, in SI units, instead of text.
+    """
+    machine = load_machine(file)
+    if json_:
+        print(json.dumps(facts(machine)))
+    else:
+        print("\n".join(format_report(machine)))
+
+
+def facts(machine: Machine) -> dict[str, Any]:
+    """Collect the numbers that describe a machine.
+
+    Args:
+        machine: The arm; every point of its workspace grid is examined.
+
+    Returns:
+        A dictionary that can be written as JSON, in SI units. Keys:
+
+        - name: name in the machine file
+        - hash: `table_hash` of the arm, or of the plane of an arm that slews
+        - slews: whether joint 1 slews
+        - joints: dictionary of `_joint_facts` for each joint
+        - hydraulics: dictionary of `_hydraulic_facts`
+        - workspace: dictionary of `_count_workspace_points`
+        - keep_out: dictionary of `_count_points_left`; missing if the machine has no obstacles
+    """
+    found = {
+        "name": machine.name,
+        "hash": machine.planar_arm.table_hash,
+        "slews": machine.slews,
+        "joints": [_joint_facts(machine, j) for j in range(machine.joint_count)],
+        "hydraulics": _hydraulic_facts(machine),
+        "workspace": _count_workspace_points(machine.planar_arm),
+    }
+    if machine.obstacles.names:
+        found["keep_out"] = _count_points_left(machine)
+    return found
+
+
+def format_report(machine: Machine) -> list[str]:
+    """Compute the `facts` of a machine and format them as lines of text.
+
+    Args:
+        machine: The arm.
+
+    Returns:
+        Lines without line breaks: name, table of joints, pumps and booster modules, values of
+        single actuators, counts of workspace points, and counts of points that obstacles leave.
+        Angles are in degrees, pressures in MPa and flows in L/min.
+    """
+    found = facts(machine)
+    lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.table_hash[:12]}"]
+    lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
+    lines += _own_lines(found["joints"])
+    lines += _workspace_lines(found["workspace"], 2 if found["slews"] else 1)
+    if "keep_out" in found:
+        lines += _keep_out_lines(found["keep_out"])
+    return lines
+
+
+def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
+    """Collect range, moment arm, stroke and load of one joint.
+
+    Torque and load pressure are those that hold the arm straight out (all joint positions 0)
+    against gravity.
+
+    Args:
+        machine: The arm.
+        j: Index of the joint, from 0.
+
+    Returns:
+        A dictionary in SI units. `range_rad` (`range_m` for a telescope) and `moment_arm_m` are
+        pairs of least and largest value; moment arms are signed. `stroke_m` is the cylinder's
+        stroke over the joint's range. `straight_out_torque_nm` (`straight_out_force_n` for a
+        telescope) and `straight_out_load_pressure_pa` are None if 0 is outside the joint's range or
+        the joint slews. `own` holds the values that the machine file gives to this actuator alone.
+    """
+    arrays, joint = machine.arrays, machine.config.joints[j]
+    row = arrays.linkage[j]
+    lower, upper = joint.limits.lower, joint.limits.upper
+    least, largest = linkage.moment_arm_range(row, lower, upper)
+    lengths = linkage.evaluate_linkage_at_angles(row, linkage.angle_grid(lower, upper))[:, 0]
+    torque = pressure = None
+    if lower <= 0.0 <= upper and not (machine.slews and j == 0):
+        torque = float(machine.gravity_torque(np.zeros(machine.joint_count))[j])
+        force = torque / linkage.moment_arm(row, 0.0)
+        pressure = float(
+            hydraulics.load_pressure(
+                arrays.cap_area[j], arrays.rod_area[j], arrays.tank_pressure, force, force
+            )
+        )
+    slides = bool(machine.arrays.slides[j])
+    return {
+        "linkage": joint.linkage.kind,
+        "range_m" if slides else "range_rad": [float(lower), float(upper)],
+        "moment_arm_m": [float(least), float(largest)],
+        "stroke_m": float(np.ptp(lengths)),
+        "straight_out_force_n" if slides else "straight_out_torque_nm": torque,
+        "straight_out_load_pressure_pa": pressure,
+        "own": joint.actuator.model_dump(exclude_defaults=True),
+    }
+
+
+def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
+    """Format the joints as a table.
+
+    Args:
+        joints: One dictionary for each joint, as `_joint_facts` returns it.
+
+    Returns:
+        A line of column titles, then one line for each joint. Columns: number, kind of linkage,
+        range [deg], moment arm [mm], stroke [mm], then torque [N m] and load pressure p_L [MPa]
+        that hold the arm straight out. A telescope has its range in mm, no moment arm, and a force
+        [N] instead of the torque. The last two are "-" for a slew drive. They are a remark if the
+        arm straight out is outside the joint's range.
+    """
+    lines = [
+        "joint  linkage        range [deg]      moment arm [mm]   stroke [mm]   "
+        "straight out: [N m]  p_L [MPa]"
+    ]
+    for number, joint in enumerate(joints, start=1):
+        slides, pressure = "range_m" in joint, joint["straight_out_load_pressure_pa"]
+        lower, upper = (
+            (1e3 * q for q in joint["range_m"]) if slides else map(math.degrees, joint["range_rad"])
+        )
+        torque = joint["straight_out_force_n" if slides else "straight_out_torque_nm"]
+        least, largest = joint["moment_arm_m"]
+        arms = f" mm{'-':>14s}" if slides else f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
+        shown = "    outside the joint's range"
+        if joint["linkage"] in SLEW_DRIVES:
+            shown = f"{'-':>10s} {'-':>16s}"
+        if torque is not None:
+            newtons = f"{torque:8.1f} N" if slides else f"{torque:10.1f}"
+            shown = f"{newtons} {pressure / 1e6:16.2f}"
+        lines.append(
+            f"{number:5d}  {joint['linkage']:12s} {lower:7.1f} …{upper:6.1f}{arms}"
+            f"  {1e3 * joint['stroke_m']:12.1f}  {shown}"
+        )
+    return lines
+
+
+def _hydraulic_facts(machine: Machine) -> dict[str, Any]:
+    """Collect pressures, flows and speeds of pumps, booster modules and valves.
+
+    Args:
+        machine: The arm.
+
+    Returns:
+        A dictionary in SI units, the unit at the end of each key. `booster_modules` and
+        `mode_patterns` are the numbers of modules and of mode combinations. `first_boosted` is the
+        number, from 1, of the first actuator that may be boosted: 2 if joint 1 slews, else 1.
+        `speed_of_one_module_m_s` is the speed at which one module extends that actuator.
+        `max_piston_speed_m_s` is the highest V_max of all actuators. `leakage_m3_s` is the leakage
+        of the valves of all joints.
+    """
+    arrays, first = machine.arrays, int(machine.slews)  # a slewing joint is always in N
+    return {
+        "supply_pressure_pa": float(arrays.supply_pressure),
+        "main_pump_flow_m3_s": float(arrays.main_pump_flow),
+        "booster_modules": int(arrays.module_count),
+        "servo_pump_flow_m3_s": float(arrays.servo_pump_flow),
+        "max_boost_pressure_pa": float(arrays.max_boost_pressure),
+        "mode_patterns": len(machine.planar_arm.patterns),
+        "max_piston_speed_m_s": float(arrays.max_piston_speed.max()),
+        "first_boosted": first + 1,
+        "speed_of_one_module_m_s": float(arrays.servo_pump_flow / arrays.cap_area[first]),
+        "leakage_m3_s": float(machine.joint_count * arrays.leakage_flow),
+    }
+
+
+def _hydraulic_lines(found: dict[str, Any]) -> list[str]:
+    """Format pressures, flows and speeds of the hydraulics as two lines of text.
+
+    Args:
+        found: Dictionary of `_hydraulic_facts`.
+
+    Returns:
+        Line 1: main pump [MPa, L/min], booster modules [L/min, MPa], number of mode combinations.
+        Line 2: highest piston speed and speed by one module [mm/s], leakage of all valves [L/min].
+    """
+    per_minute = 6e4
+    return [
+        f"main pump {found['supply_pressure_pa'] / 1e6:.2f} MPa, "
+        f"{found['main_pump_flow_m3_s'] * per_minute:.2f} L/min; {found['booster_modules']} "
+        f"booster modules of {found['servo_pump_flow_m3_s'] * per_minute:.3f} L/min "
+        f"up to {found['max_boost_pressure_pa'] / 1e6:.1f} MPa; {found['mode_patterns']} "
+        "mode patterns",
+        f"piston speed at most {1e3 * found['max_piston_speed_m_s']:.1f} mm/s; one module extends "
+        f"actuator {found['first_boosted']} at {1e3 * found['speed_of_one_module_m_s']:.1f} mm/s; "
+        f"leakage of all valves {found['leakage_m3_s'] * per_minute:.3f} L/min",
+    ]
+
+
+ACTUATOR_FORMATS = {
+    "rated_flow": ("valve of {:.2f} L/min", 6e4),
+    "rated_pressure_drop_per_land": ("rated drop of {:.2f} MPa at each land", 1e-6),
+    "max_piston_speed": ("piston speed of at most {:.1f} mm/s", 1e3),
+    "friction": ("{:g} times the friction", 1.0),
+    "relief_pressure": ("chambers relieved at {:.1f} MPa", 1e-6),
+}
+"""Text for each value that one actuator may have of its own, by its key in the machine file.
+
+Each entry is a format string and the factor from the SI value to the printed unit.
+"""
+
+
+def _own_lines(joints: list[dict[str, Any]]) -> list[str]:
+    """Format the values that the machine file gives to single actuators.
+
+    Args:
+        joints: One dictionary for each joint, as `_joint_facts` returns it; `own` is read.
+
+    Returns:
+        One line for each actuator that has such values; actuators without any have no line.
+    """
+    lines = []
+    for number, joint in enumerate(joints, start=1):
+        told = [
+            ACTUATOR_FORMATS[name][0].format(ACTUATOR_FORMATS[name][1] * value)
+            for name, value in joint["own"].items()
+        ]
+        lines += [f"actuator {number} has of its own: {', '.join(told)}"] if told else []
+    return lines
+
+
+def _count_workspace_points(machine: Machine) -> dict[str, Any]:
+    """Count the grid points of the workspace by the supply pressure that holds the arm there.
+
+    The pressure is the highest one that any actuator requires. At each point, the posture is used
+    for which it is lowest.
+
+    Args:
+        machine: An arm that does not slew, or the plane of one that does.
+
+    Returns:
+        A dictionary. `points` is the number of points, `spacing_m` their distance and
+        `end_link_angles` the number of angles ψ tried at each. Four counts add up to `points`:
+        `held` (at supply pressure P_S), `boosted` (needs boost), `too_heavy` (beyond the highest
+        boost pressure) and `no_posture`. `boosted_by_joint` counts the points with boost for each
+        joint.
+    """
+    counts = dict.fromkeys(("held", "boosted", "too_heavy", "no_posture"), 0)
+    boosted = np.zeros(machine.joint_count, dtype=int)
+    nodes = _workspace_nodes(machine)
+    for x, z in nodes:
+        pressures = _find_lowest_hold_pressures(machine, x, z)
+        if pressures is None:
+            counts["no_posture"] += 1
+        elif pressures.max() > machine.arrays.max_boost_pressure:
+            counts["too_heavy"] += 1
+        elif pressures.max() > machine.arrays.supply_pressure:
+            counts["boosted"] += 1
+            boosted += pressures > machine.arrays.supply_pressure
+        else:
+            counts["held"] += 1
+    return {
+        "points": len(nodes),
+        "spacing_m": machine.spacing,
+        "end_link_angles": len(_end_link_angles(machine)),
+        **counts,
+        "boosted_by_joint": boosted.tolist(),
+    }
+
+
+def _end_link_angles(machine: Machine) -> FloatArray:
+    """Return the end-link angles ψ [rad] at which postures are looked for."""
+    count = TELESCOPE_PSI_SAMPLES if machine.has_telescope else PSI_SAMPLES
+    return np.linspace(-np.pi, np.pi, count, endpoint=False)
+
+
+def _workspace_lines(found: dict[str, Any], first: int) -> list[str]:
+    """Format the counts of workspace points as text.
+
+    Args:
+        found: Dictionary of `_count_workspace_points`.
+        first: Number of the first joint in the plane: 1, or 2 if joint 1 slews.
+
+    Returns:
+        Five lines: the number of points, then one line for each of the counts `held`, `boosted`
+        (with the count by joint), `too_heavy` and `no_posture`.
+    """
+    by_joint = ", ".join(f"joint {j}: {n}" for j, n in enumerate(found["boosted_by_joint"], first))
+    return [
+        f"of {found['points']} points {found['spacing_m'] * 1e3:g} mm apart, in the posture that "
+        "loads the cylinders least:",
+        f"  {found['held']} are held at supply pressure",
+        f"  {found['boosted']} need boost ({by_joint})",
+        f"  {found['too_heavy']} are beyond the highest boost pressure",
+        f"  {found['no_posture']} have no posture within the joint limits at "
+        f"{found['end_link_angles']} angles of the end link",
+    ]
+
+
+def _count_points_left(machine: Machine) -> dict[str, Any]:
+    """Count the workspace points that the arm reaches at all, and clear of obstacles.
+
+    A point counts as reached if it has any posture within the joint limits. It counts as left if
+    one of these postures is clear of all obstacles. If zones are given in space, each point is
+    counted once for each of `SLEW_SAMPLES` angles of the slew.
+
+    Args:
+        machine: An arm that has obstacles.
+
+    Returns:
+        A dictionary: `margin_m` (distance kept from obstacles), `obstacles` (names), `reached` and
+        `left` (counts), and `slew_angles` (number of angles) if zones are given in space.
+    """
+    plane, in_space = machine.planar_arm, bool(machine.obstacles.is_in_space.any())
+    psi, turned = _end_link_angles(plane), _slew_angles(machine) if in_space else np.zeros(1)
+    near = [
+        angle
+        for angle in turned
+        if len(machine.make_planar_arm_with_shadows(angle, angle).shadows.rows)
+    ]
+    reached = left = 0
+    for x, z in _workspace_nodes(plane):
+        postures = plane.postures(x, z, psi)
+        if len(postures) == 0:
+            continue
+        reached += len(turned)
+        distance, _ = clearances(plane.arrays, plane.obstacles.path_rows, postures)
+        clear = frozen(postures[distance >= 0.0])
+        if len(clear) > 0:
+            left += len(turned) - len(near)
+            left += sum(_is_clear_of_zones(machine, angle, clear) for angle in near)
+    return {
+        "margin_m": float(machine.config.keep_out.margin),
+        "obstacles": list(machine.obstacles.names),
+        **({"slew_angles": len(turned)} if in_space else {}),
+        "reached": reached,
+        "left": left,
+    }
+
+
+def _slew_angles(machine: Machine) -> FloatArray:
+    """Return the angles of the slew at which zones are tested [rad], from limit to limit."""
+    return np.linspace(machine.arrays.joint_min[0], machine.arrays.joint_max[0], SLEW_SAMPLES)
+
+
+def _is_clear_of_zones(machine: Machine, slew: float, postures: FloatArray) -> bool:
+    """Return whether some posture keeps clear of all zones in space at an angle of the slew.
+
+    Args:
+        machine: An arm that slews.
+        slew: Angle of joint 1 [rad].
+        postures: Postures of the joints in the plane, shape (k, n - 1) [rad or m].
+
+    Returns:
+        True if at least one of the k postures has a clearance of 0 or more from all zones.
+    """
+    zones = frozen(machine.obstacles.path_rows[machine.obstacles.is_in_space])
+    turned = frozen(np.column_stack([np.full(len(postures), slew), postures]))
+    return bool(clearances(machine.arrays, zones, turned)[0].max() >= 0.0)
+
+
+def _keep_out_lines(found: dict[str, Any]) -> list[str]:
+    """Format the counts of points that obstacles leave as two lines of text.
+
+    Args:
+        found: Dictionary of `_count_points_left`.
+
+    Returns:
+        Two lines: the obstacles with their margin, and the count and share of points left.
+    """
+    left, reached, where = found["left"], found["reached"], ""
+    share = 100.0 * left / reached if reached else 0.0
+    if "slew_angles" in found:
+        where = f", counted at {found['slew_angles']} angles of the slew"
+    return [
+        f"keeping {1e3 * found['margin_m']:g} mm clear of {'; '.join(found['obstacles'])}:",
+        f"  {left} of {reached} points that can be reached are left, {share:.0f} %{where}",
+    ]
+
+
+def _workspace_nodes(machine: Machine) -> list[tuple[float, float]]:
+    """Return the grid points of the workspace.
+
+    Args:
+        machine: An arm that does not slew, or the plane of one that does.
+
+    Returns:
+        Points (x, z) [m] at integer multiples of the machine's grid spacing. They lie between the
+        workspace's smallest and largest radius, and not below its smallest x.
+    """
+    area, apart = machine.config.workspace, machine.spacing
+    extent = int(area.max_radius / apart) + 1
+    least, largest = (area.min_radius / apart) ** 2, (area.max_radius / apart) ** 2
+    return [
+        (i * apart, k * apart)
+        for i in range(-extent, extent + 1)
+        for k in range(-extent, extent + 1)
+        if i * apart >= area.min_x and least - 1e-9 <= i * i + k * k <= largest + 1e-9
+    ]
+
+
+def _find_lowest_hold_pressures(machine: Machine, x: float, z: float) -> FloatArray | None:
+    """Return the supply pressures that hold the arm at a point in its least loaded posture.
+
+    In that posture, the highest required pressure of all actuators is lowest. Only the sampled
+    end-link angles are tried.
+
+    Args:
+        machine: An arm that does not slew, or the plane of one that does.
+        x: Tip position forward [m].
+        z: Tip position up [m].
+
+    Returns:
+        Required supply pressure of each actuator at rest, boost margin included [Pa], shape (n,).
+        None if the point has no posture within the joint limits.
+    """
+    psi = _end_link_angles(machine)
+    postures = machine.postures(x, z, psi)
+    if len(postures) == 0:
+        return None
+    force = machine.piston_forces_in(postures)
+    needed = hydraulics.required_pressures(machine.arrays, force, np.zeros(force.shape))
+    return np.array(needed[np.argmin(needed.max(axis=1))])
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_tools check`."""
+    return command_line.run(check)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,383 @@
+"""`demo`: run both nodes, send goals on a timer, record and report; the paper's Section 4."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.errors import MhsbError
+from mhsb_model.files.config_files import find_machine_config_file
+from mhsb_model.files.output_folders import make_output_folder
+from mhsb_model.files.yaml_files import read_yaml
+from mhsb_model.goal import Goal, format_position
+from mhsb_model.machine import load_machine
+from mhsb_model.types import Position
+from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_planner.ros.goal_sender import GoalSender
+from mhsb_sim.simulation.plant_files import check_plant, load_plant
+from mhsb_tools.live.child_process import ChildEndedError, ChildProcess
+from mhsb_tools.live.nodes import (
+    ANSWER_TIMEOUT,
+    check_no_other_nodes,
+    compile_nodes,
+    run_both_nodes,
+    wait_for_planner_answer,
+)
+from mhsb_tools.report.report_command import format_summary, write_report
+
+GOALS_FILE = "demo_goals.yaml"
+"""Name of the goals file of the suite's own arm."""
+UNFINISHED_FOLDER, RESULT_NAMES = "unfinished", ("bag", "report", "summary.json")
+"""Folder in which a demo collects its results until all exist, and the names of these results."""
+
+REST_TIME = 2.0
+"""Time at rest after a goal that was waited for [s]."""
+
+GOAL_LISTENERS = 2
+"""Number of subscribers that must receive goals: the planner and the recorder."""
+
+BOTH_SIDES = 0.5
+"""Time after a discovery match within which the other side has matched, too [s]."""
+
+
+@dataclass(frozen=True)
+class DemoGoal:
+    """A goal of the demo and when the next one follows.
+
+    Attributes:
+        x: Tip position forward in `base_link` [m].
+        z: Tip position up [m].
+        time: Time from sending this goal to sending the next [s]; None waits until the arm has
+            arrived.
+        y: Tip position to the left [m], for arms that slew; None for others.
+    """
+
+    x: float
+    z: float
+    time: float | None = None
+    y: float | None = None
+
+    @property
+    def position(self) -> Position:
+        """Tip position in `base_link`, (x, z) or (x, y, z) [m]."""
+        return Goal(0, self.x, self.z, self.y).position
+
+
+def demo(
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    goals: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    view: bool = False,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> int:
+    """Replan an arm online over ROS 2, record it and report on it.
+
+    Starts sim_node and planner_node, sends goals on a timer, records into DIR/bag, writes
+    DIR/report and DIR/summary.json. Runs in the domain of ROS_DOMAIN_ID, in which no other planner
+    or simulator may run. Results of an earlier demo in DIR are replaced once all new ones exist;
+    until then the new ones are in DIR/unfinished.
+
+    Args:
+        output: Folder for recording, report and summary.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        goals: Goals (YAML: a list of x [m], z [m], y [m] if the arm slews, and time to the next
+            [s]); the suite's goals for this machine when left out.
+        plant: Plant file (YAML), such as config/realistic_plant.yaml: in what the simulated arm
+            differs from the machine that planner and servo know.
+        view: Show the arm in a browser while it moves, at the address that is printed.
+        json_: Print DIR/summary.json at the end; all else goes to standard error.
+
+    Returns:
+        Exit code 0.
+
+    Raises:
+        MhsbError: A goal was lost or refused.
+    """
+    with redirect_stdout(sys.stderr) if json_ else nullcontext():
+        summary = _demo(output, machine, goals, plant, view)
+    if json_:
+        print(json.dumps(summary))
+    if problem := describe_failed_goals(summary):
+        raise MhsbError(problem)
+    return 0
+
+
+def _demo(
+    output: Path, machine: Path | None, goals: Path | None, plant: Path | None, view: bool
+) -> dict[str, Any]:
+    """Run the demo: check the files, run the nodes, write the report.
+
+    Everything that can be checked is checked before a node starts. Prints progress. `output` gets
+    its new content only at the end.
+
+    Args:
+        output: Folder for the results.
+        machine: Machine file; None is the suite's own arm.
+        goals: Goals file; None is the suite's file for this machine.
+        plant: Plant file; None simulates the machine itself.
+        view: Start the viewer in a browser as well.
+
+    Returns:
+        The content of summary.json.
+
+    Raises:
+        MhsbError: A file cannot be used, a goal has the wrong number of coordinates for the arm, or
+            a process failed.
+    """
+    arm = load_machine(machine)  # an unusable file is reported here, not by a node
+    file = goals or find_machine_config_file(GOALS_FILE, arm.name)
+    wanted = read_goals(file)
+    for number, goal in enumerate(wanted, start=1):
+        if len(goal.position) != len(arm.axes):
+            own = "" if goals else f"; give goals of {arm.name} with --goals"
+            raise MhsbError(f"{file}: goal {number} must have {', '.join(arm.axes)} [m]{own}")
+    if plant:
+        check_plant(arm, load_plant(arm, plant))
+    began = time.monotonic()
+    unfinished = begin(output)
+    settings = (f"machine:={machine.resolve()}",) if machine else ()
+    of_plant = (f"plant:={plant.resolve()}",) if plant else ()
+    compile_nodes()
+    try:
+        with run_ros(), serve_node(GoalSender) as (executor, sender):
+            check_no_other_nodes(sender, executor)
+            with _shown(machine) if view else nullcontext():
+                _run(sender, executor, wanted, ((*settings, *of_plant), settings), unfinished)
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+    print("writing the report")
+    summary = write_report(unfinished / "bag", unfinished / "report", arm)
+    shutil.move(unfinished / "report" / "summary.json", unfinished / "summary.json")
+    finish(output)
+    print("\n".join(format_summary(summary)))
+    print(f"done in {time.monotonic() - began:.0f} s; see {output}/report and summary.json")
+    return summary
+
+
+@contextmanager
+def _shown(machine: Path | None) -> Iterator[None]:
+    """Run the viewer as a child process for the length of a `with` block.
+
+    It takes any free port; its address is printed. Context manager.
+
+    Args:
+        machine: Machine file; None is the suite's own arm.
+    """
+    arguments = ["--machine", str(machine.resolve())] if machine else []
+    with ChildProcess("mhsb_tools", "viewer", "--port", "0", *arguments) as viewer:
+        print(f"the arm can be seen at {viewer.wait_for('http://', ANSWER_TIMEOUT)}", flush=True)
+        yield
+
+
+def describe_failed_goals(summary: dict[str, Any]) -> str | None:
+    """Return a sentence if a goal was lost or refused.
+
+    Args:
+        summary: The report's summary; reads `goals_sent`, `goals_refused` and `lost`, a list with
+            place and reason of each lost goal.
+
+    Returns:
+        The sentence; None if no goal was lost or refused. It says how many of the goals sent were
+        lost, and place and reason of the first. Without lost goals it says how many were refused.
+    """
+    sent, refused, lost = summary["goals_sent"], summary["goals_refused"], summary["lost"]
+    if lost:
+        first = lost[0]
+        where = format_position(value for name, value in first.items() if name.endswith("_m"))
+        return f"{len(lost)} of {sent} goals were lost, the first at {where}: {first['reason']}"
+    if refused:
+        return f"{refused} of {sent} goals were refused; summary.json says why"
+    return None
+
+
+def read_goals(file: Path) -> list[DemoGoal]:
+    """Read goals from a YAML file.
+
+    Args:
+        file: A list of mappings with x, z and optionally y [m] and time [s].
+
+    Returns:
+        The goals in order, at least one.
+
+    Raises:
+        MhsbError: The file is no list, is empty, or holds a goal that cannot be used.
+    """
+    content = read_yaml(file)
+    if not isinstance(content, list) or not content:
+        raise MhsbError(f"{file} is not a list of goals; see config/{GOALS_FILE} for one")
+    return [_goal(file, number, values) for number, values in enumerate(content, start=1)]
+
+
+def _goal(file: Path, number: int, values: Any) -> DemoGoal:
+    """Return one goal of a file.
+
+    Args:
+        file: The file, for the error message.
+        number: Number of the goal, from 1, for the error message.
+        values: The goal as read from YAML: a mapping with x and z [m], and y [m] if the arm slews.
+            `time` [s] until the next goal is optional. Whether the arm needs y is not checked here.
+
+    Returns:
+        The goal, all its numbers finite.
+
+    Raises:
+        MhsbError: `values` is no mapping, has a missing or unknown key, or a value is not a finite
+            number.
+    """
+    try:
+        goal = DemoGoal(**{key: float(value) for key, value in values.items()})
+        if all(map(math.isfinite, (*goal.position, goal.time or 0.0))):
+            return goal
+    except (TypeError, ValueError, AttributeError, OverflowError):
+        pass
+    raise MhsbError(
+        f"{file}: goal {number} must have x and z [m] and may have time [s], and y [m] where the "
+        "arm slews, finite numbers"
+    )
+
+
+def begin(output: Path) -> Path:
+    """Create the output folder and an empty folder in it for the unfinished results.
+
+    Also sets the sentence that an interrupt of the command prints.
+
+    Args:
+        output: Folder of the demo; created if it does not exist.
+
+    Returns:
+        The empty folder for unfinished results.
+    """
+    make_output_folder(output, "the demo's output")
+    unfinished = output / UNFINISHED_FOLDER
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir()
+    command_line.set_interrupt_note(
+        f"what was recorded is in {unfinished}; all else in {output} is as it was"
+    )
+    return unfinished
+
+
+def finish(output: Path) -> None:
+    """Replace the results of an earlier demo by the new ones; other files stay.
+
+    Args:
+        output: Folder of the demo; its folder of unfinished results is emptied and removed.
+    """
+    for name in RESULT_NAMES:
+        old = output / name
+        shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
+        os.replace(output / UNFINISHED_FOLDER / name, old)
+    (output / UNFINISHED_FOLDER).rmdir()
+
+
+def _run(
+    sender: GoalSender,
+    executor: SingleThreadedExecutor,
+    goals: list[DemoGoal],
+    settings: tuple[tuple[str, ...], tuple[str, ...]],
+    output: Path,
+) -> None:
+    """Start simulator and planner, wait until the planner answers, and run the recorded part.
+
+    Both nodes are ended before this function returns.
+
+    Args:
+        sender: Node that sends goals and collects verdicts.
+        executor: Executor of that node.
+        goals: Goals to send.
+        settings: Parameters `NAME:=VALUE` of the simulator and of the planner.
+        output: Folder in which the recording `bag` is made.
+    """
+    print("starting simulator, planner and recorder")
+    with run_both_nodes(*settings) as nodes:
+        wait_for_planner_answer(sender, executor)
+        _record(sender, executor, goals, nodes, output)
+
+
+def _record(
+    sender: GoalSender,
+    executor: SingleThreadedExecutor,
+    goals: list[DemoGoal],
+    nodes: tuple[ChildProcess, ...],
+    output: Path,
+) -> None:
+    """Send all goals to the running nodes, one after the other, while a recorder runs.
+
+    Args:
+        sender: Node that sends goals and collects verdicts.
+        executor: Executor of that node.
+        goals: Goals to send.
+        nodes: Simulator and planner, checked after each goal.
+        output: Folder in which the recording `bag` is made.
+
+    Raises:
+        ChildEndedError: A process ended, the recorder cannot be reached, or the planner is silent.
+    """
+    bag = str(output / "bag")
+    with ChildProcess("mhsb_tools", "record", "--output", bag) as recorder:
+        recorder.wait_for("ready", ANSWER_TIMEOUT)
+        if not spin_until(
+            executor, lambda: sender.subscriber_count >= GOAL_LISTENERS, ANSWER_TIMEOUT
+        ):
+            raise ChildEndedError("the recorder is ready, but cannot be reached over ROS")
+        spin_until(executor, lambda: False, BOTH_SIDES)
+        for goal in tqdm(goals, desc="goals", unit="goal", disable=None):
+            _send(sender, executor, goal)
+            for process in (*nodes, recorder):
+                process.check_running()
+
+
+def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal) -> None:
+    """Send one goal, print its verdict and wait until the next goal is due.
+
+    If the goal has a time, the wait ends that long after sending. If it has none but a plan was
+    made, the wait ends `REST_TIME` after the execution report. That report is waited for no longer
+    than `ANSWER_TIMEOUT` beyond the plan's duration. A goal without time and plan is not waited
+    for.
+
+    Args:
+        sender: Node that sends goals and collects verdicts.
+        executor: Executor of that node, run during the wait.
+        goal: The goal.
+
+    Raises:
+        ChildEndedError: The planner gave no verdict within `ANSWER_TIMEOUT`.
+    """
+    began = time.monotonic()
+    stamp_ns = sender.send(*goal.position)
+    if not spin_until(executor, lambda: stamp_ns in sender.verdicts, ANSWER_TIMEOUT):
+        raise ChildEndedError(f"the planner gave no answer within {ANSWER_TIMEOUT:g} s")
+    verdict = sender.verdicts[stamp_ns]
+    tqdm.write(
+        f"  {format_position(goal.position, '.3f')}: {verdict.code.value}, {verdict.sentence}"
+    )
+    if goal.time is not None:
+        spin_until(executor, lambda: False, goal.time - (time.monotonic() - began))
+    elif verdict.plan is not None:
+        longest = verdict.plan.duration_s + ANSWER_TIMEOUT
+        spin_until(executor, lambda: stamp_ns in sender.executions, longest)
+        spin_until(executor, lambda: False, REST_TIME)
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_tools demo`."""
+    return command_line.run(demo, name="demo")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

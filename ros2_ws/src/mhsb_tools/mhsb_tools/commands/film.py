@@ -1,0 +1,355 @@
+"""Write a move as an animated GIF: arm with cylinders, modes and supply pressures over time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mhsb_model.errors import ArgumentError
+from mhsb_model.figure_style import (
+    BLACK,
+    GREEN,
+    GREY,
+    MODE_COLOR,
+    PALE,
+    PATH_COLOR,
+    PURPLE,
+    RC_PARAMETERS,
+    rgb,
+)
+from mhsb_model.modes import Mode, strongest
+from mhsb_model.types import FloatArray, Position
+from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_planar_bars
+from mhsb_tools.moves.move import MoveRecord
+from mhsb_tools.moves.move_page import draw_mode_bars, mode_spans
+from mhsb_tools.moves.workspace_drawing import draw_obstacles, draw_workspace_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from PIL.Image import Image
+
+FIGURE_SIZE = (8.0, 4.64)  # width, height [in]
+PER_MPA = 1e-6
+PALETTE_SIZE = 96
+"""Number of colours in the palette that all frames share."""
+
+MAX_FRAMES = 5000
+"""Largest number of frames of one film. All are in memory at once, 6 GB at the usual width."""
+
+SWATCH_SIZE = 8
+"""Height of each swatch in the picture from which the palette is made [pixels]."""
+BACKGROUND_COLOR = "#ffffff"
+
+SAMPLES_BETWEEN, CYLINDER_MARGIN = 5, 0.08
+"""Room for cylinders on the axes: every fifth instant is examined, and 0.08 m is added."""
+
+LINE_COLORS = (BLACK, GREEN, PURPLE, GREY)
+BARREL_WIDTH, BAR_WIDTH, LINK_WIDTH = 7.0, 2.5, 5.0
+"""Line widths of cylinder barrels, other bars and links [points]."""
+
+
+@dataclass(frozen=True)
+class FilmGoal:
+    """A goal of the film and the time from which the arm moves towards it.
+
+    Attributes:
+        time: Time in the move's own time [s].
+        place: Goal position in `base_link` [m].
+    """
+
+    time: float
+    place: Position
+
+
+def write_film(
+    move: MoveRecord,
+    goals: Sequence[FilmGoal],
+    file: Path,
+    *,
+    speed: float = 1.0,
+    rate: float = 12.0,
+    width: int = 800,
+) -> int:
+    """Write a move as an animated GIF.
+
+    The file appears whole or not at all: it is written beside its final name and then renamed.
+
+    Args:
+        move: The move; its `duration` and `speed` give the number of frames.
+        goals: Goals to mark, in the order of their times.
+        file: GIF file to write; an existing one is replaced.
+        speed: Seconds of the move that pass in one second of the film.
+        rate: Frames in one second of the film. GIFs store delays in hundredths of a second, at
+            least two, so the delay is rounded.
+        width: Width of the picture [pixels].
+
+    Returns:
+        Number of frames written, at least 2.
+
+    Raises:
+        ArgumentError: The film would have more than `MAX_FRAMES` frames.
+    """
+    hundredths = max(2, round(100 / rate))
+    count = max(2, 1 + int(move.duration / speed * 100 / hundredths))
+    if count > MAX_FRAMES:
+        raise ArgumentError(
+            f"the animation would have {count} pictures of {move.duration:.0f} s, and at most "
+            f"{MAX_FRAMES} are made; give --begin and --end, a lower --rate or a higher --speed"
+        )
+    film = _Film(move, goals, width)
+    times = move.time[0] + np.minimum(np.arange(count) * hundredths / 100 * speed, move.duration)
+    frames = list(_quantize_frames([film.frame(time) for time in times]))
+    part = file.with_name(f"{file.name}.part")
+    try:
+        with part.open("wb") as stream:
+            frames[0].save(
+                stream,
+                format="GIF",
+                save_all=True,
+                append_images=frames[1:],
+                duration=10 * hundredths,
+                loop=0,
+                optimize=True,
+            )
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+    return count
+
+
+def _quantize_frames(frames: list[FloatArray]) -> Iterator[Image]:
+    """Yield the frames as images that all share one palette of `PALETTE_SIZE` colours.
+
+    The palette is made from about four frames, evenly spread over the film, and from the picture of
+    `_swatches`. No dithering is used, so that static parts do not flicker.
+
+    Args:
+        frames: At least one picture, each of shape (height, width, 3), uint8.
+
+    Yields:
+        Each frame as a palette image, in order.
+    """
+    from PIL import Image
+
+    some = np.concatenate([*frames[:: max(1, len(frames) // 4)], _swatches(frames[0].shape[1])])
+    palette = Image.fromarray(some).quantize(PALETTE_SIZE, method=Image.Quantize.MEDIANCUT)
+    for frame in frames:
+        yield Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def _swatches(width: int) -> FloatArray:
+    """Return a picture of stripes, one for each colour that the palette must contain.
+
+    Args:
+        width: Width of the picture [pixels].
+
+    Returns:
+        Shape (height, width, 3), uint8; `SWATCH_SIZE` rows for the background and each mode colour.
+    """
+    colors = [
+        rgb(color) for color in (BACKGROUND_COLOR, *MODE_COLOR.values(), *PATH_COLOR.values())
+    ]
+    return (
+        np.tile(np.array(colors)[:, None] * 255, (SWATCH_SIZE, width, 1)).round().astype(np.uint8)
+    )
+
+
+class _Film:
+    """A figure whose static parts are drawn once; moving parts are redrawn for each frame."""
+
+    def __init__(self, move: MoveRecord, goals: Sequence[FilmGoal], width: int) -> None:
+        """Draw the static parts and keep them as a background image.
+
+        The arm's plane is on the left. On the right are the actuators' modes and, below them, their
+        supply pressures [MPa] over time [s].
+
+        Args:
+            move: The move to show.
+            goals: Goals to mark, in the order of their times.
+            width: Width of the picture [pixels].
+        """
+        import matplotlib as mpl
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._move, self._goals = move, goals
+        with mpl.rc_context(RC_PARAMETERS | {"font.size": 8.5}):
+            figure = Figure(FIGURE_SIZE, dpi=width / FIGURE_SIZE[0], layout="constrained")
+            self._canvas = FigureCanvasAgg(figure)
+            figure.suptitle(move.title, fontsize=10, fontweight="bold")
+            left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.15))[0]
+            self._stage = left.subplots()
+            modes, pressures = right.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.7))
+            self._draw_stage()
+            self._draw_modes(modes)
+            self._draw_pressures(pressures)
+            self._moving = [
+                *self._create_moving_artists(),
+                *(_cursor(each) for each in (modes, pressures)),
+            ]
+            self._canvas.draw()
+            figure.set_layout_engine("none")
+            self._still = self._canvas.copy_from_bbox(figure.bbox)
+
+    def frame(self, time: float) -> FloatArray:
+        """Draw the picture of one instant.
+
+        Args:
+            time: Time in the move's own time [s]; the first sample not before it is shown, or the
+                last.
+
+        Returns:
+            The picture, shape (height, width, 3), uint8.
+        """
+        row = min(int(np.searchsorted(self._move.time, time)), len(self._move.time) - 1)
+        self._update_artists(row, time)
+        self._canvas.restore_region(self._still)
+        for artist in self._moving:
+            artist.axes.draw_artist(artist)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    # Static parts.
+
+    def _draw_stage(self) -> None:
+        """Draw workspace, obstacles, the tip's path in pale and the legend of the modes.
+
+        The axes' limits are widened so that the linkages' bars (rods, barrels, levers) fit in.
+        Every fifth posture of the move is examined for this, and `CYLINDER_MARGIN` is added.
+        """
+        axes = self._stage
+        draw_workspace_axes(self._move.machine, axes)
+        draw_obstacles(self._move.machine, axes, self._move.position)
+        axes.plot(*self._move.tip.T, color=PALE, linewidth=3.0)
+        machine, rows = self._move.machine, self._move.position[::SAMPLES_BETWEEN]
+        places = np.array([_flat(bar) for q in rows for bar in compute_planar_bars(machine, q)])
+        for limits, put, values in (
+            (axes.get_xlim(), axes.set_xlim, places[..., 0]),
+            (axes.get_ylim(), axes.set_ylim, places[..., 1]),
+        ):
+            put(
+                min(limits[0], values.min() - CYLINDER_MARGIN),
+                max(limits[1], values.max() + CYLINDER_MARGIN),
+            )
+        handles = [axes.plot([], [], color=PATH_COLOR[mode], linewidth=2.5)[0] for mode in Mode]
+        names = [f"tip, all in {Mode.N.name}", *(f"one in {mode.name}" for mode in list(Mode)[1:])]
+        axes.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+    def _draw_modes(self, axes: Axes) -> None:
+        """Draw a bar over time [s] for each actuator, in the colours of its modes, and a legend.
+
+        Args:
+            axes: Axes to draw on.
+        """
+        draw_mode_bars(self._move, axes)
+        axes.set_title("modes")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=7.5)
+
+    def _draw_pressures(self, axes: Axes) -> None:
+        """Draw each actuator's supply pressure [MPa] over time.
+
+        Args:
+            axes: Axes to draw on; limits, labels and legend are set, too.
+        """
+        move = self._move
+        for j in range(move.machine.joint_count):
+            color, label = LINE_COLORS[j % len(LINE_COLORS)], f"actuator {j + 1}"
+            axes.plot(move.time, PER_MPA * move.supply[:, j], color=color, label=label)
+        top = max(1.5 * move.machine.arrays.supply_pressure, 1.2 * float(move.supply.max()))
+        axes.set_ylim(0.0, PER_MPA * top)
+        axes.set_xlim(move.time[0], move.time[-1])
+        axes.set_xlabel("time [s]")
+        axes.set_title("supply pressures [MPa]")
+        axes.legend(loc="lower right", ncols=3, fontsize=7.5)
+
+    # Moving parts.
+
+    def _create_moving_artists(self) -> list[Any]:
+        """Create the empty artists that move: path, bars, links, barrels, goal and clock.
+
+        Also stores them as attributes of this object, which `_update_artists` updates.
+
+        Returns:
+            The artists in the order in which they are drawn.
+        """
+        from matplotlib.collections import LineCollection
+
+        axes = self._stage
+        look: dict[str, Any] = {"animated": True, "capstyle": "round"}
+        self._path = axes.add_collection(LineCollection([], linewidths=2.5, **look))
+        self._bars = axes.add_collection(
+            LineCollection([], linewidths=BAR_WIDTH, colors=GREY, **look)
+        )
+        [self._links] = axes.plot(
+            [], [], color="#505050", linewidth=LINK_WIDTH, marker="o", markersize=6, animated=True
+        )
+        self._barrels = axes.add_collection(LineCollection([], linewidths=BARREL_WIDTH, **look))
+        self._barrels.set_path_effects(_outlined())
+        [self._goal] = axes.plot(
+            [], [], marker="o", markersize=9, markerfacecolor="none", markeredgecolor=BLACK,
+            markeredgewidth=1.6, linestyle="none", animated=True,
+        )  # fmt: skip
+        self._clock = axes.text(
+            0.98, 0.02, "", transform=axes.transAxes, ha="right", animated=True, fontsize=10
+        )
+        return [self._path, self._bars, self._links, self._barrels, self._goal, self._clock]
+
+    def _update_artists(self, row: int, time: float) -> None:
+        """Move all animated artists to an instant.
+
+        Barrels take the colour of their actuator's mode. The tip's path up to this instant is
+        coloured piece by piece by the strongest mode that any actuator had there. The latest goal
+        up to this instant is marked; there is no mark before the first one.
+
+        Args:
+            row: Row of the move's arrays to show.
+            time: Time for the clock, the cursors and the goals [s].
+        """
+        move = self._move
+        q = move.position[row]
+        self._links.set_data(*move.machine.joint_positions(q).T)
+        bars = compute_planar_bars(move.machine, q)
+        barrels = [bar for bar in bars if bar.color == BARREL_PAINT]
+        others = [bar for bar in bars if bar.color != BARREL_PAINT]
+        self._bars.set_segments([_flat(bar) for bar in others])
+        self._barrels.set_segments([_flat(bar) for bar in barrels])
+        modes = move.modes[row, move.machine.slews :].tolist()  # a slewing joint has no barrel
+        self._barrels.set_color([MODE_COLOR[Mode(mode)] for mode in modes])
+        stretches = list(mode_spans(strongest(move.modes[: row + 1]))) if row > 0 else []
+        self._path.set_segments([move.tip[begin : end + 1] for begin, end, _ in stretches])
+        self._path.set_color([PATH_COLOR[mode] for *_, mode in stretches])
+        sent = [
+            move.machine.project_to_plane(goal.place) for goal in self._goals if goal.time <= time
+        ]
+        self._goal.set_data(*([[each] for each in sent[-1]] if sent else ([], [])))
+        self._clock.set_text(f"{time:.1f} s")
+        for cursor in self._moving[-2:]:
+            cursor.set_xdata([time, time])
+
+
+def _flat(bar: Any) -> FloatArray:
+    """Return both ends of a bar in the arm's plane.
+
+    Args:
+        bar: A bar with end points `start` and `end` (x, y, z) [m].
+
+    Returns:
+        Rows start and end, columns x and z [m], shape (2, 2).
+    """
+    return np.array([bar.start[[0, 2]], bar.end[[0, 2]]])
+
+
+def _cursor(axes: Axes) -> Any:
+    """Return a vertical line that marks the current time on `axes`."""
+    return axes.axvline(0.0, color=BLACK, linewidth=1.0, animated=True)
+
+
+def _outlined() -> list[Any]:
+    """Return the path effects that give a barrel a dark outline."""
+    from matplotlib.patheffects import Normal, Stroke
+
+    return [Stroke(linewidth=BARREL_WIDTH + 2.0, foreground="#505050"), Normal()]

@@ -1,0 +1,492 @@
+"""`plan`: make one plan offline, without a ROS graph."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.command_line import NumberRange
+from mhsb_model.files.output_folders import make_parent_folder
+from mhsb_model.goal import format_position
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.modes import pattern_name
+from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.types import Position
+from mhsb_planner.cases.paper_cases import PaperCase
+from mhsb_planner.goal_region import MAX_REGION_SIZE, WIDEST_ANGLE
+from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.motion.cavitation import find_cavitating_steps
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.planner import Plan, Planner, PlannerKind
+from mhsb_planner.planners.options import HIGHEST_WEIGHT
+from mhsb_planner.planners.registry import planner_summaries
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.search.manipulability_loss import (
+    area_along_motion,
+    area_along_path,
+    reference_area,
+)
+from mhsb_planner.search.s2_search import SearchMethod
+from mhsb_planner.search.s2_step import EnergyReading
+from mhsb_tools.commands.plan_arguments import (
+    Point,
+    build_request,
+    case_line,
+    case_title,
+    change_machine,
+    check_coordinates,
+    check_options_have_effect,
+    choose_goal_angle,
+    goal_region_of,
+    list_replaced_values,
+    range_of,
+    start_from_posture,
+)
+from mhsb_tools.commands.zone_arguments import (
+    ZoneBoxes,
+    ZoneCircles,
+    ZoneCylinders,
+    ZoneSpheres,
+    add_zones,
+)
+from mhsb_tools.moves.move import move_of_plan
+from mhsb_tools.moves.move_page import draw_move_page
+from mhsb_tools.moves.operating_point import (
+    OperatingPoint,
+    OperatingPointResult,
+    best_operating_point,
+)
+
+REPEATED_PLAN_TIME = 1.0
+"""A plan that took less time than this is made a second time, so that the printed times do not
+include loading compiled kernels [s].
+"""
+
+POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4), NumberRange(0.0, MAX_REGION_SIZE)
+ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE)
+WEIGHT_RANGE = NumberRange(0.0, HIGHEST_WEIGHT)
+PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7), NumberRange(1e-4, 1.0)
+"""Ranges of the options: positions and distances [m], angles [rad], weights, supply pressure P_S
+[Pa], piston speed V_max [m/s].
+"""
+
+BAR_DELAY = 0.5
+"""Delay before a progress bar appears [s]; an error in a request is printed sooner."""
+
+
+def plan(
+    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), POSITION_RANGE] = None,
+    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), POSITION_RANGE] = None,
+    case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    weights: Annotated[
+        tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3"), WEIGHT_RANGE
+    ] = None,
+    area_weight: Annotated[float | None, tyro.conf.arg(metavar="W4"), WEIGHT_RANGE] = None,
+    planner: Annotated[
+        PlannerKind | None,
+        tyro.conf.arg(
+            help=f"Where postures come from: {planner_summaries()}; table when left out."
+        ),
+    ] = None,
+    initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLE_RANGE] = None,
+    search: SearchMethod | None = None,
+    heuristic_scale: Annotated[
+        float | None, tyro.conf.arg(metavar="PER_M"), NumberRange(0.0, 1e6)
+    ] = None,
+    trajectory: TrajectoryKind | None = None,
+    max_speed_excess: Annotated[
+        float | None, tyro.conf.arg(metavar="SHARE"), NumberRange(0.0, 1.0)
+    ] = None,
+    energy_reading: EnergyReading | None = None,
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG"), NumberRange(0.0, 1e4)] = None,
+    supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA"), PRESSURE_RANGE] = None,
+    v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S"), SPEED_RANGE] = None,
+    supply_pressure_range: Annotated[
+        Point | None, tyro.conf.arg(metavar="LOW HIGH"), PRESSURE_RANGE
+    ] = None,
+    v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), SPEED_RANGE] = None,
+    goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLE_RANGE] = None,
+    goal_psi_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), ANGLE_RANGE] = None,
+    goal_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCE_RANGE] = None,
+    goal_segment: Annotated[Point | None, tyro.conf.arg(metavar="X Z"), POSITION_RANGE] = None,
+    goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ"), DISTANCE_RANGE] = None,
+    via: Annotated[
+        tuple[tuple[float, ...], ...],
+        tyro.conf.arg(metavar="X [Y] Z"),
+        tyro.conf.UseAppendAction,
+        POSITION_RANGE,
+    ] = (),
+    via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCE_RANGE] = None,
+    zone_box: ZoneBoxes = (),
+    zone_circle: ZoneCircles = (),
+    zone_cylinder: ZoneCylinders = (),
+    zone_sphere: ZoneSpheres = (),
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    start_posture: Annotated[
+        tuple[float, ...] | None, tyro.conf.arg(metavar="Q1 Q2 Q3 ..."), ANGLE_RANGE
+    ] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Plan a motion from rest and print it: path, modes, energy, time.
+
+    Give --start and --goal, or --case for one of the paper's. The start posture is that of the
+    posture table in normal mode, or the one with the initial angle of joint 3 if that is fixed.
+    Arms that slew have positions X Y Z, others X Z. Energies are in J, lengths in m, angles in rad,
+    times in s.
+
+    Args:
+        start: Tip position at the start [m].
+        goal: Tip position at the goal [m].
+        case: One of the paper's cases, such as 1-1; it sets start, goal, weights, planner and
+            initial angle of joint 3. A value given beside it replaces the case's, and the output
+            says so.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        table: Posture table (npz); built and kept in the user's cache when left out.
+        weights: Weights of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
+        area_weight: Weight of the velocity polytope's area that is lost along the tip's path, for
+            the integrated planner [1/m]; the area does not count when left out.
+        planner: Method that chooses postures and path; table when left out.
+        initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture table
+            at the start when left out.
+        search: The exact search, or the published one with one label for each node, of the table
+            and the fixed planner; exact when left out.
+        heuristic_scale: Scale of the published search's heuristic, cost per distance from the goal
+            [1/m]; 1 when left out.
+        trajectory: How the trajectory is made: a polynomial as published, or the discrete path
+            followed. When left out, followed for the integrated planner. For the others a
+            polynomial, or followed if V_max makes that cheaper.
+        max_speed_excess: Share by which pistons may exceed V_max on a polynomial, which is
+            stretched in time until they do not exceed it further; 0.1 when left out.
+        energy_reading: Price of boosted oil that the search minimises; the paper's when left out.
+        payload: Mass at the tip [kg]; the machine file's when left out.
+        supply_pressure: Pressure of the main pump [Pa]; the machine file's when left out.
+        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out. Actuators
+            whose own limit is lower keep that.
+        supply_pressure_range: Choose the constant supply pressure in this range with which the
+            motion costs least [Pa]; with --json the examined points are printed, too.
+        v_max_range: Choose the piston speed in this range with which the motion costs least [m/s].
+        goal_psi: Angle of the end link at the goal [rad]; free when left out.
+        goal_psi_range: Least and greatest angle of the end link that are accepted [rad].
+        goal_tolerance: Distance from the goal at which the tip may end as well [m]; without it, a
+            segment or a box, the tip ends at the goal itself.
+        goal_segment: Other end of a line that begins at the goal; the tip may end anywhere on it
+            [m].
+        goal_box: How far to either side of the goal, forward and up, the tip may end [m].
+        via: Point that the tip passes on its way [m], with Y if the arm slews; may be given several
+            times, in the order of passing.
+        via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
+        zone_box: Two opposite corners [m] of a box that plans keep out of.
+        zone_circle: Centre and radius [m] of a circle that plans keep out of.
+        zone_cylinder: Axis, ends and radius [m] of an upright cylinder that plans keep out of.
+        zone_sphere: Centre and radius [m] of a sphere that plans keep out of.
+        plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
+            pressures, energy.
+        start_posture: Joint positions at the start [rad], extensions of telescopes [m], in place of
+            --start. They may be beyond the joint limits: the motion then leads back into them.
+        json_: Print one JSON object instead of text.
+
+    Raises:
+        UsageError: An option has no effect, or options exclude each other: `start_posture` with
+            `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
+            `goal_segment` and `goal_box`.
+    """
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
+    posture = None
+    if start_posture is not None:
+        others = {"start": start, "case": case}
+        posture, start = start_from_posture(load_machine(machine), start_posture, others)
+    asked = build_request(start, goal, case, weights, planner, initial_j3)
+    ranges = (
+        range_of("supply-pressure", supply_pressure_range, supply_pressure),
+        range_of("v-max", v_max_range, v_max),
+    )
+    wishes: dict[str, Any] = {
+        "energy_reading": energy_reading,
+        "via_tolerance": via_tolerance,
+        "search": search,
+        "heuristic_scale": heuristic_scale,
+        "trajectory": trajectory,
+        "max_speed_excess": max_speed_excess,
+        "area_weight": area_weight,
+    }
+    check_options_have_effect(asked, {**wishes, "initial_j3": initial_j3, "via": via})
+    options = replace(
+        asked.options,
+        goal_psi=choose_goal_angle(goal_psi, goal_psi_range),
+        goal_region=goal_region_of(asked.goal, goal_tolerance, goal_segment, goal_box),
+        via=via,
+        **{name: value for name, value in wishes.items() if value is not None},
+    )
+    if plot is not None:
+        make_parent_folder(plot, "the picture")
+    base = load_machine(machine)
+    check_coordinates(base, asked)
+    arm = add_zones(
+        change_machine(
+            base, payload=payload, supply_pressure=supply_pressure, max_piston_speed=v_max
+        ),
+        boxes=zone_box,
+        circles=zone_circle,
+        cylinders=zone_cylinder,
+        spheres=zone_sphere,
+    )
+    compile_planner()
+    suite = Planner(arm, load_or_build_table(base, table))
+    began = time.perf_counter()
+    if posture is None:
+        base.check_in_workspace(asked.start)
+        posture = asked.start_posture(suite.machine)
+    at_rest = MotionState.at_rest(posture)
+    found = None
+    if any(ranges):
+        with tqdm(desc="operating points", unit="plan", disable=json_, delay=BAR_DELAY) as bar:
+            progress = partial(_advance, bar)
+            found = best_operating_point(
+                suite, asked.goal, at_rest, options, *ranges, on_sample=progress
+            )
+    if found:
+        made = found.plan
+    else:
+        made = suite.plan(asked.goal, at_rest, options=options)
+        if (
+            time.perf_counter() - began < REPEATED_PLAN_TIME
+        ):  # loading kernels took most of it, so plan again
+            began = time.perf_counter()
+            made = suite.plan(asked.goal, at_rest, options=options)
+    seconds = {**made.seconds, "total": time.perf_counter() - began}
+    area = compute_polytope_areas(suite, made)
+    if plot is not None:
+        draw_move_page(move_of_plan(suite.machine, made, asked.goal, _title(asked)), plot)
+    if json_:
+        content = as_json(suite.machine, made, seconds) | area | operating_points_as_json(found)
+        print(json.dumps(content | {"case": case, "replaced": list_replaced_values(asked)}))
+    else:
+        lines = as_text(suite.machine, made, seconds)
+        print("\n".join([*case_line(asked), *lines, area_line(area), *point_lines(found)]))
+
+
+def _advance(bar: tqdm, _: OperatingPointResult) -> None:
+    bar.update()
+
+
+def _title(asked: PaperCase) -> str:
+    """Return the title of the picture: the motion and its planner."""
+    way = f"{format_position(asked.start, 'g')} to {format_position(asked.goal, 'g')}"
+    return f"{case_title(asked)}{way}, {asked.options.planner} planner"
+
+
+def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str, Any]:
+    """Collect a plan in plain types for JSON.
+
+    Args:
+        machine: The arm for which the plan was made.
+        plan: The plan.
+        seconds: Wall time of each part of planning [s], by name.
+
+    Returns:
+        A dictionary in SI units, except `timings_ms` [ms]. Keys with `discrete`, and `switches` and
+        `cost`, describe the path of the search. `energy_j`, `energy_series_j`, `duration_s` and
+        `switches_scheduled` describe the motion, and `fit` says how the motion was made from the
+        path. `path` (tip [m]) and `joint_path` [rad or m] are nested lists with a row for each
+        waypoint; `modes` has a row for each step. `lower_bound_j` is a lower bound on the energy,
+        and `gap` the share by which the motion's energy exceeds it. `expanded` is the number of
+        states that the search expanded.
+    """
+    path, motion = plan.path, plan.motion
+    return {
+        "machine": machine.name,
+        "supply_pressure_pa": machine.arrays.supply_pressure,
+        "v_max_m_s": machine.config.motion.max_piston_speed,
+        "energy_discrete_j": float(path.energy.sum()),
+        "energy_series_discrete_j": float(path.energy_series.sum()),
+        "energy_j": plan.energy.paper,
+        "energy_series_j": plan.energy.series,
+        "lower_bound_j": plan.lower_bound,
+        "gap": plan.gap,
+        "duration_discrete_s": float(path.duration.sum()),
+        "duration_s": motion.trajectory.duration_ns / SECOND_NS,
+        "switches": path.switches,
+        "switches_scheduled": motion.schedule.switch_count,
+        "cost": path.cost,
+        "path": path.tip.tolist(),
+        "modes": path.modes.tolist(),
+        "joint_path": path.posture.tolist(),
+        "fit": {
+            "method": motion.method.value,
+            "stretch": motion.stretch,
+            "speed_excess": motion.speed_excess,
+            "tip_deviation_m": motion.tip_deviation,
+            "joint_deviation_rad": motion.joint_deviation,
+            "refused": list(motion.refused),
+        },
+        "warnings": list(plan.warnings),
+        "cavitating": [
+            {"actuator": each.actuator, "begin_s": each.begin, "duration_s": each.duration}
+            for each in plan.cavitations
+        ],
+        "cavitating_steps": find_cavitating_steps(machine, path).tolist(),
+        "expanded": path.statistics.expanded,
+        "out_of_time": path.statistics.out_of_time,
+        "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
+    }
+
+
+def as_text(machine: Machine, plan: Plan, seconds: dict[str, float]) -> list[str]:
+    """Format a plan as a table of its steps and a summary.
+
+    Args:
+        machine: The arm for which the plan was made.
+        plan: The plan.
+        seconds: Wall time of each part of planning [s], by name; printed in ms.
+
+    Returns:
+        A line of column titles, then a line for each step of the discrete path: its number, the tip
+        at its end [m], modes, time [s], energy [J] and the actuators that cavitate. Then lines on
+        the whole path, the trajectory (duration, energies, switches) and the fit (stretch, excess
+        over V_max, deviation of the tip), warnings, and planning times [ms].
+    """
+    path, motion = plan.path, plan.motion
+    names, empty = np.array(machine.actuator_names), find_cavitating_steps(machine, path)
+    axes = f"tip {', '.join(machine.axes)} [m]"
+    wide = 8 * len(machine.axes)
+    lines = [f"step   {axes:{wide}}  modes           time [s]   energy [J]   cavitating"]
+    for k in range(path.steps):
+        tip = " ".join(f"{value:7.3f}" for value in path.tip[k + 1])
+        lines.append(
+            f"{k + 1:4d}  {tip}   {pattern_name(path.modes[k]):14s}"
+            f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}   {', '.join(names[empty[k]]) or '–'}"
+        )
+    lines += [
+        f"discrete path: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
+        f"({path.energy_series.sum():.1f} J in series reading, at least "
+        f"{plan.lower_bound:.1f} J), {path.switches} mode switches",
+        f"trajectory:    {motion.trajectory.duration_ns / SECOND_NS:.2f} s, "
+        f"{plan.energy.paper:.1f} J ({plan.energy.series:.1f} J in series reading), "
+        f"{motion.schedule.switch_count} mode switches, "
+        f"{100 * plan.gap:.0f} % above the least energy",
+        f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
+        f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
+        f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
+        *(f"warning: {warning}" for warning in plan.warnings),
+        "planned in "
+        + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
+    ]
+    return lines
+
+
+def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | None]:
+    """Compute the velocity polytope's mean area along a plan, and the length lost to small areas.
+
+    Args:
+        planner: The planner; its machine and posture table are used.
+        plan: The plan.
+
+    Returns:
+        `area_discrete_m2_s2` and `area_m2_s2`: mean over the tip's path, of the discrete path and
+        of the motion; None if the tip does not move. `area_reference_m2_s2`: area that counts as
+        full. `area_shortfall_m`: ∫ max(0, 1 − area/reference) ds along the motion [m].
+    """
+    motion, reference = plan.motion, reference_area(planner.graph.table)
+    path = area_along_path(planner.machine, plan.path)
+    along = area_along_motion(planner.machine, motion.trajectory, motion.schedule)
+    return {
+        "area_discrete_m2_s2": path.mean,
+        "area_m2_s2": along.mean,
+        "area_reference_m2_s2": reference,
+        "area_shortfall_m": along.compute_area_loss(reference),
+    }
+
+
+def area_line(area: dict[str, float | None]) -> str:
+    """Format the velocity polytope's mean area, the full area and the shortfall as one line.
+
+    Args:
+        area: Dictionary of `compute_polytope_areas`. The line shows `area_m2_s2` (mean along the
+            motion), `area_reference_m2_s2` (area that counts as full) and `area_shortfall_m`.
+
+    Returns:
+        The line without a line break. If `area_m2_s2` is None, it says only that the tip stays.
+    """
+    mean = area["area_m2_s2"]
+    if mean is None:
+        return "polytope: the tip stays"
+    return (
+        f"polytope: {mean:.3f} m²/s² on average along the tip's path, full from "
+        f"{area['area_reference_m2_s2']:.3f} m²/s²; shortfall {area['area_shortfall_m']:.3f} m"
+    )
+
+
+def operating_points_as_json(found: OperatingPoint | None) -> dict[str, Any]:
+    """Return all examined operating points for JSON.
+
+    Args:
+        found: Result of the search for an operating point, or None.
+
+    Returns:
+        A dictionary with the key `operating_points`; empty if `found` is None.
+    """
+    return {"operating_points": [_sample_json(sample) for sample in found.curve]} if found else {}
+
+
+def _sample_json(sample: OperatingPointResult) -> dict[str, Any]:
+    """Return one examined operating point for JSON.
+
+    Args:
+        sample: The point and what the move takes there.
+
+    Returns:
+        `supply_pressure_pa` and `v_max_m_s`, then energies [J], duration [s], number of mode
+        switches and cost. If no plan was found, `failure` (a sentence) replaces all but the first
+        two.
+    """
+    point = {"supply_pressure_pa": sample.supply_pressure, "v_max_m_s": sample.v_max}
+    if sample.failure:
+        return point | {"failure": sample.failure}
+    return point | {
+        "energy_j": sample.energy,
+        "energy_series_j": sample.energy_series,
+        "duration_s": sample.duration,
+        "switches": sample.switches,
+        "cost": sample.cost,
+    }
+
+
+def point_lines(found: OperatingPoint | None) -> list[str]:
+    """Describe the best operating point in words.
+
+    Args:
+        found: Result of the search for an operating point, or None.
+
+    Returns:
+        A list with one line: supply pressure [MPa], V_max [mm/s], cost, and number of points
+        examined. The list is empty if `found` is None.
+    """
+    if found is None:
+        return []
+    best = found.best
+    return [
+        f"operating point: {best.supply_pressure / 1e6:.3f} MPa, V_max {1e3 * best.v_max:.2f} mm/s "
+        f"cost least, {best.cost:.1f}, of {len(found.curve)} looked at"
+    ]
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_tools plan`."""
+    return command_line.run(plan, name="plan")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,308 @@
+"""`reproduce`: run all cases and sweeps of the paper, and compare with the published values."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.command_line import JobCount
+from mhsb_model.files.output_folders import make_output_folder
+from mhsb_model.machine import load_machine
+from mhsb_planner.errors import RequestError
+from mhsb_planner.result_files import write_json, write_rows
+from mhsb_planner.work_arguments import Scheduler, parse_jobs
+from mhsb_tools.reproduction import operating_points
+from mhsb_tools.reproduction.area_figure import draw_area_tradeoff
+from mhsb_tools.reproduction.expectations import ExpectationResult, numbers, records
+from mhsb_tools.reproduction.fits import FittedRuns, fit_runs
+from mhsb_tools.reproduction.joint_figures import draw_joints
+from mhsb_tools.reproduction.operating_points import BestPoint
+from mhsb_tools.reproduction.path_figures import draw_paths
+from mhsb_tools.reproduction.polytope_figures import (
+    draw_polytopes_along,
+    draw_velocity_polytope,
+)
+from mhsb_tools.reproduction.runs import (
+    HEURISTIC_SCALES,
+    SUPPLY_PRESSURES,
+    Runs,
+    area_settings,
+    evaluate,
+    integrated_settings,
+    pressure_run,
+    published_settings,
+    settings,
+    work_units,
+)
+from mhsb_tools.reproduction.weight_figure import draw_weights
+
+FITTED_RUNS = (
+    *("1-1", "1-2", "2-1", "2-2", "3-1", "3-2", "4-1", "4-2", "4-3"),
+    *(pressure_run(supply) for supply in SUPPLY_PRESSURES),
+    *(pressure_run(supply, keep_table=True) for supply in SUPPLY_PRESSURES),
+    *integrated_settings(),
+    *area_settings(),
+)
+"""Names of the runs for which a trajectory is made as well."""
+
+Figure = Callable[[Runs, FittedRuns, Path, str], list[Path]]
+PAPER_FIGURES: dict[str, Figure] = {
+    "figure_3": lambda runs, fits, *place: draw_velocity_polytope(runs, *place),
+    "figure_5": lambda runs, fits, *place: draw_paths(runs, fits, ("1-1", "1-2"), *place),
+    "figure_6": lambda runs, fits, *place: draw_joints(
+        runs, fits, ("1-1", "1-2"), *place, load_lines=True
+    ),
+    "figure_7": lambda runs, fits, *place: draw_paths(
+        runs, fits, ("2-1", "2-2", "3-1", "3-2"), *place
+    ),
+    "figure_8": lambda runs, fits, *place: draw_joints(
+        runs, fits, ("2-2", "3-2"), *place, load_lines=False
+    ),
+    "figure_9": lambda runs, fits, *place: draw_polytopes_along(runs, *place),
+    "figure_10": lambda runs, fits, *place: draw_weights(runs, *place),
+    "area_energy": draw_area_tradeoff,
+}
+"""Functions that draw the paper's figures, and area against energy, by file name without suffix."""
+
+PAPER_JOINT_COUNT = 3
+"""Number of joints of the paper's arm, for which its statements hold."""
+
+OPERATING_POINT = "operating_point"
+
+
+def reproduce(
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce"),
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    jobs: Annotated[JobCount, tyro.conf.arg(metavar="N")] = None,
+    scheduler: Scheduler = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Run all cases and sweeps of the paper and judge what they show.
+
+    All runs use the paper's own search and the exact one. The integrated planner plans the same
+    cases, and Case 4 with a weight on the polytope's area. The supply pressure and V_max that serve
+    Case 5 best are looked for, too.
+
+    Writes table.csv (every run), summary.json and the figures as PNG with their data as CSV. The
+    summary has every expectation: what the paper says, and what the published and the exact search
+    give. It also counts the expectations met with other scales of the published heuristic, and has
+    the best operating points. Energies are in J, lengths in m, times in s.
+
+    Args:
+        output: Folder to write to.
+        machine: Machine file (YAML) of three joints; the suite's own arm when left out.
+        jobs: Number of threads; one for each processor when left out.
+        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+        json_: Print summary.json instead of text.
+    """
+    arm = load_machine(machine)
+    if arm.joint_count != PAPER_JOINT_COUNT:
+        raise RequestError(
+            "the machine", arm.name, f"must have {PAPER_JOINT_COUNT} joints, as the paper's"
+        )
+    workers = parse_jobs(jobs, scheduler)
+    make_output_folder(output, "what is reproduced")
+    command_line.set_interrupt_note(
+        f"{output} has the figures that were ready, and no new table and summary"
+    )
+    asked = settings() | integrated_settings() | area_settings()
+    for scale in HEURISTIC_SCALES:
+        asked |= published_settings(scale=scale)
+    total = work_units(arm, asked) + len(FITTED_RUNS) + len(PAPER_FIGURES) + 1
+    with tqdm(total=total, unit="step", desc="reproduce") as bar:
+        runs = evaluate(arm, asked, workers, bar.update)
+        fits = fit_runs(runs, [name for name in FITTED_RUNS if name in runs.runs])
+        bar.update(len(FITTED_RUNS))
+        for name, draw in PAPER_FIGURES.items():
+            draw(runs, fits, output, name)
+            bar.update()
+        points = operating_points.find_points(runs)
+        operating_points.draw_points(runs, fits, points, output, OPERATING_POINT)
+        bar.update()
+    found = ExpectationJudgement.of(runs)
+    write_rows(output / "table.csv", TABLE_COLUMNS, _table_rows(runs, fits))
+    write_json(output / "summary.json", _summary(runs, fits, found, points))
+    if json_:
+        print((output / "summary.json").read_text(encoding="utf-8"))
+        return
+    print("\n".join([*as_text(found), *operating_points.as_text(points)]))
+    print(f"written to {output}")
+
+
+TABLE_COLUMNS = (
+    "run",
+    *("energy_discrete_j", "energy_series_discrete_j", "duration_discrete_s", "length_m"),
+    "lower_bound_j",
+    *("length_over_shortest", "normal_share", "switches"),
+    *("energy_fitted_j", "energy_series_fitted_j", "duration_fitted_s"),
+    "failure",
+)
+"""Columns of table.csv, in order."""
+
+
+@dataclass(frozen=True)
+class ExpectationJudgement:
+    """Judgement of the paper's expectations by the runs of the published and of the exact search.
+
+    Attributes:
+        published: Judgement of each expectation by the published search.
+        exact: Judgement of each expectation by the exact search, in the same order.
+        by_scale: Number of expectations that the published search meets, by the scale of its
+            heuristic [1/m].
+    """
+
+    published: list[ExpectationResult]
+    exact: list[ExpectationResult]
+    by_scale: dict[float, int]
+
+    @classmethod
+    def of(cls, runs: Runs) -> ExpectationJudgement:
+        """Judge all expectations.
+
+        Args:
+            runs: Runs that include all of `settings`, and of `published_settings` for all
+                heuristic scales.
+
+        Returns:
+            The judgements.
+        """
+        by_scale = {
+            scale: count_met(records(runs.by_published_search(scale))) for scale in HEURISTIC_SCALES
+        }
+        return cls(records(runs.by_published_search()), records(runs), by_scale)
+
+
+def count_met(found: list[ExpectationResult]) -> int:
+    """Return the number of expectations that are met."""
+    return sum(record.met for record in found)
+
+
+def _run_values(runs: Runs, fits: FittedRuns, name: str) -> dict[str, float]:
+    """Collect the values of one run for tables.
+
+    Args:
+        runs: All runs.
+        fits: Trajectories of some of them.
+        name: Name of the run.
+
+    Returns:
+        Values of the discrete path by column name (`expectations.numbers`). If the run has a
+        trajectory, also its energies in both readings [J] and its duration [s]. Empty if the run
+        has no path.
+    """
+    own = numbers(runs, name)
+    if name in fits.by_run:
+        fit = fits.by_run[name]
+        own |= {
+            "energy_fitted_j": fit.energy.paper,
+            "energy_series_fitted_j": fit.energy.series,
+            "duration_fitted_s": fit.duration,
+        }
+    return own
+
+
+def _table_rows(runs: Runs, fits: FittedRuns) -> Iterator[list[Any]]:
+    """Yield the rows of table.csv.
+
+    Args:
+        runs: All runs; each gives one row.
+        fits: Trajectories of some of them.
+
+    Yields:
+        Values in the order of `TABLE_COLUMNS`; empty strings where a run has no such value.
+    """
+    for name, run in runs.runs.items():
+        row = {"run": name, **_run_values(runs, fits, name)}
+        row["failure"] = run.failure or fits.failures.get(name, "")
+        yield [row.get(column, "") for column in TABLE_COLUMNS]
+
+
+def _summary(
+    runs: Runs, fits: FittedRuns, found: ExpectationJudgement, points: Mapping[str, BestPoint]
+) -> dict[str, Any]:
+    """Collect the content of summary.json.
+
+    Args:
+        runs: All runs.
+        fits: Trajectories of some of them.
+        found: Judgement of all expectations.
+        points: Best operating points of Case 5, by name.
+
+    Returns:
+        A dictionary: name and hash of the machine; numbers of expectations that the published
+        search, the exact one and other heuristic scales meet (`met...`); `expectations`, a list of
+        `expectation_entry`; and `operating_points`.
+    """
+    published = runs.by_published_search()
+
+    def expectation_entry(record: ExpectationResult, exact: ExpectationResult) -> dict[str, Any]:
+        """Combine both judgements of one expectation for JSON.
+
+        Takes `published`, `runs` and `fits` from the enclosing function.
+
+        Args:
+            record: Judgement by the published search.
+            exact: Judgement of that expectation by the exact search.
+
+        Returns:
+            Fields of `record`, with the values of its runs under `own`. `exact` holds the exact
+            judgement with its values.
+        """
+        own = {name: numbers(published, name) for name in record.own}
+        by_exact = {name: _run_values(runs, fits, name) for name in exact.own}
+        return asdict(record) | {"own": own, "exact": asdict(exact) | {"own": by_exact}}
+
+    return {
+        "machine": runs.machine.name,
+        "machine_hash": runs.machine.table_hash,
+        "met": count_met(found.published),
+        "met_exact": count_met(found.exact),
+        "met_by_heuristic_scale": {f"{scale:g}": count for scale, count in found.by_scale.items()},
+        "expectations": list(map(expectation_entry, found.published, found.exact)),
+        "operating_points": operating_points.as_summary(points),
+    }
+
+
+def as_text(found: ExpectationJudgement) -> list[str]:
+    """Format the judgement of all expectations for a person.
+
+    Args:
+        found: Judgement of all expectations.
+
+    Returns:
+        A line of column titles, then three lines for each expectation. They are the paper's
+        statement and the results of the published and of the exact search, each with yes or no
+        (met). The last line counts the expectations that are met, for each search and for other
+        scales of the published heuristic.
+    """
+    lines = ["expectation   search     met   what the paper says, and own"]
+    for published, exact in zip(found.published, found.exact, strict=True):
+        lines.append(f"{published.id:13s} {'':16s} {published.published}")
+        for search, record in (("published", published), ("exact", exact)):
+            lines.append(
+                f"{'':13s} {search:10s} {'yes' if record.met else 'no':5s} {record.sentence}"
+            )
+    count = len(found.exact)
+    by_scale = ", ".join(f"{each} at {scale:g}" for scale, each in found.by_scale.items())
+    return [
+        *lines,
+        f"{count_met(found.published)} of {count} expectations are met by the published search, "
+        f"{count_met(found.exact)} by the exact one; with other scales of the published "
+        f"heuristic [1/m]: {by_scale}",
+    ]
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_tools reproduce`."""
+    return command_line.run(reproduce, name="reproduce")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,479 @@
+"""`simulate`: plan and simulate a sequence of goals headless, without a ROS graph."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from mhsb_control import get_controller_class
+from mhsb_model import command_line
+from mhsb_model.command_line import NumberRange, Seed
+from mhsb_model.files.output_folders import make_output_folder
+from mhsb_model.goal import format_position
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.motion.energy import Energy, energy_of_states
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
+from mhsb_sim.simulation.kernel_parts import compile_simulator
+from mhsb_sim.simulation.plant_files import load_plant
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_tools.commands.plan_arguments import change_machine
+from mhsb_tools.commands.zone_arguments import (
+    ZoneBoxes,
+    ZoneCircles,
+    ZoneCylinders,
+    ZoneSpheres,
+    add_zones,
+)
+from mhsb_tools.errors import VariationError
+from mhsb_tools.moves.move_page import draw_move_page
+from mhsb_tools.study.energy_comparison import EnergyPart, energy_elements
+from mhsb_tools.study.energy_comparison import as_text as energy_text
+from mhsb_tools.study.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
+from mhsb_tools.study.simulated_move import simulated_move
+from mhsb_tools.study.variations import load_variations, scale_values
+
+SHORTEST_TIME, LONGEST_TIME = SAMPLE_NS / SECOND_NS, 3600.0
+"""Allowed range of the time until the next goal [s]."""
+
+REACHED_DISTANCE, REACHED_TIMEOUT = 0.01, 0.2
+"""A goal is missed if the tip is farther from it than this [m], this long after its motion's end
+[s].
+"""
+
+PICTURE_FILE = "move.png"
+"""Name of the picture in the output folder."""
+
+
+def simulate(
+    goal: Annotated[
+        tuple[tuple[float, ...], ...],
+        tyro.conf.arg(metavar="X [Y] Z T [X [Y] Z T ...]"),
+        tyro.conf.UseAppendAction,
+        NumberRange(-1e4, 1e4),
+    ] = (),
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    controller: str = "coordinated",
+    seed: Seed = 0,
+    payload: Annotated[float | None, tyro.conf.arg(metavar="KG"), NumberRange(0.0, 1e4)] = None,
+    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    vary: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=FACTOR")] = (),
+    planner: PlannerKind = ONLINE_PLANNER,
+    trajectory: TrajectoryKind | None = None,
+    zone_box: ZoneBoxes = (),
+    zone_circle: ZoneCircles = (),
+    zone_cylinder: ZoneCylinders = (),
+    zone_sphere: ZoneSpheres = (),
+    output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    audit: bool = False,
+) -> int:
+    """Plan and simulate goals one after the other, in lock-step, as fast as it goes.
+
+    Each goal is a tip position X Z [m], or X Y Z if the arm slews, and a time T [s]. After that
+    time the next goal is sent, even if the arm is still moving. If the arm is not at a goal
+    although its motion is over, the exit code is 1. The arm starts at rest in the machine file's
+    start posture. Equal arguments give equal results, bit by bit.
+
+    Args:
+        goal: Goals: tip position [m] and time until the next goal [s]; may be given several times.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        controller: Servo controller, coordinated or independent.
+        seed: Seed of the sensor noise.
+        payload: Mass at the tip [kg]; the machine file's when left out.
+        plant: Plant file (YAML): in what the simulated arm differs from the machine that planner
+            and servo know, or a whole machine file.
+        vary: Factors on values of the simulated arm: KEY=FACTOR ..., where KEY is a name of
+            config/variations.yaml (payload=1.3 friction=2) or a path in the machine file
+            (circuit.bulk_modulus=0.7).
+        planner: Method that chooses postures and path, as in `mhsb_tools plan`: table, fixed or
+            integrated; integrated, as in the node, when left out.
+        trajectory: How trajectories are made: polynomial or followed; followed for the integrated
+            planner, polynomial for the others when left out.
+        zone_box: Two opposite corners [m] of a box that plans keep out of.
+        zone_circle: Centre and radius [m] of a circle that plans keep out of.
+        zone_cylinder: Axis, ends and radius [m] of an upright cylinder that plans keep out of.
+        zone_sphere: Centre and radius [m] of a sphere that plans keep out of.
+        output: Folder for samples.csv (100 Hz, SI units), summary.json and move.png: path, joints,
+            modes, operating regions, pressures and energy on one page.
+        json_: Print one JSON object instead of text.
+        audit: Also print where all energy and all oil went, and what the plans had expected; not
+            together with --json, which has it all.
+
+    Returns:
+        Exit code: 0, or 1 if a goal was missed.
+
+    Raises:
+        UsageError: There is no goal, or `audit` is given together with `json_`.
+    """
+    if not goal:
+        raise command_line.UsageError("give --goal X Z T, once or several times")
+    if audit and json_:
+        raise command_line.UsageError(
+            "--audit has no effect with --json, which has it all: energies_j, volumes_m3 and "
+            "energy_elements_j; leave it out"
+        )
+    arm = change_machine(load_machine(machine), payload=payload)
+    kept_out = add_zones(
+        arm, boxes=zone_box, circles=zone_circle, cylinders=zone_cylinder, spheres=zone_sphere
+    )
+    goals = list(itertools.chain.from_iterable(timed_goals(arm, values) for values in goal))
+    if output is not None:
+        make_output_folder(output, "the run")
+    real = build_plant(arm, plant, vary)
+    get_controller_class(controller)  # raises for an unknown one before any long work
+    compile_planner()
+    compile_simulator()
+    replanner = Replanner(arm, load_or_build_table(arm))
+    replanner.change_machine(kept_out)
+    replanner.warm_up([planner])
+    simulator = Simulator(arm, controller, seed, plant=real)
+    simulator.step()  # loads kernels, so that this is not part of the time
+    simulator.reset()
+    run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
+    began = time.perf_counter()
+    results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
+    seconds = time.perf_counter() - began
+    samples = run.samples()
+    elements = energy_elements(planned_energy(arm, samples), simulator.energies)
+    interventions = simulator.guard.interventions.count
+    summary = summarize(
+        arm.axes, results, samples, simulator.energies, seconds, elements, interventions
+    )
+    summary["volumes_m3"] = simulator.volumes
+    if output is not None:
+        write(output, samples, summary)
+        draw_move_page(simulated_move(kept_out, samples, goals, elements), output / PICTURE_FILE)
+    if json_:
+        print(json.dumps(summary))
+    else:
+        print("\n".join(as_text(summary)))
+        if audit:
+            print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
+            print("\n".join(energy_text(elements)))
+    missed = [result for result in results if is_missed(result)]
+    for result in missed:
+        print(f"simulate: {missed_sentence(result, interventions)}", file=sys.stderr)
+    return 1 if missed else 0
+
+
+def is_missed(result: GoalRun) -> bool:
+    """Return whether the arm is away from a goal although its motion ended a while ago.
+
+    Args:
+        result: State of the run when the goal's time was up.
+
+    Returns:
+        True if the motion ended more than 0.2 s ago and the tip is more than 10 mm away.
+    """
+    return result.overdue > REACHED_TIMEOUT and result.goal_distance > REACHED_DISTANCE
+
+
+def missed_sentence(result: GoalRun, interventions: int) -> str:
+    """Return a sentence that says where the tip was instead of at a missed goal.
+
+    Args:
+        result: The missed goal.
+        interventions: Number of times that the mode guard intervened in the whole run.
+    """
+    return (
+        f"the goal {format_position(result.goal.position, 'g')} is missed: the tip is "
+        f"{1e3 * result.goal_distance:.0f} mm from it {result.overdue:.1f} s after its motion "
+        f"should have ended; the guard intervened {interventions} times: the arm "
+        "that is simulated may ask more than plans and servo know of, --plant and --vary say what"
+    )
+
+
+def build_plant(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machine:
+    """Return the arm to simulate.
+
+    Args:
+        machine: The arm that planner and servo know.
+        file: Plant file; None simulates `machine` itself.
+        vary: Factors on values, each `KEY=FACTOR`. KEY is a name of config/variations.yaml or a
+            path in the machine file.
+
+    Returns:
+        The plant with all factors applied.
+
+    Raises:
+        UsageError: A factor is malformed, or its key does not exist.
+    """
+    plant = machine if file is None else load_plant(machine, file)
+    factors = {}
+    for text in vary:
+        key, _, factor = text.partition("=")
+        try:
+            factors[key] = float(factor)
+        except ValueError:
+            raise command_line.UsageError(
+                f"--vary: {text!r} is not KEY=FACTOR with a number, such as payload=1.3"
+            ) from None
+    if not factors:
+        return plant
+    variations = load_variations(plant)
+    try:
+        return scale_values(plant, factors, variations)
+    except VariationError as error:
+        raise command_line.UsageError(f"--vary: {error}") from error
+
+
+def timed_goals(machine: Machine, values: Sequence[float]) -> list[TimedGoal]:
+    """Split the numbers of one `--goal` into goals.
+
+    Args:
+        machine: The arm; each goal has x, z and time, or x, y, z and time if it slews.
+        values: All numbers in order: positions [m] and times [s].
+
+    Returns:
+        The goals in order, at least one.
+
+    Raises:
+        UsageError: The numbers do not fill whole goals, or a time is out of range.
+    """
+    count = len(machine.axes) + 1
+    if not values or len(values) % count:
+        wanted = " ".join([*machine.axes, "t"]).upper()
+        given = " ".join(f"{value:g}" for value in values) or "nothing"
+        raise command_line.UsageError(f"--goal: {machine.name} takes {wanted} each, not {given}")
+    goals = [
+        TimedGoal(tuple(values[k : k + count - 1]), values[k + count - 1])
+        for k in range(0, len(values), count)
+    ]
+    for goal in goals:
+        if not SHORTEST_TIME <= goal.time <= LONGEST_TIME:
+            raise command_line.UsageError(
+                f"--goal: the time {goal.time:g} s must be within {SHORTEST_TIME:g} … "
+                f"{LONGEST_TIME:g} s"
+            )
+    return goals
+
+
+def planned_energy(machine: Machine, samples: Samples) -> Energy:
+    """Compute the planner's energy model over the reference that the servo followed.
+
+    The modes are those that were in force. Each sample stands for the time to the next one.
+
+    Args:
+        machine: The arm that the planner knows.
+        samples: The simulated run.
+
+    Returns:
+        Energy of the whole run [J].
+    """
+    span = np.full(len(samples.time), SAMPLE_NS / SECOND_NS)
+    return energy_of_states(
+        machine,
+        span,
+        samples.reference,
+        samples.reference_velocity,
+        samples.modes,
+        samples.reference_acceleration,
+    )
+
+
+def summarize(
+    axes: Sequence[str],
+    results: list[GoalRun],
+    samples: Samples,
+    energies: dict[str, float],
+    seconds: float,
+    elements: list[EnergyPart],
+    interventions: int,
+) -> dict[str, Any]:
+    """Summarize a run in plain numbers for JSON.
+
+    Args:
+        axes: Names of a goal's coordinates, as `Machine.axes`.
+        results: One result for each goal.
+        samples: The simulated run.
+        energies: Energy of each circuit element [J], as `Simulator.energies`.
+        seconds: Wall time of planning and simulating [s], for the real-time factor.
+        elements: Planned and simulated energy of each part [J].
+        interventions: Number of times that the mode guard intervened.
+
+    Returns:
+        A dictionary; units are at the ends of the keys. `goals` has the dictionary of
+        `_goal_numbers` for each goal. The other keys are of the whole run. They are simulated time,
+        real-time factor, distance of the tip from the reference (RMS and largest) and largest jump
+        of the reference. Highest pressures, numbers of mode switches and interventions, and
+        energies follow.
+    """
+    chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)
+    return {
+        "goals": [_goal_numbers(axes, result) for result in results],
+        "simulated_s": float(samples.time[-1] - samples.time[0]),
+        "real_time_factor": float((samples.time[-1] - samples.time[0]) / seconds),
+        "tip_error_rms_mm": float(1e3 * np.sqrt(np.mean(samples.tip_error**2))),
+        "tip_error_max_mm": float(1e3 * np.max(samples.tip_error)),
+        "reference_jump_max_rad": max(result.reference_jump for result in results),
+        "max_supply_pressure_mpa": float(samples.supply_pressure.max() / 1e6),
+        "max_chamber_pressure_mpa": float(chambers.max() / 1e6),
+        "mode_switches": int(np.count_nonzero(np.diff(samples.modes.astype(int), axis=0))),
+        "guard_interventions": interventions,
+        "energy_measured_j": {"mp": energies["main_pump"], "sp": energies["servo_pumps"]},
+        "energy_by_source_j": energy_by_source(energies),
+        "energies_j": energies,
+        "energy_elements_j": [asdict(element) for element in elements],
+    }
+
+
+def _goal_numbers(axes: Sequence[str], result: GoalRun) -> dict[str, Any]:
+    """Collect the numbers of one goal for JSON.
+
+    Args:
+        axes: Names of a goal's coordinates, as `Machine.axes`.
+        result: Result of the goal.
+
+    Returns:
+        Coordinates by axis [m], `time_s` until the next goal, and `goal_distance_mm` of the tip at
+        the end of that time. If a plan was made: its `duration_s`, `energy_planned_j`,
+        `energy_planned_series_j`, planning time `plan_ms` and `warnings`.
+    """
+    numbers: dict[str, Any] = {
+        **dict(zip(axes, result.goal.position, strict=True)),
+        "time_s": result.goal.time,
+        "goal_distance_mm": 1e3 * result.goal_distance,
+    }
+    if result.replan is not None:
+        plan = result.replan.plan
+        numbers |= {
+            "duration_s": plan.motion.trajectory.duration_ns / SECOND_NS,
+            "energy_planned_j": plan.energy.paper,
+            "energy_planned_series_j": plan.energy.series,
+            "plan_ms": 1e3 * plan.planning_time,
+            "warnings": list(plan.warnings),
+        }
+    return numbers
+
+
+def as_text(summary: dict[str, Any]) -> list[str]:
+    """Format the summary of a run for a person.
+
+    Args:
+        summary: Dictionary of `summarize`.
+
+    Returns:
+        A line of column titles; for each goal a line with position [m], time [s], duration of the
+        plan [s] and distance left [mm]. Then warnings, tip errors [mm], highest pressures [MPa],
+        energies of both kinds of pumps [J], mode switches, and simulated time [s].
+    """
+    axes = [axis for axis in "xyz" if axis in summary["goals"][0]]
+    head = f"goal {', '.join(axes)} [m]"
+    lines = [f"{head:{8 * len(axes)}}  time [s]  planned [s]  left to the goal [mm]"]
+    for goal in summary["goals"]:
+        to = " ".join(f"{goal[axis]:7.3f}" for axis in axes)
+        planned = f"{goal['duration_s']:11.2f}" if "duration_s" in goal else "no new plan"
+        lines.append(f"{to}  {goal['time_s']:9.2f}  {planned}  {goal['goal_distance_mm']:12.2f}")
+    warnings = [
+        f"warning: to {format_position([goal[axis] for axis in axes], 'g')}: {warning}"
+        for goal in summary["goals"]
+        for warning in goal.get("warnings", ())
+    ]
+    main, servo = (summary["energy_by_source_j"][name] for name in ("main_pump", "servo_pumps"))
+    return [
+        *lines,
+        *warnings,
+        f"tip error {summary['tip_error_rms_mm']:.2f} mm RMS, "
+        f"{summary['tip_error_max_mm']:.2f} mm at most",
+        f"pressures at most {summary['max_supply_pressure_mpa']:.2f} MPa in the supply lines, "
+        f"{summary['max_chamber_pressure_mpa']:.2f} MPa in the chambers",
+        f"to the oil {main['hydraulic']:.0f} J of the main pump, {servo['hydraulic']:.0f} J of the "
+        f"servo pumps; at their shafts {main['shaft']:.0f} J and {servo['shaft']:.0f} J",
+        f"{summary['mode_switches']} mode switches, {summary['guard_interventions']} interventions "
+        "of the guard",
+        f"{summary['simulated_s']:.1f} s simulated at {summary['real_time_factor']:.1f} times "
+        "real time",
+    ]
+
+
+def audit_lines(energies: dict[str, float], volumes: dict[str, float]) -> list[str]:
+    """Format where the pumps' energy and the main pump's oil went.
+
+    Args:
+        energies: Energy by circuit element [J], as `Simulator.energies`.
+        volumes: Oil by destination [m³], as `Simulator.volumes`.
+
+    Returns:
+        Two tables of lines: energy [J] and volume [cm³], each with the part unaccounted for.
+    """
+    cubic_centimetres = {name: 1e6 * volume for name, volume in volumes.items()}
+    return [
+        *_format_audit_table(
+            "energy audit [J]",
+            energies,
+            energies["main_pump"] + energies["servo_pumps"],
+            energy_gap(energies),
+        ),
+        *_format_audit_table(
+            "volume audit [cm³]",
+            cubic_centimetres,
+            cubic_centimetres["main_pump"],
+            volume_gap(cubic_centimetres),
+        ),
+    ]
+
+
+def _format_audit_table(
+    title: str, amounts: dict[str, float], delivered: float, gap: float
+) -> list[str]:
+    """Format one table of the audit.
+
+    Args:
+        title: First line, without the colon.
+        amounts: Amount by name; names get spaces for underscores.
+        delivered: Amount delivered in all, to which the gap is related; unit of `amounts`.
+        gap: Amount unaccounted for.
+
+    Returns:
+        The title, a line for each amount, and a line for the gap with its percentage.
+    """
+    lines = [f"{title}:"]
+    lines += [f"  {name.replace('_', ' '):20s}{value:12.3f}" for name, value in amounts.items()]
+    return [
+        *lines,
+        f"  unaccounted for     {gap:12.6f}  ({100 * gap / delivered:.2e} % of delivered)",
+    ]
+
+
+def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:
+    """Write samples.csv and summary.json into a folder.
+
+    Args:
+        output: An existing folder.
+        samples: The simulated run; one line of SI values for each instant.
+        summary: Dictionary of `summarize`.
+    """
+    np.savetxt(
+        output / "samples.csv",
+        samples.table(),
+        fmt="%.9g",
+        delimiter=",",
+        header=",".join(samples.column_names()),
+        comments="",
+    )
+    (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_tools simulate`."""
+    return command_line.run(simulate, name="simulate")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

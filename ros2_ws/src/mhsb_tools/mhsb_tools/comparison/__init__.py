@@ -1,0 +1,1 @@
+"""Comparison of planners, and of ways to supply the arm with oil."""

@@ -1,0 +1,247 @@
+"""`compare`: plan the paper's cases and random moves by every planner, and simulate them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.command_line import Count, JobCount, NumberRange
+from mhsb_model.files.output_folders import make_output_folder
+from mhsb_model.machine import Machine, load_machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.cases.moves import case_moves, random_moves
+from mhsb_planner.errors import RequestError
+from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, warm_up
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.result_files import write_json
+from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.work_arguments import Scheduler, parse_jobs
+from mhsb_sim.simulation.kernel_parts import compile_simulator
+from mhsb_tools.comparison.compare_figure import draw_proportions
+from mhsb_tools.comparison.planner_comparison import (
+    BASELINE_PLANNER,
+    GROUND_TRUTH,
+    ComparedMove,
+    Comparison,
+    Ratios,
+    at_highest_pressure,
+    compare_all,
+    ratios,
+)
+from mhsb_tools.comparison.supply_comparison import as_markdown, by_case, totals
+from mhsb_tools.comparison.supply_comparison import as_text as supplies_as_text
+
+DEFAULT_TRUTHS = 10
+"""Number of random moves for which the ground truth is searched by default."""
+
+
+def compare(
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/compare"),
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    weights: Annotated[
+        tuple[float, float, float], tyro.conf.arg(metavar="W1 W2 W3"), NumberRange(0.0, 1e6)
+    ] = (
+        0.5,
+        0.0,
+        2.0,
+    ),
+    moves: Count = 100,
+    truths: Annotated[int | None, NumberRange(0, 10**6)] = None,
+    jobs: JobCount = None,
+    scheduler: Scheduler = None,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
+
+    Arms that slew have random moves only. Every motion follows its path, whichever planner found
+    it. Energy models tell what the same moves would take with other supplies: constant pressure,
+    load sensing, pump control (docs/supplies.md). Writes DIR/records.json (energies in J, times in
+    s, errors in mm), DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
+
+    Args:
+        output: Folder for records, summary and figure.
+        machine: Machine file (YAML); the suite's own arm when left out.
+        weights: Weights of energy [1/J], time [1/s] and mode switches.
+        moves: Number of random moves between nodes of the grid.
+        truths: Number of these for which the ground truth is searched, too, which takes seconds
+            each. When left out, 10, or all if there are fewer.
+        jobs: Processes; as many as there are processors when left out.
+        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+        json_: Print summary.json instead of text.
+    """
+    if jobs is not None and jobs < 1:
+        raise command_line.UsageError(f"--jobs: {jobs} is below 1")
+    sought = min(DEFAULT_TRUTHS, moves) if truths is None else truths
+    if sought > moves:
+        raise command_line.UsageError(
+            f"--truths: {sought} is above the number of random moves, {moves}; give at most that, "
+            "or more --moves"
+        )
+    try:
+        chosen = PlanOptions(weights=Weights(*weights)).weights
+    except RequestError as error:
+        raise command_line.UsageError(f"--weights: {error}") from error
+    workers = parse_jobs(jobs, scheduler)
+    make_output_folder(output, "the comparison")
+    arm = load_machine(machine)
+    asked = requests(arm, moves, sought)
+    comparisons = compare_all(arm, chosen, asked, workers)
+    found = list(tqdm(comparisons, total=len(asked), unit="move", disable=None))
+    cases, others = found[: len(found) - moves], found[len(found) - moves :]
+    summary = {"weights": weights, "cases": summarize(cases), "random moves": summarize(others)}
+    supplies = {
+        title: totals(arm, [each.motions for each in moves])
+        for title, moves in (("cases", cases), ("random moves", others))
+    }
+    summary["supplies"] = supplies
+    write_json(output / "records.json", [asdict(each) for each in found])
+    write_json(output / "summary.json", summary)
+    draw_proportions(cases, others, output / "proportions.png")
+    (output / "supplies.md").write_text("\n".join(as_markdown(supplies)), encoding="utf-8")
+    if json_:
+        print((output / "summary.json").read_text(encoding="utf-8"))
+        return
+    print("\n".join(as_text(cases, summary)))
+    if cases:  # arms that slew have none
+        print("\n".join(by_case([c.name for c in cases], [c.motions for c in cases], arm)))
+    for title, found_there in supplies.items():
+        print("\n".join(supplies_as_text(title, found_there)))
+    print(f"written to {output}")
+
+
+def requests(machine: Machine, moves: int, truths: int) -> list[ComparedMove]:
+    """Return the moves to compare: the paper's cases by name, then random moves by number.
+
+    Compiles all kernels and builds the posture tables, so that worker processes find them.
+
+    Args:
+        machine: The arm.
+        moves: Number of random moves.
+        truths: Number of random moves, the first ones, with a search for the ground truth. The
+            cases all have one.
+
+    Returns:
+        The moves, random ones named from `1` on.
+    """
+    planner = Planner(machine, load_or_build_table(machine))
+    load_or_build_table(at_highest_pressure(machine))
+    warm_up(planner)  # so that the processes find compiled kernels
+    compile_simulator()
+    cases = [ComparedMove(name, move, True) for name, move in case_moves(machine).items()]
+    others = [
+        ComparedMove(str(number), move, number <= truths)
+        for number, move in enumerate(random_moves(planner, moves), start=1)
+    ]
+    return cases + others
+
+
+def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+    """Summarize each planner against the baseline.
+
+    Args:
+        comparisons: Compared moves.
+
+    Returns:
+        Dictionary of `_ratio_numbers` by planner name, over the baseline planner, with `failures`
+        (sentence by name of the move). The key `integrated over ground truth` compares these two.
+        A planner that has no move in common with the baseline is left out.
+    """
+    summary: dict[str, Any] = {}
+    for kind in (*PLANNER_KINDS, GROUND_TRUTH):
+        if kind == BASELINE_PLANNER:
+            continue
+        found = ratios(comparisons, kind)
+        if len(found.energy) > 0:
+            summary[kind] = _ratio_numbers(found) | {
+                "failures": {c.name: c.failures[kind] for c in comparisons if kind in c.failures}
+            }
+    truths = ratios(comparisons, "integrated", GROUND_TRUTH)
+    if len(truths.energy) > 0:
+        summary["integrated over ground truth"] = _ratio_numbers(truths)
+    return summary
+
+
+def _ratio_numbers(found: Ratios) -> dict[str, Any]:
+    """Return the number of moves, and mean and extremes of each ratio.
+
+    Args:
+        found: Ratios of at least one move.
+
+    Returns:
+        `moves` (count) and `_spread` of the ratios of energy (planned in both readings, simulated),
+        of simulated over planned energy ratio, and of duration.
+    """
+    return {
+        "moves": len(found.energy),
+        "energy": _spread(found.energy),
+        "energy_series": _spread(found.series),
+        "energy_simulated": _spread(found.simulated),
+        "simulated_over_planned_ratio": _spread(found.simulated_over_planned),
+        "duration": _spread(found.duration),
+    }
+
+
+def _spread(values: FloatArray) -> dict[str, float]:
+    """Return geometric mean, least and largest of positive values."""
+    return {
+        "geometric_mean": float(np.exp(np.mean(np.log(values)))),
+        "least": float(values.min()),
+        "largest": float(values.max()),
+    }
+
+
+def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
+    """Format results and summaries for a person.
+
+    Args:
+        cases: Compared cases of the paper, possibly none.
+        summary: Results of `summarize` under `cases` and `random moves`.
+
+    Returns:
+        A line for each case and planner: energies [J], duration [s], mode switches and largest step
+        of a joint, or why there is no plan. Then for each planner a line for each ratio with
+        geometric mean, least and largest value.
+    """
+    head = (
+        "case  planner       path   planned   series  simulated [J]  least [J]  time [s]  switches"
+        "  largest step [rad]"
+    )
+    lines = [head] if cases else []
+    for case in cases:
+        for kind, r in case.records.items():
+            lines.append(
+                f"{case.name:5s} {kind:13s}{r.energy_path_j:6.0f}{r.energy_j:10.0f}"
+                f"{r.energy_series_j:9.0f}{r.energy_simulated_j:11.0f}{r.lower_bound_j:15.0f}"
+                f"{r.duration_s:10.1f}{r.switches:10d}{r.largest_step_rad:20.3f}"
+            )
+        lines += [f"{case.name:5s} {kind:13s} {why}" for kind, why in case.failures.items()]
+    for title in ("cases", "random moves"):
+        for kind, numbers in summary[title].items():
+            over = "" if "over" in kind else f" over {BASELINE_PLANNER}"
+            lines.append(f"{title}, {kind}{over} ({numbers['moves']} moves):")
+            lines += [
+                f"  {name:30s} {spread['geometric_mean']:.3f}  "
+                f"({spread['least']:.3f} to {spread['largest']:.3f})"
+                for name, spread in numbers.items()
+                if name not in ("moves", "failures")
+            ]
+            if numbers.get("failures"):
+                lines.append(f"  no plan for {len(numbers['failures'])} moves")
+    return lines
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_tools compare`."""
+    return command_line.run(compare, name="compare")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

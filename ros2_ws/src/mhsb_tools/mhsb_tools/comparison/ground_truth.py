@@ -1,0 +1,94 @@
+"""Ground truth for the integrated planner: the same problem searched offline, in several ways.
+
+The planner's own search runs with normal settings, and with far more work: lattices down to 2 mm,
+end-link angles ψ every half degree. Other code (`least_cost`) finds cheapest paths over a lattice
+that is about as fine. It runs twice: cylinders at rest whose load P_S does not carry are boosted,
+or not. These paths may show what the planner's search leaves out. They are improved by small
+changes and priced by the planner. The cheapest of all paths is the ground truth.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.integrated.integrated_search import SearchLimits, improve_path, search
+from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_step import EnergyReading
+from mhsb_tools.comparison.least_cost import least_cost
+
+EXHAUSTIVE_LIMITS = SearchLimits(
+    psi_spacing=math.radians(0.5),
+    finest_step_count=40,
+    spacing_ratio=1.3,
+    max_last_spacing=2e-3,
+    max_expansions=100_000,
+    stride_shares=(0.5, 0.25, 0.125, 0.0625),
+    max_sweeps=20,
+)
+"""Settings of the planner's search with far more work than online."""
+
+REFINEMENT_SPACINGS = (10e-3, 2.5e-3)
+"""Lattice spacings with which paths of `least_cost` are improved, for an arm of the paper's size
+[m].
+"""
+
+NEAR_THE_BOUND = 2e-3
+"""A path that exceeds the lower bound by less than this share of its cost is taken as optimal."""
+
+MAY_BE_IMPROVED = 1.25
+"""Paths of `least_cost` are improved if they cost at most this factor times the incumbent."""
+
+
+def ground_truth(
+    machine: Machine,
+    start: FloatArray,
+    start_modes: ModeArray,
+    goal: tuple[float, float],
+    weights: Weights,
+    energy_reading: EnergyReading = "paper",
+) -> DiscretePath:
+    """Return the cheapest path known between a posture and a tip position; takes seconds.
+
+    The planner's own search runs with normal and with exhaustive settings. `least_cost` then
+    searches with and without loads held in boost, unless one of these holds: the reading is
+    `series`, a joint is boosted at the start, there are obstacles, or the incumbent is within 0.2 %
+    of the lower bound. The paths of `least_cost` are improved if they cost at most 1.25 times as
+    much as the incumbent.
+
+    Args:
+        machine: An arm that does not slew, or the plane of one that does.
+        start: Start posture, shape (n,) [rad or m].
+        start_modes: Modes in force at the start, shape (n,).
+        goal: Tip position (x, z) [m].
+        weights: Weights of the cost.
+        energy_reading: Price of boosted oil, `paper` or `series`.
+
+    Returns:
+        The cheapest path found.
+
+    Raises:
+        NoPathError: The planner's own search found none.
+    """
+    task = machine, start, start_modes, goal, weights, energy_reading
+    best = min((search(*task), search(*task, effort=EXHAUSTIVE_LIMITS)), key=_cost)
+    if energy_reading != "paper" or np.any(start_modes) or len(machine.obstacles.path_rows) > 0:
+        return best
+    if weights.energy * best.lower_bound >= (1.0 - NEAR_THE_BOUND) * best.cost:
+        return best
+    for holding in (True, False):
+        known = MAY_BE_IMPROVED * best.cost
+        _, via = least_cost(machine, start, goal, weights, known, holding)
+        if via is not None:
+            spacings = tuple(machine.relative_size * spacing for spacing in REFINEMENT_SPACINGS)
+            path = improve_path(*task, via=via, spacings=spacings, effort=EXHAUSTIVE_LIMITS)
+            best = best if path is None else min(best, path, key=_cost)
+    return best
+
+
+def _cost(path: DiscretePath) -> float:
+    return path.cost

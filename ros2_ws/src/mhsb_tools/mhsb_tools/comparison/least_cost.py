@@ -1,0 +1,755 @@
+"""Least cost of a move by code that is independent of the planner's search: NumPy and SciPy alone.
+
+The method is a lattice in the space of cylinder lengths, finer than any of the planner's. All steps
+between its points are priced at once in all mode combinations (patterns), by the formulas of
+`s2_step`. Cylinders at rest whose load P_S does not carry may be priced as boosted. SciPy's
+Dijkstra algorithm searches over states of lattice point and pattern. Points through which no path
+can be cheaper than a known one are left out by a lower bound. Of the planner's search only the
+postures at the goal are used.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES, Mode
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_planner.integrated.goal_postures import sample_goal_postures
+from mhsb_planner.integrated.ik_near_start import add_postures_near_start
+from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
+
+LATTICE_SPACING = 2.5e-3
+"""Approximate distance of lattice points along each cylinder, for an arm of the paper's size
+[m].
+"""
+
+MIN_STEPS = 25
+"""Least number of lattice steps for the longest stroke to a goal posture."""
+
+MOST_POINTS, MOST_LOOKED_AT = 30_000, 400_000
+"""Largest number of lattice points kept, and tested by the lower bound. If there are more, the
+lattice is made coarser.
+"""
+
+PSI_SPACING = math.radians(0.5)
+"""Distance of end-link angles ψ of the goal postures [rad]."""
+RANGE_SAMPLES = 2000
+"""Number of samples over each joint's range, from which the lattice's angles are interpolated."""
+
+MAX_HELD_STROKE, REST_SPEED = 1e-6, 2e-4
+"""Stroke up to which a cylinder counts as held [m], and speed below which it counts as at rest
+[m/s].
+"""
+
+SPEED_FACTOR = 1.0 + 1e-9
+"""Factor on V_max for an upper bound of all speeds that rounding cannot exceed."""
+
+SMALLEST_COST = float(np.finfo(float).tiny)
+"""Cost in place of 0, which SciPy takes as a missing edge."""
+
+
+def least_cost(
+    machine: Machine,
+    start: FloatArray,
+    goal: tuple[float, float],
+    weights: Weights,
+    incumbent_cost: float,
+    boosts_held_loads: bool = True,
+) -> tuple[float, FloatArray | None]:
+    """Return the least cost from a posture to a tip position, energy in the reading `paper`.
+
+    All actuators are in mode N at the start. Obstacles are ignored. The result is the optimum of a
+    lattice; a path of a finer lattice may be cheaper.
+
+    Args:
+        machine: An arm that does not slew, or the plane of one that does.
+        start: Start posture, shape (n,) [rad or m].
+        goal: Tip position (x, z) [m].
+        weights: Weights of energy, time and mode switches.
+        incumbent_cost: Cost of a known path; only cheaper ones are searched for.
+        boosts_held_loads: Whether cylinders at rest are boosted if P_S does not carry their load.
+            On a lattice, cylinders that move slowly rest during some steps. Either setting may be
+            the better estimate of their cost.
+
+    Returns:
+        The cost, and the cylinder lengths along the path, start and goal included, shape (points,
+        n) [m]. Infinity and None if nothing cheaper than `incumbent_cost` is found.
+    """
+    pricing = _Pricing(machine, weights, REST_SPEED if boosts_held_loads else 0.0)
+    circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
+    weight = np.array([weights.energy, weights.time, weights.switches])
+    among = sample_goal_postures(machine, *goal, spacing=PSI_SPACING)
+    goals = add_postures_near_start(machine, among, start, circuit, weight).postures.posture
+    return _Lattice(pricing, start, goals, incumbent_cost).find_cheapest_path()
+
+
+class _Demands(NamedTuple):
+    """Quantities of k steps that do not depend on the mode combination, each of shape (k, n).
+
+    Attributes:
+        stroke: Length |ΔL| that the cylinder moves [m].
+        area: Inlet area of its direction [m²].
+        oil: Oil volume, area times stroke [m³].
+        valve_coefficient: Valve pressure drop over speed squared [Pa s²/m²]; 0 if the cylinder is
+            held in boost.
+        highest_load_pressure: Highest load pressure at start, middle and end of the step [Pa]; −∞
+            if the cylinder never moves against its load and is not held in boost.
+        middle_load_pressure: Load pressure at the middle of the step [Pa].
+        additional_leakage: Leakage of the valve at boost pressure minus its leakage at P_S [m³/s].
+        is_loaded: Whether the cylinder moves, or rests under a load that P_S does not carry, bool.
+    """
+
+    stroke: FloatArray
+    area: FloatArray
+    oil: FloatArray
+    valve_coefficient: FloatArray
+    highest_load_pressure: FloatArray
+    middle_load_pressure: FloatArray
+    additional_leakage: FloatArray
+    is_loaded: np.ndarray
+
+
+class _Pricing:
+    """Vectorized step costs of one machine with fixed weights; symbols as in `s2_step`."""
+
+    def __init__(self, machine: Machine, weights: Weights, rest_speed: float) -> None:
+        """Store the machine's numbers, and the set of boosted joints of each mode combination.
+
+        Args:
+            machine: The arm.
+            weights: Weights of the cost.
+            rest_speed: Speed below which a loaded cylinder is held in boost [m/s]; 0 switches that
+                off.
+        """
+        m, self.rest_speed = machine.arrays, rest_speed
+        self.m = m
+        self.machine, self.weights, self.patterns = machine, weights, machine.patterns
+        self.cap, self.rod = m.cap_area, m.rod_area
+        self.shared = m.main_pump_flow - len(m.cap_area) * m.leakage_flow
+        self.boosted = np.array([[bool(BOOSTED_MODES[mode]) for mode in p] for p in self.patterns])
+        self.on_rail = np.array([[bool(RAIL_MODES[mode]) for mode in p] for p in self.patterns])
+
+    def lengths(self, postures: FloatArray) -> FloatArray:
+        """Return the cylinder lengths [m] of postures, both of shape (k, n)."""
+        return np.array([self.machine.cylinder_lengths(q) for q in postures])
+
+    def arms(self, postures: FloatArray) -> FloatArray:
+        """Return the signed moment arms dL/dq [m] of postures, both of shape (k, n)."""
+        return np.array([self.machine.moment_arms(q) for q in postures])
+
+    def forces(self, postures: FloatArray, arms: FloatArray) -> FloatArray:
+        """Compute the piston forces that hold the arm against gravity.
+
+            F_j = (∂U/∂q_j) / r_j,  U: potential energy of all masses beyond joint j
+
+        Args:
+            postures: Postures, shape (k, n) [rad or m].
+            arms: Moment arms r [m], shape (k, n).
+
+        Returns:
+            Forces [N], shape (k, n), positive if the load resists extension.
+        """
+        m = self.m
+        angle, out = self._link_angles_and_extensions(postures)
+        center, length = m.link_center + out, m.link_length + out
+        torque, lifted = np.zeros_like(angle), np.zeros_like(angle)
+        for i in range(angle.shape[1]):  # mass of link i, and of what hangs on its end
+            beyond = m.payload + m.link_mass[i + 1 :].sum()
+            moment = np.cos(angle[:, i]) * (m.link_mass[i] * center[:, i] + beyond * length[:, i])
+            torque[:, : i + 1] += m.gravity * moment[:, None]
+            lifted[:, i] = m.gravity * (m.link_mass[i] + beyond) * np.sin(angle[:, i])
+        return np.where(m.slides, lifted, torque) / arms
+
+    def _link_angles_and_extensions(self, postures: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return absolute link angles [rad] and telescope extensions [m], each of shape (k, n)."""
+        out = np.where(self.m.slides, postures, 0.0)
+        return np.cumsum(postures - out, axis=1), out
+
+    def workspace_violation(self, postures: FloatArray) -> FloatArray:
+        """Compute the distance of the tip outside the workspace's limits on x and radius.
+
+        Args:
+            postures: Postures, shape (k, n) [rad or m].
+
+        Returns:
+            Largest violation of smallest x, smallest and largest radius [m], shape (k,); negative
+            inside.
+        """
+        m = self.m
+        angle, out = self._link_angles_and_extensions(postures)
+        length = m.link_length + out
+        x, z = (np.cos(angle) * length).sum(axis=1), (np.sin(angle) * length).sum(axis=1)
+        radius = np.hypot(x, z)
+        return np.max([m.min_x - x, m.min_radius - radius, radius - m.max_radius], axis=0)
+
+    def lower_bound(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Compute a lower bound on the cost of moving between cylinder lengths.
+
+            w₁ P_S (Σ A_dir |ΔL| + q_leak T) + w₂ T
+
+        A_dir is the area of the cap side if the cylinder extends, else of the rod side [m²]. q_leak
+        is the leakage of all valves [m³/s]. T is the shortest time [s] that V_max and the main
+        pump's flow allow.
+
+        Args:
+            start: Cylinder lengths [m], shape (…, n).
+            end: Cylinder lengths [m]; shapes are broadcast.
+
+        Returns:
+            Lower bound of each pair, shape (…).
+        """
+        m, delta = self.m, end - start
+        oil = _total(np.where(delta > 0.0, self.cap, self.rod) * np.abs(delta))
+        time = np.maximum(_most(np.abs(delta) / m.max_piston_speed), oil / self.shared)
+        leakage = delta.shape[-1] * m.leakage_flow + m.external_leakage
+        energy = m.supply_pressure * (oil + leakage * time)
+        return np.asarray(self.weights.energy * energy + self.weights.time * time)
+
+    def load_pressure(self, force: FloatArray, out: np.ndarray) -> FloatArray:
+        """Compute the load pressure p_L of piston forces F.
+
+            p_L = (F + a p_T) / A    extending
+            p_L = (-F + A p_T) / a   retracting
+
+        A and a are the areas of cap side and rod side [m²], and p_T is the tank pressure [Pa].
+
+        Args:
+            force: Piston forces [N], shape (k, n).
+            out: True if the cylinder extends, False if it retracts, shape (k, n).
+
+        Returns:
+            Load pressure [Pa], shape (k, n).
+        """
+        tank = self.m.tank_pressure
+        extending = (force + self.rod * tank) / self.cap
+        return np.where(out, extending, (-force + self.cap * tank) / self.rod)
+
+    def more_leakage(self, supply: FloatArray) -> FloatArray:
+        """Compute how much more a valve leaks at a supply pressure than at P_S.
+
+            q (√((p − p_T)/(P_S − p_T)) − 1),  p clipped to P_S … highest boost pressure
+
+        q is the leakage of a valve at P_S [m³/s], and p_T the tank pressure.
+
+        Args:
+            supply: Supply pressures p [Pa].
+
+        Returns:
+            Additional leakage [m³/s], same shape.
+        """
+        m = self.m
+        drop = np.clip(supply, m.supply_pressure, m.max_boost_pressure) - m.tank_pressure
+        rated = m.supply_pressure - m.tank_pressure
+        return np.asarray(m.leakage_flow * (np.sqrt(drop / rated) - 1.0))
+
+    def price_steps(
+        self, delta: FloatArray, forces: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> FloatArray:
+        """Compute the cost w₁ E + w₂ T of k steps in every mode combination (pattern).
+
+        A pattern is allowed if it boosts exactly the cylinders that need boost at the speeds of
+        this pattern. If no pattern does so for a step, patterns that also boost others are allowed.
+        No pattern is allowed in which a cylinder needs more than the highest boost pressure.
+
+        To save time, patterns that do not boost a cylinder that needs boost even at rest are not
+        priced. Patterns that boost a cylinder that needs none at V_max are priced only for steps
+        without an exact pattern.
+
+        Args:
+            delta: Change of each cylinder length [m], shape (k, n).
+            forces: Piston forces at the start, the middle and the end of the steps [N], each of
+                shape (k, n).
+
+        Returns:
+            Costs without mode switches, shape (k, patterns), with E in the reading `paper`;
+            infinity if the pattern is not allowed.
+        """
+        demands = self._demands(delta, forces)
+        slow, fast = (
+            self._needs_boost(demands, v) for v in (0.0, SPEED_FACTOR * self.m.max_piston_speed)
+        )
+        surely, perhaps = _code(slow), _code(fast)
+        cost = np.full((len(delta), len(self.patterns)), np.inf)
+        exact = np.zeros(cost.shape, dtype=bool)
+        codes = _code(self.boosted)
+        for p, code in enumerate(codes):
+            rows = np.flatnonzero((surely & ~code | code & ~perhaps) == 0)
+            self._price_pattern(p, demands, rows, cost, exact)
+        without = np.logical_not(exact.any(axis=1))
+        for p, code in enumerate(codes):
+            rows = np.flatnonzero(without & (surely & ~code == 0) & (code & ~perhaps != 0))
+            self._price_pattern(p, demands, rows, cost, exact)
+        cost[np.logical_not(without[:, None] | exact)] = np.inf
+        return cost
+
+    def _demands(
+        self, delta: FloatArray, forces: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> _Demands:
+        """Compute the quantities of k steps that do not depend on the mode combination.
+
+        A cylinder counts as held if its mean speed in the shortest step time is at most the rest
+        speed. A held cylinder needs boost if P_S does not carry its load but the highest boost
+        pressure does.
+
+        Args:
+            delta: Change of each cylinder length [m], shape (k, n).
+            forces: Piston forces at the start, the middle and the end of the steps [N], each of
+                shape (k, n).
+
+        Returns:
+            The quantities, each of shape (k, n).
+        """
+        m, stroke, out = self.m, np.abs(delta), delta > 0.0
+        area = np.where(out, self.cap, self.rod)
+        valve = (self.cap**3 + self.rod**3) / (m.valve_coefficient**2 * area)
+        moves = stroke > MAX_HELD_STROKE
+        sign = np.where(out, 1.0, -1.0)
+        against = np.max([sign * force for force in forces], axis=0) > 0.0
+        pressure = [self.load_pressure(force, out) for force in forces]
+        worst = np.where(moves & against, np.max(pressure, axis=0), -np.inf)
+        middle = pressure[1]
+        shortest = _most(stroke / m.max_piston_speed)[:, None]
+        held = [self.load_pressure(force, force > 0.0) for force in forces]
+        heaviest = np.max(held, axis=0) + m.boost_margin
+        rests = (stroke <= self.rest_speed * shortest) & (self.rest_speed > 0.0)
+        rests &= (heaviest > m.supply_pressure) & (heaviest <= m.max_boost_pressure)
+        worst = np.where(rests, heaviest - m.boost_margin, worst)
+        middle, valve = np.where(rests, held[1], middle), np.where(rests, 0.0, valve)
+        more = self.more_leakage(middle + valve * m.max_piston_speed**2 + m.boost_margin)
+        return _Demands(stroke, area, stroke * area, valve, worst, middle, more, moves | rests)
+
+    def _needs_boost(self, demands: _Demands, speed: FloatArray | float) -> np.ndarray:
+        """Return which cylinders need boost at given piston speeds.
+
+        Args:
+            demands: Quantities of k steps.
+            speed: Piston speeds [m/s], a number or an array that broadcasts to (k, n).
+
+        Returns:
+            True if p_L + m(v) + margin exceeds P_S, shape (k, n). p_L is the highest load pressure,
+            m(v) the valve's pressure drop and margin the boost margin.
+        """
+        needs = (
+            demands.highest_load_pressure
+            + demands.valve_coefficient * speed**2
+            + self.m.boost_margin
+        )
+        return needs > self.m.supply_pressure
+
+    def _price_pattern(
+        self, p: int, of_all: _Demands, rows: IntArray, cost: FloatArray, exact: np.ndarray
+    ) -> None:
+        """Compute the cost of some steps in one mode combination (pattern).
+
+        Writes `cost[rows, p]` and `exact[rows, p]` in place.
+
+        Args:
+            p: Index of the pattern.
+            of_all: Quantities of all k steps.
+            rows: Indices of the steps to price.
+            cost: Costs, shape (k, patterns); infinity if a needed boost is missing or too high.
+            exact: Whether the pattern boosts exactly the cylinders that need boost, bool, shape (k,
+                patterns).
+        """
+        if len(rows) == 0:
+            return
+        m, demands = self.m, _Demands(*(column[rows] for column in of_all))
+        stroke, oil, boosted = demands.stroke, demands.oil, self.boosted[p]
+        loaded = boosted & demands.is_loaded
+        modules = m.modules_per_mode[self.patterns[p]]
+        pumped = np.where(modules > 0, modules * m.servo_pump_flow, np.inf) / demands.area
+        time = _most(stroke / np.minimum(m.max_piston_speed, pumped))
+        rail = _most(
+            np.where(self.on_rail[p] & demands.is_loaded, demands.additional_leakage, 0.0)
+        )[:, None]
+        leaks = np.where(self.on_rail[p], rail, demands.additional_leakage) * loaded
+        time = np.maximum(time, _total(oil) / (self.shared - _total(leaks)))
+        speed = stroke / np.maximum(time[:, None], SMALLEST_COST)
+        needs = (
+            demands.highest_load_pressure + demands.valve_coefficient * speed**2 + m.boost_margin
+        )
+        needed = needs > m.supply_pressure
+        possible = np.all(needs <= m.max_boost_pressure, axis=1)
+        possible &= np.all(boosted | ~needed, axis=1)
+        exact[rows, p] = possible & np.all(np.equal(needed, boosted), axis=1)
+        price = np.full(stroke.shape, m.supply_pressure)
+        boost = np.maximum(price, demands.middle_load_pressure / m.servo_pump_efficiency)
+        price = np.where(loaded, boost, price)
+        energy = _total(price * (oil + m.leakage_flow * time[:, None]))
+        energy += m.supply_pressure * m.external_leakage * time
+        value = self.weights.energy * energy + self.weights.time * time
+        cost[rows, p] = np.where(possible, value, np.inf)
+
+    def holding_switch_cost(self, force: FloatArray) -> FloatArray:
+        """Compute the cost of switching to the modes that hold a load at rest.
+
+        Actuators whose load P_S does not hold go to mode DB, the others to mode N.
+
+        Args:
+            force: Piston forces at rest [N], shape (k, n).
+
+        Returns:
+            Cost from each mode combination, w₃ times the number of actuators that change, shape (k,
+            patterns).
+        """
+        needs = self.load_pressure(force, force > 0.0) + self.m.boost_margin
+        hold = np.where(needs > self.m.supply_pressure, Mode.DB, Mode.N)
+        changed = (hold[:, None, :] != self.patterns[None, :, :]).sum(axis=2)
+        return np.asarray(self.weights.switches * changed, dtype=np.float64)
+
+
+def _total(values: FloatArray) -> FloatArray:
+    """Return the sum over the last axis, the joints.
+
+    For so few joints this is several times as fast as NumPy's sum.
+    """
+    return np.asarray(reduce(np.add, np.moveaxis(values, -1, 0)))
+
+
+def _most(values: FloatArray) -> FloatArray:
+    """Return the maximum over the last axis, the joints; faster than NumPy's for so few."""
+    return np.asarray(reduce(np.maximum, np.moveaxis(values, -1, 0)))
+
+
+def _code(flags: np.ndarray) -> IntArray:
+    """Return rows of flags as integers with bit j set for a true flag of joint j."""
+    return np.asarray(flags @ (1 << np.arange(flags.shape[1])))
+
+
+@dataclass
+class _Steps:
+    """Edges of the search graph between states, each of which has an index.
+
+    Attributes:
+        origin: Indices of the states in which edges begin, a list of arrays.
+        target: Indices of the states in which they end, aligned with `origin`.
+        cost: Costs of the edges, aligned with `origin`.
+    """
+
+    origin: list[IntArray]
+    target: list[IntArray]
+    cost: list[FloatArray]
+
+    def add(self, origin: IntArray, target: IntArray, cost: FloatArray) -> None:
+        """Append edges and leave out edges of infinite cost.
+
+        Args:
+            origin: Indices of states, any shape.
+            target: Indices of states, same shape.
+            cost: Costs, same shape; infinity means no edge.
+        """
+        possible = np.isfinite(cost)
+        self.origin.append(origin[possible])
+        self.target.append(target[possible])
+        self.cost.append(cost[possible])
+
+    def matrix(self, states: int) -> csr_array:
+        """Return the edges as a sparse matrix for SciPy; there are no parallel edges.
+
+        Args:
+            states: Number of states.
+
+        Returns:
+            Matrix of shape (states, states): costs from row to column, at least `SMALLEST_COST`.
+        """
+        between = np.concatenate(self.origin), np.concatenate(self.target)
+        cost = np.maximum(np.concatenate(self.cost), SMALLEST_COST)
+        return csr_array((cost, between), shape=(states, states))
+
+
+class _Lattice:
+    """Lattice in cylinder space, reduced to points that a path cheaper than a known one may pass.
+
+    Below, N is the number of these points.
+    """
+
+    def __init__(
+        self, pricing: _Pricing, start: FloatArray, goals: FloatArray, known: float
+    ) -> None:
+        """Lay out the lattice and increase its spacing by 10 % until it has few enough points.
+
+        Args:
+            pricing: Step costs of the machine.
+            start: Start posture, shape (n,) [rad or m].
+            goals: Goal postures, shape (goals, n) [rad or m].
+            known: Cost of the known path.
+        """
+        self._pricing, self._known, self._goals = pricing, known, goals
+        self._goal_lengths = pricing.lengths(goals)
+        here = pricing.lengths(start[None, :])[0]
+        self._reachable_goal_lengths = self._goal_lengths[
+            pricing.lower_bound(here, self._goal_lengths) < known
+        ]
+        stroke = np.max(np.abs(self._reachable_goal_lengths - here), initial=1e-3)
+        spacing = min(LATTICE_SPACING * pricing.machine.relative_size, stroke / MIN_STEPS)
+        while not self._choose_points(start, here, spacing):
+            spacing *= 1.1
+
+    def _choose_points(self, start: FloatArray, here: FloatArray, spacing: float) -> bool:
+        """Choose the lattice points for one spacing and store what the search needs of them.
+
+        A point remains if two lower bounds add up to less than the known cost: from the start to
+        the point, and from the point to the nearest goal posture. Sets these attributes, or only an
+        empty `place` if no point remains:
+
+        - place: lattice indices of each point, shape (N, n)
+        - angle, length, force: joint positions [rad or m], cylinder lengths [m] and piston forces
+          [N] of each point, each of shape (N, n)
+        - excess: distance of the tip outside the workspace [m], shape (N,)
+        - number: index of the point by lattice indices, −1 for left out ones
+        - here: index of the point at the start
+        - arms, halves: moment arms [m] of each joint at the lattice's positions and half-way
+          between them
+        - shape, spacing: number of positions along each axis, and their distance [m], rounded up
+
+        Args:
+            start: Start posture, shape (n,) [rad or m].
+            here: Cylinder lengths at the start [m], shape (n,).
+            spacing: Distance of points along each cylinder [m].
+
+        Returns:
+            False if there are too many points; the caller then increases the spacing.
+        """
+        pricing, axes = self._pricing, self._axes(start, spacing)
+        shape = tuple(len(axis) for axis in axes)
+        if math.prod(shape) > MOST_LOOKED_AT:
+            return False
+        grids = np.indices(shape).reshape(len(shape), -1).T
+        angle = np.stack([axis[grids[:, j]] for j, axis in enumerate(axes)], axis=1)
+        lengths = [
+            self._evaluate_along_axis(start, j, axis, pricing.lengths)
+            for j, axis in enumerate(axes)
+        ]
+        length = np.stack([axis[grids[:, j]] for j, axis in enumerate(lengths)], axis=1)
+        spent = pricing.lower_bound(here, length)
+        near = np.flatnonzero(spent < self._known)
+        length, left = length[near], np.full(len(near), np.inf)
+        for goal in self._reachable_goal_lengths:
+            left = np.minimum(left, pricing.lower_bound(length, goal))
+        worth = np.flatnonzero(spent[near] + left < self._known)
+        kept = near[worth]
+        if len(kept) > MOST_POINTS:
+            return False
+        self.place = grids[kept]
+        if len(kept) == 0:
+            return True
+        self.shape, self.spacing = np.array(shape), 1.001 * spacing
+        self.angle, self.length = angle[kept], length[worth]
+        self.number = np.full(shape, -1)
+        self.number[tuple(self.place.T)] = np.arange(len(kept))
+        self.here = int(np.argmin(np.abs(self.angle - start).max(axis=1)))
+        arms = [
+            self._evaluate_along_axis(start, j, axis, pricing.arms) for j, axis in enumerate(axes)
+        ]
+        of_points = np.stack([axis[self.place[:, j]] for j, axis in enumerate(arms)], axis=1)
+        self.force = pricing.forces(self.angle, of_points)
+        self.excess = pricing.workspace_violation(self.angle)
+        halves = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
+        self.halves = [
+            self._evaluate_along_axis(start, j, half, pricing.arms) for j, half in enumerate(halves)
+        ]
+        self.arms = arms
+        return True
+
+    def _axes(self, start: FloatArray, spacing: float) -> list[FloatArray]:
+        """Return the lattice's joint positions along each axis.
+
+        They are evenly spaced in the cylinder's length, and the start is one of them. Positions
+        that `_may_be_cheaper` rules out are left out.
+
+        Args:
+            start: Start posture, shape (n,) [rad or m].
+            spacing: Distance along each cylinder [m].
+
+        Returns:
+            An array of positions [rad or m] for each joint; lengths differ.
+        """
+        m, axes = self._pricing.m, []
+        for j, q in enumerate(start):
+            dense = np.linspace(m.joint_min[j], m.joint_max[j], RANGE_SAMPLES)
+            length = self._evaluate_along_axis(start, j, dense, self._pricing.lengths)
+            at = np.interp(q, dense, length)
+            low, high = min(length[0], length[-1]), max(length[0], length[-1])
+            below, above = math.floor((at - low) / spacing), math.floor((high - at) / spacing)
+            steps = np.arange(-below, above + 1)
+            steps = steps[self._may_be_cheaper(j, at, at + spacing * steps)]
+            order = np.argsort(length)
+            angles = np.interp(at + spacing * steps, length[order], dense[order])
+            angles[steps == 0] = q
+            axes.append(angles)
+        return axes
+
+    def _may_be_cheaper(self, j: int, here: float, length: FloatArray) -> np.ndarray:
+        """Return which lengths of one cylinder a cheaper path may pass.
+
+        It compares the known cost with a lower bound: the cost of moving this cylinder alone, from
+        the start to the length and on to the goal posture that is cheapest for it.
+
+        Args:
+            j: Index of the cylinder.
+            here: Its length at the start [m].
+            length: Lengths to test [m], shape (k,).
+
+        Returns:
+            True if the bound is below the known cost, shape (k,).
+        """
+        alone, n = np.eye(len(self._goal_lengths[0]))[j], len(length)
+        there = np.full(n, np.inf)
+        for goal in self._goal_lengths[:, j]:
+            there = np.minimum(
+                there, self._pricing.lower_bound(length[:, None] * alone, goal * alone)
+            )
+        return (
+            self._pricing.lower_bound(here * alone, length[:, None] * alone) + there < self._known
+        )
+
+    @staticmethod
+    def _evaluate_along_axis(
+        start: FloatArray, j: int, angles: FloatArray, of: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """Evaluate a function of postures along one joint's axis.
+
+        Args:
+            start: Posture of the other joints, shape (n,); they do not matter to the result.
+            j: Index of the joint.
+            angles: Its positions [rad or m], shape (k,).
+            of: Function from postures (k, n) to values (k, n), such as `_Pricing.lengths`.
+
+        Returns:
+            Values of joint j, shape (k,).
+        """
+        postures = np.repeat(start[None, :], len(angles), axis=0)
+        postures[:, j] = angles
+        return of(postures)[:, j]
+
+    def find_cheapest_path(self) -> tuple[float, FloatArray | None]:
+        """Search the lattice with Dijkstra's algorithm.
+
+        A state is a lattice point with the mode combination of the last step; mode switches are
+        edges of their own. The search begins in mode N at the lattice point of the start. It ends
+        in one common goal state for all goal postures. The cost includes the switches to the modes
+        that hold the arm there.
+
+        Returns:
+            Cost, and cylinder lengths along the path from the start's lattice point to the goal
+            posture, shape (points, n) [m]. Infinity and None if no path costs less than the known
+            one.
+        """
+        patterns, w_switch = len(self._pricing.patterns), self._pricing.weights.switches
+        count = len(self.place)
+        if count == 0:
+            return math.inf, None
+        sink = count * patterns
+        steps = _Steps([], [], [])
+        for move in itertools.product((-1, 0, 1), repeat=len(self.shape)):
+            if any(move):
+                self._add_moves(steps, np.array(move))
+        ends = self._add_endings(steps, sink)
+        modes = self._pricing.patterns
+        apart = np.count_nonzero(modes[:, None, :] != modes[None, :, :], axis=2)
+        one, other = np.nonzero(apart == 1)
+        base = patterns * np.arange(count)[:, None]
+        switching = np.full((count, len(one)), w_switch)
+        steps.add(base + one, base + other, switching)
+        begin = self.here * patterns + int(np.flatnonzero(~modes.any(axis=1))[0])
+        cost, before = dijkstra(
+            steps.matrix(sink + 1), indices=begin, return_predecessors=True, limit=self._known
+        )
+        if not np.isfinite(cost[sink]):
+            return math.inf, None
+        way, state = [], int(before[sink])
+        last = state
+        while state != begin and state >= 0:
+            way.append(state // patterns)
+            state = int(before[state])
+        points = [self.here, *[k for k, _ in itertools.groupby(way[::-1])]]
+        goal = self._goal_lengths[ends.flat[last]]
+        return float(cost[sink]), np.vstack([self.length[points], goal])
+
+    def _add_moves(self, steps: _Steps, move: IntArray) -> None:
+        """Add the edges from all points to their neighbours in one direction.
+
+        The steps are priced here in all patterns, and each edge keeps its pattern. Edges that leave
+        the workspace are left out. From a point outside the workspace, as the start may be, no edge
+        leads farther out.
+
+        Args:
+            steps: Edges of the graph; extended in place.
+            move: Offset of the neighbour in lattice indices, −1, 0 or 1 for each joint, shape (n,).
+        """
+        place = self.place + move
+        inside = np.flatnonzero(np.all((place >= 0) & (place < self.shape), axis=1))
+        target = self.number[tuple(place[inside].T)]
+        origin, target = inside[target >= 0], target[target >= 0]
+        middle = 0.5 * (self.angle[origin] + self.angle[target])
+        arms = np.empty_like(middle)
+        for j, way in enumerate(move):
+            at = self.place[origin, j]
+            arms[:, j] = self.arms[j][at] if way == 0 else self.halves[j][at + min(way, 0)]
+        forces = self.force[origin], self._pricing.forces(middle, arms), self.force[target]
+        cost = self._pricing.price_steps(self.length[target] - self.length[origin], forces)
+        allowed = np.maximum(1e-9, self.excess[origin])
+        out = (self.excess[target] > allowed) | (
+            self._pricing.workspace_violation(middle) > allowed + 1e-5
+        )
+        cost[out] = np.inf
+        self._add(steps, origin, target[:, None] * len(self._pricing.patterns), cost)
+
+    def _add(self, steps: _Steps, origin: IntArray, target: IntArray, cost: FloatArray) -> None:
+        """Add steps that keep their mode combination (pattern); switches are edges of their own.
+
+        Args:
+            steps: Edges of the graph; extended in place.
+            origin: Indices of the points in which steps begin, shape (k,).
+            target: State index of pattern 0 of the points in which they end, shape (k, 1).
+            cost: Costs, shape (k, patterns).
+        """
+        own = np.arange(cost.shape[1])
+        start = origin[:, None] * cost.shape[1] + own
+        steps.add(start, target + own, cost)
+
+    def _add_endings(self, steps: _Steps, sink: int) -> IntArray:
+        """Add the edges from lattice points near goal postures to the goal state.
+
+        A point is near if the length of each cylinder differs by at most the lattice's spacing. The
+        cost includes the step to the posture and the switches to the modes that hold the arm there.
+        If several goal postures are near, the state gets the edge to the cheapest.
+
+        Args:
+            steps: Edges of the graph; extended in place.
+            sink: Index of the goal state.
+
+        Returns:
+            Index of the goal posture to which each state's edge leads, shape (points, patterns); 0
+            if the state has no such edge.
+        """
+        pricing = self._pricing
+        count, patterns = len(self.place), len(pricing.patterns)
+        forces = pricing.forces(self._goals, pricing.arms(self._goals))
+        hold = pricing.holding_switch_cost(forces)
+        least, end = np.full((count, patterns), np.inf), np.zeros((count, patterns), dtype=int)
+        for k, goal in enumerate(self._goal_lengths):
+            near = np.flatnonzero(np.all(np.abs(self.length - goal) <= self.spacing, axis=1))
+            if len(near) == 0:
+                continue
+            middle = 0.5 * (self.angle[near] + self._goals[k])
+            between = pricing.forces(middle, pricing.arms(middle))
+            there = np.repeat(forces[k][None, :], len(near), axis=0)
+            cost = pricing.price_steps(goal - self.length[near], (self.force[near], between, there))
+            cost += hold[k]
+            better = cost < least[near]
+            least[near] = np.where(better, cost, least[near])
+            end[near] = np.where(better, k, end[near])
+        steps.add(np.arange(sink).reshape(least.shape), np.full(least.shape, sink), least)
+        return end

@@ -1,0 +1,377 @@
+"""Comparison of planners and supplies: each plans the same moves, which are then simulated.
+
+Every motion follows its discrete path (trajectory kind `followed`), so that only path, posture and
+modes differ. The simulated energy is what all pumps deliver from the motion's first to its last
+instant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from mhsb_model.command import Command
+from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import MotionState, Trajectory
+from mhsb_model.types import FloatArray
+from mhsb_planner.cases.moves import Move
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
+from mhsb_planner.planners.path_planner import PathRequest
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
+from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.slewing.turned_path import combine_with_slew, compute_even_turning
+from mhsb_planner.workers import Jobs, Prepared, results_of
+from mhsb_sim.circuit.audit import energy_by_source
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_tools.comparison.ground_truth import ground_truth
+from mhsb_tools.comparison.supply_comparison import (
+    SIMULATED_SYSTEM,
+    UNBOOSTED_MOTION,
+    Motions,
+    Supplied,
+    compute_supply_energies,
+)
+from mhsb_tools.comparison.supply_systems import SupplyEnergy, without_leakage
+from mhsb_tools.study.replay import Replay, replay
+
+BASELINE_PLANNER = "table"
+"""Planner with which the others are compared."""
+GROUND_TRUTH = "ground truth"
+"""Name of the ground truth among the planners."""
+
+
+@dataclass(frozen=True)
+class ComparedMove:
+    """A move to be compared.
+
+    Attributes:
+        name: Name of the case, or number of the random move.
+        move: Start posture and goal.
+        with_truth: Whether the ground truth is searched for as well, which takes seconds.
+    """
+
+    name: str
+    move: Move
+    with_truth: bool
+
+
+@dataclass(frozen=True)
+class PlannerResult:
+    """Numbers of one planner's plan for a move, and of its simulation.
+
+    Attributes:
+        energy_path_j: Energy of the discrete path, reading `paper` [J].
+        energy_j: Energy of the motion as planned, reading `paper` [J].
+        energy_series_j: Energy of the motion as planned, reading `series` [J].
+        energy_simulated_j: Energy that all pumps deliver in the simulator [J].
+        lower_bound_j: Proven lower bound on the energy, see `Plan.lower_bound` [J].
+        duration_s: Duration of the motion [s].
+        switches: Number of mode switches in the schedule.
+        largest_step_rad: Largest change of a joint from one waypoint to the next [rad, or m if the
+            joint slides].
+        joint_travel_rad: Sum of all joints' absolute changes along the path [rad, telescopes m].
+        tip_error_rms_mm: Root mean square of the simulated tip's distance from its reference [mm].
+        tip_error_max_mm: Largest such distance [mm].
+        plan_ms: Wall time of planning, while other work runs on the machine, too [ms].
+    """
+
+    energy_path_j: float
+    energy_j: float
+    energy_series_j: float
+    energy_simulated_j: float
+    lower_bound_j: float
+    duration_s: float
+    switches: int
+    largest_step_rad: float
+    joint_travel_rad: float
+    tip_error_rms_mm: float
+    tip_error_max_mm: float
+    plan_ms: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of all planners for one move.
+
+    Attributes:
+        name: Name of the move.
+        records: Result by planner name, for planners that found a plan.
+        failures: Reason as a sentence by planner name, for planners that found no plan.
+        motions: Energy of each motion with every supply. Keys are the planner names, and
+            `UNBOOSTED_MOTION`.
+    """
+
+    name: str
+    records: Mapping[str, PlannerResult]
+    failures: Mapping[str, str]
+    motions: Motions = field(default_factory=dict)
+
+
+class PlannerComparer:
+    """Planner and simulator of one machine, which compare moves."""
+
+    def __init__(self, machine: Machine, weights: Weights) -> None:
+        """Prepare a planner for the machine, and one for it with the highest supply pressure.
+
+        Builds both posture tables if they are not cached.
+
+        Args:
+            machine: The arm.
+            weights: Weights of the cost for all planners.
+        """
+        self._planner = Planner(machine, load_or_build_table(machine))
+        strong = at_highest_pressure(machine)
+        self._direct = Planner(strong, load_or_build_table(strong))
+        self._leakproof = without_leakage(machine)
+        self._weights = weights
+
+    def compare(self, request: ComparedMove) -> Comparison:
+        """Plan one move by every planner and simulate each motion.
+
+        Every plan starts at rest in the modes that hold the start posture. The ground truth counts
+        as another planner if the move asks for it. A planner that finds no plan is listed in
+        `failures`; no error is raised. The motion with P_S at the highest boost pressure is added
+        to the motions if there is one; it is not simulated.
+
+        Args:
+            request: The move.
+
+        Returns:
+            Results, failures and motions by planner name.
+        """
+        records: dict[str, PlannerResult] = {}
+        failures: dict[str, str] = {}
+        motions: dict[str, Supplied] = {}
+        plans: dict[str, Callable[[Move, StartModes], Plan]] = {
+            kind: partial(self._plan_move, kind) for kind in PLANNER_KINDS
+        }
+        if request.with_truth:
+            plans[GROUND_TRUTH] = self._plan_ground_truth
+        for kind, plan in plans.items():
+            try:
+                machine = self._planner.machine
+                modes = holding_modes(machine, machine.piston_forces(request.move.start))
+                made = plan(request.move, StartModes.create_settled(modes))
+                records[kind], motions[kind] = self._simulate_plan(request.move.start, made)
+            except MhsbError as error:
+                failures[kind] = str(error)
+        with suppress(MhsbError):  # then the planners' plans have failed as well
+            motions[UNBOOSTED_MOTION] = self._compute_supply_energies(
+                self._plan_unboosted_motion(request.move), None
+            )
+        return Comparison(request.name, records, failures, motions)
+
+    def _compute_supply_energies(
+        self, trajectory: Trajectory, schedule: ModeSchedule | None
+    ) -> Supplied:
+        return compute_supply_energies(self._planner.machine, self._leakproof, trajectory, schedule)
+
+    def _plan_unboosted_motion(self, move: Move) -> Trajectory:
+        """Plan a move at the highest supply pressure, which never needs boost.
+
+        Args:
+            move: Start posture and goal.
+
+        Returns:
+            The motion of the integrated planner.
+        """
+        options = PlanOptions(self._weights, planner=ONLINE_PLANNER, trajectory="followed")
+        plan = self._direct.plan(move.goal, MotionState.at_rest(move.start), options=options)
+        return plan.motion.trajectory
+
+    def _plan_move(self, kind: str, move: Move, modes: StartModes) -> Plan:
+        """Plan a move with one planner; the motion follows its path.
+
+        Args:
+            kind: Name of the planner.
+            move: Start posture and goal.
+            modes: Modes in force at the start.
+
+        Returns:
+            The plan.
+        """
+        start = MotionState.at_rest(move.start)
+        options = PlanOptions(self._weights, planner=kind, trajectory="followed")
+        return self._planner.plan(move.goal, start, modes, options=options)
+
+    def _plan_ground_truth(self, move: Move, modes: StartModes) -> Plan:
+        """Return the plan along the ground truth's path.
+
+        The path is searched in the arm's plane. If the arm slews, the slew is added so that it
+        turns evenly along the path.
+
+        Args:
+            move: Start posture and goal.
+            modes: Modes in force at the start.
+
+        Returns:
+            The plan, its motion following the path.
+
+        Raises:
+            MhsbError: No path or no motion was found.
+        """
+        machine, options = self._planner.machine, PlanOptions(self._weights, trajectory="followed")
+        tip, slew = machine.convert_to_plane(move.goal, move.start[0])
+        first = int(machine.slews)  # index of the first joint in the plane
+        path = ground_truth(
+            machine.planar_arm, move.start[first:], modes.modes[first:], tip, self._weights
+        )
+        if slew is not None:
+            start = MotionState.at_rest(move.start)
+            task = PathRequest(move.goal, start, modes, None, start.position, options, WITHOUT_AREA)
+            turning = compute_even_turning(machine, path, float(move.start[0]), slew)
+            path = combine_with_slew(machine, task, path, turning)
+        return self._planner.follow(path, modes, options)
+
+    def _simulate_plan(self, start: FloatArray, plan: Plan) -> tuple[PlannerResult, Supplied]:
+        """Simulate a plan and evaluate it.
+
+        Args:
+            start: Start posture, shape (n,) [rad or m].
+            plan: The plan.
+
+        Returns:
+            Numbers of the plan and its simulation, and the energy of its motion with every supply.
+            Among these supplies is `SIMULATED_SYSTEM` with the simulated energy, in `leaking` only,
+            the part for valves that leak.
+        """
+        command = Command(plan.motion.trajectory, plan.motion.schedule)
+        run = replay(Simulator(self._planner.machine, posture=start), [command], plan.duration)
+        taken = self._compute_supply_energies(command.trajectory, command.schedule)
+        taken.leaking[SIMULATED_SYSTEM] = _simulated(run)
+        return self._record(plan, run), taken
+
+    def _record(self, plan: Plan, run: Replay) -> PlannerResult:
+        """Collect energies, duration, joint travel and tip errors of a plan and its simulation.
+
+        Args:
+            plan: The plan.
+            run: Its simulation.
+
+        Returns:
+            The numbers.
+        """
+        machine, path = self._planner.machine, plan.path
+        error = 1e3 * run.tip_error(machine)
+        steps = np.abs(np.diff(path.posture, axis=0))
+        return PlannerResult(
+            energy_path_j=float(path.energy.sum()),
+            energy_j=plan.energy.paper,
+            energy_series_j=plan.energy.series,
+            energy_simulated_j=run.energies["main_pump"] + run.energies["servo_pumps"],
+            lower_bound_j=plan.lower_bound,
+            duration_s=plan.duration,
+            switches=plan.motion.schedule.switch_count,
+            largest_step_rad=float(steps.max(initial=0.0)),
+            joint_travel_rad=float(steps.sum()),
+            tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
+            tip_error_max_mm=float(error.max()),
+            plan_ms=1e3 * plan.planning_time,
+        )
+
+
+def _simulated(run: Replay) -> SupplyEnergy:
+    """Return the simulated pumps' energy: given to the oil, and at their shafts [J]."""
+    sources = energy_by_source(run.energies).values()
+    return SupplyEnergy(*(sum(each[kind] for each in sources) for kind in ("hydraulic", "shaft")))
+
+
+def at_highest_pressure(machine: Machine) -> Machine:
+    """Return the machine with P_S at the highest boost pressure, where it never needs boost."""
+    return machine.changed(supply_pressure=machine.arrays.max_boost_pressure)
+
+
+def compare_all(
+    machine: Machine, weights: Weights, requests: Iterable[ComparedMove], jobs: Jobs = None
+) -> Iterator[Comparison]:
+    """Compare moves in parallel processes.
+
+    Args:
+        machine: The arm.
+        weights: Weights of the cost.
+        requests: The moves.
+        jobs: Number of processes or a cluster; None takes one process for each processor.
+
+    Yields:
+        Comparisons in the order of the requests.
+    """
+    with Prepared(jobs, PlannerComparer, machine, weights) as pool:
+        tasks = [pool.submit(PlannerComparer.compare, request) for request in requests]
+        yield from results_of(tasks, in_order=True)
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """Energies and durations of one planner over another's, for all moves that both planned.
+
+    Attributes:
+        energy: Ratio of planned energies, reading `paper`, shape (moves,).
+        series: Ratio of planned energies, reading `series`, shape (moves,).
+        simulated: Ratio of simulated energies, shape (moves,).
+        duration: Ratio of durations, shape (moves,).
+    """
+
+    energy: FloatArray
+    series: FloatArray
+    simulated: FloatArray
+    duration: FloatArray
+
+    @property
+    def simulated_over_planned(self) -> FloatArray:
+        """Simulated energy ratio over the planned one (reading `series`), shape (moves,).
+
+        It is 1 if the simulation shows the saving that was planned.
+        """
+        return self.simulated / self.series
+
+
+def ratios(
+    comparisons: Iterable[Comparison], kind: str, baseline: str = BASELINE_PLANNER
+) -> Ratios:
+    """Divide energies and duration of one planner's motions by another planner's.
+
+    The energies are the planned ones (readings `paper` and `series`) and the simulated one.
+
+    Args:
+        comparisons: Compared moves; those that one of the two did not plan are left out.
+        kind: Name of the planner.
+        baseline: Name of the planner to divide by.
+
+    Returns:
+        Ratios `kind` / `baseline`, each of shape (moves,), for the moves that both planned, in the
+        order of the comparisons.
+    """
+    pairs = [
+        (each.records[kind], each.records[baseline])
+        for each in comparisons
+        if kind in each.records and baseline in each.records
+    ]
+
+    def field_ratios(name: str) -> FloatArray:
+        """Return the ratio of one field for every pair of results.
+
+        Takes `pairs` from the enclosing function.
+
+        Args:
+            name: Name of a field of `PlannerResult`.
+
+        Returns:
+            Ratios, shape (moves,).
+        """
+        return np.array([getattr(own, name) / getattr(base, name) for own, base in pairs])
+
+    return Ratios(
+        field_ratios("energy_j"),
+        field_ratios("energy_series_j"),
+        field_ratios("energy_simulated_j"),
+        field_ratios("duration_s"),
+    )

@@ -1,0 +1,17 @@
+"""Errors of the commands."""
+
+from __future__ import annotations
+
+from mhsb_model.errors import MhsbError
+
+
+class VariationError(MhsbError):
+    """The variations of a machine cannot be used."""
+
+
+class ScenarioError(MhsbError):
+    """The scenarios of a study cannot be used."""
+
+
+class TuningError(MhsbError):
+    """The servo cannot be tuned."""

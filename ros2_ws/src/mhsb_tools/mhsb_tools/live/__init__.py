@@ -1,0 +1,1 @@
+"""Starting, loading, commanding and watching the suite's running processes from outside."""

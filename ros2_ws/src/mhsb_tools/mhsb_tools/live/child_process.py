@@ -1,0 +1,178 @@
+"""Child processes of the suite's commands: start, wait for output, and end cleanly."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from contextlib import nullcontext
+from pathlib import Path
+from types import TracebackType
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.process import signals_blocked
+
+END_TIMEOUT = 10.0
+"""Longest wait for a process to end by itself after the signal that ends it [s]."""
+
+LAST_LINES = 20
+"""Number of output lines of a child process that are kept in memory."""
+
+
+class ChildEndedError(MhsbError):
+    """A child process that ended early, did not print an expected text, or cannot be reached."""
+
+
+class ChildProcess:
+    """Child process that runs one of the suite's executables; use it as a context manager.
+
+    Leaving the `with` block ends the process. Its standard output and standard error are read by a
+    thread, and the last LAST_LINES lines are kept.
+
+    Attributes:
+        name: Name of the executable, used in error messages.
+    """
+
+    def __init__(
+        self, package: str, executable: str, *arguments: str, log: Path | None = None
+    ) -> None:
+        """Start an executable in the way `ros2 run PACKAGE EXECUTABLE ARGUMENTS` does.
+
+        The child gets a session of its own. Ctrl-C in the terminal therefore reaches only the
+        parent process, which then ends the child.
+
+        Args:
+            package: Python package whose module `executables` has the entry point.
+            executable: Name of the entry point in that module.
+            arguments: Command-line arguments of the executable.
+            log: File that receives the whole output; None keeps only the last lines.
+        """
+        self.name = executable
+        self._log = log
+        with signals_blocked():
+            self._process = subprocess.Popen(
+                [sys.executable, "-u", "-m", f"{package}.executables", executable, *arguments],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,  # Ctrl-C must reach only the command
+            )
+        self._lines: deque[str] = deque(maxlen=LAST_LINES)
+        self._said = threading.Condition()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> ChildProcess:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the process, whether or not the block raised an exception."""
+        self.end()
+
+    def wait_for(self, text: str, timeout: float) -> str:
+        """Wait until the process has printed a text.
+
+        Only the last LAST_LINES lines are searched. If the process has ended, an error is raised,
+        even if the process had printed the text before.
+
+        Args:
+            text: Text to wait for; part of a line is enough.
+            timeout: Longest wait [s].
+
+        Returns:
+            The first kept line that contains `text`, from `text` to the end of that line.
+
+        Raises:
+            ChildEndedError: The process has ended, or has not printed the text in time.
+        """
+        found: list[str] = []  # later lines may push the line out of those that are kept
+
+        def has_printed_or_ended() -> bool:
+            """Keep the lines with the text, and return whether the wait is over."""
+            found.extend(line for line in list(self._lines) if text in line)
+            return bool(found) or self._process.poll() is not None
+
+        with self._said:
+            self._said.wait_for(has_printed_or_ended, timeout)
+        self.check_running()
+        if not found:
+            raise ChildEndedError(f"{self.name} did not say '{text}' within {timeout:g} s")
+        return found[0][found[0].index(text) :]
+
+    def has_printed(self, text: str) -> bool:
+        """Return whether one of the kept last lines of output contains a text."""
+        return any(text in line for line in list(self._lines))
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code of the process; None while it runs, negative if a signal ended it."""
+        return self._process.poll()
+
+    def send(self, signal_number: int) -> None:
+        """Send a signal to the process, or do nothing if it has ended."""
+        if self.exit_code is None:
+            self._process.send_signal(signal_number)
+
+    def check_running(self) -> None:
+        """Raise ChildEndedError, with the last output line, if the process has ended."""
+        code = self._process.poll()
+        if code is not None:
+            self._reader.join(1.0)
+            last = self._lines[-1] if self._lines else "it printed nothing"
+            raise ChildEndedError(f"{self.name} ended with exit code {code}: {last}")
+
+    @property
+    def resident_bytes(self) -> int:
+        """Resident memory of the process [bytes], read from /proc; 0 if the process has ended."""
+        try:
+            pages = Path(f"/proc/{self._process.pid}/statm").read_text(encoding="ascii").split()[1]
+        except (OSError, IndexError):
+            return 0
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+    def end(self, signal_number: int = signal.SIGINT) -> int:
+        """End the process and wait for it.
+
+        The process is killed by SIGKILL if it has not ended END_TIMEOUT seconds after the signal.
+
+        Args:
+            signal_number: Signal that asks the process to end.
+
+        Returns:
+            Its exit code; negative if a signal ended it.
+        """
+        self.send(signal_number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIMEOUT)
+        if self.exit_code is None:
+            self._process.kill()
+        code = self._process.wait()
+        self._reader.join(1.0)
+        return code
+
+    def _read(self) -> None:
+        """Read the output until the process closes it; runs in a thread of its own.
+
+        Each line is written to the log file, if there is one, and kept among the last lines.
+        Threads in `wait_for` are notified of each line and of the end.
+        """
+        assert self._process.stdout is not None
+        with self._log.open("w", encoding="utf-8") if self._log else nullcontext() as log:
+            for line in self._process.stdout:
+                if log is not None:
+                    log.write(line)
+                    log.flush()
+                with self._said:
+                    self._lines.append(line.rstrip())
+                    self._said.notify_all()
+        with self._said:
+            self._said.notify_all()

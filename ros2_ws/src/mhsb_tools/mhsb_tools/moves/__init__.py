@@ -1,0 +1,1 @@
+"""Moves and their pictures: operating regions, energy flow, the best operating point."""

@@ -1,0 +1,212 @@
+"""Diagram of the energy flow from pumps to work and losses, drawn as bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    YELLOW,
+)
+from mhsb_model.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ITEM_COLORS = {
+    "main pump": SKY,
+    "servo pumps": ORANGE,
+    "work on the loads": GREEN,
+    "throttling": VERMILION,
+    "leakage": PURPLE,
+    "oil to the tank": GREY,
+    "servo pump losses": YELLOW,
+    "friction": BLACK,
+    "compression": BLUE,
+}
+"""Colour of each part of the energy; the order is that in the diagram, from the top."""
+LEAST_SHARE = 0.004
+"""Share of all energy below which a part is not drawn."""
+
+BAR_WIDTH = 0.05
+SOURCE_POSITION, SINK_POSITION = 0.30, 0.62
+"""Horizontal positions of the two columns of bars, as shares of the width."""
+
+BAND_GAP = 0.045
+"""Gap between two bands on the right, as a share of the height."""
+
+LEAST_PITCH = 0.125
+"""Least distance between two labels, as a share of the height."""
+
+LABEL_DISTANCE = 0.03
+"""Distance of a label from its bar, as a share of the width."""
+
+
+def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
+    """Draw bands from the sources of energy on the left to its uses on the right.
+
+    Parts below 0.4 % of the total are left out. If nothing gives energy, only a text is drawn.
+
+    Args:
+        energy: Energy by name [J]; negative if the part gives energy, such as pumps and sinking
+            loads. Names that `ITEM_COLORS` lacks come last, in a pale colour.
+        axes: Axes to draw on; their scales are replaced. Each band has its name, its energy [J] and
+            its share of the energy that is given [%].
+    """
+    axes.set_axis_off()
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(1.0, 0.0)
+    total = sum(-value for value in energy.values() if value < 0.0)
+    if total <= 0.0:
+        axes.text(0.5, 0.5, "no energy", ha="center")
+        return
+    given = _parts(energy, -1.0, total)
+    taken = _parts(energy, 1.0, total)
+    scale = (1.0 - BAND_GAP * max(len(taken) - 1, 0)) / max(sum(taken.values()), total)
+    _draw_givers(given, total, scale, axes)
+    _draw_takers(taken, total, scale, axes)
+
+
+def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, float]:
+    """Return the parts that give, or that take energy, in the order of the diagram.
+
+    Args:
+        energy: Energy by name [J], negative if the part gives energy.
+        sign: −1 for parts that give, 1 for parts that take.
+        total: Energy given by all [J].
+
+    Returns:
+        Positive amounts by name [J], without amounts of at most `LEAST_SHARE` of the total.
+    """
+    order = [
+        *(name for name in ITEM_COLORS if name in energy),
+        *(energy.keys() - ITEM_COLORS.keys()),
+    ]
+    parts = {name: sign * energy[name] for name in order}
+    return {name: value for name, value in parts.items() if value > LEAST_SHARE * total}
+
+
+def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
+    """Draw the bars on the left, stacked without gaps and centred vertically.
+
+    Args:
+        given: Energy of each source [J].
+        total: Energy given by all [J], for percentages.
+        scale: Height of a bar per energy [1/J].
+        axes: Axes to draw on.
+    """
+    heights = [scale * value for value in given.values()]
+    tops = (1.0 - sum(heights)) / 2 + np.cumsum([0.0, *heights[:-1]])
+    for name, top, height in zip(given, tops, heights, strict=True):
+        _draw_bar(SOURCE_POSITION - BAR_WIDTH, float(top), height, name, axes)
+    _write_all(given, tops + np.array(heights) / 2, total, SOURCE_POSITION - BAR_WIDTH, -1, axes)
+
+
+def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
+    """Draw the bars on the right, each with a band from the stack on the left.
+
+    Args:
+        taken: Energy of each use [J].
+        total: Energy given by all [J], for percentages.
+        scale: Height of a bar per energy [1/J].
+        axes: Axes to draw on.
+    """
+    heights = np.array([scale * value for value in taken.values()])
+    above = np.cumsum([0.0, *heights[:-1]])
+    leaves, tops = (1.0 - heights.sum()) / 2 + above, above + BAND_GAP * np.arange(len(heights))
+    for name, leave, top, height in zip(taken, leaves, tops, heights, strict=True):
+        _draw_band(leave, top, height, name, axes)
+        _draw_bar(SINK_POSITION, top, height, name, axes)
+    _write_all(taken, tops + heights / 2, total, SINK_POSITION + BAR_WIDTH, 1, axes)
+
+
+def label_places(middles: FloatArray, pitch: float = LEAST_PITCH) -> FloatArray:
+    """Return heights of labels near the middles of their bars so that the labels do not overlap.
+
+    Args:
+        middles: Middle of each bar, increasing, as a share of the height from the top, shape (k,).
+        pitch: Least distance of two labels, as a share of the height; at most 1/k is used.
+
+    Returns:
+        Heights within 0 … 1 in the order of the bars, at least the pitch apart, shape (k,).
+    """
+    pitch = min(pitch, 1.0 / max(len(middles), 1))
+    own = pitch * np.arange(len(middles))
+    lowest = 1.0 - pitch / 2 - own[-1] if len(middles) else 0.0
+    # After subtracting k times the pitch, heights need only be non-decreasing: a running maximum.
+    free = np.clip(middles - own, pitch / 2, lowest)
+    return np.asarray(np.maximum.accumulate(free) + own)
+
+
+def _write_all(
+    parts: Mapping[str, float],
+    middles: FloatArray,
+    total: float,
+    edge: float,
+    side: int,
+    axes: Axes,
+) -> None:
+    """Write name, energy [J] and share of the total [%] beside each bar, with a thin line to it.
+
+    Args:
+        parts: Energy by name [J].
+        middles: Middle of each bar as a share of the height, shape (k,).
+        total: Energy given by all [J], for percentages.
+        edge: Horizontal position of the bars' edge, as a share of the width.
+        side: 1 writes to the right, −1 to the left.
+        axes: Axes to draw on.
+    """
+    for (name, value), middle, height in zip(
+        parts.items(), middles, label_places(middles), strict=True
+    ):
+        near, far = edge + side * 0.005, edge + side * LABEL_DISTANCE
+        axes.plot([near, far], [middle, height], color=GREY, linewidth=0.6)
+        text = f"{name}\n{value:.0f} J, {100 * value / total:.0f} %"
+        where = "left" if side > 0 else "right"
+        axes.text(
+            far + side * 0.008, height, text, ha=where, va="center", fontsize=8, linespacing=1.05
+        )
+
+
+def _draw_bar(left: float, top: float, height: float, name: str, axes: Axes) -> None:
+    """Draw one bar of width `BAR_WIDTH`.
+
+    Args:
+        left: Left edge, as a share of the width.
+        top: Upper edge, as a share of the height from the top.
+        height: Height of the bar, as a share of the height.
+        name: Part of the energy, for the colour.
+        axes: Axes to draw on.
+    """
+    from matplotlib.patches import Rectangle
+
+    color = ITEM_COLORS.get(name, PALE)
+    axes.add_patch(Rectangle((left, top), BAR_WIDTH, height, facecolor=color, edgecolor="none"))
+
+
+def _draw_band(left_edge: float, right_edge: float, height: float, name: str, axes: Axes) -> None:
+    """Draw a band from the left column to the right, with horizontal tangents at both ends.
+
+    Args:
+        left_edge: Upper edge at the left, as a share of the height.
+        right_edge: Upper edge at the right.
+        height: Height of the band.
+        name: Part of the energy, for the colour.
+        axes: Axes to draw on.
+    """
+    along = np.linspace(0.0, 1.0, 60)
+    shift = left_edge + (right_edge - left_edge) * (3.0 - 2.0 * along) * along**2
+    x = SOURCE_POSITION + (SINK_POSITION - SOURCE_POSITION) * along
+    color = ITEM_COLORS.get(name, PALE)
+    axes.fill_between(x, shift, shift + height, color=color, alpha=0.35, linewidth=0)

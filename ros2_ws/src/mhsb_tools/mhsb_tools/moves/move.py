@@ -1,0 +1,196 @@
+"""Record of one move for its picture, whether it was planned, simulated or recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.hydraulics import (
+    boosted_supply,
+    get_shared_hydraulics,
+    load_pressure,
+    rail_pressure,
+    select_supply_pressure,
+)
+from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED_MODES
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, ModeArray, Position
+from mhsb_planner.motion.energy import Energy
+from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.plan import Plan
+
+SAMPLE_COUNT = 601
+"""Number of instants at which a planned motion is sampled."""
+
+
+@dataclass(frozen=True, eq=False)
+class MoveRecord:
+    """A motion of n joints at k instants, with forces, pressures and energy.
+
+    Attributes:
+        machine: The arm that moved, or was to move.
+        title: Title of the picture.
+        goals: Goals in `base_link` [m], in order.
+        time: Instants, shape (k,) [s].
+        position: Joint positions, shape (k, n) [rad or m].
+        reference: Reference that the servo followed, shape (k, n) [rad or m]; None if nothing was
+            measured.
+        modes: Modes in force, shape (k, n), uint8.
+        speed: Piston speeds, positive extending, shape (k, n) [m/s].
+        force: Piston forces, positive if the load resists extension, shape (k, n) [N].
+        supply: Pressure in each actuator's supply line, shape (k, n) [Pa].
+        chambers: Other pressures to draw, by label, each of shape (k, n) [Pa].
+        energy: Energy by name [J], positive if used, negative if given, as by pumps.
+        energy_source: Source of the energy, such as `the planner's model`.
+    """
+
+    machine: Machine
+    title: str
+    goals: tuple[Position, ...]
+    time: FloatArray
+    position: FloatArray
+    reference: FloatArray | None
+    modes: ModeArray
+    speed: FloatArray
+    force: FloatArray
+    supply: FloatArray
+    chambers: Mapping[str, FloatArray]
+    energy: Mapping[str, float]
+    energy_source: str
+
+    @property
+    def tip(self) -> FloatArray:
+        """Tip positions (x, z) in the arm's plane, shape (k, 2) [m]."""
+        return self.machine.tip_positions(self.position)
+
+    @property
+    def goals_in_plane(self) -> list[tuple[float, float]]:
+        """Goals (x, z) in the arm's plane when it has turned to them [m]."""
+        places = [self.machine.project_to_plane(goal).tolist() for goal in self.goals]
+        return [(x, z) for x, z in places]
+
+    @property
+    def duration(self) -> float:
+        """Time from the first instant to the last [s]."""
+        return float(self.time[-1] - self.time[0])
+
+
+def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> MoveRecord:
+    """Return a plan's motion as a record, with static forces, planned pressures and energy.
+
+    Args:
+        machine: The arm for which the plan was made.
+        plan: The plan; its motion is sampled at `SAMPLE_COUNT` instants.
+        goal: Goal in `base_link` [m].
+        title: Title of the picture.
+
+    Returns:
+        The record, without a reference. Its `chambers` has the load pressures p_L instead of
+        chamber pressures.
+    """
+    trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
+    offset_ns = np.linspace(0, trajectory.duration_ns, SAMPLE_COUNT).astype(np.int64)
+    time_ns = trajectory.stamp_ns + offset_ns
+    position, velocity, _ = trajectory.sample_many(time_ns)
+    modes = schedule.modes_at_many(time_ns)
+    profile = motion_profile(machine, position, velocity)
+    return MoveRecord(
+        machine=machine,
+        title=title,
+        goals=(goal,),
+        time=offset_ns / SECOND_NS,
+        position=position,
+        reference=None,
+        modes=modes,
+        speed=profile.speed,
+        force=profile.force,
+        supply=planned_supply(machine, profile.force, profile.speed, modes),
+        chambers={"the load's, $p_L$": load_pressures(machine, profile.force, profile.speed)},
+        energy=energy_of_plan(plan.energy),
+        energy_source="the planner's model",
+    )
+
+
+def planned_supply(
+    machine: Machine, force: FloatArray, speed: FloatArray, modes: ModeArray
+) -> FloatArray:
+    """Compute the supply pressure of each actuator's line as planned.
+
+    It is P_S in mode N, the actuator's own boosted pressure in mode DB, and the pressure of the
+    shared rail in mode SB.
+
+    Args:
+        machine: The arm.
+        force: Piston forces, shape (k, n) [N].
+        speed: Piston speeds, shape (k, n) [m/s].
+        modes: Modes in force, shape (k, n).
+
+    Returns:
+        Pressures [Pa], shape (k, n).
+    """
+    m, oil = machine.arrays, get_shared_hydraulics(machine.arrays)
+    own_of = list(zip(m.valve_coefficient, m.cap_area, m.rod_area, strict=True))
+    supply = np.empty_like(force)
+    for k, pattern in enumerate(modes):
+        own = np.array([
+            boosted_supply(oil, *own_of[j], force[k, j], speed[k, j])
+            if BOOSTED_MODES[pattern[j]]
+            else oil.supply_pressure
+            for j in range(machine.joint_count)
+        ])  # fmt: skip
+        rail = rail_pressure(oil, own, pattern)
+        supply[k] = [
+            select_supply_pressure(oil, mode, each, rail)
+            for mode, each in zip(pattern, own, strict=True)
+        ]
+    return supply
+
+
+def load_pressures(machine: Machine, force: FloatArray, speed: FloatArray) -> FloatArray:
+    """Compute the load pressure p_L of each actuator in its direction of motion.
+
+    Within the dead band of speed, the direction is the one against the load.
+
+    Args:
+        machine: The arm.
+        force: Piston forces, shape (k, n) [N].
+        speed: Piston speeds, shape (k, n) [m/s].
+
+    Returns:
+        Load pressures [Pa], shape (k, n).
+    """
+    m, tank = machine.arrays, machine.arrays.tank_pressure
+    direction = np.where(np.abs(speed) > DEAD_BAND, speed, force)
+    return np.array([
+        [
+            load_pressure(m.cap_area[j], m.rod_area[j], tank, force[k, j], direction[k, j])
+            for j in range(machine.joint_count)
+        ]
+        for k in range(len(force))
+    ])  # fmt: skip
+
+
+def energy_of_plan(energy: Energy) -> dict[str, float]:
+    """Return a plan's energy as parts for the energy flow diagram.
+
+    Args:
+        energy: Energy by the planner's model with pumps in series.
+
+    Returns:
+        Energy by name [J], negative for the pumps, which give energy. The names are `main pump`,
+        `servo pumps`, `work on the loads`, `throttling`, `leakage`, `oil to the tank` and `servo
+        pump losses`.
+    """
+    return {
+        "main pump": -energy.main_pump,
+        "servo pumps": -energy.servo_pumps,
+        "work on the loads": energy.piston_work,
+        "throttling": energy.servo_valves,
+        "leakage": energy.leakage,
+        "oil to the tank": energy.return_oil,
+        "servo pump losses": energy.servo_pump_losses,
+    }

@@ -1,0 +1,345 @@
+"""Page about one move: path, joints, modes, operating regions, pressures, energy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    MODE_COLOR,
+    PATH_COLOR,
+    PURPLE,
+    draw_line,
+    open_figure,
+    rgb,
+)
+from mhsb_model.hydraulics import get_shared_hydraulics
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode, strongest
+from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.motion.s3_limits import speed_limit
+from mhsb_tools.moves.energy_flow import draw_energy_flow
+from mhsb_tools.moves.move import MoveRecord
+from mhsb_tools.moves.workspace_drawing import (
+    BORDER_WIDTH,
+    draw_arm,
+    draw_obstacles,
+    draw_workspace_axes,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+JOINT_COLORS = (BLACK, GREEN, PURPLE, GREY)
+"""Colours of the joints; none of them stands for a mode."""
+
+LEFT_WIDTH, COLUMN_WIDTH, PAGE_HEIGHT = 5.0, 3.1, 10.4
+"""Width of the left part, width of each actuator's column, and height of the page [in]."""
+PER_MM, PER_CM, PER_KN, PER_MPA = 1e3, 1e2, 1e-3, 1e-6
+FORCE_SAMPLES = 161
+"""Number of forces at which the limits of a region are computed."""
+RANGE_MARGIN = 0.15
+"""Share by which the axes of force and speed exceed the values of the move."""
+
+
+def draw_move_page(move: MoveRecord, file: Path) -> None:
+    """Draw one page about a move and write it as PNG.
+
+    On the left are the tip's path and the energy flow. On the right are joints and modes over time,
+    and for each actuator the operating region and the pressures over time.
+
+    Args:
+        move: The move.
+        file: File to write, whole or not at all.
+    """
+    n = move.machine.joint_count
+    with open_figure(file, PAGE_HEIGHT, LEFT_WIDTH + COLUMN_WIDTH * n) as figure:
+        figure.suptitle(move.title, fontweight="bold")
+        left, right = figure.subfigures(
+            1, 2, squeeze=False, width_ratios=(LEFT_WIDTH, COLUMN_WIDTH * n)
+        )[0]
+        path, flow = left.subplots(2, 1, height_ratios=(2.3, 1.0))
+        _draw_path(move, path)
+        flow.set_title(f"energy, by {move.energy_source}")
+        draw_energy_flow(move.energy, flow)
+        parts = right.subfigures(3, 1, squeeze=False, height_ratios=(1.25, 1.0, 1.0))
+        top, regions, pressures = parts[:, 0]
+        joints, modes = top.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
+        _draw_joints(move, joints)
+        _draw_modes(move, modes)
+        _draw_regions(move, regions.subplots(1, n, squeeze=False)[0])
+        _draw_pressures(move, pressures.subplots(1, n, squeeze=False, sharey=True)[0])
+
+
+# --- Path, joints, modes -------------------------------------------------------------------------
+
+
+def _draw_path(move: MoveRecord, axes: Axes) -> None:
+    """Draw workspace, obstacles, arm at both ends, the tip's path in mode colours, and the goals.
+
+    The path has at each instant the colour of the strongest mode of any actuator. Several goals are
+    labelled. A legend is added, and the axes are widened if the arm lies beyond them.
+
+    Args:
+        move: The move.
+        axes: Axes to draw on.
+    """
+    from matplotlib.patheffects import Normal, Stroke
+
+    draw_workspace_axes(move.machine, axes)
+    draw_obstacles(move.machine, axes, move.position)
+    for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
+        draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
+    _widen_axes_to_arm(move, axes)
+    tip = move.tip
+    for begin, end, mode in mode_spans(strongest(move.modes)):
+        axes.plot(*tip[begin : end + 1].T, color=PATH_COLOR[mode], linewidth=2.6)
+    for mode in Mode:
+        who = "all actuators" if mode is Mode.N else "an actuator"
+        axes.plot([], [], color=PATH_COLOR[mode], linewidth=2.6, label=f"tip, {who} in {mode.name}")
+    several = len(move.goals) > 1
+    for number, (place, who) in enumerate(_places(move.goals_in_plane), start=1):
+        axes.plot(
+            *place, marker="o", markersize=9, markerfacecolor="white", markeredgecolor=BLACK,
+            linestyle="none", label="goal" if number == 1 else None, zorder=4,
+        )  # fmt: skip
+        if several:
+            axes.annotate(
+                who, place, (7, 7), textcoords="offset points", fontsize=10, fontweight="bold",
+                path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()], zorder=5,
+            )  # fmt: skip
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), fontsize=8, ncols=2)
+
+
+def _widen_axes_to_arm(move: MoveRecord, axes: Axes) -> None:
+    """Widen the axes if a joint lies beyond the workspace at the start or the end of the move.
+
+    Args:
+        move: The move.
+        axes: Axes whose limits are widened.
+    """
+    ends = [move.machine.joint_positions(move.position[k]) for k in (0, -1)]
+    low, high = (
+        np.vstack(ends).min(axis=0) - BORDER_WIDTH,
+        np.vstack(ends).max(axis=0) + BORDER_WIDTH,
+    )
+    for limits, put, least, most in (
+        (axes.get_xlim(), axes.set_xlim, low[0], high[0]),
+        (axes.get_ylim(), axes.set_ylim, low[1], high[1]),
+    ):
+        put(min(limits[0], least), max(limits[1], most))
+
+
+def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, float], str]]:
+    """Group goals by their place.
+
+    Args:
+        goals: Goal positions (x, z) [m] in order.
+
+    Returns:
+        Each different place once, with the numbers of its goals as text such as `1, 3`.
+    """
+    numbers: dict[tuple[float, float], list[str]] = {}
+    for number, place in enumerate(goals, start=1):
+        numbers.setdefault(place, []).append(str(number))
+    return [(place, ", ".join(who)) for place, who in numbers.items()]
+
+
+def _draw_joints(move: MoveRecord, axes: Axes) -> None:
+    """Draw joint angles [°], or telescope extensions [cm], over time, with the reference in pale.
+
+    Args:
+        move: The move.
+        axes: Axes to draw on.
+    """
+    shown = np.where(move.machine.arrays.slides, PER_CM, np.degrees(1.0))
+    for j in range(move.machine.joint_count):
+        color = JOINT_COLORS[j % len(JOINT_COLORS)]
+        label = f"joint {j + 1}"
+        draw_line(axes, move.time, shown[j] * move.position[:, j], color=color, label=label)
+        if move.reference is not None:
+            wanted = shown[j] * move.reference[:, j]
+            draw_line(axes, move.time, wanted, color=color, linewidth=2.6, alpha=0.25)
+    telescope = ", extension [cm]" if move.machine.has_telescope else ""
+    axes.set_ylabel(f"joint angle [°]{telescope}")
+    pale = "" if move.reference is None else "; pale: reference"
+    axes.set_title(f"joints{pale}")
+    axes.legend(loc="upper right", ncols=move.machine.joint_count, fontsize=8)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.18 * (high - low))  # room for the legend
+
+
+def _draw_modes(move: MoveRecord, axes: Axes) -> None:
+    """Draw the mode of each actuator over time, with a legend beside the axes.
+
+    Args:
+        move: The move.
+        axes: Axes to draw on.
+    """
+    draw_mode_bars(move, axes)
+    axes.set_xlim(move.time[0], move.time[-1])
+    axes.set_xlabel("time [s]")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, title="mode")
+
+
+def draw_mode_bars(move: MoveRecord, axes: Axes) -> None:
+    """Draw a bar for each actuator over time, in the colours of its modes.
+
+    Labels for a legend are attached to empty bars.
+
+    Args:
+        move: The move.
+        axes: Axes to draw on; ticks and limits of y are replaced.
+    """
+    n = move.machine.joint_count
+    for j in range(n):
+        for begin, end, mode in mode_spans(move.modes[:, j]):
+            since, until = move.time[begin], move.time[end]
+            axes.broken_barh([(since, until - since)], (j - 0.4, 0.8), color=MODE_COLOR[mode])
+    for mode in Mode:
+        axes.broken_barh([], (0, 0), color=MODE_COLOR[mode], label=mode.name)
+    axes.set_yticks(range(n), [f"actuator {j + 1}" for j in range(n)])
+    axes.set_ylim(n - 0.4, -0.6)
+    axes.grid(visible=False)
+
+
+def mode_spans(mode: ModeArray) -> Iterator[tuple[int, int, Mode]]:
+    """Yield the stretches of rows in which a mode stays the same, in order.
+
+    Args:
+        mode: Mode at each instant, such as one actuator's, shape (k,), uint8.
+
+    Yields:
+        First row of the stretch, first row of the next stretch, and the mode. For the last stretch
+        the second value is the last row k − 1; it is left out if it has this row only.
+    """
+    edges = [0, *(np.flatnonzero(np.diff(mode.astype(int))) + 1).tolist(), len(mode) - 1]
+    for begin, end in pairwise(edges):
+        if end > begin:
+            yield begin, end, Mode(int(mode[begin]))
+
+
+# --- Operating regions ---------------------------------------------------------------------------
+
+
+def mode_limits(
+    machine: Machine, actuator: int, mode: Mode, forces: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the range of piston speeds that a mode allows at given piston forces.
+
+    Valve, pressure and servo pumps limit the speed (`s3_limits.speed_limit`). The main pump's flow,
+    which all actuators share, is not considered.
+
+    Args:
+        machine: The arm.
+        actuator: Index of the actuator.
+        mode: Its mode.
+        forces: Piston forces [N], shape (k,).
+
+    Returns:
+        Lowest (negative) and highest speed [m/s], each of shape (k,).
+    """
+    m, oil = machine.arrays, get_shared_hydraulics(machine.arrays)
+    own = tuple(float(each[actuator]) for each in (m.valve_coefficient, m.cap_area, m.rod_area))
+    modules = int(m.modules_per_mode[mode])
+    lowest, highest = (
+        np.array([side * speed_limit(oil, *own, float(f), side, modules) for f in forces])
+        for side in (-1.0, 1.0)
+    )
+    return lowest, highest
+
+
+def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
+    """Draw each actuator's operating regions in speed and force, and the move in them.
+
+    The region of a mode holds the piston speeds that it allows at each force (`mode_limits`). The
+    move is a line of speed and force in the colours of its modes.
+
+    Args:
+        move: The move.
+        panels: Axes, one for each actuator: piston speed [mm/s] to the right, force [kN] upwards.
+    """
+    for j, axes in enumerate(panels):
+        low, high = _range_with_margin(move.force[:, j], 400.0)
+        forces = np.linspace(min(low, 0.0), max(high, 0.0), FORCE_SAMPLES)
+        for mode in (Mode.N, Mode.SB, Mode.DB):  # DB's narrower region is drawn on top of SB's
+            slow, fast = (PER_MM * each for each in mode_limits(move.machine, j, mode, forces))
+            axes.fill_betweenx(PER_KN * forces, slow, fast, color=_pale(mode), linewidth=0)
+            for limit in (slow, fast):
+                axes.plot(limit, PER_KN * forces, color=PATH_COLOR[mode], linewidth=0.8)
+        for begin, end, mode in mode_spans(move.modes[:, j]):
+            rows = slice(begin, end + 1)
+            axes.plot(
+                PER_MM * move.speed[rows, j],
+                PER_KN * move.force[rows, j],
+                color=PATH_COLOR[mode],
+                linewidth=2.0,
+            )
+        seen = (1.0 + RANGE_MARGIN) * float(np.abs(move.speed[:, j]).max())
+        fastest = PER_MM * max(2.0 * float(move.machine.arrays.max_piston_speed[j]), seen)
+        axes.set_xlim(-fastest, fastest)
+        axes.set_ylim(PER_KN * forces[0], PER_KN * forces[-1])
+        axes.axvline(0.0, color=GREY, linewidth=0.6)
+        axes.set_xlabel("piston speed [mm/s]")
+        axes.set_title(f"actuator {j + 1}: operating region")
+    panels[0].set_ylabel("cylinder force [kN]")
+
+
+def _pale(mode: Mode) -> tuple[float, ...]:
+    """Return a mode's colour lightened for a surface on which lines of the mode stay visible."""
+    return tuple(0.5 + 0.5 * each for each in rgb(MODE_COLOR[mode]))
+
+
+def _range_with_margin(values: FloatArray, least: float) -> tuple[float, float]:
+    """Return the range of values, widened at both ends by 15 % of their span or by `least`.
+
+    Args:
+        values: At least one value.
+        least: Smallest widening at each end, in the unit of the values.
+
+    Returns:
+        Lower and upper end.
+    """
+    low, high = float(values.min()), float(values.max())
+    room = max(RANGE_MARGIN * (high - low), least)
+    return low - room, high + room
+
+
+# --- Pressures -----------------------------------------------------------------------------------
+
+
+def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
+    """Draw supply pressure and the pressures of `move.chambers` [MPa] of each actuator over time.
+
+    Times in a boost mode are shaded in the colour of the mode. A dashed line marks P_S.
+
+    Args:
+        move: The move.
+        panels: Axes, one for each actuator, with a shared y axis.
+    """
+    for j, axes in enumerate(panels):
+        for begin, end, mode in mode_spans(move.modes[:, j]):
+            if mode is not Mode.N:
+                axes.axvspan(move.time[begin], move.time[end], color=_pale(mode), linewidth=0)
+        supply = PER_MPA * move.supply[:, j]
+        draw_line(axes, move.time, supply, color=BLACK, label="supply line", linewidth=1.4)
+        colors = iter((BLUE, GREEN, PURPLE))
+        for (name, pressure), color in zip(move.chambers.items(), colors, strict=False):
+            draw_line(axes, move.time, PER_MPA * pressure[:, j], color=color, label=name)
+        normal = PER_MPA * move.machine.arrays.supply_pressure
+        axes.axhline(normal, color=GREY, linestyle="--", linewidth=0.9, label="main pump, $P_S$")
+        axes.set_xlim(move.time[0], move.time[-1])
+        axes.set_xlabel("time [s]")
+        axes.set_title(f"actuator {j + 1}: pressures")
+    panels[0].set_ylabel("pressure [MPa]")
+    top = max(1.3 * PER_MPA * move.machine.arrays.supply_pressure, panels[0].get_ylim()[1])
+    panels[0].set_ylim(min(0.0, panels[0].get_ylim()[0]), 1.25 * top)
+    panels[0].legend(loc="upper left", fontsize=7.5, ncols=2)

@@ -1,0 +1,352 @@
+"""Search for the constant supply pressure P_S and speed limit V_max that serve one move best.
+
+Each of the two is chosen from a range, or kept. An operating point is a pair of P_S and V_max. The
+move is planned at evenly sampled points, then around the cheapest of these in smaller and smaller
+strides. The cost jumps when modes change, so nothing is fitted or interpolated: the best point is
+the cheapest of all at which a plan was made. The cost of a point is w₁ E + w₂ T + w₃ switches
+(+ w₄ M) of its motion, with energy E, duration T and lost polytope area M.
+
+    found = best_operating_point(planner, goal, start, supply_pressure=Range(2.5e6, 10e6))
+    found.best.supply_pressure, found.plan
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import MotionState
+from mhsb_model.types import Position
+from mhsb_planner.errors import RequestError
+from mhsb_planner.planner import Plan, Planner, PlanOptions
+
+RANGE_SAMPLES = {1: 25, 2: 9}
+"""Number of samples along each range, if one or two ranges are given."""
+
+REFINEMENT_STARTS = 3
+"""Number of local minima among the samples from which the refinement starts, cheapest first."""
+
+STRIDE_HALVINGS = 5
+"""Number of times that the stride is halved; it begins with half the samples' spacing."""
+
+MAX_REFINEMENT_MOVES = 4
+"""Largest number of moves of the refinement with one stride."""
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Range:
+    """Range of values that may be chosen, in SI units; finite and above 0.
+
+    Attributes:
+        low: Lowest value.
+        high: Highest value, at least the lowest.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.low <= self.high < math.inf:
+            rule = "must be two finite numbers above 0, the lower one first"
+            raise RequestError("range", f"{self.low:g} … {self.high:g}", rule)
+
+    def sample(self, count: int) -> list[float]:
+        """Return evenly spaced values from the lowest to the highest.
+
+        Args:
+            count: Number of values, at least 2.
+
+        Returns:
+            The values; only one if both ends are equal.
+        """
+        if self.low == self.high:
+            return [self.low]
+        step = (self.high - self.low) / (count - 1)
+        return [*(self.low + k * step for k in range(count - 1)), self.high]
+
+    def clip(self, value: float) -> float:
+        """Return the value in the range that is nearest to the given one."""
+        return min(self.high, max(self.low, value))
+
+
+@dataclass(frozen=True)
+class OperatingPointResult:
+    """An operating point, with energy, duration, switches and cost of the move planned there.
+
+    Attributes:
+        supply_pressure: P_S [Pa].
+        v_max: V_max [m/s].
+        energy: Energy of the motion, reading `paper` [J]; infinity without a plan.
+        energy_series: Energy of the motion, reading `series` [J]; infinity without a plan.
+        duration: Duration of the motion [s]; infinity without a plan.
+        switches: Number of mode switches of the motion.
+        cost: w₁ E + w₂ T + w₃ switches + w₄ M of the motion; infinity without a plan.
+        failure: Why there is no plan, in one sentence; empty if there is one.
+    """
+
+    supply_pressure: float
+    v_max: float
+    energy: float = math.inf
+    energy_series: float = math.inf
+    duration: float = math.inf
+    switches: int = 0
+    cost: float = math.inf
+    failure: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """The best operating point of a move.
+
+    Attributes:
+        best: The best point, with energy, duration and cost of the move.
+        plan: The plan at this point.
+        machine: The machine with P_S and V_max of this point.
+        curve: All examined points, by increasing P_S, then V_max.
+    """
+
+    best: OperatingPointResult
+    plan: Plan
+    machine: Machine
+    curve: tuple[OperatingPointResult, ...]
+
+
+class NoOperatingPointError(MhsbError):
+    """No examined point has a plan."""
+
+    def __init__(self, pressure: Range, v_max: Range, failure: str) -> None:
+        """Compose the message.
+
+        Args:
+            pressure: Range of P_S [Pa].
+            v_max: Range of V_max [m/s].
+            failure: Why there was no plan at the first point.
+        """
+        self.pressure = pressure
+        self.v_max = v_max
+        super().__init__(
+            f"no plan at any supply pressure in {pressure.low:g} … {pressure.high:g} Pa with V_max "
+            f"in {v_max.low:g} … {v_max.high:g} m/s; at the first: {failure}"
+        )
+
+
+def best_operating_point(
+    planner: Planner,
+    goal: Position,
+    start: MotionState,
+    options: PlanOptions | None = None,
+    supply_pressure: Range | None = None,
+    v_max: Range | None = None,
+    *,
+    on_sample: Callable[[OperatingPointResult], None] | None = None,
+) -> OperatingPoint:
+    """Plan a move from rest at the best point of the given ranges.
+
+    A quantity without a range stays as the planner's machine has it. The machine's own point is
+    examined as well if it lies within the ranges. The planner keeps its posture table throughout
+    and has the best point's machine afterwards.
+
+    Args:
+        planner: The planner; its machine is changed.
+        goal: Goal in `base_link` [m].
+        start: Start state, at rest.
+        options: Options of the plans; None takes the defaults.
+        supply_pressure: Range of P_S [Pa]; None keeps it.
+        v_max: Range of V_max [m/s]; None keeps it.
+        on_sample: Called with each point after it was examined; None calls nothing.
+
+    Returns:
+        The best point, its plan and all examined points.
+
+    Raises:
+        NoOperatingPointError: No point has a plan.
+        MachineFileError: An end of a range is beyond what a machine may have.
+        RequestError: No range was given.
+    """
+    if supply_pressure is None and v_max is None:
+        raise RequestError("range", "none", "of supply pressure, V_max or both must be given")
+    config = planner.machine.config
+    own = config.hydraulics.main_pump.pressure, config.motion.max_piston_speed
+    ranges = supply_pressure or Range(own[0], own[0]), v_max or Range(own[1], own[1])
+    search = _Search(planner, goal, start, options or PlanOptions(), ranges, on_sample)
+    for ends in zip((ranges[0].low, ranges[0].high), (ranges[1].low, ranges[1].high), strict=True):
+        search.machine_at(ends)
+    search.look_around(own)
+    return search.found()
+
+
+class _Search:
+    """Search over operating points that plans at each point only once."""
+
+    def __init__(
+        self,
+        planner: Planner,
+        goal: Position,
+        start: MotionState,
+        options: PlanOptions,
+        ranges: tuple[Range, Range],
+        on_sample: Callable[[OperatingPointResult], None] | None,
+    ) -> None:
+        """Begin a search without points.
+
+        Args:
+            planner: The planner; its machine is changed at each point.
+            goal: Goal in `base_link` [m].
+            start: Start state, at rest.
+            options: Options of the plans.
+            ranges: Ranges of P_S [Pa] and V_max [m/s].
+            on_sample: Called with each point after it was examined, or None.
+        """
+        self._planner, self._own = planner, planner.machine
+        self._goal, self._start, self._options = goal, start, options
+        self._ranges, self._told = ranges, on_sample
+        self._samples: dict[Point, OperatingPointResult] = {}
+
+    def machine_at(self, point: Point) -> Machine:
+        """Return the machine with P_S [Pa] and V_max [m/s] of a point."""
+        return self._own.changed(supply_pressure=point[0], max_piston_speed=point[1])
+
+    def cost(self, point: Point) -> float:
+        """Return the cost of the move at a point; plan there if that was not done before.
+
+        A new point is stored, and `on_sample` is called with it.
+
+        Args:
+            point: P_S [Pa] and V_max [m/s].
+
+        Returns:
+            The cost; infinity without a plan.
+        """
+        if point not in self._samples:
+            try:
+                sample = self._sample(point, self._plan(point))
+            except MhsbError as error:
+                sample = OperatingPointResult(*point, failure=str(error))
+            self._samples[point] = sample
+            if self._told is not None:
+                self._told(sample)
+        return self._samples[point].cost
+
+    def _plan(self, point: Point) -> Plan:
+        self._planner.change_machine(self.machine_at(point))
+        return self._planner.plan(self._goal, self._start, options=self._options)
+
+    def _sample(self, point: Point, plan: Plan) -> OperatingPointResult:
+        """Collect energy, duration, switches and cost of the move planned at a point.
+
+        Args:
+            point: P_S [Pa] and V_max [m/s].
+            plan: The plan made there.
+
+        Returns:
+            Energy, duration, switches and cost of the motion.
+        """
+        return OperatingPointResult(
+            *point,
+            energy=plan.energy.paper,
+            energy_series=plan.energy.series,
+            duration=plan.duration,
+            switches=plan.motion.schedule.switch_count,
+            cost=plan.cost(self._options),
+        )
+
+    def look_around(self, own: Point) -> None:
+        """Examine all samples of the ranges, then refine around the cheapest local minima.
+
+        A local minimum is a sample that costs no more than its up to eight neighbours. The
+        machine's own point competes with the local minima if it lies within the ranges. The
+        refinement starts from the `REFINEMENT_STARTS` cheapest of these points.
+
+        Args:
+            own: P_S [Pa] and V_max [m/s] of the planner's machine.
+        """
+        free = sum(each.low < each.high for each in self._ranges)
+        axes = [each.sample(RANGE_SAMPLES[max(1, free)]) for each in self._ranges]
+        cost = {
+            at: self.cost((axes[0][at[0]], axes[1][at[1]]))
+            for at in itertools.product(range(len(axes[0])), range(len(axes[1])))
+        }
+        minima = [at for at in cost if cost[at] <= min(cost.get(n, math.inf) for n in _around(at))]
+        starts = [(axes[0][i], axes[1][k]) for i, k in sorted(minima, key=cost.__getitem__)]
+        if all(each.clip(value) == value for each, value in zip(self._ranges, own, strict=True)):
+            starts = sorted([own, *starts], key=self.cost)
+        spacing = tuple(axis[1] - axis[0] if len(axis) > 1 else 0.0 for axis in axes)
+        for start in starts[:REFINEMENT_STARTS]:
+            self._refine(start, (0.5 * spacing[0], 0.5 * spacing[1]))
+
+    def _refine(self, point: Point, stride: Point) -> None:
+        """Improve a point by compass search.
+
+        The search moves to the cheapest neighbour. It halves the stride if no neighbour is cheaper
+        or after `MAX_REFINEMENT_MOVES` moves. It stops after `STRIDE_HALVINGS` halvings, or at once
+        if the point has no plan.
+
+        Args:
+            point: P_S [Pa] and V_max [m/s] to begin with.
+            stride: First stride in P_S [Pa] and V_max [m/s].
+        """
+        moves = halvings = 0
+        while math.isfinite(self.cost(point)) and halvings <= STRIDE_HALVINGS:
+            best = min(self._neighbors(point, stride), key=self.cost, default=point)
+            if self.cost(best) < self.cost(point) and moves < MAX_REFINEMENT_MOVES:
+                point, moves = best, moves + 1
+            else:
+                stride, moves, halvings = (0.5 * stride[0], 0.5 * stride[1]), 0, halvings + 1
+
+    def _neighbors(self, point: Point, stride: Point) -> Iterator[Point]:
+        """Yield the points one stride away in each of eight directions, clipped to the ranges.
+
+        Args:
+            point: P_S [Pa] and V_max [m/s].
+            stride: Stride in P_S [Pa] and V_max [m/s].
+
+        Yields:
+            Points that differ from the given one; some may be equal.
+        """
+        pressure, v_max = self._ranges
+        for i, k in _around((0, 0)):
+            moved = (
+                pressure.clip(point[0] + i * stride[0]),
+                v_max.clip(point[1] + k * stride[1]),
+            )
+            if moved != point:
+                yield moved
+
+    def found(self) -> OperatingPoint:
+        """Return the cheapest of all points and plan there once more.
+
+        Of equally cheap points, the one with the lowest P_S, then V_max is taken. The planner has
+        this point's machine afterwards.
+
+        Returns:
+            The best point with its plan.
+
+        Raises:
+            NoOperatingPointError: No point has a plan.
+        """
+        curve = tuple(self._samples[point] for point in sorted(self._samples))
+        best = min(curve, key=lambda sample: sample.cost)
+        if best.failure:
+            raise NoOperatingPointError(*self._ranges, curve[0].failure)
+        point = best.supply_pressure, best.v_max
+        return OperatingPoint(best, self._plan(point), self.machine_at(point), curve)
+
+
+def _around(at: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """Yield the eight neighbours of a grid point.
+
+    Args:
+        at: Indices of the point along both axes.
+
+    Yields:
+        Indices of each neighbour, which may be outside the grid.
+    """
+    for i, k in itertools.product((-1, 0, 1), repeat=2):
+        if (i, k) != (0, 0):
+            yield at[0] + i, at[1] + k

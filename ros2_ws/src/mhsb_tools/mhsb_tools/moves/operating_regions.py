@@ -1,0 +1,61 @@
+"""Operating regions: nodes of the workspace at which joints need boost (paper, Figure 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.hydraulics import required_pressures
+from mhsb_model.machine import Machine
+from mhsb_model.modes import any_boosted
+from mhsb_model.types import IntArray
+from mhsb_planner.posture.s1_posture_table import PostureTable
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingRegions:
+    """Need for boost at every grid node that the arm can reach, in the node's posture for mode N.
+
+    Attributes:
+        spacing: Spacing of the grid [m].
+        nodes: Position (x, z) of each node in units of the spacing, shape (nodes, 2), int64.
+        boosted: Whether P_S is too low for joint j, shape (nodes, n), bool. Never true for a joint
+            that slews, which holds nothing against gravity.
+        beyond_highest_boost: Whether even the highest boost pressure is too low for some joint,
+            shape (nodes,), bool.
+    """
+
+    spacing: float
+    nodes: IntArray
+    boosted: np.ndarray
+    beyond_highest_boost: np.ndarray
+
+
+def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions:
+    """Determine which joints need boost at each node of a posture table.
+
+    A joint needs boost if p_L + m(V_max) + margin > P_S for a motion against its load at V_max.
+    p_L is its load pressure, m the valve's pressure drop and margin the boost margin
+    (`mhsb_model.hydraulics.required_pressure`).
+
+    Args:
+        machine: The arm.
+        table: Its posture table; the postures for all actuators in mode N are used.
+
+    Returns:
+        The regions, without nodes that the arm cannot reach.
+    """
+    normal = int(np.flatnonzero(~any_boosted(table.patterns))[0])
+    reached = table.feasible
+    plane = machine.planar_arm
+    m, postures = plane.arrays, np.ascontiguousarray(table.posture[reached, normal])
+    force = np.array([plane.piston_forces(q) for q in postures]).reshape(-1, plane.joint_count)
+    pressure = required_pressures(m, force, np.copysign(m.max_piston_speed, force))
+    slews = machine.joint_count - plane.joint_count
+    return OperatingRegions(
+        table.spacing,
+        table.nodes[reached],
+        np.pad(pressure > m.supply_pressure, ((0, 0), (slews, 0))),
+        np.any(pressure > m.max_boost_pressure, axis=1),
+    )

@@ -1,0 +1,216 @@
+"""Drawing of the workspace: operating regions, border, obstacles, arm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    YELLOW,
+)
+from mhsb_model.machine import Machine
+from mhsb_model.obstacles.shadows import compute_shadows
+from mhsb_model.obstacles.zones import (
+    CIRCLE_KIND,
+    COLUMN_COUNT,
+    KIND_COLUMN,
+    LINK_COLUMN,
+    LINK_KIND,
+    RADIUS_COLUMN,
+    SHAPE_COLUMN,
+)
+from mhsb_model.types import FloatArray
+from mhsb_tools.moves.operating_regions import OperatingRegions
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PAPER_COLORS = {(0,): ORANGE, (1,): SKY, (0, 1): PURPLE}
+"""Colours of the sets of joints that need boost together, as in the paper's Figure 5."""
+
+OTHER_COLORS = (GREEN, YELLOW, BLUE, VERMILION)
+"""Colours of sets of joints that the paper's figure does not have."""
+UNBOOSTABLE_LABEL = "beyond the highest boost"
+"""Label of nodes at which even the highest boost pressure is too low."""
+OUTLINE_STYLE = {"fill": False, "edgecolor": VERMILION, "linestyle": "--", "linewidth": 1.5}
+IN_PLANE: tuple[dict[str, Any], ...] = (
+    {"facecolor": VERMILION, "alpha": 0.35, "label": "keep-out"},
+    {"facecolor": VERMILION, "alpha": 0.15, "label": "keep-out of the tip"},
+)
+IN_SHADOW: tuple[dict[str, Any], ...] = (
+    OUTLINE_STYLE | {"alpha": 0.8, "label": "keep-out at some angle of the slew"},
+    OUTLINE_STYLE | {"alpha": 0.4, "label": "the tip's at some angle of the slew"},
+)
+"""Styles of obstacles in the plane and of shadows of zones in space: for the whole arm, and for its
+tip alone.
+"""
+
+BORDER_WIDTH = 0.08
+"""Margin of the axes around the workspace [m]."""
+TICK_SPACING = 0.25
+"""Distance of ticks for an arm of the paper's size [m]."""
+
+
+def draw_workspace_axes(machine: Machine, axes: Axes) -> None:
+    """Set up axes x, z [m] of equal scale around the workspace and draw its border.
+
+    Args:
+        machine: The arm; if it slews, x and z are those in its plane.
+        axes: Axes to set up.
+    """
+    from matplotlib.ticker import MultipleLocator
+
+    axes.grid(visible=False)
+    draw_outline(machine, axes)
+    axes.set_aspect("equal")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(TICK_SPACING * max(1, round(machine.relative_size))))
+    turns = " in the plane that joint 1 turns, from joint 2" if machine.slews else ""
+    axes.set_xlabel(f"x{turns} [m]")
+    axes.set_ylabel("z [m]")
+
+
+def draw_regions(regions: OperatingRegions, axes: Axes) -> None:
+    """Draw a square for each node, coloured by the joints that need boost there.
+
+    Nodes beyond the highest boost pressure get a cross. Each set of joints has a legend entry.
+
+    Args:
+        regions: The operating regions.
+        axes: Axes to draw on.
+    """
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Rectangle
+
+    half = regions.spacing / 2
+    for label, color, chosen in _kinds(regions):
+        corners = regions.spacing * regions.nodes[chosen] - half
+        squares = [Rectangle((x, z), 2 * half, 2 * half) for x, z in corners]
+        look: dict[str, Any] = {"facecolor": color, "edgecolor": "white", "alpha": 0.5}
+        axes.add_collection(PatchCollection(squares, linewidth=0.4, **look))
+        axes.scatter([], [], s=110, marker="s", label=label, **look)
+    if np.any(regions.beyond_highest_boost):
+        x, z = regions.spacing * regions.nodes[regions.beyond_highest_boost].T
+        axes.scatter(x, z, s=12, marker="x", color=GREY, linewidth=0.8, label=UNBOOSTABLE_LABEL)
+
+
+def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
+    """Return each set of joints that need boost together at some node, also the empty set.
+
+    Args:
+        regions: The operating regions.
+
+    Returns:
+        Label, colour, and which nodes belong to the set (bool, shape (nodes,)); smaller sets first.
+    """
+    sets = sorted(
+        {tuple(np.flatnonzero(row).tolist()) for row in regions.boosted},
+        key=lambda joints: (len(joints), joints),
+    )
+    others = iter(OTHER_COLORS)
+    kinds = []
+    for joints in sets:
+        wanted = np.isin(np.arange(regions.boosted.shape[1]), joints)
+        chosen = np.all(regions.boosted == wanted, axis=1)
+        if not joints:
+            kinds.append(("no joint needs boost", PALE, chosen))
+        else:
+            names = " and ".join(f"joint {j + 1}" for j in joints)
+            needs = "needs" if len(joints) == 1 else "need"
+            color = PAPER_COLORS.get(joints) or next(others, GREY)
+            kinds.append((f"{names} {needs} boost", color, chosen))
+    return kinds
+
+
+def draw_outline(machine: Machine, axes: Axes) -> None:
+    """Draw the border of the workspace, and set the limits of the axes to show it and the base.
+
+    Args:
+        machine: The arm with its workspace: smallest and largest radius, smallest x.
+        axes: Axes to draw on.
+    """
+    area = machine.config.workspace
+    arcs = []
+    for radius, turn in ((area.max_radius, 1), (area.min_radius, -1)):
+        widest = np.arccos(np.clip(area.min_x / radius, -1.0, 1.0)) if radius > 0 else 0.0
+        angle = turn * np.linspace(-widest, widest, 200)
+        arcs.append(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+    outline = np.vstack([*arcs, arcs[0][:1]])
+    axes.plot(*outline.T, color=BLACK, linestyle=":", linewidth=1.2, label="operating range")
+    low, high = outline.min(axis=0) - BORDER_WIDTH, outline.max(axis=0) + BORDER_WIDTH
+    axes.set_xlim(min(low[0], -BORDER_WIDTH), high[0])  # includes the arm's base
+    axes.set_ylim(low[1], high[1])
+
+
+def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
+    """Draw keep-out zones, ground and base: dark for the whole arm, paler for the tip alone.
+
+    If the arm slews, zones in space are drawn as outlines of their shadows in the arm's plane.
+    These are for all slew angles that the postures span, so that the arm may be inside a shadow
+    while its plane is beside the zone.
+
+    Args:
+        machine: The arm with its obstacles.
+        axes: Axes to draw on.
+        postures: Postures of the move, shape (k, n) [rad or m].
+    """
+    own = machine.obstacles
+    _draw_rows(own.rows[~own.is_in_space], machine.joint_count, axes, IN_PLANE)
+    if own.is_in_space.any():
+        turned = postures[:, 0].min(), postures[:, 0].max()
+        shadows = compute_shadows(own, machine.arrays.slew_offset, *turned)
+        _draw_rows(shadows.rows, machine.planar_arm.joint_count, axes, IN_SHADOW)
+
+
+def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, Any], ...]) -> None:
+    """Draw obstacles of the plane as patches, each shape once and each label once.
+
+    Args:
+        rows: Obstacle table with the columns of `obstacles.zones`.
+        tip: Value of `LINK_COLUMN` that stands for the tip alone.
+        axes: Axes to draw on.
+        looks: Patch styles for the whole arm and for the tip alone.
+    """
+    from matplotlib.patches import Circle, Rectangle
+
+    drawn: set[tuple[float, ...]] = set()
+    labelled: set[bool] = set()
+    for row in rows:
+        shape, of_tip = (
+            (row[COLUMN_COUNT], *row[SHAPE_COLUMN:RADIUS_COLUMN]),
+            bool(row[LINK_COLUMN] == tip),
+        )
+        if row[KIND_COLUMN] == LINK_KIND or shape in drawn:
+            continue
+        look = looks[of_tip] | ({"label": None} if of_tip in labelled else {})
+        drawn.add(shape)
+        labelled.add(of_tip)
+        first, second, third, fourth = row[SHAPE_COLUMN : SHAPE_COLUMN + 4]
+        if row[KIND_COLUMN] == CIRCLE_KIND:
+            axes.add_patch(Circle((first, second), third, **look))
+        else:
+            axes.add_patch(Rectangle((first, second), third - first, fourth - second, **look))
+
+
+def draw_arm(machine: Machine, q: FloatArray, axes: Axes, **style: Any) -> None:
+    """Draw the links in posture q [rad or m].
+
+    Args:
+        machine: The arm.
+        q: Posture, shape (n,).
+        axes: Axes to draw on.
+        **style: Line properties that replace the default ones.
+    """
+    points = machine.joint_positions(q)
+    look: dict[str, Any] = {"color": GREY, "linewidth": 3.0, "alpha": 0.7}
+    axes.plot(*points.T, marker="o", markersize=5, **(look | style))

@@ -1,0 +1,1 @@
+"""Writing, repairing and reading recordings (rosbag2 folders)."""

@@ -1,0 +1,423 @@
+"""Repair of a damaged recording: all that can be read is kept, and the original beside it.
+
+A repaired file is first written beside the damaged one and read again. Only then does it take the
+damaged file's name, and the damaged file becomes NAME.mcap.torn. If nothing can be read, nothing is
+changed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import Header, Metadata
+
+from mhsb_tools.recording import bag_format
+from mhsb_tools.recording.bag_folder import BagFolder, find_data_files
+from mhsb_tools.recording.bag_format import METADATA_FILE, BagContents, BagError, BagTopic
+from mhsb_tools.recording.data_file import DataFile
+from mhsb_tools.recording.mcap_chunk import Chunk
+from mhsb_tools.recording.mcap_copy import McapCopy
+from mhsb_tools.recording.mcap_records import RECORD_HEADER, Channel, Opcode, Schema, check_metadata
+from mhsb_tools.recording.mcap_structure import RecordFrame
+from mhsb_tools.recording.mcap_survey import Definitions, Survey, survey_file
+from mhsb_tools.recording.mcap_walk import McapWalk
+
+TORN_SUFFIX = ".torn"
+"""Suffix of the names under which damaged files are kept."""
+BAG_METADATA = "rosbag2"
+"""Name of the MCAP metadata record in which rosbag2 repeats a file's metadata."""
+
+UNKNOWN_TYPE = "unknown_msgs/msg/Unknown"
+"""ROS type that stands for types whose definition is lost."""
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Result of a repair.
+
+    Attributes:
+        kept: Messages in the recording after the repair.
+        lost: Messages that the recording has lost; a lower bound unless `is_exact`.
+        is_exact: Whether `lost` is the exact number.
+        lost_bytes: Bytes in damaged parts.
+        repeated: Messages that stood in the recording twice and are kept once.
+        unlisted: Kept messages that the damaged file's own summary did not list.
+        nameless: Kept messages whose topic and type are lost; they are on /unknown/channel_ID.
+        originals: Names of the files that keep the damaged recording; empty if no file was
+            replaced.
+        is_complete: Whether the recording was complete already, so that nothing was changed.
+    """
+
+    kept: int
+    lost: int = 0
+    is_exact: bool = True
+    lost_bytes: int = 0
+    repeated: int = 0
+    unlisted: int = 0
+    nameless: int = 0
+    originals: tuple[str, ...] = ()
+    is_complete: bool = False
+
+    def sentence(self, folder: Path) -> str:
+        """Return the result as one sentence for the user, without a period.
+
+        Args:
+            folder: Folder of the recording, as the user named it.
+
+        Returns:
+            Numbers of kept and lost messages, and the names under which the damaged files are kept.
+        """
+        if self.is_complete:
+            return f"{folder} is complete with {self.kept} messages; nothing was changed"
+        at_least = "" if self.is_exact else "at least "
+        words = f"kept {self.kept} messages in {folder}"
+        if self.lost or self.lost_bytes or not self.is_exact:
+            words += f"; lost {at_least}{self.lost} messages, {self.lost_bytes} bytes"
+        for count, meaning in (
+            (self.repeated, "stood there twice and are kept once"),
+            (self.unlisted, "of those kept are not in the file's own summary"),
+            (self.nameless, "of those kept have lost their topic and are on /unknown"),
+        ):
+            words += f"; {count} {meaning}" if count else ""
+        if self.originals:
+            words += f"; the damaged recording is kept as {', '.join(self.originals)}"
+        return words
+
+
+def repair_recording(folder: Path) -> Repair:
+    """Repair the recording in a folder.
+
+    A complete recording is left unchanged. Otherwise damaged data files and the metadata are
+    written anew, and the damaged ones are kept under new names.
+
+    Args:
+        folder: Folder of the recording.
+
+    Returns:
+        Numbers of kept and lost messages, and the new names of the damaged files.
+
+    Raises:
+        BagError: There is no recording, nothing can be read from it, or the repaired one cannot be
+            written. If nothing can be read, nothing is changed.
+    """
+    bag = find_data_files(folder)
+    surveys = [survey_file(path) for path in bag.files]
+    kept = sum(survey.kept for survey in surveys)
+    damaged = [survey for survey in surveys if survey.first_damage is not None]
+    if not bag.problem and not damaged and kept == bag.listed_count:
+        return Repair(kept, is_complete=True)
+    if damaged and not kept:
+        raise BagError(
+            f"nothing can be read from {damaged[0].path}: {damaged[0].reason}; nothing was changed"
+        )
+    try:
+        originals = _replace(bag, surveys)
+    except OSError as error:
+        raise BagError(
+            f"{folder} cannot be repaired: {error.strerror or error}; the damaged recording is kept"
+        ) from error
+    return Repair(
+        kept,
+        sum(survey.lost_count for survey in surveys) + sum(bag.missing.values()),
+        all(survey.is_exact for survey in surveys) and all(bag.missing.values()),
+        sum(survey.damaged_bytes for survey in surveys),
+        sum(survey.duplicates for survey in surveys),
+        sum(survey.unlisted for survey in surveys),
+        sum(_nameless(survey) for survey in surveys),
+        tuple(originals),
+    )
+
+
+def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
+    """Write repaired files and exchange them for the damaged ones.
+
+    All repaired files are complete on disk before the first damaged file is renamed. Files without
+    damage stay as they are. A damaged file without readable messages is set aside without a
+    replacement. New metadata are written last.
+
+    Args:
+        bag: Folder of the recording.
+        surveys: Findings in each of its data files, in time order.
+
+    Returns:
+        New names of the damaged files and of the old metadata.
+    """
+    contents: dict[str, BagContents] = {}
+    repaired: dict[Path, Path] = {}
+    originals = []
+    with _temporary_files() as parts:
+        for survey in surveys:
+            name = survey.path.name
+            if survey.first_damage is None:
+                contents[name] = summarize_contents(survey, survey.counts, survey.definitions)
+            elif survey.kept:
+                repaired[survey.path], contents[name] = _rewrite(survey, parts)
+        for survey in surveys:
+            if survey.first_damage is not None:
+                part = repaired.get(survey.path)
+                originals.append(_rename_to_torn(survey.path, part))
+                if part is not None:
+                    parts.remove(part)
+        metadata = bag.path / METADATA_FILE
+        if metadata.exists() or metadata.is_symlink():
+            originals.append(_rename_to_torn(metadata, None))
+        bag_format.write_metadata(bag.path, contents)
+        _sync(bag.path)
+    return originals
+
+
+@contextlib.contextmanager
+def _temporary_files() -> Iterator[list[Path]]:
+    """Yield a list of paths; at the end of the `with` block the files in it are deleted.
+
+    Remove a path from the list to keep its file.
+    """
+    parts: list[Path] = []
+    try:
+        yield parts
+    finally:
+        for part in parts:
+            with contextlib.suppress(OSError):
+                part.unlink()
+
+
+def _rewrite(survey: Survey, temporary_files: list[Path]) -> tuple[Path, BagContents]:
+    """Write the readable part of a damaged file into a temporary file and read that again.
+
+    The temporary file stands beside the damaged one and gets its permissions.
+
+    Args:
+        survey: Findings in the damaged file.
+        temporary_files: List of temporary files; the new file's path is appended.
+
+    Returns:
+        Path of the new file, and its contents for the metadata.
+
+    Raises:
+        BagError: The new file is damaged, or holds another number of messages.
+    """
+    path = survey.path
+    descriptor, name = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
+    temporary_files.append(part := Path(name))
+    with open(descriptor, "wb") as stream, DataFile(path) as file:
+        contents = _copy_readable_parts(survey, file, stream)
+        stream.flush()
+        os.fchmod(stream.fileno(), path.stat().st_mode & 0o777)
+        os.fsync(stream.fileno())
+    again = survey_file(part)
+    if again.first_damage is not None or again.kept != survey.kept:
+        raise BagError(f"{path} cannot be repaired; the damaged recording is kept")
+    return part, contents
+
+
+def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> BagContents:
+    """Copy everything that can be used from a damaged file into a new MCAP file.
+
+    Repeated chunks are written once. Messages outside chunks are put into new chunks. Attachments
+    and metadata records are copied. Only rosbag2's own metadata record is replaced by a new one,
+    which is written at the end.
+
+    Args:
+        survey: Findings in the damaged file.
+        file: The damaged file.
+        stream: Open file that receives the copy.
+
+    Returns:
+        Contents of the new file for the metadata.
+    """
+    listed = survey.listed_chunks
+    copy = McapCopy(stream, _complete_definitions(survey), _header(survey), listed)
+    seen = Survey(survey.path)
+    for piece in McapWalk(file).iterate_pieces():
+        if isinstance(piece, Chunk) and seen.register_chunk(piece):
+            copy.add_chunk(piece)
+        elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
+            copy.add_message(file.read(piece.at, RECORD_HEADER.size + piece.length))
+        elif isinstance(piece, RecordFrame) and piece.opcode in (
+            Opcode.ATTACHMENT,
+            Opcode.METADATA,
+        ):
+            content = file.read(piece.begin, piece.length)
+            if piece.opcode == Opcode.ATTACHMENT or check_metadata(content) != BAG_METADATA:
+                copy.add_attachment_or_metadata(piece.opcode, content)
+    copy.flush()
+    contents = summarize_contents(survey, copy.counts, copy.definitions)
+    text = bag_format.metadata_text({survey.path.name: contents})
+    copy.add_attachment_or_metadata(
+        Opcode.METADATA, _content(Metadata(BAG_METADATA, {"serialized_metadata": text}))
+    )
+    copy.finish()
+    return contents
+
+
+def _complete_definitions(survey: Survey) -> Definitions:
+    """Return a file's schemas and channels, with substitutes for lost ones.
+
+    A lost channel becomes the topic /unknown/channel_ID. A lost schema becomes the type
+    UNKNOWN_TYPE without a text.
+
+    Args:
+        survey: Findings in the file; its definitions are not changed.
+
+    Returns:
+        A copy in which every message has a channel, and every channel has a schema or the schema id
+        0.
+    """
+    found = survey.definitions
+    definitions = Definitions(dict(found.schemas), dict(found.channels))
+    for channel_id in survey.counts:
+        if channel_id not in definitions.channels:
+            topic = f"/unknown/channel_{channel_id}"
+            schema_id = _unknown_schema(definitions)
+            channel = Channel(channel_id, schema_id, topic, bag_format.SERIALIZATION_FORMAT, ())
+            definitions.channels[channel_id] = channel
+    for channel in list(definitions.channels.values()):
+        if channel.schema_id not in (0, *definitions.schemas):
+            definitions.schemas[channel.schema_id] = Schema(
+                channel.schema_id, UNKNOWN_TYPE, bag_format.SCHEMA_ENCODING, b""
+            )
+    return definitions
+
+
+def _unknown_schema(definitions: Definitions) -> int:
+    """Return the id of the schema that stands for unknown types.
+
+    If there is none, it is added to `definitions` under the highest id that is not in use.
+
+    Args:
+        definitions: Schemas and channels of the file; may get the new schema.
+
+    Returns:
+        The schema's id.
+    """
+    used = {channel.schema_id for channel in definitions.channels.values()}
+    for schema_id, schema in definitions.schemas.items():
+        if schema.name == UNKNOWN_TYPE:
+            return schema_id
+    free = next(n for n in range(2**16 - 1, 0, -1) if n not in used | definitions.schemas.keys())
+    definitions.schemas[free] = Schema(free, UNKNOWN_TYPE, bag_format.SCHEMA_ENCODING, b"")
+    return free
+
+
+def _nameless(survey: Survey) -> int:
+    """Return the number of kept messages whose channel record is lost, so the topic is unknown."""
+    return sum(n for each, n in survey.counts.items() if each not in survey.definitions.channels)
+
+
+def _header(survey: Survey) -> bytes:
+    """Return the content of the header record for a repaired file.
+
+    Args:
+        survey: Findings in the damaged file.
+
+    Returns:
+        Content of the file's own header, or of ROS's usual one if that is damaged.
+    """
+    if survey.header is not None:
+        return survey.header.content
+    return _content(Header(bag_format.MCAP_PROFILE, "mhsb"))
+
+
+def _content(record: Header | Metadata) -> bytes:
+    """Return the content of an MCAP record.
+
+    Args:
+        record: The record.
+
+    Returns:
+        Its bytes without opcode and length.
+    """
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())[RECORD_HEADER.size :]
+
+
+def summarize_contents(
+    survey: Survey, counts: Mapping[int, int], definitions: Definitions
+) -> BagContents:
+    """Return the contents of a data file in the form that the metadata need.
+
+    Args:
+        survey: Findings in the file, for its first and last log time.
+        counts: Number of messages by channel id.
+        definitions: Schemas and channels.
+
+    Returns:
+        The file's times, and each topic with its number of messages, 0 for channels without
+        messages.
+    """
+    topics: Counter[BagTopic] = Counter()
+    for channel in definitions.channels.values():
+        topics[_topic(channel, definitions)] += counts.get(channel.id, 0)
+    return BagContents(survey.start_ns, survey.end_ns, tuple(topics.items()))
+
+
+def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
+    """Return a channel as a topic of the metadata.
+
+    Args:
+        channel: The channel.
+        definitions: Schemas of the file; a channel without schema gets the type UNKNOWN_TYPE.
+
+    Returns:
+        The topic. If its type hash is missing, it is the hash of the known ROS type of that name,
+        or an empty text.
+    """
+    schema = definitions.schema_of(channel)
+    type_name = schema.name if schema else UNKNOWN_TYPE
+    return BagTopic(
+        channel.topic,
+        type_name,
+        channel.value("offered_qos_profiles"),
+        channel.encoding,
+        channel.value("topic_type_hash") or bag_format.known_type_hash(type_name),
+    )
+
+
+def _rename_to_torn(path: Path, replacement: Path | None) -> str:
+    """Rename a file to the first free name of NAME.torn, NAME.torn.1, NAME.torn.2 and so on.
+
+    A hard link is made first, so that the old name exists until another file takes it. File systems
+    without links get a plain rename.
+
+    Args:
+        path: The file; a symbolic link is renamed itself and its target stays untouched.
+        replacement: File that takes over the old name; None leaves the old name free.
+
+    Returns:
+        The new name.
+    """
+    for number in itertools.count():
+        torn = path.with_name(f"{path.name}{TORN_SUFFIX}{f'.{number}' if number else ''}")
+        try:
+            os.link(path, torn, follow_symlinks=False)
+        except FileExistsError:
+            continue
+        except OSError:  # a file system without links
+            if torn.exists() or torn.is_symlink():
+                continue
+            os.rename(path, torn)
+        break
+    if replacement is not None:
+        os.replace(replacement, path)
+    elif path.exists() or path.is_symlink():
+        os.unlink(path)
+    return torn.name
+
+
+def _sync(folder: Path) -> None:
+    """Write the directory entries of a folder to disk (fsync)."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

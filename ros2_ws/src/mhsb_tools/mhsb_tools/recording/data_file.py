@@ -1,0 +1,176 @@
+"""Reading a data file of a recording at any position, with a bounded amount of work.
+
+A recording may come from an untrusted source. Its files may be pipes, devices, link loops or sparse
+files of a terabyte, and their content may be made so that a search never ends. A file is therefore
+opened without blocking and must be a regular file. It can be read only within a budget in
+proportion to its size.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mhsb_tools.recording.bag_format import BagError
+
+FREE_WORK = 1024**3
+"""Bytes of a file of any size that may be read, and unpacked; this takes a second or two."""
+
+READ_FACTOR, UNPACK_FACTOR = 20, 100
+"""Multiples of a file's size that may be read, and unpacked, beyond FREE_WORK.
+
+A recording is read twice at most and unpacks to a few times its size. Only a file that was made for
+the purpose takes more. Larger factors let such a file take longer.
+"""
+
+COST_OF_A_MESSAGE = 256
+"""Bytes by which each message in a chunk is charged to the budget for unpacking."""
+
+COST_OF_A_READ = 64
+"""Bytes by which each read is charged to the budget for reading, for the time of the call."""
+
+READ_AHEAD_SIZE = 64 * 1024
+"""Bytes that are read ahead if at most SMALL_READ bytes are wanted."""
+
+SMALL_READ = 4096
+"""Largest read that is served from the bytes read ahead [bytes]."""
+
+
+class DataFile:
+    """Regular file, open for reading within budgets of bytes; use it as a context manager.
+
+    One budget is for bytes read, FREE_WORK + READ_FACTOR · size. The other is for bytes unpacked,
+    FREE_WORK + UNPACK_FACTOR · size.
+
+    Attributes:
+        path: The file.
+        size: Its size when it was opened [bytes].
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open a file and set both budgets.
+
+        Args:
+            path: The file; symbolic links are followed.
+
+        Raises:
+            BagError: The file cannot be opened or is not a regular file.
+        """
+        self.path = path
+        try:
+            self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise BagError(f"{path} cannot be read: {error.strerror}; check it") from error
+        status = os.fstat(self._descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            os.close(self._descriptor)
+            raise BagError(f"{path} cannot be read: it is no regular file; name a recording's own")
+        self.size = status.st_size
+        self._window, self._window_at = b"", 0
+        self._read_left = FREE_WORK + READ_FACTOR * self.size
+        self._unpack_left = FREE_WORK + UNPACK_FACTOR * self.size
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        os.close(self._descriptor)
+
+    def read(self, at: int, length: int) -> bytes:
+        """Return bytes of the file, and charge them to the budget for reading.
+
+        Reads of at most SMALL_READ bytes are served from a window that is read ahead.
+
+        Args:
+            at: Offset of the first byte.
+            length: Number of bytes.
+
+        Returns:
+            The bytes; fewer than `length` at the end of the file.
+
+        Raises:
+            BagError: The file cannot be read, or the budget for reading is used up.
+        """
+        length = max(0, min(length, self.size - at))
+        self._read_left -= length + COST_OF_A_READ
+        if self._read_left < 0:
+            raise self._too_much_work("search")
+        if length > SMALL_READ:
+            return self._pread(at, length)
+        begin = at - self._window_at
+        if begin < 0 or begin + length > len(self._window):
+            self._window, self._window_at, begin = self._pread(at, READ_AHEAD_SIZE), at, 0
+        return self._window[begin : begin + length]
+
+    def _pread(self, at: int, length: int) -> bytes:
+        """Read bytes from the operating system, in several calls if needed.
+
+        Args:
+            at: Offset of the first byte.
+            length: Number of bytes.
+
+        Returns:
+            The bytes; fewer than `length` at the end of the file.
+
+        Raises:
+            BagError: The file cannot be read.
+        """
+        try:
+            data = os.pread(self._descriptor, length, at)
+            while 0 < len(data) < length:  # one call reads at most 2 GiB, and a signal may end it
+                more = os.pread(self._descriptor, length - len(data), at + len(data))
+                if not more:
+                    break
+                data += more
+        except OSError as error:
+            raise BagError(f"{self.path} cannot be read: {error.strerror}; copy it") from error
+        return data
+
+    def count_unpacked(self, size: int) -> None:
+        """Charge unpacked bytes to the budget for unpacking.
+
+        Args:
+            size: Number of bytes; the caller adds COST_OF_A_MESSAGE for each message.
+
+        Raises:
+            BagError: The budget is used up.
+        """
+        self._unpack_left -= size
+        if self._unpack_left < 0:
+            raise self._too_much_work("unpack")
+
+    def next_data(self, at: int) -> int:
+        """Return the first offset from `at` on that is not in a hole of a sparse file.
+
+        Args:
+            at: Offset at which the search begins.
+
+        Returns:
+            The offset; the file's size if only holes follow, and `at` itself if the file system
+            cannot tell.
+        """
+        try:
+            return max(at, os.lseek(self._descriptor, at, os.SEEK_DATA))
+        except OSError as error:
+            return self.size if error.errno == errno.ENXIO else at  # some file systems cannot tell
+
+    def _too_much_work(self, verb: str) -> BagError:
+        """Return the error that a budget is used up.
+
+        Args:
+            verb: Word in the message for what took too long, `search` or `unpack`.
+        """
+        return BagError(
+            f"{self.path} takes too long to {verb}: more than {READ_FACTOR} times its size to "
+            f"read, or {UNPACK_FACTOR} times unpacked; it is no recording that can be used"
+        )

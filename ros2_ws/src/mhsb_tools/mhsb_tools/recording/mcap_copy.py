@@ -1,0 +1,496 @@
+"""Writing the readable part of a damaged MCAP file into a new one.
+
+Verified chunks are copied as they are; index and summary are made anew. All schemas and channels
+stand before the first chunk, as they are in the damaged file, so unknown types are kept as well.
+Messages outside chunks are put into new chunks.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import zlib
+from collections import Counter
+from collections.abc import Set
+from dataclasses import dataclass, replace
+from typing import IO
+
+from mcap import records as mcap_records
+from mcap.data_stream import RecordBuilder
+
+from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.recording.mcap_chunk import Chunk, ChunkHeader, find_records, message_index
+from mhsb_tools.recording.mcap_records import (
+    CHUNK_TIMES,
+    FILE_MAGIC,
+    RECORD_HEADER,
+    Channel,
+    Opcode,
+    Schema,
+)
+from mhsb_tools.recording.mcap_survey import Definitions
+from mhsb_tools.recording.mcap_walk import INDEX_HEAD_SIZE
+
+CHUNK_SIZE = 32 * 1024
+"""Size at which messages from outside chunks fill a new chunk [bytes]."""
+
+INDEX_IN_MEMORY = 4 * 1024 * 1024
+"""Size up to which chunk indexes are kept in memory [bytes]; more of them go into a temporary file.
+"""
+
+MAX_ID = 2**16 - 1
+"""Largest id of a schema or channel."""
+
+
+class McapCopy:
+    """Writer of a new MCAP file from the parts of a damaged one; `finish` completes it.
+
+    One id may mean different things in different parts of a damaged file. Such a part gets new ids.
+
+    Attributes:
+        counts: Number of messages written, by channel id in the new file.
+        definitions: Schemas and channels of the new file; new ones are added if ids contradict.
+    """
+
+    def __init__(
+        self,
+        stream: IO[bytes],
+        definitions: Definitions,
+        header: bytes,
+        listed: Set[tuple[int, int, int]] = frozenset(),
+    ) -> None:
+        """Write the beginning of the file: magic, header, and all definitions.
+
+        Args:
+            stream: Binary stream that the file is written to.
+            definitions: All known schemas and channels; may get more of them.
+            header: Content of the header record.
+            listed: Keys (`Chunk.key`) of the chunks that are known to belong to these definitions:
+                first and last log time [ns] and unpacked size [bytes].
+        """
+        self.counts: Counter[int] = Counter()
+        self.definitions = definitions
+        self._stream = stream
+        self._at = 0
+        self._checksum: int | None = None
+        self._loose = bytearray()
+        self._indexes = tempfile.SpooledTemporaryFile(INDEX_IN_MEMORY)  # noqa: SIM115
+        self._others: list[bytes] = []
+        self._chunk_count = 0
+        self._times: list[tuple[int, int]] = []
+        self._other_ids: _IdTranslation | None = None
+        self._listed = listed
+        self._own_end: int | None = None
+        self._other_end = 0
+        self._write(FILE_MAGIC)
+        self._record(Opcode.HEADER, header)
+        self._write(_definition_bytes(definitions))
+
+    def add_chunk(self, chunk: Chunk) -> None:
+        """Write a chunk with its message indexes.
+
+        If a schema or channel in the chunk differs from the file's one of equal id, the chunk is
+        rewritten with new ids. Later chunks without definitions that belong to the same recording
+        (`_belongs_to_other_recording`) get these ids, too. A chunk without messages is not written.
+
+        Args:
+            chunk: A verified chunk.
+        """
+        self.flush()
+        if self._has_contradicting_ids(chunk):
+            self._other_ids = self._new_ids(chunk)
+            self._other_end = chunk.key[1]
+            chunk = _translate_ids(chunk, self._other_ids)
+        elif self._other_ids is not None and self._belongs_to_other_recording(chunk):
+            self._other_end = chunk.key[1]
+            chunk = _translate_ids(chunk, self._other_ids)
+        else:
+            self._own_end = chunk.key[1]
+        if len(chunk.channel_ids):
+            self._write_chunk(chunk)
+
+    def add_message(self, record: bytes) -> None:
+        """Add a message that stood outside chunks to a new chunk.
+
+        The chunk is written when it has CHUNK_SIZE bytes. A larger message gets a chunk of its own.
+
+        Args:
+            record: The whole message record.
+        """
+        if len(record) >= CHUNK_SIZE:
+            self.flush()
+            self._write_records(record)
+            return
+        self._loose += record
+        if len(self._loose) >= CHUNK_SIZE:
+            self.flush()
+
+    def add_attachment_or_metadata(self, opcode: int, content: bytes) -> None:
+        """Write an attachment or metadata record, and keep its index for the summary.
+
+        Args:
+            opcode: Opcode of the record.
+            content: Content of the record.
+        """
+        self.flush()
+        at = self._at
+        self._record(opcode, content)
+        self._others.append(_make_index_record(opcode, content, at))
+
+    def flush(self) -> None:
+        """Write the messages that wait for their chunk to be filled, as a chunk."""
+        if self._loose:
+            unpacked, self._loose = bytes(self._loose), bytearray()
+            self._write_records(unpacked)
+
+    def finish(self) -> None:
+        """Write the end of the file: summary with all indexes, footer, and magic.
+
+        The stream stays open.
+        """
+        self.flush()
+        self._record(Opcode.DATA_END, bytes(4))
+        begin, self._checksum = self._at, 0
+        groups = [(Opcode.SCHEMA, begin)]
+        self._write(_definition_bytes(Definitions(self.definitions.schemas)))
+        groups.append((Opcode.CHANNEL, self._at))
+        self._write(_definition_bytes(Definitions({}, self.definitions.channels)))
+        groups.append((Opcode.STATISTICS, self._at))
+        self._write(self._statistics())
+        groups.append((Opcode.CHUNK_INDEX, self._at))
+        self._indexes.seek(0)
+        while part := self._indexes.read(INDEX_IN_MEMORY):
+            self._write(part)
+        self._indexes.close()
+        for opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
+            groups.append((opcode, self._at))
+            self._write(b"".join(each for each in self._others if each[0] == opcode))
+        self._write_end(begin, groups)
+
+    # --- Chunks ----------------------------------------------------------------------------------
+
+    def _write_records(self, records: bytes) -> None:
+        """Write records as an uncompressed chunk.
+
+        Args:
+            records: Message records, one after the other.
+        """
+        header = ChunkHeader(len(records), zlib.crc32(records), "")
+        self._write_chunk(find_records(header, records, records))
+
+    def _write_chunk(self, chunk: Chunk) -> None:
+        """Write a chunk record and the message indexes of its channels.
+
+        Counts, time span and chunk index are updated for the summary.
+
+        Args:
+            chunk: The chunk, with the ids of the new file.
+        """
+        first, last, size = chunk.key
+        name = chunk.header.compression.encode()
+        fields = CHUNK_TIMES.pack(first, last, size, zlib.crc32(chunk.unpacked))
+        fields += len(name).to_bytes(4, "little") + name + len(chunk.packed).to_bytes(8, "little")
+        begin = self._at
+        self._write(RECORD_HEADER.pack(Opcode.CHUNK, len(fields) + len(chunk.packed)) + fields)
+        self._write(chunk.packed)
+        length, offsets = self._at - begin, {}
+        for channel_id, count in chunk.counts().items():
+            offsets[channel_id] = self._at
+            content = message_index(chunk, channel_id).data.cast("B")
+            self._write(RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, INDEX_HEAD_SIZE + len(content)))
+            self._write(channel_id.to_bytes(2, "little") + len(content).to_bytes(4, "little"))
+            self._write(content)
+            self.counts[channel_id] += count
+        self._indexes.write(
+            _serialize_record(
+                mcap_records.ChunkIndex(
+                    chunk_length=length,
+                    chunk_start_offset=begin,
+                    compression=chunk.header.compression,
+                    compressed_size=len(chunk.packed),
+                    message_end_time=last,
+                    message_index_length=self._at - begin - length,
+                    message_index_offsets=offsets,
+                    message_start_time=first,
+                    uncompressed_size=size,
+                )
+            )
+        )
+        self._times = [_span([*self._times, (first, last)])]
+        self._chunk_count += 1
+
+    def _has_contradicting_ids(self, chunk: Chunk) -> bool:
+        """Return whether a definition in a chunk differs from the file's definition of equal id.
+
+        Args:
+            chunk: A verified chunk.
+        """
+        tables = self.definitions
+        return any(each != tables.table(each).get(each.id, each) for _, each in chunk.definitions)
+
+    def _belongs_to_other_recording(self, chunk: Chunk) -> bool:
+        """Return whether a chunk belongs to the same recording as the last contradicting chunk.
+
+        The contradicting chunk and its successors come from another recording than the main one. A
+        chunk with definitions or with a listed key belongs to the main recording. For any other
+        chunk, log times decide: it belongs to the recording whose last chunk ended closest to the
+        chunk's first log time. If no chunk of the main recording has come yet, it belongs to the
+        other recording if any keys are listed.
+
+        Args:
+            chunk: A chunk that contradicts nothing.
+
+        Returns:
+            True if its ids have to be translated as in the last contradicting chunk.
+        """
+        if chunk.definitions or chunk.key in self._listed:
+            return False
+        begin = chunk.key[0]
+        if self._own_end is None:
+            return bool(self._listed)
+        return abs(begin - self._other_end) < abs(begin - self._own_end)
+
+    def _new_ids(self, chunk: Chunk) -> _IdTranslation:
+        """Return ids in the new file for the definitions of a contradicting chunk.
+
+        Definitions that the new file lacks are written to it.
+
+        Args:
+            chunk: The chunk.
+
+        Returns:
+            Translation from the chunk's ids to ids of the new file.
+        """
+        ids = _IdTranslation({}, {})
+        for _, each in chunk.definitions:
+            table = ids.schemas if isinstance(each, Schema) else ids.channels
+            if each.id not in table:
+                table[each.id] = self._new_id(each, ids.schemas)
+        return ids
+
+    def _new_id(self, definition: Schema | Channel, schema_ids: dict[int, int]) -> int:
+        """Return the id of a definition in the new file.
+
+        If the file has an equal definition, its id is used. Otherwise the definition is written
+        under the lowest free id.
+
+        Args:
+            definition: Schema or channel with its former ids.
+            schema_ids: Translation of schema ids, applied to a channel's schema; ids without an
+                entry stay.
+
+        Returns:
+            The id.
+
+        Raises:
+            BagError: All ids are in use.
+        """
+        if isinstance(definition, Channel):
+            schema_id = schema_ids.get(definition.schema_id, definition.schema_id)
+            definition = replace(definition, schema_id=schema_id)
+        table = self.definitions.table(definition)
+        for number, known in table.items():
+            if replace(known, id=definition.id) == definition:
+                return number
+        number = next((each for each in range(1, MAX_ID + 1) if each not in table), 0)
+        if number == 0:
+            raise BagError(f"a recording with more than {MAX_ID} definitions cannot be repaired")
+        table[number] = replace(definition, id=number)
+        one = {number: table[number]}
+        alone = Definitions(one) if isinstance(definition, Schema) else Definitions({}, one)
+        self._write(_definition_bytes(alone))
+        return number
+
+    # --- Records ---------------------------------------------------------------------------------
+
+    def _record(self, opcode: int, content: bytes) -> None:
+        """Write a record.
+
+        Args:
+            opcode: Its opcode.
+            content: Its content.
+        """
+        self._write(RECORD_HEADER.pack(opcode, len(content)) + content)
+
+    def _write(self, data: bytes | memoryview) -> None:
+        """Write bytes, advance the file position, and update the checksum of the summary.
+
+        Before the summary begins, no checksum is computed.
+
+        Args:
+            data: The bytes.
+        """
+        self._stream.write(data)
+        self._at += len(data)
+        if self._checksum is not None:
+            self._checksum = zlib.crc32(data, self._checksum)
+
+    def _statistics(self) -> bytes:
+        """Return the statistics record of the new file.
+
+        Returns:
+            The whole record, made from the counts of all that has been written.
+        """
+        first, last = self._times[0] if self._times else (0, 0)
+        kinds = Counter(each[0] for each in self._others)
+        return _serialize_record(
+            mcap_records.Statistics(
+                attachment_count=kinds[Opcode.ATTACHMENT_INDEX],
+                channel_count=len(self.definitions.channels),
+                channel_message_counts=dict(self.counts),
+                chunk_count=self._chunk_count,
+                message_count=self.counts.total(),
+                message_start_time=first,
+                message_end_time=last,
+                metadata_count=kinds[Opcode.METADATA_INDEX],
+                schema_count=len(self.definitions.schemas),
+            )
+        )
+
+    def _write_end(self, begin: int, groups: list[tuple[Opcode, int]]) -> None:
+        """Write the summary offsets, the footer with the summary's checksum, and the closing magic.
+
+        Args:
+            begin: Offset at which the summary begins.
+            groups: Opcode and offset of each group of records in the summary, in order; empty
+                groups get no summary offset.
+        """
+        ends = [at for _, at in groups[1:]] + [self._at]
+        offsets = self._at
+        for (opcode, at), end in zip(groups, ends, strict=True):
+            if end > at:
+                self._write(_serialize_record(mcap_records.SummaryOffset(opcode, at, end - at)))
+        self._write(RECORD_HEADER.pack(Opcode.FOOTER, 20))
+        self._write(begin.to_bytes(8, "little") + offsets.to_bytes(8, "little"))
+        assert self._checksum is not None
+        self._write(self._checksum.to_bytes(4, "little") + FILE_MAGIC)
+
+
+def _definition_bytes(definitions: Definitions) -> bytes:
+    """Return the records of all schemas, and then of all channels.
+
+    Args:
+        definitions: The schemas and channels.
+
+    Returns:
+        The records one after the other.
+    """
+    built = [
+        _serialize_record(mcap_records.Schema(each.id, each.data, each.encoding, each.name))
+        for each in definitions.schemas.values()
+    ]
+    built += [
+        _serialize_record(
+            mcap_records.Channel(
+                id=each.id,
+                topic=each.topic,
+                message_encoding=each.encoding,
+                metadata=dict(each.metadata),
+                schema_id=each.schema_id,
+            )
+        )
+        for each in definitions.channels.values()
+    ]
+    return b"".join(built)
+
+
+def _make_index_record(opcode: int, content: bytes, at: int) -> bytes:
+    """Return the index record of an attachment or metadata record.
+
+    Args:
+        opcode: METADATA or ATTACHMENT.
+        content: Verified content of the record.
+        at: Offset of the record in the file.
+
+    Returns:
+        The whole index record.
+    """
+    length = RECORD_HEADER.size + len(content)
+    if opcode == Opcode.METADATA:
+        size = int.from_bytes(content[:4], "little")
+        name = content[4 : 4 + size].decode("utf-8")
+        return _serialize_record(mcap_records.MetadataIndex(length=length, name=name, offset=at))
+    end = 16
+    texts = []
+    for _ in range(2):
+        size = int.from_bytes(content[end : end + 4], "little")
+        texts.append(content[end + 4 : end + 4 + size].decode("utf-8"))
+        end += 4 + size
+    return _serialize_record(
+        mcap_records.AttachmentIndex(
+            offset=at,
+            length=length,
+            log_time=int.from_bytes(content[:8], "little"),
+            create_time=int.from_bytes(content[8:16], "little"),
+            data_size=int.from_bytes(content[end : end + 8], "little"),
+            name=texts[0],
+            media_type=texts[1],
+        )
+    )
+
+
+def _serialize_record(record: mcap_records.McapRecord) -> bytes:
+    """Serialize an MCAP record.
+
+    Args:
+        record: The record.
+
+    Returns:
+        Its bytes with opcode and length.
+    """
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
+
+
+@dataclass(frozen=True)
+class _IdTranslation:
+    """Translation from the ids in a chunk to ids in the new file.
+
+    Attributes:
+        schemas: New id of each schema by its id in the chunk.
+        channels: New id of each channel by its id in the chunk.
+    """
+
+    schemas: dict[int, int]
+    channels: dict[int, int]
+
+
+def _translate_ids(chunk: Chunk, ids: _IdTranslation) -> Chunk:
+    """Return a chunk whose ids are translated.
+
+    Ids of schemas, of channels and their schemas, and of each message's channel are replaced. The
+    result is not compressed.
+
+    Args:
+        chunk: The chunk; it is not changed.
+        ids: The translation; ids without an entry stay.
+
+    Returns:
+        The new chunk.
+    """
+    unpacked = bytearray(chunk.unpacked)
+
+    def translate_id(at: int, table: dict[int, int]) -> None:
+        """Replace the two-byte id at an offset of `unpacked`, in place.
+
+        Args:
+            at: Offset of the id.
+            table: New ids by old ones.
+        """
+        number = int.from_bytes(unpacked[at : at + 2], "little")
+        unpacked[at : at + 2] = table.get(number, number).to_bytes(2, "little")
+
+    for at, each in chunk.definitions:
+        begin = at + RECORD_HEADER.size
+        translate_id(begin, ids.schemas if isinstance(each, Schema) else ids.channels)
+        if isinstance(each, Channel):
+            translate_id(begin + 2, ids.schemas)
+    for offset in chunk.each_offset():
+        translate_id(offset + RECORD_HEADER.size, ids.channels)
+    content = bytes(unpacked)
+    return find_records(ChunkHeader(len(content), zlib.crc32(content), ""), content, content)
+
+
+def _span(times: list[tuple[int, int]]) -> tuple[int, int]:
+    """Return the earliest first and the latest last of several pairs of times."""
+    return min(first for first, _ in times), max(last for _, last in times)

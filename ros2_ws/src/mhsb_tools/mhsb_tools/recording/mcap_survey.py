@@ -1,0 +1,499 @@
+"""Contents and losses of a recording's data file, found in one walk through it.
+
+Lost messages are counted from the statistics at the end of the file, or else from the message
+indexes behind damaged chunks. If neither is complete, the number is a lower bound.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mhsb_tools.recording import bag_format
+from mhsb_tools.recording.data_file import DataFile
+from mhsb_tools.recording.mcap_chunk import Chunk
+from mhsb_tools.recording.mcap_records import (
+    MAX_CHUNK_SIZE,
+    MESSAGE_HEAD,
+    RECORD_HEADER,
+    Channel,
+    Opcode,
+    Schema,
+    StructureError,
+    parse_definition,
+)
+from mhsb_tools.recording.mcap_structure import PLACE_OF_A_RECORD, RecordFrame
+from mhsb_tools.recording.mcap_walk import MAX_CHUNK_KEYS, Damage, McapWalk, Piece, Summary
+
+MAX_DEFINITIONS_SIZE = 16 * 1024 * 1024
+"""Total size of a file's schemas and channels that are kept [bytes]; the suite's take 20 KB."""
+
+
+MAX_LOST = 10_000
+"""Number of damaged chunks whose lost messages are counted."""
+
+
+@dataclass
+class Definitions:
+    """Schemas and channels by their ids; the first definition of an id stays.
+
+    Iteration yields all schemas and then all channels.
+
+    Attributes:
+        schemas: Schemas by id.
+        channels: Channels by id.
+        size: Size of all definitions that were added [characters of their representation].
+    """
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    size: int = 0
+
+    def add(self, definition: Schema | Channel) -> bool:
+        """Add a definition, unless its id is taken or all definitions grow too large.
+
+        Args:
+            definition: Schema or channel.
+
+        Returns:
+            Whether an equal definition is stored under its id; False if another one has the id, or
+            the limit MAX_DEFINITIONS_SIZE is exceeded.
+        """
+        table = self.table(definition)
+        if definition.id not in table:
+            self.size += len(repr(definition))
+            if self.size <= MAX_DEFINITIONS_SIZE:
+                table[definition.id] = definition
+        return table.get(definition.id) == definition
+
+    def table(self, definition: Schema | Channel) -> dict[int, Any]:
+        """Return the table in which definitions of the given one's kind are stored.
+
+        Args:
+            definition: Schema or channel, whose kind alone counts.
+
+        Returns:
+            The dictionary itself, definitions by id.
+        """
+        return self.schemas if isinstance(definition, Schema) else self.channels
+
+    def __iter__(self) -> Iterator[Schema | Channel]:
+        yield from self.schemas.values()
+        yield from self.channels.values()
+
+    def schema_of(self, channel: Channel) -> Schema | None:
+        """Return the schema of a channel; None if it has none or it is lost."""
+        return self.schemas.get(channel.schema_id)
+
+
+@dataclass
+class Survey:
+    """Findings of one walk through a data file.
+
+    Pass each piece of the walk to `add`, and call `close` at the end. Only then are the lost
+    messages, the summary and the definitions final.
+
+    Attributes:
+        path: The file.
+        definitions: Schemas and channels; those from undamaged parts have precedence.
+        counts: Number of readable messages by channel id, without repetitions.
+        duplicates: Number of messages in repeated chunks that are not kept.
+        start_ns: First log time of the kept messages [ns]; 0 without messages.
+        end_ns: Last log time of the kept messages [ns]; 0 without messages.
+        first_damage: First damage in the file; None in a complete file.
+        damaged_bytes: Size of all damaged parts [bytes].
+        lost: Number of messages lost in a damaged chunk, from the chunk's message indexes. The key
+            is the first and last log time of these messages [ns], or None if unknown.
+        is_lower_bound: Whether `lost` may be incomplete.
+        summary: Summary at the end of the file; None if it is missing.
+        has_contradictions: Whether an id has two definitions, so that a part is from another
+            recording.
+        unlisted: Number of kept messages in chunks that the summary does not list.
+        header: The file's header record; None if it is damaged.
+    """
+
+    path: Path
+    definitions: Definitions = field(default_factory=Definitions)
+    counts: Counter[int] = field(default_factory=Counter)
+    duplicates: int = 0
+    start_ns: int = 0
+    end_ns: int = 0
+    first_damage: Damage | None = None
+    damaged_bytes: int = 0
+    lost: dict[tuple[int, int] | None, int] = field(default_factory=dict)
+    is_lower_bound: bool = False
+    summary: Summary | None = None
+    has_contradictions: bool = False
+    unlisted: int = 0
+    header: RecordFrame | None = None
+    _repeated: Counter[int] = field(default_factory=Counter)
+    _summaries: list[Summary] = field(default_factory=list)
+    _chunks: dict[int, tuple[tuple[int, int, int], int]] = field(default_factory=dict)
+    _verified_definitions: Definitions = field(default_factory=Definitions)
+    _damaged_definitions: Definitions = field(default_factory=Definitions)
+
+    @property
+    def kept(self) -> int:
+        """Number of messages that can be used."""
+        return sum(self.counts.values())
+
+    @property
+    def lost_count(self) -> int:
+        """Number of messages known to be lost.
+
+        If statistics exist, it is the count that they state, less the kept messages in chunks that
+        the summary lists; at least 0. Otherwise it is the sum of `lost`.
+        """
+        if self.written is not None:
+            return max(0, self.written - (self.kept - self.unlisted))
+        return sum(self.lost.values())
+
+    @property
+    def written(self) -> int | None:
+        """Number of messages by the statistics in the summary; None if the statistics are lost."""
+        if self.summary is None or self.summary.statistics is None:
+            return None
+        return self.summary.statistics.message_count
+
+    @property
+    def is_exact(self) -> bool:
+        """True if `lost_count` is the exact number; False if it is a lower bound.
+
+        Without statistics, `lost_count` is exact if the message indexes of all damaged parts are
+        complete. With statistics, it is exact if a verified summary lists chunks. It is also exact
+        if no id has two definitions and no more messages are kept than the statistics count.
+        """
+        if self.written is None:
+            return not self.is_lower_bound
+        if self.summary and self.summary.verified and self.summary.chunk_keys:
+            return True
+        return not self.has_contradictions and self.kept <= self.written
+
+    @property
+    def listed_chunks(self) -> frozenset[tuple[int, int, int]]:
+        """Keys of the chunks in the summary; empty unless the summary's checksum is verified."""
+        if self.summary is None or not self.summary.verified:
+            return frozenset()
+        return frozenset(self.summary.chunk_keys)
+
+    @property
+    def reason(self) -> str:
+        """Reason and offset of the first damage, without a period; empty in a complete file."""
+        damage = self.first_damage
+        return f"{damage.reason} (byte {damage.begin})" if damage else ""
+
+    def register_chunk(self, chunk: Chunk) -> bool:
+        """Return whether a chunk occurs for the first time, and remember it.
+
+        Chunks are equal if key and unpacked content are equal. At most MAX_CHUNK_KEYS chunks are
+        remembered; repetitions of later ones are not noticed.
+
+        Args:
+            chunk: A verified chunk.
+
+        Returns:
+            False if an equal chunk came before.
+        """
+        identity = hash((chunk.key, chunk.unpacked))
+        if identity in self._chunks:
+            return False
+        if len(self._chunks) < MAX_CHUNK_KEYS:
+            self._chunks[identity] = (chunk.key, len(chunk.channel_ids))
+        return True
+
+    def close(self) -> None:
+        """Evaluate the findings after the walk.
+
+        Chunks found elsewhere are removed from `lost`. Then the summary is chosen and, in a damaged
+        file, the definitions. Repeated chunks are judged, and the message count is compared with
+        the statistics.
+        """
+        self._remove_found_losses()
+        self._choose_summary()
+        if self.first_damage is not None:
+            self._choose_definitions()
+        self._judge_repeated()
+        if self.written not in (None, self.kept):
+            self._note_fault(f"its statistics count {self.written} messages, it has {self.kept}")
+
+    def _judge_repeated(self) -> None:
+        """Count the messages of repeated chunks as kept, or as duplicates.
+
+        They are kept in a file without damage that has no statistics, or whose statistics count
+        them. Otherwise they are duplicates, and the file counts as damaged.
+        """
+        repeated = self._repeated.total()
+        if self.first_damage is None and self.written in (None, self.kept + repeated):
+            self.counts.update(self._repeated)
+        elif repeated:
+            self.duplicates = repeated
+            self._note_fault("a part of it is there twice")
+
+    def _choose_definitions(self) -> None:
+        """Choose the definitions of a damaged file, in the order of their reliability.
+
+        Definitions of a verified summary come first, and then definitions of chunks with a
+        checksum. All others are added last, and only for channels that have messages.
+        """
+        everything, self.definitions, summary = self.definitions, Definitions(), self.summary
+        if summary and summary.verified:
+            for definition in summary.definitions:
+                self.definitions.add(definition)
+        for definition in self._verified_definitions:
+            self.definitions.add(definition)
+        self._add_needed(everything, trust_text=True)
+        self._add_needed(self._damaged_definitions, trust_text=False)
+
+    def _add_needed(self, others: Definitions, trust_text: bool) -> None:
+        """Add definitions for channels that have messages and are not defined yet.
+
+        For each such channel its channel record and its schema are added.
+
+        Args:
+            others: Schemas and channels to choose from.
+            trust_text: True takes a schema's text as it is, if it can be decoded. False replaces
+                it by the known text of that ROS type.
+        """
+        held = self.definitions
+        for channel_id in self.counts.keys() & others.channels.keys():
+            held.add(others.channels[channel_id])
+        for channel_id in self.counts.keys() & held.channels.keys():
+            schema = others.schemas.get(held.channels[channel_id].schema_id)
+            if schema is not None:
+                held.add(
+                    schema if trust_text and _is_usable_text(schema) else _with_known_text(schema)
+                )
+
+    def _remove_found_losses(self) -> None:
+        """Remove entries of `lost` whose messages were found elsewhere in the file.
+
+        An entry is removed if the log times of one kept chunk include its first and last log time.
+        """
+        if not self._chunks or not self.lost:
+            return
+        kept = np.array([key[:2] for key, _ in self._chunks.values()], dtype=np.uint64)
+        self.lost = {
+            times: count
+            for times, count in self.lost.items()
+            if times is None or not np.any((kept[:, 0] <= times[0]) & (times[1] <= kept[:, 1]))
+        }
+
+    def _choose_summary(self) -> None:
+        """Choose the last verified summary that lists a chunk with kept messages.
+
+        If no verified summary lists one, a verified summary at the end of the file is dropped,
+        since it belongs to another recording.
+        """
+        for summary in reversed(self._summaries):
+            unlisted = self._unlisted(summary)
+            if unlisted < self.kept:
+                self.unlisted, self.summary = unlisted, summary
+                return
+        if self.kept and self.summary in self._summaries:
+            self.summary = None  # it belongs to another recording
+
+    def _unlisted(self, summary: Summary) -> int:
+        """Return the number of messages in kept chunks that a summary does not list.
+
+        Args:
+            summary: The summary.
+
+        Returns:
+            The number; messages outside chunks are not counted.
+        """
+        listed = set(summary.chunk_keys)
+        return sum(count for key, count in self._chunks.values() if key not in listed)
+
+    # --- Pieces ----------------------------------------------------------------------------------
+
+    def add(self, piece: Piece, file: DataFile) -> None:
+        """Take one piece of the walk into the counts, definitions, losses, summary or header.
+
+        Attachments and metadata records are ignored.
+
+        Args:
+            piece: The piece.
+            file: The file, from which definitions in damaged parts are read.
+        """
+        match piece:
+            case Chunk():
+                self._add_chunk(piece)
+            case Schema() | Channel():
+                self._define(piece)
+            case Summary():
+                self.summary = piece
+                if piece.verified and piece.chunk_keys:
+                    self._summaries.append(piece)
+            case Damage():
+                self._add_damage(piece, file)
+            case RecordFrame(opcode=Opcode.MESSAGE):
+                channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack(piece.content)
+                self._count(((channel_id, 1),), log_ns, log_ns)
+            case RecordFrame(opcode=Opcode.HEADER) if self.header is None:
+                self.header = piece
+
+    def _add_chunk(self, chunk: Chunk) -> None:
+        """Count a chunk's messages, or note it as repeated, and add its definitions.
+
+        Definitions in a chunk with a checksum are also kept as reliable.
+
+        Args:
+            chunk: A verified chunk.
+        """
+        for _, definition in chunk.definitions:
+            self._define(definition)
+            if chunk.header.checksum:
+                self._verified_definitions.add(definition)
+        if not self.register_chunk(chunk):
+            self._repeated.update(chunk.counts())
+        elif len(chunk.channel_ids):
+            first, last, _ = chunk.key
+            self._count(chunk.counts().items(), first, last)
+
+    def _define(self, definition: Schema | Channel) -> None:
+        """Add a definition, and note a fault if it cannot be added.
+
+        It cannot if its id has another definition or all definitions grow too large. In both cases
+        `has_contradictions` is set.
+
+        Args:
+            definition: Schema or channel.
+        """
+        if not self.definitions.add(definition):
+            self.has_contradictions = True
+            self._note_fault(
+                f"it has two definitions of one id, or more than {MAX_DEFINITIONS_SIZE} B"
+            )
+
+    def _note_fault(self, reason: str) -> None:
+        """Record a fault of the file that costs no bytes, unless damage was found before.
+
+        Args:
+            reason: What is wrong, without a period.
+        """
+        self.first_damage = self.first_damage or Damage(0, 0, reason, 0)
+
+    def _count(self, counts: Iterable[tuple[int, int]], first_ns: int, last_ns: int) -> None:
+        """Count messages and extend the time span of the file.
+
+        A message on an undefined channel is noted as a fault. Any summary before these messages is
+        dropped, since it does not cover them.
+
+        Args:
+            counts: Channel ids, each with its number of messages.
+            first_ns: First log time of the messages [ns].
+            last_ns: Last log time of the messages [ns].
+        """
+        if not self.counts or first_ns < self.start_ns:
+            self.start_ns = first_ns
+        if last_ns > self.end_ns:
+            self.end_ns = last_ns
+        for channel_id, count in counts:
+            self.counts[channel_id] += count
+            if channel_id not in self.definitions.channels:
+                self._note_fault("it has messages of a topic that is not defined before")
+        self.summary = None  # a summary covers only what precedes it
+
+    def _add_damage(self, damage: Damage, file: DataFile) -> None:
+        """Record damage, its lost messages, and the definitions that can still be read in it.
+
+        If the number of lost messages is unknown, or MAX_LOST damaged chunks have been counted,
+        `is_lower_bound` is set. Definitions are searched only if messages may be lost, in at most
+        MAX_CHUNK_SIZE bytes.
+
+        Args:
+            damage: The damaged part.
+            file: The file.
+        """
+        self.first_damage = self.first_damage or damage
+        self.damaged_bytes += damage.end - damage.begin
+        if damage.messages is None:
+            self.is_lower_bound = True
+        elif damage.messages and len(self.lost) < MAX_LOST:
+            self.lost[damage.times] = damage.messages
+        elif damage.messages:
+            self.is_lower_bound = True
+        if damage.messages != 0:
+            part = file.read(damage.begin, min(damage.end - damage.begin, MAX_CHUNK_SIZE))
+            find_definitions(part, self._damaged_definitions)
+
+
+def _is_usable_text(schema: Schema) -> bool:
+    """Return whether a schema's data can be used as they are.
+
+    Args:
+        schema: The schema.
+
+    Returns:
+        False if it is a ROS message definition that is not UTF-8; other encodings may be binary.
+    """
+    if schema.encoding != bag_format.SCHEMA_ENCODING:
+        return True
+    try:
+        schema.data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _with_known_text(schema: Schema) -> Schema:
+    """Return a schema from a damaged part with the text that ROS has for its type.
+
+    Args:
+        schema: The schema, of which name and id are kept.
+
+    Returns:
+        The schema; its text is empty if the type is unknown here.
+    """
+    known = bag_format.known_definition(schema.name)
+    return replace(schema, encoding=bag_format.SCHEMA_ENCODING, data=known.encode())
+
+
+def find_definitions(part: bytes, found: Definitions) -> None:
+    """Search a damaged part of a file for readable schemas and channels.
+
+    The search stops when the candidates together exceed MAX_DEFINITIONS_SIZE, so that no input can
+    make it endless.
+
+    Args:
+        part: Bytes of the damaged part.
+        found: Receives the schemas and channels, in place.
+    """
+    tried = 0
+    for match in PLACE_OF_A_RECORD.finditer(part):
+        opcode, length = RECORD_HEADER.unpack_from(part, match.start())
+        begin = match.start() + RECORD_HEADER.size
+        if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or begin + length > len(part):
+            continue
+        tried += length
+        if tried > MAX_DEFINITIONS_SIZE:
+            return  # the input may be made so that the search never ends
+        with suppress(StructureError):
+            found.add(parse_definition(opcode, memoryview(part)[begin : begin + length]))
+
+
+def survey_file(path: Path) -> Survey:
+    """Walk through a data file of a recording once and collect contents, damage and losses.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The findings, after `Survey.close`.
+
+    Raises:
+        BagError: The file cannot be read, or reading or unpacking it exceeds the budget of
+            `DataFile`.
+    """
+    survey = Survey(path)
+    with DataFile(path) as file:
+        for piece in McapWalk(file).iterate_pieces():
+            survey.add(piece, file)
+    survey.close()
+    return survey

@@ -1,0 +1,599 @@
+"""Walk through an MCAP file: its pieces in order, and the damage between them.
+
+Bytes that cannot be a record are damage, and the walk continues where records begin again. A chunk
+whose own head is damaged is still found if one of its stated lengths leads to bytes with the right
+checksum.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mhsb_tools.recording import mcap_records as records
+from mhsb_tools.recording.data_file import COST_OF_A_MESSAGE, DataFile
+from mhsb_tools.recording.mcap_chunk import (
+    Chunk,
+    ChunkHeader,
+    open_chunk,
+    parse_chunk_fields,
+)
+from mhsb_tools.recording.mcap_records import (
+    CHUNK_TIMES,
+    COMPRESSED_MAGICS,
+    FILE_MAGIC,
+    FIRST_PRIVATE_OPCODE,
+    KNOWN_COMPRESSIONS,
+    MAX_CHUNK_SIZE,
+    MESSAGE_HEAD,
+    RECORD_HEADER,
+    Channel,
+    Opcode,
+    Schema,
+    Statistics,
+    StructureError,
+)
+from mhsb_tools.recording.mcap_structure import (
+    CHUNK_HEAD_SIZE,
+    SEARCH_WINDOW_SIZE,
+    McapStructure,
+    RecordFrame,
+)
+
+MAX_CHUNK_KEYS = 100_000
+"""Number of chunk keys kept in memory; a recording of that many chunks has 3 GB."""
+
+INDEX_HEAD_SIZE = 6
+"""Bytes before the entries of a message index; each entry is 16 bytes, log time [ns] and offset."""
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A part of a file that cannot be used.
+
+    Attributes:
+        begin: Offset of its first byte.
+        end: Offset behind its last byte.
+        reason: What is wrong, without a period.
+        messages: Messages lost with it, from the message indexes of its chunk; 0 if it contains no
+            messages; None if unknown.
+        times: First and last log time of the lost messages [ns]; None if unknown.
+    """
+
+    begin: int
+    end: int
+    reason: str
+    messages: int | None = None
+    times: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Contents of a file as its end states them.
+
+    Attributes:
+        statistics: Message counts; None if missing or damaged.
+        chunk_keys: Keys of its chunk indexes: first and last log time [ns], unpacked size [bytes].
+        definitions: Schemas and channels that the summary repeats.
+        verified: Whether the summary has a checksum that is right.
+    """
+
+    statistics: Statistics | None
+    chunk_keys: tuple[tuple[int, int, int], ...]
+    definitions: tuple[Schema | Channel, ...]
+    verified: bool
+
+
+@dataclass
+class _SummaryParts:
+    """Parts of a summary that have been found so far.
+
+    Attributes:
+        begin: Offset at which the summary's checksum begins; None if the record before it is
+            damaged.
+        statistics: Message counts; None if not found.
+        chunk_keys: Keys of the chunk indexes, at most MAX_CHUNK_KEYS.
+        definitions: Schemas and channels, at most MAX_CHUNK_KEYS.
+    """
+
+    begin: int | None = None
+    statistics: Statistics | None = None
+    chunk_keys: list[tuple[int, int, int]] = field(default_factory=list)
+    definitions: list[Schema | Channel] = field(default_factory=list)
+
+    @property
+    def begun(self) -> bool:
+        """True if any part of a summary has been found."""
+        return self.begin is not None or self.statistics is not None or bool(self.chunk_keys)
+
+
+Piece = Chunk | RecordFrame | Schema | Channel | Summary | Damage
+"""Item that a walk yields: a chunk, a record, a definition outside chunks, a summary, or damage."""
+
+Walking = Generator[Piece, None, int]
+"""Generator that yields pieces and returns the offset at which the walk continues."""
+
+
+class McapWalk:
+    """One walk through a file; `iterate_pieces` yields what it finds in the order of the file.
+
+    Pieces are verified chunks, schemas and channels outside chunks, summaries, and damage.
+    RecordFrames stand for the header, messages outside chunks, attachments and metadata records.
+    """
+
+    def __init__(self, file: DataFile) -> None:
+        """Prepare the walk; nothing is read yet.
+
+        Args:
+            file: The MCAP file.
+        """
+        self._file = file
+        self._structure = McapStructure(file)
+        self._parts = _SummaryParts()
+        self._channels: set[int] = set()
+        self._unverified_offset: int | None = None
+        """Offset of the last record if no checksum has verified its length, else None."""
+
+    def iterate_pieces(self) -> Iterator[Piece]:
+        """Yield everything that the file contains.
+
+        A file without a footer yields damage of no bytes at its end.
+
+        Yields:
+            Pieces in the order of the file.
+
+        Raises:
+            BagError: The file cannot be read, or reading or unpacking it exceeds the budget of
+                `DataFile`.
+        """
+        at = yield from self._begin()
+        while at < self._file.size:
+            try:
+                found = self._structure.read_frame(at)
+                if found.opcode == Opcode.CHUNK:
+                    at = yield from self._yield_chunk(found)
+                elif found.opcode == Opcode.MESSAGE_INDEX:
+                    at = yield from self._lost_indexes(found)
+                elif found.opcode == Opcode.FOOTER:
+                    at = yield from self._footer(found)
+                    if at == self._file.size:
+                        return
+                else:
+                    yield from self._yield_other_record(found)
+                    at, self._unverified_offset = found.end, found.at
+            except StructureError as error:
+                at = yield from self._skip_damage(at, str(error))
+        lost = 0 if self._parts.begun else None
+        yield from self._summary(self._file.size, None)
+        yield Damage(self._file.size, self._file.size, "its end is missing", lost)
+
+    def _begin(self) -> Walking:
+        """Check the beginning of the file and yield damage if the magic is wrong.
+
+        If records follow directly behind a wrong magic, only the magic is damaged. Otherwise
+        everything before the next records is damaged.
+
+        Yields:
+            At most one piece of damage.
+
+        Returns:
+            Offset of the first record.
+        """
+        if self._file.read(0, len(FILE_MAGIC)) == FILE_MAGIC:
+            return len(FILE_MAGIC)
+        at = len(FILE_MAGIC)
+        lost: int | None = 0
+        try:
+            self._structure.check_succession(at)
+        except StructureError:
+            at, lost = self._structure.find_next_records(0), None
+        yield Damage(0, at, "it does not begin as an MCAP file", lost)
+        return at
+
+    def _skip_damage(self, at: int, reason: str) -> Walking:
+        """Handle an offset at which no record of right structure stands.
+
+        If it is a chunk with only its head damaged, the head is yielded as damage, then the chunk.
+        The walk continues behind the chunk's message indexes. Otherwise the file is searched for
+        the next records. The search begins behind the start of the last record whose length no
+        checksum has verified, since that length may have led to the wrong offset. The damage
+        reaches from `at` to the records found; it is empty if they begin before `at`.
+
+        Args:
+            at: Offset of the damage.
+            reason: What is wrong, without a period.
+
+        Yields:
+            Damage, and possibly a chunk. The number of messages lost in the damage is stated as 0
+            if a summary has begun before, or if only a chunk's head is damaged. Elsewhere it is
+            None.
+
+        Returns:
+            Offset at which the walk continues.
+        """
+        found = self._chunk_of_damaged_head(at)
+        if found is not None:
+            chunk, end = found
+            yield Damage(at, at + RECORD_HEADER.size, "the head of a chunk is damaged", 0)
+            yield chunk
+            return self._indexes(end)[1]
+        # If a record's length is wrong, the fault shows only where the next record should be.
+        begin, self._unverified_offset = (
+            at if self._unverified_offset is None else self._unverified_offset,
+            None,
+        )
+        end = self._structure.find_next_records(begin + 1)
+        yield Damage(min(at, end), end, reason, 0 if self._parts.begun else None)
+        return end
+
+    # --- Chunks ----------------------------------------------------------------------------------
+
+    def _yield_chunk(self, found: RecordFrame) -> Walking:
+        """Yield the chunk of a record, or damage if the chunk is damaged.
+
+        The number of lost messages is taken from the message indexes behind a damaged chunk, if
+        these are complete; else it is None. Indexes that contradict a good chunk are damage without
+        lost messages.
+
+        Args:
+            found: A chunk record.
+
+        Yields:
+            The chunk or damage, and possibly damage of the indexes.
+
+        Returns:
+            Offset behind the chunk's message indexes.
+
+        Raises:
+            StructureError: The chunk is damaged and its stated length must not be trusted.
+        """
+        count, end, times = self._indexes(found.end)
+        try:
+            chunk = self._open(found)
+        except StructureError as error:
+            if self._has_untrusted_length(found):
+                raise
+            complete = count > 0 and end < self._file.size and self._structure.can_continue_at(end)
+            yield Damage(found.at, end, str(error), count if complete else None, times)
+            return end
+        self._file.count_unpacked(COST_OF_A_MESSAGE * len(chunk.channel_ids))
+        self._channels.update(chunk.counts())
+        yield chunk
+        if not self._indexes_agree(chunk, found.end, end):
+            yield Damage(found.end, end, "the index of a chunk is damaged", 0)
+        return end
+
+    def _open(self, found: RecordFrame) -> Chunk:
+        """Read, unpack and verify the chunk of a record.
+
+        Args:
+            found: A chunk record.
+
+        Returns:
+            The chunk.
+
+        Raises:
+            StructureError: It is damaged or too large.
+        """
+        head, begin, size = parse_chunk_fields(found.content)
+        if size > MAX_CHUNK_SIZE:
+            raise StructureError(f"a chunk has {size} bytes, above the bound of {MAX_CHUNK_SIZE}")
+        self._file.count_unpacked(min(head.unpacked_size, MAX_CHUNK_SIZE))
+        return open_chunk(head, self._file.read(found.begin + begin, size))
+
+    def _has_untrusted_length(self, found: RecordFrame) -> bool:
+        """Return whether the stated length of a damaged chunk must not be trusted.
+
+        Args:
+            found: Record of the damaged chunk.
+
+        Returns:
+            True if no record follows the chunk, if another length gives a chunk with the right
+            checksum, or if a chunk with the right checksum begins inside.
+        """
+        if not self._structure.can_continue_at(found.end):
+            return True
+        if self._chunk_of_damaged_head(found.at) is not None:
+            return True
+        for inner in self._structure.find_chunks_between(found.at + 1, found.end):
+            try:
+                if self._open(inner).header.checksum != 0:
+                    return True
+            except StructureError:
+                continue
+        return False
+
+    def _chunk_of_damaged_head(self, at: int) -> tuple[Chunk, int] | None:
+        """Find a chunk by its checksum although a field of its head is wrong.
+
+        All known compressions are tried with three sizes: the packed size, the one that follows
+        from the record's length, and the unpacked size. The unpacked content must have the stated
+        checksum.
+
+        Args:
+            at: Offset at which the chunk record would begin.
+
+        Returns:
+            The chunk and the offset at which its record ends; None if there is none.
+        """
+        head = self._file.read(at, RECORD_HEADER.size + CHUNK_HEAD_SIZE)
+        if len(head) < RECORD_HEADER.size + CHUNK_TIMES.size + 12:
+            return None
+        (_, length), content = RECORD_HEADER.unpack_from(head), head[RECORD_HEADER.size :]
+        _, _, unpacked, checksum = CHUNK_TIMES.unpack_from(content)
+        for compression in KNOWN_COMPRESSIONS:
+            fields = CHUNK_TIMES.size + 4 + len(compression) + 8
+            stated = int.from_bytes(content[fields - 8 : fields], "little")
+            begin = at + RECORD_HEADER.size + fields
+            header = ChunkHeader(unpacked, checksum, compression)
+            for size in dict.fromkeys((stated, length - fields, unpacked)):
+                if not 0 < size <= min(MAX_CHUNK_SIZE, self._file.size - begin):
+                    continue
+                if checksum == 0 or not self._structure.can_continue_at(begin + size):
+                    continue
+                packed = self._file.read(begin, size)
+                if not packed.startswith(COMPRESSED_MAGICS[compression]):
+                    continue
+                self._file.count_unpacked(size if not compression else MAX_CHUNK_SIZE)
+                try:
+                    return open_chunk(header, packed, any_size=True), begin + size
+                except StructureError:
+                    continue
+        return None
+
+    # --- Indexes ---------------------------------------------------------------------------------
+
+    def _indexes(self, at: int) -> tuple[int, int, tuple[int, int] | None]:
+        """Read consecutive message indexes.
+
+        Args:
+            at: Offset of the first index.
+
+        Returns:
+            Number of messages that the indexes list, offset behind the last index, and first and
+            last log time of these messages [ns]. The times are None if no messages are listed.
+            Without an index at `at`, the number is 0 and the offset is `at`.
+        """
+        count, times, self._unverified_offset = 0, None, None
+        while at < self._file.size:
+            try:
+                found = self._structure.read_frame(at)
+            except StructureError:
+                break
+            if found.opcode != Opcode.MESSAGE_INDEX:
+                break
+            if len(rows := self._index_rows(found)):
+                count += len(rows)
+                first, last = int(rows[:, 0].min()), int(rows[:, 0].max())
+                times = (min(times[0], first), max(times[1], last)) if times else (first, last)
+            at, self._unverified_offset = found.end, found.at
+        return count, at, times
+
+    def _index_rows(self, found: RecordFrame) -> np.ndarray:
+        """Return the entries of a message index.
+
+        Args:
+            found: Record of the message index.
+
+        Returns:
+            Log time [ns] and offset in the chunk of each message, shape (messages, 2), uint64.
+        """
+        content = self._file.read(found.begin, found.length)
+        return np.frombuffer(content, "<u8", offset=INDEX_HEAD_SIZE).reshape(-1, 2)
+
+    def _indexes_agree(self, chunk: Chunk, at: int, end: int) -> bool:
+        """Return whether the message indexes behind a chunk list exactly the chunk's messages.
+
+        Log time and offset of each message are compared. The order of entries in an index does not
+        matter.
+
+        Args:
+            chunk: The chunk.
+            at: Offset of the first message index.
+            end: Offset behind the last one.
+
+        Returns:
+            True also if there are no indexes at all.
+        """
+        if at == end:
+            return True
+        missing = chunk.counts()
+        while at < end:
+            found = self._structure.read_frame(at)
+            rows, at = self._index_rows(found), found.end
+            if len(rows) == 0:
+                continue
+            channel_id = int.from_bytes(self._file.read(found.begin, 2), "little")
+            if missing.pop(channel_id, None) != len(rows):
+                return False
+            if np.any(rows[1:, 1] < rows[:-1, 1]):
+                rows = rows[np.argsort(rows[:, 1], kind="stable")]
+            wanted = chunk.channel_ids == channel_id
+            if not np.array_equal(rows[:, 0], chunk.log_ns[wanted]):
+                return False
+            if not np.array_equal(rows[:, 1], chunk.offsets[wanted]):
+                return False
+        return not missing
+
+    def _lost_indexes(self, found: RecordFrame) -> Walking:
+        """Yield damage for message indexes that follow no chunk.
+
+        Args:
+            found: Record of the first of them.
+
+        Yields:
+            Damage, with the number of messages that the indexes count.
+
+        Returns:
+            Offset behind the indexes.
+        """
+        count, end, times = self._indexes(found.at)
+        yield Damage(found.at, end, "a chunk is missing before its index", count, times)
+        return end
+
+    # --- Other records ---------------------------------------------------------------------------
+
+    def _yield_other_record(self, found: RecordFrame) -> Iterator[Piece]:
+        """Yield the piece of a record that is no chunk, message index or footer.
+
+        Records of the summary are collected, and the summary is yielded later. Records without a
+        piece of their own yield nothing. The kind of a record of an application, or of a message on
+        an unknown channel, may be damaged; such a record is accepted only after further checks.
+
+        Args:
+            found: The record.
+
+        Yields:
+            Schema, channel, RecordFrame, or what `_summary` and `_check_data` yield at the end of
+            the data.
+
+        Raises:
+            StructureError: The record is damaged.
+        """
+        is_private = found.opcode >= FIRST_PRIVATE_OPCODE
+        is_nameless = found.opcode == Opcode.MESSAGE and not self._is_known(found)
+        if is_private or is_nameless:
+            if self._chunk_of_damaged_head(found.at) is not None:
+                raise StructureError("the kind of a record is damaged")
+            self._check_next(found.end)
+            if is_nameless and self._channels:
+                raise StructureError("a message outside of chunks is on no topic of the file")
+        match found.opcode:
+            case Opcode.SCHEMA | Opcode.CHANNEL:
+                definition = self._definition(found)
+                if self._parts.begun and len(self._parts.definitions) < MAX_CHUNK_KEYS:
+                    self._parts.definitions.append(definition)
+                yield definition
+            case Opcode.HEADER | Opcode.METADATA | Opcode.MESSAGE:
+                yield found
+            case Opcode.ATTACHMENT:
+                self._check_attachment(found)
+                yield found
+            case Opcode.DATA_END:
+                yield from self._summary(found.at, None)
+                self._parts.begin = found.end
+                yield from self._check_data(found)
+            case Opcode.STATISTICS:
+                self._parts.statistics = records.parse_statistics(found.content)
+            case Opcode.CHUNK_INDEX:
+                if len(self._parts.chunk_keys) < MAX_CHUNK_KEYS:
+                    self._parts.chunk_keys.append(records.parse_chunk_key(found.content))
+
+    def _check_next(self, at: int) -> None:
+        """Raise StructureError unless a record, or the end of the file, is at an offset."""
+        if at != self._file.size:
+            self._structure.read_frame(at)
+
+    def _definition(self, found: RecordFrame) -> Schema | Channel:
+        """Parse a schema or channel that stands outside chunks.
+
+        The id of a channel is added to the known channels.
+
+        Args:
+            found: Record of a schema or channel.
+
+        Returns:
+            The schema or channel.
+        """
+        definition = records.parse_definition(found.opcode, found.content)
+        if isinstance(definition, Channel):
+            self._channels.add(definition.id)
+        return definition
+
+    def _is_known(self, found: RecordFrame) -> bool:
+        """Return whether the channel of a message outside chunks has occurred before."""
+        channel_id, *_ = MESSAGE_HEAD.unpack(found.content)
+        return channel_id in self._channels
+
+    def _check_attachment(self, found: RecordFrame) -> None:
+        """Raise StructureError if the lengths in an attachment, or its checksum, are wrong.
+
+        Args:
+            found: Record of the attachment.
+        """
+        content = self._file.read(found.begin, found.length)
+        fields = records.FieldReader(content)
+        fields.take(16)
+        fields.text()
+        fields.text()
+        fields.take(fields.number(8))
+        if fields.number(4) not in (0, zlib.crc32(content[:-4])):
+            raise StructureError("the checksum of an attachment is wrong")
+        fields.end()
+
+    def _check_data(self, found: RecordFrame) -> Iterator[Piece]:
+        """Yield damage if the checksum of the data section is wrong.
+
+        Args:
+            found: Record that ends the data section and states the checksum; 0 means none.
+
+        Yields:
+            At most one piece of damage, which covers that record only.
+        """
+        stated = int.from_bytes(found.content, "little")
+        if stated and stated != self._checksum(0, found.at):
+            yield Damage(found.at, found.end, "the checksum of all data is wrong", 0)
+
+    def _checksum(self, begin: int, end: int) -> int:
+        """Return the CRC-32 of a part of the file.
+
+        Args:
+            begin: Offset of its first byte.
+            end: Offset behind its last byte.
+
+        Returns:
+            The checksum.
+        """
+        checksum = 0
+        for at in range(begin, end, SEARCH_WINDOW_SIZE):
+            checksum = zlib.crc32(self._file.read(at, min(SEARCH_WINDOW_SIZE, end - at)), checksum)
+        return checksum
+
+    def _footer(self, found: RecordFrame) -> Walking:
+        """Yield the summary and any damage at the end of the file.
+
+        Args:
+            found: Record of the footer.
+
+        Yields:
+            Summary; damage if the closing magic is wrong or bytes follow it.
+
+        Returns:
+            Offset at which the walk continues; the file's size at a regular end.
+        """
+        stated = int.from_bytes(found.content[16:20], "little")
+        yield from self._summary(found.end - 4, stated)
+        end = found.end + len(FILE_MAGIC)
+        if self._file.read(found.end, len(FILE_MAGIC)) != FILE_MAGIC:
+            end = min(end, self._file.size)
+            yield Damage(found.end, end, "it does not end as an MCAP file", 0)
+        if end < self._file.size:
+            at = self._structure.find_next_records(end)
+            yield Damage(end, at, "something stands behind its end")
+            return at
+        return end
+
+    def _summary(self, end: int, stated: int | None) -> Iterator[Piece]:
+        """Yield the summary whose parts were collected, and begin to collect a new one.
+
+        Args:
+            end: Offset of the first byte behind the part that the checksum covers.
+            stated: Checksum in the footer; None or 0 if there is none.
+
+        Yields:
+            Damage if the checksum is wrong; then the summary, even after damage. Its `verified` is
+            True only if a checksum is stated, the offset where the covered part begins is known,
+            and the checksum is right. Nothing if no parts were found.
+        """
+        parts, self._parts = self._parts, _SummaryParts()
+        if not parts.begun:
+            return
+        verified = False
+        if stated and parts.begin is not None:
+            verified = self._checksum(parts.begin, end) == stated
+            if not verified:
+                yield Damage(parts.begin, end, "the checksum of the summary is wrong", 0)
+        yield Summary(parts.statistics, tuple(parts.chunk_keys), tuple(parts.definitions), verified)

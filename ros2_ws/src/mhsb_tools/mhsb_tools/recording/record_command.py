@@ -1,0 +1,224 @@
+"""Command `record`: write the suite's topics into a rosbag2 folder, or repair one."""
+
+from __future__ import annotations
+
+import json as json_format
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import rclpy
+import tyro
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from mhsb_model import process
+from mhsb_model.command_line import NumberRange, UsageError, run
+from mhsb_model.errors import MhsbError
+from mhsb_msgs_py import topics
+from mhsb_msgs_py.faults import Faults
+from mhsb_msgs_py.node_process import spin_node
+from mhsb_msgs_py.topics import Topic
+from mhsb_tools.recording import bag_format
+from mhsb_tools.recording.bag_format import BagTopic
+from mhsb_tools.recording.bag_repair import Repair, repair_recording
+from mhsb_tools.recording.bag_writer import BagWriter
+
+NODE_NAME = "mhsb_recorder"
+FLUSH_PERIOD = 0.25  # s
+"""Period at which complete chunks are handed to the operating system [s]."""
+
+CLOSING_TIME = 10.0
+"""Time that completing a recording may take after a signal has ended the command [s]."""
+
+RECEIVE_DEPTH = 1000
+"""Received messages of a topic that may wait for the recorder; a publisher's queue is its own."""
+
+READY_WHEN = (topics.JOINT_STATES, topics.PLAN_STATUS)
+"""Topics whose publishers show that the simulator and the planner are connected."""
+
+
+class Recorder(Node):
+    """Node that subscribes to the suite's topics as raw bytes and writes each message on arrival.
+
+    It prints "ready" once when publishers of all READY_WHEN topics have been matched.
+
+    Attributes:
+        faults: Handler of exceptions in callbacks; an MhsbError, such as a failed write, ends the
+            node.
+    """
+
+    def __init__(self, bag: BagWriter, duration: float | None, silent: bool = False) -> None:
+        """Subscribe to all topics of the suite and start the timers.
+
+        Both timers use the steady clock, so `/clock` has no influence.
+
+        Args:
+            bag: Open recording that receives the messages; the caller completes it.
+            duration: Time after which ROS is shut down [s]; None for never.
+            silent: Print nothing.
+        """
+        super().__init__(NODE_NAME)
+        self.faults = Faults(self, ending_errors=(MhsbError,))  # a failed write ends the recorder
+        self._bag = bag
+        self._heard: set[str] = set()
+        self._ready = False
+        self._silent = silent
+        for topic in topics.SUITE_TOPICS:
+            self._subscribe(topic)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)  # independent of /clock
+        self.create_timer(FLUSH_PERIOD, bag.flush, clock=wall)
+        if duration is not None:
+            self.create_timer(duration, self._shut_down, clock=wall)
+        self._say(f"recording into {bag.folder}")
+
+    def _subscribe(self, topic: Topic) -> None:
+        """Add a topic to the recording and subscribe to it as raw bytes.
+
+        Each message is written on arrival. Each publisher that is matched is noted for the line
+        "ready".
+
+        Args:
+            topic: The topic. Its QoS is used with a queue of RECEIVE_DEPTH messages.
+        """
+        name = self.resolve_topic_name(topic.name)
+        profile = QoSProfile(
+            history=topic.qos.history,
+            depth=RECEIVE_DEPTH,
+            reliability=topic.qos.reliability,
+            durability=topic.qos.durability,
+        )
+        self._bag.add_topic(BagTopic(name, topic.type_name, bag_format.qos_text(topic.qos)))
+
+        def received(data: bytes, info: dict[str, Any]) -> None:
+            """Write a message with the times at which it was received and sent.
+
+            Args:
+                data: Serialized message.
+                info: Message info of rclpy, with `received_timestamp` and `source_timestamp` [ns].
+            """
+            self._bag.write(name, data, info["received_timestamp"], info["source_timestamp"])
+
+        def matched(info: Any) -> None:
+            """Note that a publisher of the topic is connected.
+
+            Args:
+                info: Status of the matched event of rclpy, with `current_count` publishers.
+            """
+            if info.current_count > 0:
+                self._note_connected(topic)
+
+        self.create_subscription(
+            topic.message,
+            topic.name,
+            received,
+            profile,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(
+                matched=matched,
+                use_default_callbacks=False,  # they cost time, see mhsb_msgs_py.endpoints
+            ),
+        )
+
+    def _note_connected(self, topic: Topic) -> None:
+        """Note a connected topic, and print "ready" once when all READY_WHEN topics are connected.
+
+        Args:
+            topic: Topic that a publisher has been matched on.
+        """
+        self._heard.add(topic.name)
+        if not self._ready and all(each.name in self._heard for each in READY_WHEN):
+            self._ready = True
+            self._say("ready: simulator and planner are heard")
+
+    def _say(self, words: str) -> None:
+        """Print a line unless the recorder is silent."""
+        if not self._silent:
+            print(words, flush=True)
+
+    def _shut_down(self) -> None:
+        """Shut ROS down, which ends the node."""
+        rclpy.try_shutdown(context=self.context)
+
+
+@dataclass
+class RecordCommand:
+    """Record the suite's topics as a rosbag2 folder (MCAP) until interrupted."""
+
+    output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """new folder of the recording"""
+    duration: Annotated[float | None, tyro.conf.arg(metavar="S"), NumberRange(-1e9, 1e9)] = None
+    """stop by itself after this time [s, wall clock]"""
+    repair: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """complete this damaged recording instead of recording; the damaged files are kept beside it"""
+
+    json: bool = False
+    """print one JSON object at the end instead of text"""
+
+    def run(self) -> int:
+        """Record until a signal or the duration ends it, or repair a recording.
+
+        Returns:
+            The exit code.
+
+        Raises:
+            UsageError: The arguments contradict each other.
+            BagError: The recording cannot be written or repaired.
+        """
+        if (self.output is None) == (self.repair is None):
+            raise UsageError("give either --output DIR or --repair DIR; see record --help")
+        if self.duration is not None and self.duration <= 0:
+            raise UsageError(f"--duration is {self.duration:g} s; it must be above 0")
+        if self.duration is not None and self.repair is not None:
+            raise UsageError(
+                f"--duration {self.duration:g} has no effect: with --repair nothing is recorded; "
+                "leave it out"
+            )
+        if self.repair is not None:
+            self._print_repair(repair_recording(self.repair), self.repair)
+            return 0
+        assert self.output is not None
+        with process.grace_period(CLOSING_TIME), BagWriter(self.output) as bag:
+            code = spin_node(lambda: Recorder(bag, self.duration, self.json))
+        if self.json:
+            content = {"folder": str(self.output), "messages": bag.message_count}
+            print(json_format.dumps(content))
+        else:
+            print(f"recorded {bag.message_count} messages in {self.output}")
+        return code
+
+    def _print_repair(self, done: Repair, folder: Path) -> None:
+        """Print the result of a repair as a sentence, or as one JSON object with `--json`.
+
+        Args:
+            done: Result of the repair.
+            folder: Folder of the recording.
+        """
+        if not self.json:
+            print(done.sentence(folder))
+            return
+        content = {
+            "folder": str(folder),
+            "messages": done.kept,
+            "complete": done.is_complete,
+            "lost_messages": done.lost,
+            "lost_bytes": done.lost_bytes,
+            "lost_is_exact": done.is_exact,
+            "repeated": done.repeated,
+            "unlisted": done.unlisted,
+            "nameless": done.nameless,
+            "originals": done.originals,
+        }
+        print(json_format.dumps(content))
+
+
+def main() -> int:
+    """Run the command `record` and return its exit code."""
+    return run(RecordCommand, node=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Evaluation of a recording: motion, goals and energy, in numbers and figures."""

@@ -1,0 +1,144 @@
+"""Figure of the servo's estimates of machine parameters, with their confidence intervals."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mhsb_model.arm_reports import Estimate
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    PURPLE,
+    VERMILION,
+    legend_above,
+    open_figure,
+)
+from mhsb_tools.report.recorded_run import EvaluatedRecording
+from mhsb_tools.report.run_axes import time_axis, to_seconds
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CONFIDENCE_SIGMAS = 1.96
+"""Half width of the 95 % interval of a normal distribution [standard deviations]."""
+
+PANEL_LABELS = {
+    "payload": ("payload [kg]", 1.0),
+    "friction": ("friction [times the file's]", 1.0),
+    "leakage": ("leakage [times the file's]", 1.0),
+    "overlap": ("overlap [% of the stroke]", 100.0),
+    "valve_gain": ("valve gain [times the file's]", 1.0),
+    "bulk_modulus": ("bulk modulus [times the file's]", 1.0),
+    "pump_lag": ("lag of pumps [ms]", 1e3),
+    "delay": ("delay [ms]", 1e3),
+}
+"""Label of each drawn quantity, and factor from its SI unit to the unit of the label."""
+
+JOINT_COLORS = (BLUE, VERMILION, GREEN, PURPLE)
+BAND_OPACITY, WIDE_BAND_OPACITY = 0.22, 0.07
+"""Opacity of an interval, and of one that the motion has not determined yet."""
+
+
+Courses = dict[tuple[str, str], list[tuple[float, Estimate]]]
+"""Estimates over time: by quantity and actuator, pairs of time [s] and estimate."""
+
+
+def draw_estimates(run: EvaluatedRecording, path: Path) -> None:
+    """Draw each estimated quantity over time with its 95 % interval, and write the figure.
+
+    The interval is paler as long as the motion has not determined the quantity.
+
+    Args:
+        run: The evaluated recording.
+        path: PNG file to write.
+    """
+    courses = group_estimates(run)
+    with open_figure(path, 1.0 + 1.3 * len(_find_drawn_quantities(courses))) as figure:
+        draw_estimate_panels(run, courses, figure)
+
+
+def group_estimates(run: EvaluatedRecording) -> Courses:
+    """Collect the estimates of a recording by quantity and actuator.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        For each (quantity, actuator), pairs of time [s since the first joint state] and estimate,
+        in the order of recording. The actuator is empty for a quantity of the whole arm.
+    """
+    courses: Courses = defaultdict(list)
+    for heard in run.recording.estimates:
+        for each in heard.value:
+            courses[each.quantity, each.actuator].append((to_seconds(run, heard.time_ns), each))
+    return courses
+
+
+def _find_drawn_quantities(estimate_series: Courses) -> list[str]:
+    """Return the quantities that have estimates and a panel, in the order of PANEL_LABELS."""
+    return [
+        quantity
+        for quantity in PANEL_LABELS
+        if any(quantity == name for name, _ in estimate_series)
+    ]
+
+
+def draw_estimate_panels(run: EvaluatedRecording, estimate_series: Courses, figure: Figure) -> None:
+    """Draw a panel over time for each quantity that has estimates, and one legend.
+
+    The 95 % interval is drawn as a band, paler while the quantity is not known yet. The panels have
+    the units of PANEL_LABELS.
+
+    Args:
+        run: The evaluated recording, for the time axis.
+        estimate_series: The estimates by quantity and actuator; at least one quantity of
+            PANEL_LABELS.
+        figure: Figure that receives the panels.
+    """
+    drawn = _find_drawn_quantities(estimate_series)
+    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, quantity in zip(panels, drawn, strict=True):
+        _draw_quantity(quantity, estimate_series, axes)
+    for label, alpha in (
+        ("95 % interval", BAND_OPACITY),
+        ("the same, not known yet", WIDE_BAND_OPACITY),
+    ):
+        panels[-1].fill_between([], [], color=BLACK, alpha=alpha, linewidth=0, label=label)
+    time_axis(run, panels[-1])
+    legend_above(figure, *panels)
+
+
+def _draw_quantity(quantity: str, estimate_series: Courses, axes: Axes) -> None:
+    """Draw one quantity over time, with a line and a 95 % band for each actuator or the whole arm.
+
+    Values are converted from SI to the panel's unit. The band is fainter where the quantity is not
+    determined yet (`known` is False).
+
+    Args:
+        quantity: Key of PANEL_LABELS.
+        estimate_series: The estimates by quantity and actuator.
+        axes: Axes to draw on: time [s] and the quantity in its unit of PANEL_LABELS. Sets the label
+            of the quantity.
+    """
+    label, factor = PANEL_LABELS[quantity]
+    owners = [owner for name, owner in estimate_series if name == quantity]
+    for number, owner in enumerate(owners):
+        time = np.array([moment for moment, _ in estimate_series[quantity, owner]])
+        learnt = [each for _, each in estimate_series[quantity, owner]]
+        value = factor * np.array([each.value for each in learnt])
+        wide = factor * CONFIDENCE_SIGMAS * np.array([each.deviation for each in learnt])
+        known = np.array([each.known for each in learnt])
+        color = JOINT_COLORS[number % len(JOINT_COLORS)] if owner else BLACK
+        who = owner.replace("_", " ") if owner else "the whole arm"
+        axes.plot(time, value, color=color, label=who)
+        for which, alpha in ((known, BAND_OPACITY), (~known, WIDE_BAND_OPACITY)):
+            axes.fill_between(
+                time, value - wide, value + wide, where=which, color=color, alpha=alpha, linewidth=0
+            )
+    axes.set_ylabel(label.replace(" [", "\n["))

@@ -1,0 +1,272 @@
+"""Judgement of each goal that was sent: applied, superseded, refused for its own sake, or lost.
+
+This is the only definition behind the demo's `goals_lost`, `scripts/bench online` and
+`scripts/soak`. It uses nothing but what is published on the topics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mhsb_model.goal import Goal
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, Verdict
+from mhsb_tools.recording.recording import Recording, TimedValue
+
+LEAD_MAX = 1.0
+"""Longest time from a goal to the motion that it causes [s], the planner's parameter `lead_max`.
+
+It is counted by the system's clock, since this is how long the user waits.
+"""
+
+SETTLING_NS = SECOND_NS
+"""Time after the end of a motion within which the tip must be at the goal [ns]."""
+
+OF_THE_GOAL = frozenset(
+    {
+        Verdict.NOT_FINITE,
+        Verdict.FRAME,
+        Verdict.OPTIONS,
+        Verdict.OUT_OF_WORKSPACE,
+        Verdict.INFEASIBLE,
+        Verdict.ZONE,
+    }
+)
+"""Verdicts that refuse a goal for its own sake; such a goal does not count as lost."""
+
+
+class GoalResult(StrEnum):
+    """Final judgement of a goal that was sent."""
+
+    APPLIED = "applied"
+    """Its plan was in force, and reached the goal if there was time."""
+
+    SUPERSEDED = "superseded"
+    """A newer goal came before its plan could be in force."""
+
+    REFUSED = "refused"
+    """The planner found fault with the goal itself."""
+
+    LOST = "lost"
+    """Everything else."""
+
+
+@dataclass(frozen=True)
+class JudgedGoal:
+    """A goal with its final judgement, its verdict and its execution report.
+
+    Attributes:
+        goal: The goal.
+        sent: The goal with the time at which it was sent, in ROS time and by the system's clock.
+        result: The final judgement.
+        reason: Why it was lost, as one sentence; empty if it was not lost.
+        verdict: Its verdict; None if there was none.
+        execution: Its execution report; None if there was none.
+        plan_stamp_ns: Stamp of its plan that came into force [ns]; 0 if none was needed, None if
+            none came into force.
+    """
+
+    goal: Goal
+    sent: TimedValue
+    result: GoalResult
+    reason: str
+    verdict: GoalVerdict | None
+    execution: ExecutionReport | None
+    plan_stamp_ns: int | None
+
+    @property
+    def lead_ms(self) -> float | None:
+        """Time from goal received to the instant at which its plan left the old one [ms].
+
+        The planner reports it; it includes retries. None if no plan of the goal's own came into
+        force, or the planner has not reported the time.
+        """
+        plan = self.verdict.plan if self.verdict else None
+        if not self.plan_stamp_ns or plan is None or self.is_continued:
+            return None
+        reported_ms = (
+            self.execution.lead_ms if self.execution and self.execution.lead_ms else plan.lead_ms
+        )
+        return reported_ms or None
+
+    @property
+    def is_continued(self) -> bool:
+        """True if the plan in force already led to the goal, so that no new one was published."""
+        return bool(self.verdict and self.verdict.plan and self.verdict.plan.continued)
+
+    @property
+    def was_retried(self) -> bool:
+        """True if more than one plan was sent for the goal."""
+        return self.execution is not None and self.execution.attempts > 1
+
+    @property
+    def has_missed_deadline(self) -> bool:
+        """True if the goal was refused or aborted because no plan could be sent in time."""
+        refused = self.verdict is not None and self.verdict.code is Verdict.DEADLINE
+        return refused or (self.execution is not None and self.execution.reason is Verdict.DEADLINE)
+
+
+def judge_recorded_goals(
+    recording: Recording, all_feasible: bool = False
+) -> tuple[JudgedGoal, ...]:
+    """Judge all readable goals of a recording.
+
+    Args:
+        recording: The recording.
+        all_feasible: Whether a path to every goal exists. A goal that is refused for its own sake
+            then counts as lost.
+
+    Returns:
+        The judged goals in the order in which they were sent.
+    """
+    plan_ends = {each.stamp_ns: each.end_ns for each in recording.trajectories}
+    until_ns = int(recording.joint_states.time_ns[-1])
+    return judge_goals(
+        recording.goals,
+        recording.reports,
+        recording.plans_in_force,
+        plan_ends,
+        until_ns,
+        all_feasible,
+    )
+
+
+def judge_goals(
+    goals: Iterable[TimedValue],
+    reports: Iterable[TimedValue],
+    plans_in_force: Iterable[TimedValue],
+    plan_ends: Mapping[int, int],
+    until_ns: int,
+    all_feasible: bool = False,
+) -> tuple[JudgedGoal, ...]:
+    """Judge goals by the reports and plans that followed them.
+
+    A goal is refused if its verdict finds fault with the goal itself. It is applied if its plan
+    came into force or the arm was there already; but it is lost if the arm had the time and did not
+    reach it. A goal whose plan never came into force is superseded if a newer goal came within
+    LEAD_MAX that is not refused. Otherwise it is lost.
+
+    Args:
+        goals: Goals in the order in which they were sent.
+        reports: Verdicts and execution reports.
+        plans_in_force: Stamps [ns] of the plans that came into force; 0 for a hold.
+        plan_ends: End of each published trajectory [ns, ROS time] by its stamp.
+        until_ns: ROS time at which the recording ends [ns].
+        all_feasible: Whether a path to every goal exists; no goal is then refused.
+
+    Returns:
+        The judged goals in the order of `goals`.
+    """
+    values = [each.value for each in reports]
+    verdicts = {each.goal_stamp_ns: each for each in values if isinstance(each, GoalVerdict)}
+    executions = {each.goal_stamp_ns: each for each in values if isinstance(each, ExecutionReport)}
+    in_force = {each.value for each in plans_in_force}
+    fates: list[JudgedGoal] = []
+    newer: TimedValue | None = None  # the next goal that was not refused
+    for sent in reversed(list(goals)):
+        verdict = verdicts.get(sent.value.stamp_ns)
+        execution = executions.get(sent.value.stamp_ns)
+        stamp_ns = find_applied_stamp(verdict, execution, in_force)
+        if verdict is not None and verdict.code in OF_THE_GOAL and not all_feasible:
+            fate, reason = GoalResult.REFUSED, ""
+        elif stamp_ns is None:
+            fate, reason = _judge_unapplied_goal(sent, verdict, execution, newer)
+        else:
+            left_until_ns = until_ns if newer is None else newer.time_ns
+            fate, reason = _judge_applied_goal(plan_ends.get(stamp_ns), left_until_ns, execution)
+        fates.append(JudgedGoal(sent.value, sent, fate, reason, verdict, execution, stamp_ns))
+        if fate is not GoalResult.REFUSED:
+            newer = sent
+    return tuple(reversed(fates))
+
+
+def find_applied_stamp(
+    verdict: GoalVerdict | None,
+    execution: ExecutionReport | None,
+    in_force: Container[int],
+) -> int | None:
+    """Return the stamp of a goal's plan that came into force.
+
+    A plan that the arm refused is made again under the same verdict. The execution report names the
+    last plan, the verdict the first; the last one is preferred.
+
+    Args:
+        verdict: Verdict on the goal; None if there was none.
+        execution: Its execution report; None if there was none.
+        in_force: Stamps of all plans that came into force [ns].
+
+    Returns:
+        The stamp [ns]; 0 if no plan was needed, None if no plan came into force.
+    """
+    if verdict is None or verdict.plan is None:
+        return None
+    if verdict.code is Verdict.AT_GOAL:
+        return 0
+    last = (execution or verdict.plan).plan_stamp_ns
+    return next((s for s in (last, verdict.plan.plan_stamp_ns) if s in in_force), None)
+
+
+def _judge_unapplied_goal(
+    sent: TimedValue,
+    verdict: GoalVerdict | None,
+    execution: ExecutionReport | None,
+    newer: TimedValue | None,
+) -> tuple[GoalResult, str]:
+    """Judge a goal whose plan never came into force and that was not refused for its own sake.
+
+    It counts as superseded if its verdict is OK or SUPERSEDED, and a newer goal came within
+    LEAD_MAX by the system's clock. Otherwise it is lost.
+
+    Args:
+        sent: The goal with its times.
+        verdict: Its verdict; None if there was none.
+        execution: Its execution report; None if there was none.
+        newer: The next goal that was not refused; None if there is none.
+
+    Returns:
+        `GoalResult.SUPERSEDED` and an empty text, or `GoalResult.LOST` and why.
+    """
+    if verdict is None:
+        return GoalResult.LOST, "it got no verdict"
+    if verdict.code not in (Verdict.OK, Verdict.SUPERSEDED):
+        return GoalResult.LOST, f"it was refused with {verdict.code.value}: {verdict.sentence}"
+    if newer is None:
+        waited = "no newer goal came"
+    else:
+        wait = (newer.recorded_ns - sent.recorded_ns) / SECOND_NS
+        if wait < LEAD_MAX:
+            return GoalResult.SUPERSEDED, ""
+        waited = f"the next goal came only {wait:.2f} s later"
+    if verdict.code is Verdict.SUPERSEDED:
+        return GoalResult.LOST, f"it was superseded, though {waited}"
+    ending = f": {execution.outcome.value}, {execution.sentence}" if execution else ""
+    return (
+        GoalResult.LOST,
+        f"it was accepted, but no plan for it came into force, and {waited}{ending}",
+    )
+
+
+def _judge_applied_goal(
+    end_ns: int | None, left_until_ns: int, execution: ExecutionReport | None
+) -> tuple[GoalResult, str]:
+    """Judge a goal whose plan came into force, or that needed none.
+
+    It is lost if it was not reached although its plan ended at least SETTLING_NS before
+    `left_until_ns`. In all other cases it counts as applied, also if `end_ns` is None.
+
+    Args:
+        end_ns: End of its plan [ns, ROS time]; None if there is no plan or it was not recorded.
+        left_until_ns: Time of the next goal that was not refused, or end of the recording [ns, ROS
+            time].
+        execution: Its execution report; None if there was none.
+
+    Returns:
+        `GoalResult.LOST` and why, or `GoalResult.APPLIED` and an empty text.
+    """
+    reached = execution is not None and execution.outcome is Outcome.REACHED
+    if reached or end_ns is None or left_until_ns < end_ns + SETTLING_NS:
+        return GoalResult.APPLIED, ""
+    ending = f"{execution.outcome.value}, {execution.sentence}" if execution else "no report"
+    return GoalResult.LOST, f"it was not reached, though there was time: {ending}"

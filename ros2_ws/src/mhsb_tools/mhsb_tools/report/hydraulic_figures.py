@@ -1,0 +1,227 @@
+"""Figures of the hydraulics: modes, pressures and energy over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    MODE_COLOR,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    draw_line,
+    legend_above,
+    open_figure,
+)
+from mhsb_model.modes import Mode, modules_in_use
+from mhsb_model.types import FloatArray
+from mhsb_tools.report.recorded_run import EvaluatedRecording
+from mhsb_tools.report.run_axes import (
+    mark_take_overs,
+    mode_spans,
+    shade_modes,
+    time_axis,
+    to_seconds,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PER_MPA = 1e-6
+Planned = tuple[FloatArray, str, str, str]
+"""Planned energy to draw: values [J], label, colour and line style."""
+
+
+def draw_modes(run: EvaluatedRecording, path: Path) -> None:
+    """Draw each actuator's mode and the number of booster modules in use over time.
+
+    The upper panel has a bar for each actuator, coloured by mode. The lower panel shows the number
+    of modules in use and the number fitted. Vertical lines mark the times at which plans took over.
+    Writes the figure to `path`.
+
+    Args:
+        run: The evaluated recording.
+        path: PNG file to write.
+    """
+    n = run.machine.joint_count
+    with open_figure(path, 2.4 + 0.5 * n) as figure:
+        bars, modules = figure.subplots(
+            2, 1, sharex=True, height_ratios=(0.5 * n, 1.0), squeeze=True
+        )
+        for mode in Mode:
+            for j in range(n):
+                spans = [(begin, end - begin) for begin, end in mode_spans(run, j, mode)]
+                bars.broken_barh(
+                    spans,
+                    (j - 0.36, 0.72),
+                    color=MODE_COLOR[mode],
+                    label=f"mode {mode.name}" if j == 0 else None,
+                )
+        bars.set_yticks(range(n), [f"actuator {j + 1}" for j in range(n)])
+        bars.invert_yaxis()
+        bars.grid(visible=False)
+        _draw_modules(run, modules)
+        for each in (bars, modules):
+            mark_take_overs(run, each)
+        time_axis(run, modules)
+        legend_above(figure, bars, modules)
+
+
+def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
+    """Draw the number of booster modules in use over time [s], and the number fitted as a line.
+
+    Args:
+        run: The evaluated recording.
+        axes: Axes to draw on.
+    """
+    fitted = run.machine.config.hydraulics.modules
+    schedule = run.modes
+    used = [modules_in_use(row, fitted.per_mode) for row in schedule.modes]
+    end_ns = max(int(run.recording.joint_states.time_ns[-1]), schedule.end_ns)
+    time_ns = np.append(schedule.stamp_ns + schedule.offset_ns, end_ns)
+    axes.step(
+        to_seconds(run, time_ns),
+        [*used, used[-1]],
+        where="post",
+        color=BLACK,
+        label="booster modules in use",
+    )
+    axes.axhline(fitted.count, color=VERMILION, linestyle="--", label="modules fitted")
+    axes.set_ylim(-0.2, fitted.count + 0.4)
+    axes.set_yticks(range(fitted.count + 1))
+    axes.set_ylabel("modules")
+
+
+def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
+    """Draw each actuator's chamber and supply pressures [MPa] over time, and write the figure.
+
+    There is a panel for each actuator. Dashed lines mark P_S and the settings of the relief valves
+    of line and chambers. Coloured bands mark times in a boosted mode.
+
+    Args:
+        run: The evaluated recording.
+        path: PNG file to write.
+    """
+    n = run.machine.joint_count
+    table = run.recording.actuators
+    time = to_seconds(run, table.time_ns)
+    lines = (
+        ("cap_pressure", "cap-side chamber", BLUE),
+        ("rod_pressure", "rod-side chamber", GREEN),
+        ("supply_pressure", "supply line", BLACK),
+    )
+    with open_figure(path, 1.2 + 2.4 * n) as figure:
+        axes = figure.subplots(n, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+        for j, each in enumerate(axes):
+            shade_modes(run, each, j)
+            for quantity, label, color in lines:
+                draw_line(
+                    each,
+                    time,
+                    PER_MPA * table.quantity[quantity][:, j],
+                    color=color,
+                    linewidth=1.0,
+                    label=label,
+                )
+            _draw_limits(run, each, j)
+            mark_take_overs(run, each)
+            each.set_ylabel(f"actuator {j + 1} [MPa]")
+        time_axis(run, axes[-1])
+        legend_above(figure, *axes)
+
+
+def _draw_limits(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
+    """Draw lines at P_S and at both relief pressures, and scale the pressure axis [MPa].
+
+    These are the relief pressures of the supply lines and of the actuator's chambers. The axis goes
+    from 0 to 1.05 times the highest chamber relief pressure of all actuators.
+
+    Args:
+        run: The evaluated recording.
+        axes: Axes of one actuator.
+        actuator: Index of the actuator from 0.
+    """
+    from matplotlib.ticker import MultipleLocator
+
+    circuit, reliefs = run.machine.config.circuit, run.machine.chamber_reliefs
+    for pressure, label, color, style in (
+        (run.machine.arrays.supply_pressure, "main pump, $P_S$", GREY, "--"),
+        (circuit.line_relief_pressure, "line relief", VERMILION, "--"),
+        (reliefs[actuator], "chamber relief", PURPLE, "-."),
+    ):
+        axes.axhline(PER_MPA * pressure, color=color, linestyle=style, linewidth=1.0, label=label)
+    axes.yaxis.set_major_locator(MultipleLocator(5.0))
+    axes.set_ylim(0.0, 1.05 * PER_MPA * float(reliefs.max()))
+
+
+def draw_energy(run: EvaluatedRecording, path: Path) -> None:
+    """Draw measured and planned energy over time, summed and as mean power, and write the figure.
+
+    The upper panel stacks the measured energies of main pump and servo pumps [J], with lines for
+    the planned energy in both readings of boost. The lower panel shows the mean power between
+    consecutive reports of the simulator [W].
+
+    Args:
+        run: The evaluated recording.
+        path: PNG file to write.
+    """
+    energy = run.energy
+    time = to_seconds(run, energy.time_ns)
+    measured = energy.main_pump + energy.servo_pumps
+    planned: list[Planned] = [
+        (energy.planned, "planned, the paper's price of boost", BLACK, "-"),
+        (energy.planned_series, "planned, pumps in series", VERMILION, "--"),
+    ]
+    with open_figure(path, 6.0) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        upper.stackplot(
+            time,
+            energy.main_pump,
+            energy.servo_pumps,
+            colors=(SKY, ORANGE),
+            alpha=0.7,
+            linewidth=0,
+            labels=("measured, main pump", "measured, servo pumps"),
+        )
+        for total, label, color, style in planned:
+            upper.plot(time, total, color=color, linestyle=style, label=label)
+        upper.set_ylabel("energy [J]")
+        upper.set_ylim(bottom=0.0)
+        if len(time) > 1:
+            _draw_power(lower, time, np.vstack([energy.main_pump, measured]), planned)
+        lower.set_ylabel("power [W]")
+        lower.set_ylim(bottom=0.0)
+        for each in (upper, lower):
+            mark_take_overs(run, each)
+        time_axis(run, lower)
+        legend_above(figure, upper)
+
+
+def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: list[Planned]) -> None:
+    """Draw measured and planned mean power [W] between consecutive reports of the simulator.
+
+    Main pump and servo pumps are stacked; each planned energy gives a line.
+
+    Args:
+        axes: Axes to draw on. Their labels are not set.
+        time: Time of each report, shape (k,) [s].
+        measured: Energies delivered so far by the main pump (row 0) and by all pumps (row 1), shape
+            (2, k) [J].
+        planned: Planned energies so far, shape (k,) [J], each with label, colour and line style.
+    """
+    span = np.diff(time)
+    main_pump, all_pumps = np.diff(measured) / span
+    axes.stairs(main_pump, time, fill=True, color=SKY, alpha=0.7, linewidth=0)
+    axes.stairs(
+        all_pumps, time, baseline=main_pump, fill=True, color=ORANGE, alpha=0.7, linewidth=0
+    )
+    for total, _, color, style in planned:
+        axes.stairs(np.diff(total) / span, time, baseline=None, color=color, linestyle=style)

@@ -1,0 +1,99 @@
+"""Energy of a recorded run: delivered by the pumps, and predicted by the planner's model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import Trajectory
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_msgs_py.sim_status import SimulatorReport
+from mhsb_planner.motion.energy import motion_energy
+from mhsb_tools.recording.recording import Recording
+from mhsb_tools.report.recorded_motion import cut_trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyRecord:
+    """Energies at the k reports of the simulator, counted from the first report.
+
+    Attributes:
+        time_ns: ROS time of each report, int64 (k,) [ns].
+        main_pump: Energy delivered by the main pump, shape (k,) [J].
+        servo_pumps: Shaft work delivered by the servo pumps, shape (k,) [J].
+        planned: Energy by the planner's model in the paper's reading of boost, shape (k,) [J].
+        planned_series: Energy by the planner's model with main pump and servo pump in series, shape
+            (k,) [J].
+    """
+
+    time_ns: IntArray
+    main_pump: FloatArray
+    servo_pumps: FloatArray
+    planned: FloatArray
+    planned_series: FloatArray
+
+
+def compute_energy_record(
+    recording: Recording, machine: Machine, followed: Trajectory, modes: ModeSchedule
+) -> EnergyRecord:
+    """Compute measured and planned energy over the same time, counted from the first report.
+
+    Both are summed between consecutive reports of the simulator. The planner's model
+    (`mhsb_planner.motion.energy`) is applied to the reference that was followed and the modes that
+    were in force. Rests are included: they cost leakage at the price of the holding modes.
+
+    An interval in which the simulator was restarted, so that its counters fall, counts as 0 in
+    both. Reports outside the time of the references are left out.
+
+    Args:
+        recording: The recording.
+        machine: Its machine.
+        followed: All references as one trajectory, see `join_references`.
+        modes: All modes as one schedule, see `join_modes`.
+
+    Returns:
+        Energies at each report that is used; empty arrays without one.
+    """
+    reports: list[SimulatorReport] = [
+        each.value
+        for each in recording.simulator_reports
+        if followed.stamp_ns <= each.value.sim_time_ns <= followed.end_ns
+    ]
+    steps = [_step(machine, followed, modes, *both) for both in pairwise(reports)]
+    total = np.cumsum(np.array([[0.0] * 4, *steps]), axis=0)[: len(reports)]
+    time_ns = np.array([each.sim_time_ns for each in reports], dtype=np.int64)
+    return EnergyRecord(time_ns, *total.T)
+
+
+def _step(
+    machine: Machine,
+    followed: Trajectory,
+    modes: ModeSchedule,
+    before: SimulatorReport,
+    after: SimulatorReport,
+) -> list[float]:
+    """Return the measured and planned energies between two reports of the simulator.
+
+    Args:
+        machine: The machine.
+        followed: All references as one trajectory.
+        modes: All modes as one schedule.
+        before: The earlier report.
+        after: The later report.
+
+    Returns:
+        Energy of the main pump and shaft work of the servo pumps, both measured; planned energy in
+        the reading `paper` and in the reading `series` [J]. All are 0 if the simulator was
+        restarted in between.
+    """
+    main_pump = after.main_pump_j - before.main_pump_j
+    servo_pumps = after.servo_pumps_j - before.servo_pumps_j
+    if after.sim_time_ns <= before.sim_time_ns or main_pump < 0.0 or servo_pumps < 0.0:
+        return [0.0] * 4
+    path = cut_trajectory(followed, before.sim_time_ns, after.sim_time_ns)
+    planned = motion_energy(machine, path, modes)
+    return [main_pump, servo_pumps, planned.paper, planned.series]

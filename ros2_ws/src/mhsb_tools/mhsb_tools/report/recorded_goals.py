@@ -1,0 +1,144 @@
+"""Evaluation of each goal in a recording, from its verdict to the tip's rest at the goal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
+from mhsb_tools.recording.recording import Recording
+from mhsb_tools.report.goal_fates import find_applied_stamp
+from mhsb_tools.report.recorded_motion import REST_SPEED, TipMotion
+
+REST_WINDOW_NS = SECOND_NS // 5
+"""Time before the end of a rest over which the tip's distance from its goal is averaged [ns]."""
+
+
+@dataclass(frozen=True)
+class RecordedGoal:
+    """A goal that got its verdict.
+
+    Attributes:
+        time_ns: ROS time of the verdict [ns].
+        verdict: The verdict, with the goal and the predicted cost of its plan.
+        outcome: Outcome of the execution; None if no execution was reported.
+        taken_over_ns: ROS time at which the simulator took its plan over [ns], of the last plan if
+            it was planned again; None if it took none over.
+        in_motion: Whether the reference was moving at that time.
+        distance_at_rest: Mean distance of the measured tip from the goal over the last 0.2 s before
+            the next plan takes over or the recording ends [m]; None unless the goal was reached.
+    """
+
+    time_ns: int
+    verdict: GoalVerdict
+    outcome: Outcome | None
+    taken_over_ns: int | None
+    in_motion: bool
+    distance_at_rest: float | None
+
+
+def find_take_over_times(recording: Recording) -> dict[int, int]:
+    """Return the time at which the arm began to follow each executed plan.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        ROS time [ns] by the stamp of each plan, in the order of execution. Times at which the arm
+        held its position without a plan (stamp 0) are left out. A plan that took over twice keeps
+        its first time.
+    """
+    times: dict[int, int] = {}
+    for each in recording.plans_in_force:
+        if each.value != 0:
+            times.setdefault(each.value, each.time_ns)
+    return times
+
+
+def evaluate_goals(
+    recording: Recording, followed: Trajectory, tip: TipMotion
+) -> tuple[RecordedGoal, ...]:
+    """Collect verdict, outcome, take-over and final distance of all goals that got a verdict.
+
+    Args:
+        recording: The recording.
+        followed: All references as one trajectory, see `join_references`.
+        tip: Motion of the tip, see `compute_tip_motion`.
+
+    Returns:
+        The goals in the order of their verdicts.
+    """
+    executions = {
+        each.value.goal_stamp_ns: each.value
+        for each in recording.reports
+        if isinstance(each.value, ExecutionReport)
+    }
+    taken_over = find_take_over_times(recording)
+    records = []
+    for each in recording.reports:
+        verdict = each.value
+        if not isinstance(verdict, GoalVerdict):
+            continue
+        execution = executions.get(verdict.goal_stamp_ns)
+        outcome = None if execution is None else execution.outcome
+        stamp_ns = find_applied_stamp(verdict, execution, taken_over)
+        taken_over_ns = None if stamp_ns is None else taken_over.get(stamp_ns)
+        distance = None
+        if outcome is Outcome.REACHED and stamp_ns is not None and taken_over_ns is not None:
+            distance = _distance_at_rest(recording, tip, verdict, stamp_ns)
+        records.append(
+            RecordedGoal(
+                each.time_ns,
+                verdict,
+                outcome,
+                taken_over_ns,
+                taken_over_ns is not None and _is_moving(followed, taken_over_ns),
+                distance,
+            )
+        )
+    return tuple(records)
+
+
+def _is_moving(followed: Trajectory, time_ns: int) -> bool:
+    """Return whether the reference was moving at a time.
+
+    Args:
+        followed: All references as one trajectory.
+        time_ns: ROS time [ns]; the last reference at or before it counts.
+
+    Returns:
+        True if any joint's reference is faster than REST_SPEED.
+    """
+    row = int(np.searchsorted(followed.offset_ns, time_ns - followed.stamp_ns, "right")) - 1
+    return bool(np.any(np.abs(followed.velocity[max(row, 0)]) > REST_SPEED))
+
+
+def _distance_at_rest(
+    recording: Recording, tip: TipMotion, verdict: GoalVerdict, stamp_ns: int
+) -> float | None:
+    """Return the mean distance of the measured tip from its goal at the end of its rest there.
+
+    The mean is over a window: the last REST_WINDOW_NS before the next plan takes over or the tip's
+    measurements end. The window does not begin before the plan's end.
+
+    Args:
+        recording: The recording.
+        tip: Motion of the tip.
+        verdict: Verdict on the goal.
+        stamp_ns: Stamp of the goal's plan [ns].
+
+    Returns:
+        The distance [m]; None if no measurement lies in the window.
+    """
+    taken_over = find_take_over_times(recording)
+    later = [time for time in taken_over.values() if time > taken_over[stamp_ns]]
+    until_ns = min([*later, int(tip.time_ns[-1])])
+    arrivals = [each.end_ns for each in recording.trajectories if each.stamp_ns == stamp_ns]
+    since_ns = max([until_ns - REST_WINDOW_NS, *arrivals])
+    window = (tip.time_ns >= since_ns) & (tip.time_ns <= until_ns)
+    if not np.any(window):
+        return None
+    away = tip.measured[window] - verdict.goal.position
+    return float(np.linalg.norm(away, axis=1).mean())

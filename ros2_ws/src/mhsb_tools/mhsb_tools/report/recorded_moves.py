@@ -1,0 +1,173 @@
+"""Moves of a recording, one for each goal whose plan was taken over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, IntArray, Position
+from mhsb_planner.motion.energy import motion_energy
+from mhsb_tools.moves.move import MoveRecord, energy_of_plan
+from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.report.recorded_goals import RecordedGoal
+from mhsb_tools.report.recorded_motion import REST_SPEED, cut_trajectory
+from mhsb_tools.report.recorded_run import EvaluatedRecording
+
+REST_NS = SECOND_NS // 2
+"""Duration of the rest that is shown after a motion [ns]."""
+
+
+def cut_into_moves(run: EvaluatedRecording) -> list[MoveRecord]:
+    """Cut a recording into moves.
+
+    A move begins when a goal's plan takes over. It ends when the next goal's plan takes over, or
+    REST_NS after the reference has come to rest. Moves with fewer than two hydraulic states are
+    left out.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        The moves in the order of execution.
+    """
+    goals = [goal for goal in run.goals if goal.taken_over_ns is not None]
+    if not goals:
+        return []
+    goals.sort(key=lambda goal: goal.taken_over_ns or 0)
+    ends = [*(goal.taken_over_ns or 0 for goal in goals[1:]), run.reference.end_ns]
+    moves = []
+    for number, (goal, end_ns) in enumerate(zip(goals, ends, strict=True), start=1):
+        time_ns = _find_hydraulic_times(
+            run, goal.taken_over_ns or 0, _find_end_of_move(run, goal, end_ns)
+        )
+        if len(time_ns) > 1:
+            moves.append(_move(run, number, goal, time_ns))
+    return moves
+
+
+def get_whole_run_as_move(run: EvaluatedRecording, title: str) -> tuple[MoveRecord, int]:
+    """Return everything that was recorded as one move without a goal.
+
+    Args:
+        run: The evaluated recording.
+        title: Title of the move.
+
+    Returns:
+        The move, and the ROS time of its beginning [ns].
+
+    Raises:
+        BagError: No hydraulic states were recorded.
+    """
+    time_ns = _find_hydraulic_times(run, run.reference.stamp_ns, run.reference.end_ns)
+    if len(time_ns) < 2:
+        raise BagError("the recording has no actuator_states; was the simulator running?")
+    return _make_move(run, title, (), time_ns), int(time_ns[0])
+
+
+def _find_end_of_move(run: EvaluatedRecording, goal: RecordedGoal, end_ns: int) -> int:
+    """Return the end of a goal's move.
+
+    Args:
+        run: The evaluated recording.
+        goal: Goal whose plan was taken over.
+        end_ns: Latest end [ns, ROS time], at which the next plan takes over or the references end.
+
+    Returns:
+        REST_NS after the last reference before `end_ns` that moves, at most `end_ns` [ns, ROS
+        time]. If no reference moves, REST_NS after the plan took over.
+    """
+    since_ns = goal.taken_over_ns or 0
+    time_ns = run.reference.stamp_ns + run.reference.offset_ns
+    moving = np.any(np.abs(run.reference.velocity) > REST_SPEED, axis=1)
+    moving &= (time_ns > since_ns) & (time_ns < end_ns)
+    last_ns = int(time_ns[moving][-1]) if np.any(moving) else since_ns
+    return min(end_ns, last_ns + REST_NS)
+
+
+def _find_hydraulic_times(run: EvaluatedRecording, begin_ns: int, end_ns: int) -> IntArray:
+    """Return the times of the hydraulic states within an interval and within the references.
+
+    Args:
+        run: The evaluated recording.
+        begin_ns: Begin of the interval [ns, ROS time].
+        end_ns: End of the interval [ns, ROS time].
+
+    Returns:
+        ROS times, int64 (k,) [ns]; both ends are included.
+    """
+    time_ns = run.recording.actuators.time_ns
+    low, high = max(begin_ns, run.reference.stamp_ns), min(end_ns, run.reference.end_ns)
+    return time_ns[(time_ns >= low) & (time_ns <= high)]
+
+
+def _move(
+    run: EvaluatedRecording, number: int, goal: RecordedGoal, time_ns: IntArray
+) -> MoveRecord:
+    """Return the recorded move to a goal; its title names the goal and the outcome.
+
+    Args:
+        run: The evaluated recording.
+        number: Number of the goal in the title, from 1.
+        goal: The goal, whose outcome is part of the title.
+        time_ns: ROS times of the hydraulic states in the move, int64 (k,) [ns].
+
+    Returns:
+        The move.
+    """
+    sent = goal.verdict.goal
+    fate = goal.outcome.value if goal.outcome else "under way"
+    title = f"Goal {number}: {sent.position_text}, as recorded, {fate}"
+    return _make_move(run, title, (sent.position,), time_ns)
+
+
+def _make_move(
+    run: EvaluatedRecording, title: str, goals: tuple[Position, ...], time_ns: IntArray
+) -> MoveRecord:
+    """Return recorded motion, hydraulic states and energy as a move.
+
+    Measured joint positions are interpolated linearly to the times of the hydraulic states. The
+    energy is the planner's model of the reference that was followed.
+
+    Args:
+        run: The evaluated recording.
+        title: Title of the move.
+        goals: Goals in `base_link` [m]; empty for none.
+        time_ns: ROS times of the move, int64 (k,) [ns]; each must be the time of a hydraulic state.
+
+    Returns:
+        The move.
+    """
+    states, table = run.recording.joint_states, run.recording.actuators
+    rows = np.searchsorted(table.time_ns, time_ns)
+    quantity = {name: values[rows] for name, values in table.quantity.items()}
+    path = cut_trajectory(run.reference, int(time_ns[0]), int(time_ns[-1]))
+    return MoveRecord(
+        machine=run.machine,
+        title=title,
+        goals=goals,
+        time=(time_ns - time_ns[0]) / SECOND_NS,
+        position=_interpolate_columns(time_ns, states.time_ns, states.position),
+        reference=run.reference.sample_many(time_ns)[0],
+        modes=run.modes.modes_at_many(time_ns),
+        speed=quantity["piston_speed"],
+        force=quantity["force"],
+        supply=quantity["supply_pressure"],
+        chambers={"cap side": quantity["cap_pressure"], "rod side": quantity["rod_pressure"]},
+        energy=energy_of_plan(motion_energy(run.machine, path, run.modes)),
+        energy_source="the planner's model of what was followed",
+    )
+
+
+def _interpolate_columns(time_ns: IntArray, known_ns: IntArray, values: FloatArray) -> FloatArray:
+    """Interpolate columns of values linearly in time.
+
+    Args:
+        time_ns: Wanted times, int64 (k,) [ns].
+        known_ns: Times of the values, int64 (m,) [ns], not decreasing.
+        values: Values, shape (m, n).
+
+    Returns:
+        Values at the wanted times, shape (k, n); constant beyond the ends.
+    """
+    at, known = (each - known_ns[0] for each in (time_ns, known_ns))
+    return np.column_stack([np.interp(at, known, column) for column in values.T])

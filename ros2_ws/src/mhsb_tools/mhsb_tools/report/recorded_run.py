@@ -1,0 +1,110 @@
+"""An evaluated recording: everything that the summary and the figures both need."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import Trajectory
+from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.recording.recording import Recording, check_order
+from mhsb_tools.report.goal_fates import JudgedGoal, judge_recorded_goals
+from mhsb_tools.report.recorded_energy import EnergyRecord, compute_energy_record
+from mhsb_tools.report.recorded_goals import RecordedGoal, evaluate_goals
+from mhsb_tools.report.recorded_motion import (
+    TipMotion,
+    compute_tip_motion,
+    join_modes,
+    join_references,
+)
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedRecording:
+    """A recording with its machine and the results of its evaluation.
+
+    Attributes:
+        recording: The decoded recording.
+        machine: The recorded arm.
+        reference: All joint references that the arm published, as one trajectory.
+        modes: All modes that were in force, as one schedule.
+        tip: Positions of the measured tip and of its reference.
+        goals: Goals that got a verdict.
+        judged_goals: All readable goals, judged.
+        energy: Measured and planned energy.
+    """
+
+    recording: Recording
+    machine: Machine
+    reference: Trajectory
+    modes: ModeSchedule
+    tip: TipMotion
+    goals: tuple[RecordedGoal, ...]
+    judged_goals: tuple[JudgedGoal, ...]
+    energy: EnergyRecord
+
+
+def check_machine(recording: Recording, machine: Machine) -> None:
+    """Raise BagError if a recording is of another machine.
+
+    The simulator's reports state name and planning hash of the recorded machine. If no report does,
+    a warning is logged.
+
+    Args:
+        recording: The recording.
+        machine: The machine that it is read with.
+
+    Raises:
+        BagError: The recorded arm had another machine file.
+    """
+    reported = {
+        (each.value.machine, each.value.machine_hash) for each in recording.simulator_reports
+    } - {("", "")}
+    if not reported:
+        _log.warning(
+            "the recording does not say which machine it is of: it is read as one of %s",
+            machine.name,
+        )
+    for name, planning_hash in reported:
+        if difference := machine.describe_difference(name, planning_hash):
+            raise BagError(f"{difference} (--machine)")
+
+
+def evaluate_recording(recording: Recording, machine: Machine) -> EvaluatedRecording:
+    """Evaluate references, modes, tip, goals and energy of a recording.
+
+    Args:
+        recording: The recording.
+        machine: Its machine.
+
+    Returns:
+        The recording with all results.
+
+    Raises:
+        BagError: The recording belongs to another machine, its time runs backwards, it has no
+            references or no modes, or joint states and references do not overlap in time.
+    """
+    if recording.joint_count != machine.joint_count:
+        raise BagError(
+            f"the recording has {recording.joint_count} joints, the machine {machine.name} has "
+            f"{machine.joint_count}; give the recording's machine file"
+        )
+    check_machine(recording, machine)
+    check_order(recording)
+    followed = join_references(recording)
+    modes = join_modes(recording)
+    tip = compute_tip_motion(recording, machine, followed)
+    return EvaluatedRecording(
+        recording,
+        machine,
+        followed,
+        modes,
+        tip,
+        evaluate_goals(recording, followed, tip),
+        judge_recorded_goals(recording),
+        compute_energy_record(recording, machine, followed, modes),
+    )

@@ -1,0 +1,145 @@
+"""Command `report`: figures and numbers of a recording."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from mhsb_model import command_line
+from mhsb_model.files.output_folders import make_output_folder
+from mhsb_model.machine import Machine, load_machine
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_tools.moves.operating_regions import operating_regions
+from mhsb_tools.recording.bag_reader import read_recording
+from mhsb_tools.report import figures
+from mhsb_tools.report.recorded_run import evaluate_recording
+from mhsb_tools.report.summary import compute_summary
+
+SUMMARY_FILE = "summary.json"
+
+
+def report(
+    bag: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="BAG")],
+    output: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    namespace: str = "",
+    moves: bool = False,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Draw figures (PNG) of a recording and write its numbers into summary.json.
+
+    Figures show joint angles in deg, pressures in MPa, energy in J, the tip's path in m and its
+    error in mm, over time in s. Files of the same names in DIR are replaced.
+
+    Args:
+        bag: Folder of the recording (rosbag2).
+        output: Folder for figures and summary; made if it is missing.
+        machine: Machine file (YAML) of the recording; the suite's own arm if omitted.
+        table: Posture table (npz), for the regions where boost is needed; built and kept in the
+            user's cache if omitted.
+        namespace: Namespace of the recorded topics, such as /left.
+        moves: Also draw a page for each move: path, joints, modes, operating regions, pressures,
+            energy.
+        json_: Print the summary as one JSON object instead of text.
+    """
+    command_line.set_interrupt_note(f"{output} has no new {SUMMARY_FILE}, but may have new figures")
+    content = write_report(bag, output, load_machine(machine), table, namespace, moves=moves)
+    if json_:
+        print(json.dumps(content))
+        return
+    print("\n".join(format_summary(content)))
+    print(f"written to {output}")
+
+
+def write_report(
+    bag: Path,
+    output: Path,
+    machine: Machine,
+    table: Path | None = None,
+    namespace: str = "",
+    *,
+    moves: bool = False,
+) -> dict[str, Any]:
+    """Write the figures and the summary of a recording into a folder.
+
+    The recording is evaluated completely before anything is written. The summary is written last,
+    whole or not at all.
+
+    Args:
+        bag: Folder of the recording.
+        output: Folder for the results; made if it is missing.
+        machine: Machine of the recording.
+        table: Posture table file; None takes one from the cache or builds it.
+        namespace: Namespace of the recorded topics, such as `/left`.
+        moves: Also draw a page for each move.
+
+    Returns:
+        The summary, as written to summary.json.
+
+    Raises:
+        BagError: The recording cannot be used.
+        TableError: The posture table cannot be used.
+        MhsbError: `output` is not a folder.
+    """
+    run = evaluate_recording(read_recording(bag, namespace, machine.slews), machine)
+    regions = operating_regions(machine, load_or_build_table(machine, table))
+    content = compute_summary(run)
+    make_output_folder(output, "the report")
+    figures.draw_all(run, regions, output)
+    if moves:
+        figures.draw_moves(run, output)
+    part = output / f"{SUMMARY_FILE}.part"
+    part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(part, output / SUMMARY_FILE)
+    return content
+
+
+def format_summary(content: dict[str, Any]) -> list[str]:
+    """Format the summary for a person.
+
+    Args:
+        content: The summary.
+
+    Returns:
+        A line `key: value` for each entry, without the lists `goals` and `lost`.
+    """
+    numbers = {key: value for key, value in content.items() if key not in ("goals", "lost")}
+    return [f"  {key}: {_text(value)}" for key, value in numbers.items()]
+
+
+def _text(value: Any) -> str:
+    """Format a value of the summary.
+
+    Args:
+        value: Number, text, None, or a list or dictionary of such values.
+
+    Returns:
+        Floats with four significant digits, None as a dash, lists and dictionaries separated by
+        commas.
+    """
+    match value:
+        case None:
+            return "–"
+        case float():
+            return f"{value:.4g}"
+        case dict():
+            return ", ".join(f"{key} {_text(each)}" for key, each in value.items())
+        case list():
+            return ", ".join(_text(each) for each in value)
+        case _:
+            return str(value)
+
+
+def main() -> int:
+    """Run the command `report` and return its exit code."""
+    return command_line.run(report, name="report")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""Time axis of figures of a recording, and marks on it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mhsb_model.figure_style import GREY, MODE_COLOR
+from mhsb_model.modes import BOOSTED_MODES, Mode
+from mhsb_model.types import IntArray
+from mhsb_tools.report.recorded_goals import find_take_over_times
+from mhsb_tools.report.recorded_run import EvaluatedRecording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def to_seconds(run: EvaluatedRecording, time_ns: IntArray | int) -> Any:
+    """Convert ROS times [ns] to seconds since the recording's first joint state."""
+    return (time_ns - run.recording.joint_states.time_ns[0]) / 1e9
+
+
+def time_axis(run: EvaluatedRecording, axes: Axes) -> None:
+    """Set limits and label of the time axis, which spans the recording's joint states."""
+    axes.set_xlim(0.0, to_seconds(run, int(run.recording.joint_states.time_ns[-1])))
+    axes.set_xlabel("time [s]")
+
+
+def mark_take_overs(run: EvaluatedRecording, axes: Axes) -> None:
+    """Draw a thin vertical line at every time at which the arm began to follow a plan.
+
+    Args:
+        run: The evaluated recording.
+        axes: Axes to draw on.
+    """
+    for number, time_ns in enumerate(find_take_over_times(run.recording).values()):
+        axes.axvline(
+            to_seconds(run, time_ns),
+            color=GREY,
+            linewidth=0.7,
+            linestyle=":",
+            label="plan takes over" if number == 0 else None,
+        )
+
+
+def shade_modes(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
+    """Draw pale bands of the mode's colour behind the times at which an actuator is boosted.
+
+    Args:
+        run: The evaluated recording.
+        axes: Axes to draw on.
+        actuator: Index of the actuator from 0.
+    """
+    for mode in filter(BOOSTED_MODES.__getitem__, Mode):
+        label: str | None = f"mode {mode.name}"
+        for begin, end in mode_spans(run, actuator, mode):
+            axes.axvspan(begin, end, color=MODE_COLOR[mode], alpha=0.25, linewidth=0, label=label)
+            label = None
+
+
+def mode_spans(run: EvaluatedRecording, actuator: int, mode: Mode) -> list[tuple[float, float]]:
+    """Return the intervals in which an actuator is in a mode.
+
+    Args:
+        run: The evaluated recording.
+        actuator: Index of the actuator from 0.
+        mode: The mode.
+
+    Returns:
+        Begin and end of each interval [s since the first joint state], one for each row of the
+        schedule with this mode. Adjacent intervals are not joined.
+    """
+    schedule = run.modes
+    end_ns = max(int(run.recording.joint_states.time_ns[-1]), schedule.end_ns)
+    edges = to_seconds(run, np.append(schedule.stamp_ns + schedule.offset_ns, end_ns))
+    rows = np.flatnonzero(schedule.modes[:, actuator] == mode)
+    return [(float(edges[row]), float(edges[row + 1])) for row in rows]

@@ -1,0 +1,442 @@
+"""Numbers of a recorded run: the content of `summary.json`.
+
+Lengths are in mm, pressures in MPa, energies in J, and times in s or ms, as each name says. Null
+stands for what a recording has no data for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from mhsb_model.feasibility.cavitation import summarize_cavitation
+from mhsb_model.goal import Goal
+from mhsb_model.modes import Mode
+from mhsb_model.verdict import Outcome, Verdict
+from mhsb_msgs_py.sim_status import APPLIED_OUTCOME
+from mhsb_tools.recording.recording import Recording
+from mhsb_tools.report.goal_fates import GoalResult, JudgedGoal
+from mhsb_tools.report.recorded_energy import EnergyRecord
+from mhsb_tools.report.recorded_goals import RecordedGoal
+from mhsb_tools.report.recorded_motion import TipMotion
+from mhsb_tools.report.recorded_run import EvaluatedRecording
+
+Summary = dict[str, Any]
+"""Entries of a summary by their names."""
+
+PER_MM, PER_MPA, PER_S = 1e3, 1e-6, 1e-9
+
+SPEED_WINDOW = 0.05
+"""Time over which measured piston speeds are averaged [s]."""
+
+LEAST_SPEED = 2e-4
+"""Piston speed up to which a cylinder counts as held by its valve [m/s]."""
+
+
+def compute_summary(run: EvaluatedRecording) -> Summary:
+    """Compute the summary of a recorded run.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        Numbers, texts, lists and dictionaries, ready for JSON. Infinite numbers and nan are
+        replaced by None.
+
+        - `machine`: Name of the machine.
+        - `duration_s`: Time from the first to the last joint state.
+        - `goals_sent`: Goal poses, readable or not.
+        - `goals_accepted`: Accepting verdicts.
+        - `goals_reached`, `goals_replaced`: Executions with that outcome.
+        - `goals_superseded`, `goals_refused`, `goals_lost`: Goals as `goal_fates` judges
+            them.
+        - `places_not_reached`: Positions of goals that were never reached, however often they were
+            sent.
+        - `switches_in_motion`: Goals whose plan took over while the reference moved.
+        - `tip_error_rms_mm`, `tip_error_max_mm`: Measured tip against reference, from the first to
+            the last motion of the reference.
+        - `tip_error_rest_max_mm`: Largest distance of the resting tip from a reached goal
+            (`RecordedGoal.distance_at_rest`).
+        - `reference_jump_max_...`: New minus old reference at the hand-over, as the simulator
+            measured it.
+        - `mode_switches`: Changes of mode, summed over the actuators.
+        - `modes_used`: Names of all modes that were in force.
+        - `real_time_factor`: Simulated over real time, between the simulator's reports.
+        - `energy_...`: Energies as in `EnergyRecord`.
+        - `max_..._pressure_mpa`: Largest pressure of all actuators; `relief_mpa` states where
+            relief valves open.
+        - `min_chamber_pressure_mpa`: Smallest pressure of all chambers; 0 and less if a chamber has
+            run empty.
+        - `cavitation`: Actuators whose load drives the piston faster than its inlet chamber fills
+            at P_S (`mhsb_model.feasibility.cavitation`).
+        - `speed_excess_measured`: Largest |v| / V_max - 1 of all pistons (`compute_speed_excess`).
+        - `plans_applied`, `plans_refused`: Plans that the simulator applied; refused or dropped.
+        - `replan_ms`: Goal received to plan published.
+        - `lead_ms`: Goal received to the instant at which the applied plan left the old one.
+        - `guard_interventions`: Times that the reference governor boosted or slowed beyond the
+            plan.
+        - `plan_delay_max_s`: Largest delay with which plans were followed.
+        - `unreadable_messages`: Messages that break their contract.
+        - `goals`: An entry for each goal that got a verdict.
+        - `lost`: Position and reason of each lost goal.
+    """
+    content: Summary = _without_infinite(_everything(run))
+    return content
+
+
+def _everything(run: EvaluatedRecording) -> Summary:
+    """Compute all entries of the summary; numbers from messages may still be infinite or nan.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        The entries that `compute_summary` describes.
+    """
+    recording = run.recording
+    time_ns = recording.joint_states.time_ns
+    return {
+        "machine": run.machine.name,
+        "duration_s": PER_S * int(time_ns[-1] - time_ns[0]),
+        "real_time_factor": compute_real_time_factor(recording),
+        "goals_sent": recording.goals_sent,
+        "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
+        "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
+        "goals_replaced": sum(goal.outcome is Outcome.REPLACED for goal in run.goals),
+        "places_not_reached": _places_not_reached(run.goals),
+        "goals_superseded": sum(each.result is GoalResult.SUPERSEDED for each in run.judged_goals),
+        "goals_refused": sum(each.result is GoalResult.REFUSED for each in run.judged_goals),
+        "goals_lost": sum(each.result is GoalResult.LOST for each in run.judged_goals),
+        "switches_in_motion": sum(goal.in_motion for goal in run.goals),
+        **_tip_errors(run.tip, run.goals),
+        **_plans(recording),
+        **compute_reference_jumps(recording),
+        "mode_switches": run.modes.switch_count,
+        **_make_governor_entries(recording),
+        "modes_used": [Mode(code).name for code in np.unique(run.modes.modes)],
+        **_energies(run.energy),
+        **_pressures(run),
+        "cavitation": _cavitation(run),
+        "speed_excess_measured": compute_speed_excess(run),
+        "replan_ms": compute_quantiles(_replan_times(run.goals)),
+        "lead_ms": compute_quantiles(each.lead_ms for each in run.judged_goals),
+        "unreadable_messages": recording.unreadable_count,
+        "goals": [_goal(goal) for goal in run.goals],
+        "lost": [_lost(each) for each in run.judged_goals if each.result is GoalResult.LOST],
+    }
+
+
+def _places_not_reached(goals: Sequence[RecordedGoal]) -> int:
+    """Return the number of different goal positions that were never reached.
+
+    Args:
+        goals: Goals that got a verdict. A goal counts as reached by its outcome, or if the arm
+            already was there (AT_GOAL).
+
+    Returns:
+        The number of positions; several goals at one position count once.
+    """
+    there = {
+        goal.verdict.goal.position
+        for goal in goals
+        if goal.outcome is Outcome.REACHED or goal.verdict.code is Verdict.AT_GOAL
+    }
+    return len({goal.verdict.goal.position for goal in goals} - there)
+
+
+def _tip_errors(tip: TipMotion, goals: Iterable[RecordedGoal]) -> Summary:
+    """Return the entries on the tip's error.
+
+    Args:
+        tip: Motion of the tip.
+        goals: Goals that got a verdict.
+
+    Returns:
+        `tip_error_rms_mm` and `tip_error_max_mm`: root mean square and maximum of the measured
+        tip's distance from the reference while that moves. `tip_error_rest_max_mm`: largest
+        distance of the resting tip from a reached goal. Each is None without data.
+    """
+    error = PER_MM * tip.error[tip.moving]
+    at_rest = [goal.distance_at_rest for goal in goals if goal.distance_at_rest is not None]
+    return {
+        "tip_error_rms_mm": _number(np.sqrt(np.mean(error**2)) if len(error) else None),
+        "tip_error_max_mm": _largest(error),
+        "tip_error_rest_max_mm": _largest([PER_MM * each for each in at_rest]),
+    }
+
+
+def _plans(recording: Recording) -> Summary:
+    """Count the plans that the simulator applied, and those that it refused or dropped.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        Entries `plans_applied` and `plans_refused`. Each plan counts once, by its stamp. A plan
+        that was applied at any time does not count as refused.
+    """
+    values = [each.value for each in recording.hand_overs]
+    applied = {each.plan_stamp_ns for each in values if each.outcome == APPLIED_OUTCOME}
+    return {
+        "plans_applied": len(applied),
+        "plans_refused": len({each.plan_stamp_ns for each in values} - applied),
+    }
+
+
+def compute_reference_jumps(recording: Recording) -> Summary:
+    """Return the largest steps of the reference at hand-overs, as the simulator measured them.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        Entries for position [rad] and velocity [rad/s]; None if no plan was applied.
+    """
+    applied = [each.value for each in recording.hand_overs if each.value.outcome == APPLIED_OUTCOME]
+    return {
+        "reference_jump_max_rad": _largest([each.position_jump for each in applied]),
+        "reference_jump_max_rad_s": _largest([each.velocity_jump for each in applied]),
+    }
+
+
+def _make_governor_entries(recording: Recording) -> Summary:
+    """Return the entries on the reference governor, from the simulator's reports.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        `guard_interventions`: largest count of interventions in any report, 0 without reports.
+        `plan_delay_max_s`: largest delay of plans [s], None without reports.
+    """
+    values = [each.value for each in recording.simulator_reports]
+    return {
+        "guard_interventions": max((each.interventions for each in values), default=0),
+        "plan_delay_max_s": _largest([each.plan_delay for each in values]),
+    }
+
+
+def _energies(energy: EnergyRecord) -> Summary:
+    """Return the entries on energy.
+
+    Args:
+        energy: Energies at the simulator's reports.
+
+    Returns:
+        Planned energy in both readings of boost, and measured energy of the main pump (`mp`) and of
+        the servo pumps (`sp`) [J]. `energy_span_s` is the time from the first to the last report.
+        Energies are None with fewer than two reports, the span without any.
+    """
+
+    def total(counter: np.ndarray) -> float | None:
+        """Return the last value of a cumulative energy [J]; None with fewer than two reports."""
+        return float(counter[-1]) if len(counter) > 1 else None
+
+    return {
+        "energy_planned_j": total(energy.planned),
+        "energy_planned_series_j": total(energy.planned_series),
+        "energy_measured_j": {"mp": total(energy.main_pump), "sp": total(energy.servo_pumps)},
+        "energy_span_s": PER_S * int(np.ptp(energy.time_ns)) if len(energy.time_ns) else None,
+    }
+
+
+def _pressures(run: EvaluatedRecording) -> Summary:
+    """Return the entries on pressures and relief valves.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        `max_supply_pressure_mpa`, `max_chamber_pressure_mpa` and `min_chamber_pressure_mpa` of all
+        actuators. `relief_mpa`: settings of the relief valves of line and chambers, the lowest of
+        all actuators. `relief_exceeded`: whether any pressure was above the setting of its own
+        relief valve. Pressures and `relief_exceeded` are None without hydraulic states.
+    """
+    quantity, circuit = run.recording.actuators.quantity, run.machine.config.circuit
+    supply = _largest(quantity["supply_pressure"])
+    chamber = _largest([quantity["cap_pressure"], quantity["rod_pressure"]])
+    lowest = _largest([-quantity["cap_pressure"], -quantity["rod_pressure"]])
+    line, reliefs = circuit.line_relief_pressure, run.machine.chamber_reliefs
+    beyond = [quantity["supply_pressure"] > line]
+    beyond += [quantity[side] > reliefs for side in ("cap_pressure", "rod_pressure")]
+    return {
+        "max_supply_pressure_mpa": _number(supply, PER_MPA),
+        "max_chamber_pressure_mpa": _number(chamber, PER_MPA),
+        "min_chamber_pressure_mpa": _number(lowest, -PER_MPA),
+        "relief_mpa": {"line": PER_MPA * line, "chamber": PER_MPA * float(reliefs.min())},
+        "relief_exceeded": bool(np.any(beyond)) if supply or chamber else None,
+    }
+
+
+def _cavitation(run: EvaluatedRecording) -> list[Summary]:
+    """Return an entry for each actuator whose load made its inlet chamber cavitate.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        `actuator` (name), `begin_s` since the first hydraulic state, total `duration_s` and
+        `force_n`, the strongest piston force. Empty without hydraulic states.
+    """
+    actuators = run.recording.actuators
+    if len(actuators.time_ns) == 0:
+        return []
+    time = PER_S * (actuators.time_ns - actuators.time_ns[0])
+    force, speed = actuators.quantity["force"], actuators.quantity["piston_speed"]
+    return [
+        {
+            "actuator": each.actuator,
+            "begin_s": each.begin,
+            "duration_s": each.duration,
+            "force_n": each.force,
+        }
+        for each in summarize_cavitation(run.machine, time, force, speed, LEAST_SPEED)
+    ]
+
+
+def compute_speed_excess(run: EvaluatedRecording) -> float | None:
+    """Compute by how much the pistons exceed V_max, the largest |v| / V_max - 1 of all pistons.
+
+    V_max is the limit of each actuator in the machine file, for which the quasi-static plan is
+    made. The speed v = ΔL(q) / Δt is a mean over SPEED_WINDOW, since momentary velocities
+    oscillate; L is the distance between a cylinder's pins and q the measured joint positions.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        The excess; negative if V_max was never reached, None if the recording is shorter than
+        SPEED_WINDOW.
+    """
+    joints = run.recording.joint_states
+    time = PER_S * (joints.time_ns - joints.time_ns[0])
+    later = np.searchsorted(time, time + SPEED_WINDOW)
+    first = np.flatnonzero(later < len(time))
+    last = later[first]
+    if len(first) == 0:
+        return None
+    length = np.array([run.machine.cylinder_lengths(q) for q in joints.position])
+    speed = np.abs(length[last] - length[first]) / (time[last] - time[first])[:, None]
+    return float((speed / run.machine.arrays.max_piston_speed).max() - 1.0)
+
+
+def _replan_times(goals: Iterable[RecordedGoal]) -> list[float]:
+    """Return the times from goal received to plan published of all goals with verdict OK [ms]."""
+    return [
+        goal.verdict.plan.plan_ms
+        for goal in goals
+        if goal.verdict.code is Verdict.OK and goal.verdict.plan is not None
+    ]
+
+
+def compute_quantiles(values: Iterable[float | None]) -> Summary:
+    """Summarize values by their median, 0.99 quantile and maximum.
+
+    Args:
+        values: Numbers; None is skipped.
+
+    Returns:
+        Entries `p50`, `p99` and `max`; each None if there are no values.
+    """
+    known = [value for value in values if value is not None]
+    if not known:
+        return {"p50": None, "p99": None, "max": None}
+    p50, p99 = np.percentile(known, [50, 99])
+    return {"p50": _number(p50), "p99": _number(p99), "max": _number(max(known))}
+
+
+def compute_real_time_factor(recording: Recording) -> float | None:
+    """Compute simulated over real time from the reports of the simulator.
+
+    Each report states the factor of the time since the report before. Intervals without a positive
+    duration or factor are skipped.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        The factor over all intervals; None without any.
+    """
+    simulated = real = 0.0
+    for before, after in pairwise(each.value for each in recording.simulator_reports):
+        span = PER_S * (after.sim_time_ns - before.sim_time_ns)
+        if span > 0.0 and after.real_time_factor > 0.0:
+            simulated += span
+            real += span / after.real_time_factor
+    return simulated / real if real > 0.0 else None
+
+
+def _lost(fate: JudgedGoal) -> Summary:
+    """Return the entry of a lost goal: its position [m] and the reason."""
+    return {**_place(fate.goal), "reason": fate.reason}
+
+
+def _place(goal: Goal) -> Summary:
+    """Return the position of a goal as entries `x_m`, `z_m`, and `y_m` if it has one [m]."""
+    beside = {} if goal.y is None else {"y_m": _number(goal.y)}
+    return {"x_m": _number(goal.x), **beside, "z_m": _number(goal.z)}
+
+
+def _goal(goal: RecordedGoal) -> Summary:
+    """Return the entry of a goal that got a verdict.
+
+    Args:
+        goal: The goal.
+
+    Returns:
+        Position [m], verdict (`code` and `sentence`), `outcome` of the execution, and whether its
+        plan took over `in_motion`. Planning time, energy and duration of its plan (`plan_...`), and
+        `distance_at_rest_mm`; each is None if there is no such value.
+    """
+    verdict = goal.verdict
+    plan = verdict.plan
+    return {
+        **_place(verdict.goal),
+        "code": verdict.code.value,
+        "sentence": verdict.sentence,
+        "outcome": goal.outcome.value if goal.outcome else None,
+        "in_motion": goal.in_motion,
+        "plan_ms": _number(plan.plan_ms) if plan else None,
+        "plan_energy_j": _number(plan.energy_j) if plan else None,
+        "plan_duration_s": _number(plan.duration_s) if plan else None,
+        "distance_at_rest_mm": _number(goal.distance_at_rest, PER_MM),
+    }
+
+
+def _largest(values: Any) -> float | None:
+    """Return the largest finite value.
+
+    Args:
+        values: Numbers in an array or nested lists of any shape.
+
+    Returns:
+        The value; None if there is no finite one.
+    """
+    array = np.asarray(values, dtype=np.float64).ravel()
+    array = array[np.isfinite(array)]
+    return float(array.max()) if len(array) else None
+
+
+def _without_infinite(content: Any) -> Any:
+    """Replace infinite numbers and nan by None, which JSON can represent.
+
+    Args:
+        content: Nested dictionaries and lists.
+
+    Returns:
+        A copy with the replacements.
+    """
+    if isinstance(content, dict):
+        return {key: _without_infinite(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_without_infinite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def _number(value: float | None, factor: float = 1.0) -> float | None:
+    """Multiply a number by a factor; return None for None, nan and infinite numbers."""
+    return None if value is None or not math.isfinite(value) else factor * float(value)

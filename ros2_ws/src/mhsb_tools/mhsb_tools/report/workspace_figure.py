@@ -1,0 +1,129 @@
+"""Figure of the workspace: the tip's path over the regions where joints need boost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mhsb_model.figure_style import BLACK, PATH_COLOR, open_figure
+from mhsb_model.modes import BOOSTED_MODES, Mode, strongest
+from mhsb_tools.moves.operating_regions import OperatingRegions
+from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
+from mhsb_tools.report.recorded_run import EvaluatedRecording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PATH_STEP = 0.002
+"""Path length between two drawn points of the tip's path [m]."""
+
+FIGURE_WIDTH, FIGURE_HEIGHT = 8.0, 8.2  # in
+
+
+def draw_workspace(run: EvaluatedRecording, regions: OperatingRegions, path: Path) -> None:
+    """Draw the tip's path with arm, goals and operating regions, and write the figure.
+
+    It shows the arm's plane, x and z [m]. The path has the colour of the strongest mode of all
+    actuators.
+
+    Args:
+        run: The evaluated recording.
+        regions: Regions of the workspace in which joints need boost.
+        path: PNG file to write.
+    """
+    with open_figure(path, FIGURE_HEIGHT, FIGURE_WIDTH) as figure:
+        axes = figure.subplots()
+        draw_regions(regions, axes)
+        draw_workspace_axes(run.machine, axes)
+        _draw_arm(run, axes)
+        _draw_path(run, axes)
+        _draw_goals(run, axes)
+        figure.legend(loc="outside right upper")
+
+
+def _draw_arm(run: EvaluatedRecording, axes: Axes) -> None:
+    """Draw the arm in its first and in its last measured posture.
+
+    Args:
+        run: The evaluated recording.
+        axes: Axes to draw on.
+    """
+    position = run.recording.joint_states.position
+    for q, style, label in (
+        (position[0], "--", "arm at the start"),
+        (position[-1], "-", "arm at the end"),
+    ):
+        draw_arm(run.machine, q, axes, linestyle=style, label=label)
+
+
+def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
+    """Draw the measured path of the tip in the arm's plane, and legend entries for all modes.
+
+    Points closer than PATH_STEP along the path are skipped. The path is cut at each change of the
+    strongest mode.
+
+    Args:
+        run: The evaluated recording.
+        axes: Axes to draw on.
+    """
+    tip = run.machine.project_to_plane(run.tip.measured)
+    travelled = np.cumsum(np.hypot(*np.diff(tip, axis=0, prepend=tip[:1]).T))
+    mode = strongest(run.modes.modes_at_many(run.tip.time_ns)).astype(np.int64)
+    kept = np.flatnonzero(np.diff(np.floor(travelled / PATH_STEP), append=np.inf) > 0)
+    axes.plot(*tip[kept].T, color="white", linewidth=4.5)
+    starts = np.flatnonzero(np.diff(mode, prepend=-1))
+    for begin, end in zip(starts, [*starts[1:], len(mode) - 1], strict=True):
+        inside = kept[(kept > begin) & (kept < end)]
+        rows = np.concatenate([[begin], inside, [end]])
+        axes.plot(*tip[rows].T, color=PATH_COLOR[Mode(mode[begin])], linewidth=2.0)
+    for each, color in PATH_COLOR.items():
+        who = "an actuator" if BOOSTED_MODES[each] else "all actuators"
+        axes.plot([], [], color=color, linewidth=2.0, label=f"tip, {who} in {each.name}")
+
+
+def _draw_goals(run: EvaluatedRecording, axes: Axes) -> None:
+    """Draw a numbered circle at each goal, or a cross if it was not accepted.
+
+    Goals at one position share a mark that lists their numbers. Goals with an unknown position are
+    left out.
+
+    Args:
+        run: The evaluated recording.
+        axes: Axes to draw on.
+    """
+    numbers: dict[tuple[float, float, bool], list[str]] = {}
+    for number, goal in enumerate(run.goals, start=1):
+        place = goal.verdict.goal.position
+        if np.all(np.isfinite(place)):
+            x, z = run.machine.project_to_plane(place).tolist()
+            numbers.setdefault((x, z, goal.verdict.code.accepted), []).append(str(number))
+    for accepted, marker, label in (
+        (True, "o", "goal, numbered in order"),
+        (False, "X", "goal, not accepted"),
+    ):
+        places = [(x, z) for x, z, taken in numbers if taken is accepted]
+        if places:
+            axes.plot(
+                *np.array(places).T,
+                linestyle="none",
+                marker=marker,
+                markersize=8,
+                markerfacecolor="white",
+                markeredgecolor=BLACK,
+                markeredgewidth=1.4,
+                zorder=5,
+                label=label,
+            )
+    for (x, z, _), texts in numbers.items():
+        axes.annotate(
+            ", ".join(texts),
+            (x, z),
+            xytext=(7, 5),
+            textcoords="offset points",
+            fontweight="bold",
+            zorder=6,
+            clip_on=True,
+            bbox={"boxstyle": "round,pad=0.15", "color": "white", "alpha": 0.75},
+        )

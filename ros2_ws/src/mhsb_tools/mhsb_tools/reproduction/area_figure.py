@@ -1,0 +1,155 @@
+"""Figure beyond the paper: Case 4's polytope area against energy, over the weight of the area."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mhsb_model.figure_style import BLUE, GREY, ORANGE, VERMILION, legend_above, open_figure
+from mhsb_planner.result_files import write_rows
+from mhsb_planner.search.manipulability_loss import (
+    area_along_motion,
+    area_along_path,
+    reference_area,
+)
+from mhsb_tools.reproduction.fits import FittedRuns
+from mhsb_tools.reproduction.measures import energy
+from mhsb_tools.reproduction.runs import AREA_WEIGHTS, Runs, area_run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+AREA_RUN_WEIGHTS = {area_run(w4): w4 for w4 in (0.0, *AREA_WEIGHTS)}
+"""Weight w₄ [1/m] by name of the integrated planner's run."""
+COMPARED_RUNS = {
+    "4-1": ("posture table", ORANGE, "s"),
+    "4-2": ("conventional, J3 well chosen", GREY, "^"),
+    "4-3": ("conventional, J3 badly chosen", VERMILION, "v"),
+}
+"""Label, colour and marker by name of the runs to compare with."""
+
+LABELS_APART = 6.0  # J
+"""Least difference in energy of two points that both have a label [J]."""
+
+
+class Tradeoff(NamedTuple):
+    """Energy and polytope area of one run.
+
+    Attributes:
+        run: Name of the run.
+        w4: Weight of the area [1/m]; NaN for runs without one.
+        energy_discrete: Energy of the discrete path [J].
+        area_discrete: Mean area along the discrete path [m²/s²]; NaN if the tip does not move.
+        shortfall_discrete: ∫ max(0, 1 − area/reference) ds along the discrete path [m].
+        energy: Energy of the motion [J]; NaN if there is no motion.
+        area: Mean area along the motion [m²/s²]; NaN if there is no motion.
+    """
+
+    run: str
+    w4: float
+    energy_discrete: float
+    area_discrete: float
+    shortfall_discrete: float
+    energy: float
+    area: float
+
+
+def tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
+    """Compute energy and mean area of the velocity polytope of all runs of Case 4 with a path.
+
+    Args:
+        runs: All runs of the machine.
+        fits: Trajectories of the runs, by name.
+
+    Yields:
+        The integrated planner's runs by increasing w₄, then the runs of `COMPARED_RUNS`.
+    """
+    full = reference_area(runs.table)
+    for name in (*AREA_RUN_WEIGHTS, *COMPARED_RUNS):
+        path = runs.runs[name].path if name in runs.runs else None
+        if path is None:
+            continue
+        along, fit = area_along_path(runs.machine, path), fits.by_run.get(name)
+        of_motion = (np.nan, np.nan)
+        if fit is not None:
+            motion = fit.motion
+            area = area_along_motion(runs.machine, motion.trajectory, motion.schedule).mean
+            of_motion = (fit.energy.paper, area or np.nan)
+        yield Tradeoff(
+            name,
+            AREA_RUN_WEIGHTS.get(name, np.nan),
+            energy(path),
+            along.mean or np.nan,
+            along.compute_area_loss(full),
+            *of_motion,
+        )
+
+
+def draw_area_tradeoff(runs: Runs, fits: FittedRuns, folder: Path, figure_name: str) -> list[Path]:
+    """Draw the polytope's mean area over energy, for discrete paths and for motions.
+
+    The left panel shows the discrete paths, the right one the motions. The integrated planner's
+    runs of Case 4 form a curve over the weight w₄. The runs of `COMPARED_RUNS` are single points.
+    Runs without a path are left out. Writes a PNG, and a CSV file with the fields of `Tradeoff` for
+    each run.
+
+    Args:
+        runs: All runs of the machine.
+        fits: Trajectories of the runs, by name.
+        folder: An existing folder for the files.
+        figure_name: Name of the files without suffix.
+
+    Returns:
+        The files written.
+    """
+    found = list(tradeoffs(runs, fits))
+    picture = folder / f"{figure_name}.png"
+    with open_figure(picture, 4.6) as figure:
+        both = figure.subplots(1, 2, sharey=True)
+        for title, axes, of_motion in zip(
+            ("discrete paths", "motions"), both, (False, True), strict=True
+        ):
+            _draw(found, axes, of_motion)
+            axes.set_title(title)
+            axes.set_xlabel("energy [J]")
+        both[0].set_ylabel("polytope's mean area [m²/s²]")
+        legend_above(figure, *both)
+    header = (
+        *("run", "w4_per_m", "energy_discrete_j", "area_discrete_m2_s2", "shortfall_discrete_m"),
+        *("energy_j", "area_m2_s2"),
+    )
+    return [picture, write_rows(folder / f"{figure_name}.csv", header, found)]
+
+
+def _draw(found: list[Tradeoff], axes: Axes, of_motion: bool) -> None:
+    """Draw the polytope's mean area over energy of all runs.
+
+    The integrated planner's runs are joined by a line and labelled with their w₄. A label is left
+    out if its energy is less than `LABELS_APART` above that of the last label.
+
+    Args:
+        found: Energy and area of each run.
+        axes: Axes to draw on: energy [J] and area [m²/s²]. Their labels are not set.
+        of_motion: Draw the motions' values; else the discrete paths'.
+    """
+    at = {
+        each.run: (each.energy, each.area)
+        if of_motion
+        else (each.energy_discrete, each.area_discrete)
+        for each in found
+    }
+    front = np.array([at[name] for name in AREA_RUN_WEIGHTS if name in at]).reshape(-1, 2)
+    axes.plot(*front.T, color=BLUE, marker="o", label="integrated, with its w4 [1/m]")
+    labelled = -np.inf
+    for name in AREA_RUN_WEIGHTS:
+        if name in at and at[name][0] > labelled + LABELS_APART:
+            labelled = at[name][0]
+            axes.annotate(
+                f"{AREA_RUN_WEIGHTS[name]:g}", at[name], (4, -11), textcoords="offset points"
+            )
+    for name, (label, color, marker) in COMPARED_RUNS.items():
+        if name in at:
+            axes.plot(*at[name], color=color, marker=marker, linestyle="", label=label)

@@ -1,0 +1,119 @@
+"""Trajectories with mode schedules of the runs that are drawn or whose energy is reported."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, MotionState
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.s3_trajectory import FitRules, FittedMotion, fit_trajectory
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planner import fit_rules
+from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_tools.reproduction.runs import Runs
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRun:
+    """A run's trajectory, sampled at k instants, with its energy.
+
+    Attributes:
+        motion: Trajectory and mode schedule.
+        energy: Energy of the motion [J].
+        time: Instants after the start, shape (k,) [s].
+        position: Joint positions, shape (k, n) [rad].
+        modes: Modes in force, shape (k, n), uint8.
+        profile: Piston speeds, piston forces and tip positions at these instants.
+    """
+
+    motion: FittedMotion
+    energy: Energy
+    time: FloatArray
+    position: FloatArray
+    modes: ModeArray
+    profile: MotionProfile
+
+    @property
+    def duration(self) -> float:
+        """Duration of the trajectory [s]."""
+        return self.motion.trajectory.duration_ns / SECOND_NS
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRuns:
+    """Trajectories of several runs.
+
+    Attributes:
+        by_run: Trajectory by name of the run.
+        failures: Why a run has no trajectory, by name of the run.
+    """
+
+    by_run: Mapping[str, FittedRun]
+    failures: Mapping[str, str]
+
+
+def fit_runs(runs: Runs, names: Iterable[str]) -> FittedRuns:
+    """Fit trajectories to the paths of some runs.
+
+    Args:
+        runs: All runs of the machine.
+        names: Names of the runs to fit.
+
+    Returns:
+        The trajectories by name. A run without a path or trajectory is in `failures`, with the
+        reason.
+    """
+    fits, failures = {}, {}
+    for name in names:
+        run = runs[name]
+        if run.path is None:
+            failures[name] = run.failure
+            continue
+        try:
+            fits[name] = _fit(run.machine, run.path, fit_rules(run.setting.case.options))
+        except MhsbError as error:
+            failures[name] = str(error)
+    return FittedRuns(fits, failures)
+
+
+def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> FittedRun:
+    """Fit a trajectory to a path, from rest with all actuators in mode N, and sample it.
+
+    Args:
+        machine: The arm.
+        path: The discrete path.
+        rules: Kind of trajectory and limits that it must keep.
+
+    Returns:
+        The trajectory, sampled every `MAX_POINT_SPACING_NS` and at its end, with its energy.
+
+    Raises:
+        MhsbError: No trajectory keeps the limits.
+    """
+    modes = StartModes.create_settled(np.full(machine.joint_count, Mode.N))
+    start = MotionState.at_rest(path.posture[0])
+    motion = fit_trajectory(machine, path, start, modes, None, rules)
+    trajectory, schedule = motion.trajectory, motion.schedule
+    times_ns = _sample_times(trajectory.duration_ns) + trajectory.stamp_ns
+    position, velocity, _ = trajectory.sample_many(times_ns)
+    return FittedRun(
+        motion=motion,
+        energy=motion_energy(machine, trajectory, schedule),
+        time=(times_ns - trajectory.stamp_ns) / SECOND_NS,
+        position=position,
+        modes=schedule.modes_at_many(times_ns),
+        profile=motion_profile(machine, position, velocity),
+    )
+
+
+def _sample_times(duration_ns: int) -> IntArray:
+    """Return evenly spaced sample times from 0 on [ns], and the duration as the last one."""
+    return np.append(np.arange(0, duration_ns, MAX_POINT_SPACING_NS, dtype=np.int64), duration_ns)

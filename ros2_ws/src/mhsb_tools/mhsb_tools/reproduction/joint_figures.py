@@ -1,0 +1,258 @@
+"""Figures 6 and 8: joint angles and modes over time, and speed over force of joint 1's cylinder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mhsb_model import hydraulics
+from mhsb_model.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    MODE_COLOR,
+    ORANGE,
+    PATH_COLOR,
+    PURPLE,
+    SKY,
+    VERMILION,
+    legend_above,
+    open_figure,
+)
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.types import FloatArray
+from mhsb_planner.result_files import write_rows
+from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
+from mhsb_tools.reproduction.runs import Runs
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+JOINT_COLORS = (BLACK, BLUE, GREEN, PURPLE, ORANGE)
+FIGURE_WIDTH, ROW_HEIGHT = 10.0, 3.6  # in
+PER_MM = 1e3
+PER_KN = 1e-3
+FORCE_POINTS = 400
+"""Number of forces at which valve limits are drawn."""
+
+
+def draw_joints(
+    runs: Runs,
+    fits: FittedRuns,
+    names: Sequence[str],
+    folder: Path,
+    figure_name: str,
+    *,
+    load_lines: bool,
+) -> list[Path]:
+    """Draw joint angles [°] and a band of modes for each actuator over time, one column per case.
+
+    Runs without a trajectory have empty panels. Writes a PNG, and the sampled trajectories as CSV
+    (`_columns`).
+
+    Args:
+        runs: All runs of the machine.
+        fits: Trajectories of the runs, by name.
+        names: Names of the runs to draw.
+        folder: An existing folder for the files.
+        figure_name: Name of the files without suffix.
+        load_lines: Whether a third row shows piston speed [mm/s] over force [kN] of joint 1's
+            cylinder.
+
+    Returns:
+        The files written.
+    """
+    picture = folder / f"{figure_name}.png"
+    rows = 3 if load_lines else 2
+    heights = [ROW_HEIGHT, 1.0, ROW_HEIGHT][:rows]
+    with open_figure(picture, sum(heights), FIGURE_WIDTH) as figure:
+        panels = figure.subplots(
+            rows, len(names), squeeze=False, gridspec_kw={"height_ratios": heights}
+        )
+        for column, name in enumerate(names):
+            if name not in fits.by_run:
+                continue
+            fit = fits.by_run[name]
+            angles, modes = panels[0, column], panels[1, column]
+            _draw_angles(runs, name, fit, angles)
+            _draw_modes(fit, modes)
+            modes.sharex(angles)
+            if load_lines:
+                _draw_load_line(runs[name].machine, fit, 0, panels[2, column])
+        legend_above(figure, *panels.ravel())
+    header = ("case", "time_s", *_columns(runs.machine))
+    data = folder / f"{figure_name}.csv"
+    return [picture, write_rows(data, header, _rows(fits, names))]
+
+
+def _draw_angles(runs: Runs, name: str, fit: FittedRun, axes: Axes) -> None:
+    """Draw joint angles [°] of a trajectory over time [s], and the discrete path's waypoints.
+
+    The times of the waypoints are scaled so that both have the trajectory's duration.
+
+    Args:
+        runs: All runs of the machine.
+        name: Name of the run.
+        fit: Its trajectory.
+        axes: Axes to draw on.
+    """
+    path = runs[name].path
+    for joint, color in zip(range(fit.position.shape[1]), JOINT_COLORS, strict=False):
+        label = f"joint {joint + 1}"
+        axes.plot(fit.time, np.degrees(fit.position[:, joint]), color=color, label=label)
+        if path is not None:
+            due = path.time * (fit.duration / path.time[-1])
+            axes.plot(
+                due,
+                np.degrees(path.posture[:, joint]),
+                color=VERMILION,
+                linewidth=0.8,
+                marker=".",
+                markersize=3,
+                label="discrete path (S2), over the trajectory's duration",
+            )
+    axes.set_title(f"Case {name}")
+    axes.set_ylabel("joint angle [°]")
+    axes.tick_params(labelbottom=False)
+
+
+def _draw_modes(fit: FittedRun, axes: Axes) -> None:
+    """Draw a horizontal band over time [s] for each actuator, coloured by its mode.
+
+    Args:
+        fit: The sampled trajectory.
+        axes: Axes to draw on; actuator 1 is at the top.
+    """
+    for actuator in range(fit.modes.shape[1]):
+        for begin, end, mode in _spans(fit, actuator):
+            axes.broken_barh(
+                [(begin, end - begin)],
+                (actuator - 0.4, 0.8),
+                color=MODE_COLOR[mode],
+                label=f"mode {mode.name}",
+            )
+    axes.set_yticks(range(fit.modes.shape[1]), [f"J{j + 1}" for j in range(fit.modes.shape[1])])
+    axes.invert_yaxis()
+    axes.grid(visible=False)
+    axes.set_xlabel("time [s]")
+
+
+def _spans(fit: FittedRun, actuator: int) -> Iterator[tuple[float, float, Mode]]:
+    """Yield the intervals in which an actuator's mode stays the same, in time order.
+
+    Args:
+        fit: The sampled trajectory.
+        actuator: Index of the actuator.
+
+    Yields:
+        Begin [s], end [s] and mode.
+    """
+    mode = fit.modes[:, actuator]
+    edges = [0, *(np.flatnonzero(np.diff(mode.astype(int))) + 1).tolist(), len(mode) - 1]
+    for begin, end in pairwise(edges):
+        yield float(fit.time[begin]), float(fit.time[end]), Mode(int(mode[begin]))
+
+
+def _draw_load_line(machine: Machine, fit: FittedRun, joint: int, axes: Axes) -> None:
+    """Draw piston speed [mm/s] over force [kN] of one cylinder, coloured by its mode.
+
+    Lines show V_max in both directions, and the speeds with a fully open valve at P_S and at the
+    highest boost pressure.
+
+    Args:
+        machine: The arm.
+        fit: The sampled trajectory.
+        joint: Index of the joint.
+        axes: Axes to draw on.
+    """
+    force, speed = fit.profile.force[:, joint], fit.profile.speed[:, joint]
+    mode = fit.modes[:, joint]
+    for each in Mode:
+        chosen = mode == each
+        axes.plot(
+            PER_KN * force[chosen],
+            PER_MM * speed[chosen],
+            linestyle="none",
+            marker=".",
+            markersize=3,
+            color=PATH_COLOR[each],
+            label=f"joint {joint + 1} in {each.name}",
+        )
+    span = max(1.0, float(np.ptp(force)))
+    forces = np.linspace(force.min() - 0.3 * span, force.max() + 0.3 * span, FORCE_POINTS)
+    for supply, color, label in (
+        (machine.arrays.supply_pressure, GREY, "valve at P_S"),
+        (machine.arrays.max_boost_pressure, SKY, "valve at the highest boost pressure"),
+    ):
+        out, back = _valve_limits(machine, joint, supply, forces)
+        axes.plot(PER_KN * forces, PER_MM * out, color=color, label=label)
+        axes.plot(PER_KN * forces, PER_MM * back, color=color)
+    fastest = PER_MM * float(machine.arrays.max_piston_speed[joint])
+    for limit in (fastest, -fastest):
+        axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.9, label="V_max of the search")
+    axes.set_ylim(-2.2 * fastest, 2.2 * fastest)
+    axes.set_xlabel(f"cylinder force of joint {joint + 1} [kN]")
+    axes.set_ylabel("piston speed [mm/s]")
+
+
+def _valve_limits(
+    machine: Machine, joint: int, supply: float, forces: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the range of piston speeds with the valve fully open.
+
+    Args:
+        machine: The arm.
+        joint: Index of the joint.
+        supply: Supply pressure [Pa].
+        forces: Piston forces [N], shape (k,).
+
+    Returns:
+        Highest (extending) and lowest (retracting, negative) speed [m/s], each of shape (k,).
+    """
+    m = machine.arrays
+    k, cap, rod = m.valve_coefficient[joint], m.cap_area[joint], m.rod_area[joint]
+    tank = m.tank_pressure
+    out = [hydraulics.extension_speed(k, cap, rod, supply, tank, f) for f in forces]
+    back = [-hydraulics.retraction_speed(k, cap, rod, supply, tank, f) for f in forces]
+    return np.array(out), np.array(back)
+
+
+def _columns(machine: Machine) -> list[str]:
+    """Return the names of a CSV row's values after case and time, in the order of `_rows`."""
+    return [
+        *(f"{joint}_rad" for joint in machine.joint_names),
+        *(f"{actuator}_mode" for actuator in machine.actuator_names),
+        *(f"{actuator}_speed_m_s" for actuator in machine.actuator_names),
+        *(f"{actuator}_force_n" for actuator in machine.actuator_names),
+    ]
+
+
+def _rows(fits: FittedRuns, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+    """Yield the CSV rows of the trajectories.
+
+    Args:
+        fits: Trajectories by run name.
+        names: Names of the runs; those without a trajectory are skipped.
+
+    Yields:
+        A row for each sample of each trajectory: name of the run, time [s], joint positions [rad],
+        modes, piston speeds [m/s] and forces [N].
+    """
+    for name in names:
+        if name in fits.by_run:
+            fit = fits.by_run[name]
+            for k, time in enumerate(fit.time):
+                yield (
+                    name,
+                    time,
+                    *fit.position[k],
+                    *fit.modes[k],
+                    *fit.profile.speed[k],
+                    *fit.profile.force[k],
+                )

@@ -1,0 +1,132 @@
+"""Numbers that tell whether a discrete path is direct, folded, boosted or economical."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.modes import any_boosted
+from mhsb_model.types import FloatArray
+from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.search.discrete_path import DiscretePath
+
+
+def energy(path: DiscretePath) -> float:
+    """Return the energy of the discrete path, reading `paper` [J]."""
+    return float(path.energy.sum())
+
+
+def duration(path: DiscretePath) -> float:
+    """Return the duration of the discrete path [s]."""
+    return float(path.duration.sum())
+
+
+def normal_share(path: DiscretePath, begin: float = 0.0, end: float = 1.0) -> float:
+    """Return the share of time in which all actuators are in mode N.
+
+    Args:
+        path: The path.
+        begin: Beginning of the part of the path that counts, as a share of the duration.
+        end: End of this part.
+
+    Returns:
+        Share of this part's duration, 0 … 1.
+    """
+    return _share(path, ~any_boosted(path.modes), begin, end)
+
+
+def mode_share(path: DiscretePath, mode: int, begin: float = 0.0, end: float = 1.0) -> float:
+    """Return the share of time in which at least one actuator is in a mode.
+
+    Args:
+        path: The path.
+        mode: Code of the mode.
+        begin: Beginning of the part of the path that counts, as a share of the duration.
+        end: End of this part.
+
+    Returns:
+        Share of this part's duration, 0 … 1.
+    """
+    return _share(path, (path.modes == mode).any(axis=1), begin, end)
+
+
+def _share(path: DiscretePath, steps: np.ndarray, begin: float, end: float) -> float:
+    """Return the share of time that chosen steps take.
+
+    Args:
+        path: The path.
+        steps: Whether each step is chosen, bool, shape (steps,).
+        begin: Beginning of the part of the path that counts, as a share of the duration.
+        end: End of this part.
+    """
+    edges = np.clip(path.time / path.time[-1], begin, end)
+    return float(np.diff(edges)[steps].sum() / (end - begin))
+
+
+def path_ratio(path: DiscretePath, spacing: float) -> float:
+    """Return the length of the tip's polygon over that of the shortest grid path between its ends.
+
+    The shortest grid path has straight and diagonal moves only. Its length counts as at least
+    `spacing`.
+
+    Args:
+        path: The path; its tip positions are the corners of the polygon.
+        spacing: Spacing of the grid [m].
+
+    Returns:
+        The ratio: 1 for a shortest grid path, a little less for moves off the grid, 0 for a path
+        without steps.
+    """
+    across, along = sorted(np.abs(path.tip[-1] - path.tip[0]))
+    shortest = along - across + math.sqrt(2.0) * across
+    return path.length / max(float(shortest), spacing)
+
+
+def folding(path: DiscretePath) -> float:
+    """Return how far the tip comes inside both ends of its path, towards the base in x [m]."""
+    return float(path.tip[[0, -1], 0].min() - path.tip[:, 0].min())
+
+
+def bulge(path: DiscretePath) -> float:
+    """Return how far the tip goes beyond both ends of its path, away from the base in x [m]."""
+    return float(path.tip[:, 0].max() - path.tip[[0, -1], 0].max())
+
+
+def sideways(path: DiscretePath) -> float:
+    """Return the tip's largest distance from the straight line through start and goal.
+
+    Args:
+        path: The path; start and goal must differ.
+
+    Returns:
+        The distance [m].
+    """
+    along = path.tip[-1] - path.tip[0]
+    offset = path.tip - path.tip[0]
+    cross = offset[:, 0] * along[1] - offset[:, 1] * along[0]
+    return float(np.abs(cross).max() / np.hypot(*along))
+
+
+def joint_travel(path: DiscretePath, joint: int) -> float:
+    """Return the sum of a joint's absolute changes along the path [rad]; `joint` counts from 0."""
+    return float(np.abs(np.diff(path.posture[:, joint])).sum())
+
+
+def polytope_profile(machine: Machine, path: DiscretePath) -> FloatArray:
+    """Return the velocity polytope's area at the end of each step, in the step's modes.
+
+    Args:
+        machine: The arm.
+        path: The path of k steps.
+
+    Returns:
+        Areas [m²/s²], shape (k,).
+    """
+    return np.array(
+        [
+            polytope_area(machine, q, modes)
+            for q, modes in zip(path.posture[1:], path.modes, strict=True)
+        ]
+    )

@@ -1,0 +1,205 @@
+"""Best supply pressure and V_max for Case 5, found by search; beyond the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mhsb_model.figure_style import BLACK, BLUE, ORANGE, legend_above, open_figure
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.planner import Planner
+from mhsb_planner.result_files import write_rows
+from mhsb_tools.moves.operating_point import (
+    OperatingPoint,
+    OperatingPointResult,
+    Range,
+    best_operating_point,
+)
+from mhsb_tools.reproduction.expectations import PUBLISHED_ENERGY
+from mhsb_tools.reproduction.fits import FittedRuns
+from mhsb_tools.reproduction.runs import (
+    PISTON_SPEEDS,
+    SUPPLY_PRESSURES,
+    Runs,
+    pressure_run,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COMPARED_PLANNERS = ("table", "integrated")
+PLANNER_COLORS = {"table": ORANGE, "integrated": BLUE}
+PER_MEGA, PER_MILLI = 1e6, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class BestPoint:
+    """Best operating point of a case's move for one of the planners.
+
+    Attributes:
+        case: Name of the case.
+        varied: Quantity that was chosen, `ps` (P_S) or `vmax` (V_max).
+        planner: Name of the planner.
+        point: The best point and all examined points.
+    """
+
+    case: str
+    varied: str
+    planner: str
+    point: OperatingPoint
+
+
+def find_points(runs: Runs) -> dict[str, BestPoint]:
+    """Search the best P_S for Case 1-1 and the best V_max for Case 1-2, with two planners.
+
+    The best value is that with which the motion costs least, by the weights of the case. Each range
+    goes from the first to the last value of the paper's sweep.
+
+    Args:
+        runs: All runs of the machine, for machine and posture table.
+
+    Returns:
+        Best points by name, such as `c5.ps best table`, for P_S or V_max and each planner.
+
+    Raises:
+        NoOperatingPointError: No point of a range has a plan.
+    """
+    found = {}
+    for case_name, varied, pressures, speeds in (
+        ("1-1", "ps", Range(SUPPLY_PRESSURES[0], SUPPLY_PRESSURES[-1]), None),
+        ("1-2", "vmax", None, Range(PISTON_SPEEDS[0], PISTON_SPEEDS[-1])),
+    ):
+        case = paper_case(case_name)
+        start = MotionState.at_rest(case.start_posture(runs.machine))
+        for kind in COMPARED_PLANNERS:
+            planner = Planner(runs.machine, runs.table)
+            options = replace(case.options, planner=kind)
+            point = best_operating_point(planner, case.goal, start, options, pressures, speeds)
+            found[f"c5.{varied} best {kind}"] = BestPoint(case_name, varied, kind, point)
+    return found
+
+
+def as_summary(points: Mapping[str, BestPoint]) -> dict[str, Any]:
+    """Return the best points for JSON.
+
+    Each has the name of its case, the number of examined points `looked_at`, and the fields of
+    `OperatingPointResult`.
+    """
+    return {
+        name: {"case": found.case, "looked_at": len(found.point.curve), **asdict(found.point.best)}
+        for name, found in points.items()
+    }
+
+
+def as_text(points: Mapping[str, BestPoint]) -> list[str]:
+    """Return a line for each best point.
+
+    It states P_S [MPa], V_max [mm/s], energy [J], duration [s] and number of mode switches.
+    """
+    return [
+        f"{name}: {found.point.best.supply_pressure / PER_MEGA:.3f} MPa, "
+        f"{found.point.best.v_max / PER_MILLI:.2f} mm/s: {found.point.best.energy:.0f} J, "
+        f"{found.point.best.duration:.2f} s, {found.point.best.switches} switches"
+        for name, found in points.items()
+    ]
+
+
+def draw_points(
+    runs: Runs, fits: FittedRuns, points: Mapping[str, BestPoint], folder: Path, figure_name: str
+) -> list[Path]:
+    """Draw energy over P_S (Case 1-1) and cost over V_max (Case 1-2) of all examined points.
+
+    The published energies are drawn beside them. Writes a PNG, and a CSV file with a row for each
+    examined point.
+
+    Args:
+        runs: All runs; not used.
+        fits: Trajectories of the runs, by name, for comparison with the paper's sweep.
+        points: Best operating points by name.
+        folder: An existing folder for the files.
+        figure_name: Name of the files without suffix.
+
+    Returns:
+        The files written.
+    """
+    picture = folder / f"{figure_name}.png"
+    with open_figure(picture, 4.6) as figure:
+        pressure, speed = figure.subplots(1, 2)
+        for found in points.values():
+            _draw_curve(found, pressure if found.varied == "ps" else speed)
+        _draw_published(fits, pressure)
+        pressure.set_xlabel("supply pressure [MPa]")
+        pressure.set_ylabel("energy of the motion [J]")
+        pressure.set_title("Case 1-1")
+        speed.set_xlabel("V_max [mm/s]")
+        speed.set_ylabel("15 T + 2 switches of the motion [-]")
+        speed.set_title("Case 1-2")
+        legend_above(figure, pressure, speed)
+    header = (
+        *("run", "supply_pressure_pa", "v_max_m_s", "energy_j", "energy_series_j", "duration_s"),
+        *("switches", "cost", "failure"),
+    )
+    rows = [
+        (name, *asdict(sample).values())
+        for name, found in points.items()
+        for sample in found.point.curve
+    ]
+    return [picture, write_rows(folder / f"{figure_name}.csv", header, rows)]
+
+
+def _draw_curve(found: BestPoint, axes: Axes) -> None:
+    """Draw energy over P_S, or cost over V_max, of the examined points of one search.
+
+    Points without a plan are left out. A star marks the best point.
+
+    Args:
+        found: Result of the search. If `found.varied` is `ps`, the axes are P_S [MPa] and energy
+            [J]. If it is `vmax`, they are V_max [mm/s] and cost.
+        axes: Axes to draw on. Their labels are not set.
+    """
+
+    def coordinates(sample: OperatingPointResult) -> tuple[float, float]:
+        """Return the place of an examined point in the diagram.
+
+        Takes `found` from the enclosing function.
+
+        Args:
+            sample: The examined point.
+
+        Returns:
+            P_S [MPa] and energy [J], or V_max [mm/s] and cost.
+        """
+        if found.varied == "ps":
+            return sample.supply_pressure / PER_MEGA, sample.energy
+        return sample.v_max / PER_MILLI, sample.cost
+
+    color = PLANNER_COLORS[found.planner]
+    planned = [coordinates(sample) for sample in found.point.curve if not sample.failure]
+    axes.plot(*zip(*planned, strict=True), color=color, marker=".", label=found.planner)
+    axes.plot(*coordinates(found.point.best), color=color, marker="*", markersize=14, linestyle="")
+
+
+def _draw_published(fits: FittedRuns, axes: Axes) -> None:
+    """Draw the two energies that the paper states over P_S, and the energies of the same runs here.
+
+    Args:
+        fits: Trajectories of the runs. Energies of the runs whose posture table was built for their
+            P_S are drawn; a run without a trajectory is left out.
+        axes: Axes to draw on: P_S [MPa] and energy [J]. Their labels are not set.
+    """
+    joules = dict(PUBLISHED_ENERGY.values())
+    published = [
+        (pressure / PER_MEGA, joules[pressure_run(pressure)]) for pressure in SUPPLY_PRESSURES
+    ]
+    axes.scatter(*zip(*published, strict=True), color=BLACK, marker="x", label="published")
+    own = [
+        (pressure / PER_MEGA, fits.by_run[pressure_run(pressure)].energy.paper)
+        for pressure in SUPPLY_PRESSURES
+        if pressure_run(pressure) in fits.by_run
+    ]
+    if own:
+        label = "table built for that pressure"
+        axes.scatter(*zip(*own, strict=True), color=ORANGE, facecolor="none", label=label)

@@ -1,0 +1,155 @@
+"""Figures 5 and 7: the tip's paths over the regions in which joints need boost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mhsb_model.figure_style import BLACK, BLUE, GREY, PATH_COLOR, legend_above, open_figure
+from mhsb_model.modes import BOOSTED_MODES, pattern_name, strongest
+from mhsb_planner.result_files import write_rows
+from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_tools.moves.operating_regions import OperatingRegions, operating_regions
+from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
+from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
+from mhsb_tools.reproduction.runs import Runs
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+DRAWN_POSTURES = 5
+"""Number of postures drawn along a path."""
+
+PANEL_WIDTH, FIGURE_HEIGHT = 4.4, 7.6  # in
+LEAST_WIDTH = 11.0
+"""Least width of the figure [in], which the legend needs."""
+
+
+def draw_paths(
+    runs: Runs, fits: FittedRuns, names: Sequence[str], folder: Path, figure_name: str
+) -> list[Path]:
+    """Draw the tip's paths over the operating regions, one panel for each case.
+
+    A panel shows the regions in which joints need boost, postures of the arm, the discrete path and
+    the trajectory. Paths that do not exist are left out. Writes a PNG, and paths (`_path_rows`) and
+    regions (`_region_rows`) as CSV.
+
+    Args:
+        runs: All runs of the machine.
+        fits: Trajectories of the runs, by name.
+        names: Names of the runs to draw.
+        folder: An existing folder for the files.
+        figure_name: Name of the files without suffix.
+
+    Returns:
+        The files written.
+    """
+    regions = operating_regions(runs.machine, runs.table)
+    picture = folder / f"{figure_name}.png"
+    width = max(LEAST_WIDTH, PANEL_WIDTH * len(names))
+    with open_figure(picture, FIGURE_HEIGHT, width) as figure:
+        panels = figure.subplots(1, len(names), squeeze=False)[0]
+        for name, axes in zip(names, panels, strict=True):
+            draw_regions(regions, axes)
+            draw_workspace_axes(runs.machine, axes)
+            path = runs[name].path
+            if path is not None:
+                _draw_arms(runs, path, axes)
+                draw_discrete_path(path, axes)
+            if name in fits.by_run:
+                _draw_tip(fits.by_run[name], axes)
+            axes.set_title(f"Case {name}")
+        legend_above(figure, *panels)
+    return [
+        picture,
+        write_rows(
+            folder / f"{figure_name}_paths.csv",
+            ("case", "path", "time_s", "x_m", "z_m", "modes"),
+            (row for name in names for row in _path_rows(runs, fits, name)),
+        ),
+        write_rows(
+            folder / f"{figure_name}_regions.csv",
+            ("x_m", "z_m", *(f"{joint}_needs_boost" for joint in runs.machine.joint_names)),
+            _region_rows(regions),
+        ),
+    ]
+
+
+def draw_discrete_path(path: DiscretePath, axes: Axes) -> None:
+    """Draw a discrete path as a dotted line with markers at start and goal.
+
+    Args:
+        path: The path.
+        axes: Axes to draw on.
+    """
+    axes.plot(*path.tip.T, color=BLUE, linestyle=":", linewidth=1.6, label="discrete path (S2)")
+    look: dict[str, Any] = {"linestyle": "none", "markersize": 8, "markeredgecolor": BLACK}
+    axes.plot(*path.tip[0], marker="s", markerfacecolor="white", label="start", **look)
+    axes.plot(*path.tip[-1], marker="*", markerfacecolor="white", label="goal", **look)
+
+
+def _draw_arms(runs: Runs, path: DiscretePath, axes: Axes) -> None:
+    """Draw the arm in postures along a path: DRAWN_POSTURES of them, evenly spread over its steps.
+
+    Args:
+        runs: All runs; only `runs.machine` is used.
+        path: The path.
+        axes: Axes to draw on.
+    """
+    chosen = np.unique(np.linspace(0, path.steps, DRAWN_POSTURES).round().astype(np.int64))
+    for q in path.posture[chosen]:
+        draw_arm(runs.machine, q, axes, color=GREY, linewidth=1.6, alpha=0.45)
+
+
+def _draw_tip(fit: FittedRun, axes: Axes) -> None:
+    """Draw the tip's path in a trajectory, coloured by the strongest mode of all actuators.
+
+    Args:
+        fit: The sampled trajectory and its modes.
+        axes: Axes to draw on: x and z of the tip [m].
+    """
+    modes = strongest(fit.modes)
+    for mode, color in PATH_COLOR.items():
+        tip = np.where((modes == mode)[:, None], fit.profile.tip, np.nan)
+        what = f"an actuator in {mode.name}" if BOOSTED_MODES[mode] else f"all in {mode.name}"
+        axes.plot(*tip.T, color=color, linewidth=2.0, label=f"trajectory (S3), {what}")
+
+
+def _path_rows(runs: Runs, fits: FittedRuns, name: str) -> Iterator[tuple[Any, ...]]:
+    """Yield the CSV rows of a run's discrete path and of its trajectory.
+
+    Args:
+        runs: All runs of the machine.
+        fits: Trajectories of the runs, by name.
+        name: Name of the run.
+
+    Yields:
+        Name, `discrete` or `fitted`, time [s], x [m], z [m], modes as one text such as `SB-DB-N`.
+        First a row for each waypoint of the discrete path, then one for each sample of the
+        trajectory. There are no rows of a path or trajectory that does not exist.
+    """
+    path = runs[name].path
+    if path is not None:
+        modes = [path.start_modes, *path.modes]
+        for time, tip, pattern in zip(path.time, path.tip, modes, strict=True):
+            yield name, "discrete", time, *tip, pattern_name(pattern)
+    if name in fits.by_run:
+        fit = fits.by_run[name]
+        for time, tip, pattern in zip(fit.time, fit.profile.tip, fit.modes, strict=True):
+            yield name, "fitted", time, *tip, pattern_name(pattern)
+
+
+def _region_rows(regions: OperatingRegions) -> Iterator[tuple[Any, ...]]:
+    """Yield the CSV rows of the regions: x [m], z [m], and 0 or 1 for each joint.
+
+    Args:
+        regions: The operating regions.
+
+    Yields:
+        One row for each node; 1 stands for a joint that needs boost.
+    """
+    for node, boosted in zip(regions.nodes * regions.spacing, regions.boosted, strict=True):
+        yield *node.round(9), *boosted.astype(int)

@@ -1,0 +1,217 @@
+"""Figures 3 and 9: admissible joint velocities, and the polytope of the tip's velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from mhsb_model.figure_style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILION,
+    legend_above,
+    open_figure,
+)
+from mhsb_model.modes import Mode, pattern_name
+from mhsb_model.types import FloatArray
+from mhsb_planner.posture.s1_polytope import piston_speed_corners, polytope_vertices
+from mhsb_planner.result_files import write_rows
+from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_tools.moves.workspace_drawing import draw_arm, draw_workspace_axes
+from mhsb_tools.reproduction.measures import polytope_profile
+from mhsb_tools.reproduction.path_figures import PANEL_WIDTH, draw_discrete_path
+from mhsb_tools.reproduction.runs import Run, Runs
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SHOWN_PATTERN = (Mode.SB, Mode.DB, Mode.N)
+"""Mode combination of Figure 3."""
+
+SHOWN_RADIUS = 0.4
+"""Radius at which the largest polytope of Figure 9 is drawn [m]."""
+
+STEP_STRIDE = 2
+"""Figure 9 shows the polytope of every second step."""
+
+COMPARED_RUNS = ("4-1", "4-2", "4-3")
+RUN_COLORS = (BLUE, ORANGE, VERMILION)
+
+
+def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
+    """Draw admissible joint velocities and tip velocities at the start of Case 1-1 (Figure 3).
+
+    Both are for the mode combination SHOWN_PATTERN. The posture is that of the posture table, at
+    the node nearest to the start's tip position. Writes a PNG and two CSV files: the corners of the
+    body of joint velocities [rad/s], and the vertices of the polytope of tip velocities [m/s].
+
+    Args:
+        runs: All runs of the machine.
+        folder: An existing folder for the files.
+        figure_name: Name of the files without suffix.
+
+    Returns:
+        The files written.
+    """
+    machine, table = runs.machine, runs.table
+    x, z = runs["1-1"].setting.case.start
+    node = int(np.argmin(np.hypot(*(table.nodes * table.spacing - (x, z)).T)))
+    pattern = int(np.flatnonzero(np.all(table.patterns == SHOWN_PATTERN, axis=1))[0])
+    q = table.posture[node, pattern]
+    joint = piston_speed_corners(machine, q, table.patterns[pattern]) / machine.moment_arms(q)
+    tip = polytope_vertices(machine, q, table.patterns[pattern])
+    picture = folder / f"{figure_name}.png"
+    with open_figure(picture, 4.6) as figure:
+        _draw_body(joint, figure)
+        axes = figure.add_subplot(1, 2, 2)
+        axes.fill(*tip.T, facecolor=ORANGE, edgecolor=VERMILION, alpha=0.5)
+        axes.set_aspect("equal")
+        axes.set_xlabel("tip velocity along x [m/s]")
+        axes.set_ylabel("tip velocity along z [m/s]")
+        axes.set_title(f"{pattern_name(SHOWN_PATTERN)} at ({x:g}, {z:g}) m")
+    joint_columns = [f"{name}_rad_s" for name in machine.joint_names]
+    return [
+        picture,
+        write_rows(folder / f"{figure_name}_joint_velocities.csv", joint_columns, joint),
+        write_rows(folder / f"{figure_name}_tip_velocities.csv", ("x_m_s", "z_m_s"), tip),
+    ]
+
+
+def _draw_body(joint: FloatArray, figure: Figure) -> None:
+    """Draw the convex body of admissible velocities [rad/s] of three joints in three dimensions.
+
+    Args:
+        joint: Corners of the body [rad/s], shape (corners, 3).
+        figure: Figure; the left half is used.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    axes: Any = figure.add_subplot(1, 2, 1, projection="3d")
+    faces = joint[ConvexHull(joint).simplices]
+    axes.add_collection3d(
+        Poly3DCollection(faces, facecolor=SKY, edgecolor=GREY, linewidth=0.3, alpha=0.5)
+    )
+    low, high = joint.min(axis=0), joint.max(axis=0)
+    for number, name in enumerate("xyz"):
+        getattr(axes, f"set_{name}lim")(low[number], high[number])
+        getattr(axes, f"set_{name}label")(f"joint {number + 1} [rad/s]")
+
+
+def draw_polytopes_along(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
+    """Draw the velocity polytopes along the paths of Case 4, and their areas (Figure 9).
+
+    There is a column for each run. The upper panel shows path, arm and polytopes in the plane; it
+    is empty if the run has no path. The lower panel shows the areas of all runs over the share of
+    steps. Writes a PNG, and a CSV file with a row for each step (`_area_rows`).
+
+    Args:
+        runs: All runs of the machine.
+        folder: An existing folder for the files.
+        figure_name: Name of the files without suffix.
+
+    Returns:
+        The files written.
+    """
+    picture = folder / f"{figure_name}.png"
+    paths = {name: path for name in COMPARED_RUNS if (path := runs[name].path) is not None}
+    areas = {name: polytope_profile(runs[name].machine, path) for name, path in paths.items()}
+    with open_figure(picture, 7.4, PANEL_WIDTH * len(COMPARED_RUNS)) as figure:
+        panels = figure.subplots(2, len(COMPARED_RUNS), gridspec_kw={"height_ratios": [3, 1]})
+        scale = SHOWN_RADIUS / max((_largest_speed(runs[name]) for name in paths), default=1.0)
+        for name, axes in zip(COMPARED_RUNS, panels[0], strict=True):
+            draw_workspace_axes(runs.machine, axes)
+            axes.set_title(f"Case {name}")
+            if name in paths:
+                _draw_along(runs[name], paths[name], scale, axes)
+        _draw_areas(paths, areas, panels[1])
+        legend_above(figure, *panels.ravel())
+    return [
+        picture,
+        write_rows(
+            folder / f"{figure_name}.csv",
+            ("case", "step", "x_m", "z_m", "modes", "area_m2_s2"),
+            (row for name, path in paths.items() for row in _area_rows(name, path, areas[name])),
+        ),
+    ]
+
+
+def _polytopes(run: Run, path: DiscretePath) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield the velocity polytope of every `STEP_STRIDE`-th step of a path.
+
+    Args:
+        run: The run, for its machine.
+        path: The run's path.
+
+    Yields:
+        Tip position at the end of the step, shape (2,) [m], and corners of the polytope, shape
+        (corners, 2) [m/s].
+    """
+    for k in range(0, path.steps, STEP_STRIDE):
+        yield path.tip[k + 1], polytope_vertices(run.machine, path.posture[k + 1], path.modes[k])
+
+
+def _largest_speed(run: Run) -> float:
+    """Return the largest tip speed of all polytopes drawn for a run with a path [m/s]."""
+    assert run.path is not None
+    return max(float(np.hypot(*corners.T).max()) for _, corners in _polytopes(run, run.path))
+
+
+def _draw_along(run: Run, path: DiscretePath, scale: float, axes: Axes) -> None:
+    """Draw a path, the arm at every `STEP_STRIDE`-th waypoint, and its velocity polytopes.
+
+    Each polytope is drawn around the tip position for which it holds.
+
+    Args:
+        run: The run, for its machine.
+        path: The run's path.
+        scale: Drawn length per tip speed [s].
+        axes: Axes to draw on.
+    """
+    for q in path.posture[::STEP_STRIDE]:
+        draw_arm(run.machine, q, axes, color=GREY, linewidth=1.2, alpha=0.35)
+    for tip, corners in _polytopes(run, path):
+        label = f"tip velocities, 0.1 m for {0.1 / scale:.2g} m/s"
+        axes.fill(*(tip + scale * corners).T, color=ORANGE, alpha=0.35, linewidth=0, label=label)
+    draw_discrete_path(path, axes)
+
+
+def _draw_areas(
+    paths: dict[str, DiscretePath], areas: dict[str, FloatArray], row: np.ndarray
+) -> None:
+    """Draw the polytope's area over the share of steps: in each panel all runs, its own run wide.
+
+    Args:
+        paths: Paths by run name. A run that is missing is not drawn.
+        areas: Area at the end of each step by run name, each of shape (steps,) [m²/s²].
+        row: Axes, one for each of `COMPARED_RUNS`. Their labels are set.
+    """
+    for shown, axes in zip(COMPARED_RUNS, row, strict=True):
+        for name, color in zip(COMPARED_RUNS, RUN_COLORS, strict=True):
+            if name in paths:
+                share = np.arange(1, paths[name].steps + 1) / paths[name].steps
+                width = 2.2 if name == shown else 0.9
+                axes.plot(share, areas[name], color=color, linewidth=width, label=f"Case {name}")
+        axes.set_xlabel("share of steps [-]")
+        axes.set_ylabel("polytope's area [m²/s²]")
+
+
+def _area_rows(name: str, path: DiscretePath, area: FloatArray) -> Iterator[tuple[Any, ...]]:
+    """Yield the CSV rows of one run: name, step from 1, x [m], z [m], modes, area [m²/s²].
+
+    Args:
+        name: Name of the run.
+        path: Its path.
+        area: Area at the end of each step, shape (steps,) [m²/s²].
+
+    Yields:
+        One row for each step.
+    """
+    for k in range(path.steps):
+        yield name, k + 1, *path.tip[k + 1].round(9), pattern_name(path.modes[k]), area[k]

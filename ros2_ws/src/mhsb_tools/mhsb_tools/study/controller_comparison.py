@@ -1,0 +1,131 @@
+"""Comparison of the coordinated with the independent controller over all scenarios of a study."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from mhsb_tools.study.energy_comparison import EnergyPart, sum_parts
+from mhsb_tools.study.energy_comparison import as_text as energy_text
+from mhsb_tools.study.servo_study import ScenarioResult, StudyRecord
+
+COMPARED_CONTROLLERS = ("coordinated", "independent")
+
+TRACKED_ERROR = 5.0
+"""Energies are compared only if both controllers stay within this tip error RMS [mm]."""
+
+
+def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
+    """Compare the coordinated controller (first) with the independent one (second).
+
+    Args:
+        results: Results of at least one scenario, each with both controllers.
+
+    Returns:
+        A dictionary for JSON:
+
+        - scenarios: number of scenarios
+        - tip_error_rms_max_mm: largest tip error RMS of each controller
+        - tracking_ratio: tip error RMS of the second controller over the first one's, least value
+            and geometric mean over the scenarios
+        - overshoot_max_mpa, overshoot_mean_mpa: largest and mean supply overshoot of each
+            controller; negative overshoot counts as 0
+        - overshoot_ratio: overshoot of the first controller over the second one's: of the largest
+            values, of the means, and the highest ratio in a scenario. Only scenarios in which the
+            second overshoots have a ratio; all are None if there is none.
+        - energy_ratio: largest ratio of energies, first over second, in the
+            `energy_ratio_scenarios` scenarios in which both track within 5 mm RMS; None without any
+        - planned_ratio: planned (reading `series`) over simulated energy of the first, least and
+            largest
+        - energy_elements_j: planned and simulated energy of the first, part by part, summed over
+            all scenarios
+        - relief_opened: number of scenarios in which a relief valve opened, by controller
+        - goals_refused: a sentence for each refused goal
+    """
+    pairs = [
+        [each.records_by_controller[side] for side in COMPARED_CONTROLLERS] for each in results
+    ]
+    tracking = np.array([b.tip_error_rms_mm / a.tip_error_rms_mm for a, b in pairs])
+    overshoot = np.array([[r.supply_overshoot_mpa for r in pair] for pair in pairs]).clip(0.0)
+    largest, mean = overshoot.max(axis=0), overshoot.mean(axis=0)
+    both = overshoot[overshoot[:, 1] > 0.0]
+    tracked = [pair for pair in pairs if max(r.tip_error_rms_mm for r in pair) <= TRACKED_ERROR]
+    planned = np.array([a.energy_planned_series_j / _energy(a) for a, _ in pairs])
+    return {
+        "scenarios": len(pairs),
+        "tip_error_rms_max_mm": {
+            "coordinated": max(a.tip_error_rms_mm for a, _ in pairs),
+            "independent": max(b.tip_error_rms_mm for _, b in pairs),
+        },
+        "tracking_ratio": {
+            "least": float(tracking.min()),
+            "mean": float(np.exp(np.mean(np.log(tracking)))),
+        },
+        "overshoot_max_mpa": dict(zip(COMPARED_CONTROLLERS, largest.tolist(), strict=True)),
+        "overshoot_mean_mpa": dict(zip(COMPARED_CONTROLLERS, mean.tolist(), strict=True)),
+        "overshoot_ratio": {
+            "of_largest": float(largest[0] / largest[1]) if len(both) else None,
+            "of_mean": float(mean[0] / mean[1]) if len(both) else None,
+            "worst_scenario": float((both[:, 0] / both[:, 1]).max()) if len(both) else None,
+        },
+        "energy_ratio": max((_energy(a) / _energy(b) for a, b in tracked), default=None),
+        "energy_ratio_scenarios": len(tracked),
+        "planned_ratio": {"least": float(planned.min()), "largest": float(planned.max())},
+        "energy_elements_j": [asdict(element) for element in energy_totals(results)],
+        "relief_opened": {
+            "coordinated": sum(a.relief_opened for a, _ in pairs),
+            "independent": sum(b.relief_opened for _, b in pairs),
+        },
+        "goals_refused": [reason for result in results for reason in result.refused],
+    }
+
+
+def as_text(results: Sequence[ScenarioResult], comparison: dict[str, Any]) -> list[str]:
+    """Format the study for a person.
+
+    Args:
+        results: Result of each scenario.
+        comparison: Dictionary of `compare`.
+
+    Returns:
+        A table with a line for each scenario and `_columns` of both controllers. Then the planned
+        and simulated energies part by part, the comparison as JSON, and a line for each refused
+        goal.
+    """
+    lines = [
+        f"{'':30s} {'coordinated':^32s}   {'independent':^32s}",
+        f"{'scenario':30s}" + 2 * "   RMS    max mm  over MPa      J   ",
+    ]
+    for result in results:
+        mark = " " if result.scenario.held_out else "*"
+        lines.append(
+            f"{result.scenario.name:28s} {mark}"
+            + "  ".join(_columns(record) for record in result.records)
+        )
+    lines.append("* gains were tuned on this scenario; R: a relief valve opened")
+    lines += ["", "coordinated, all scenarios together:", *energy_text(energy_totals(results)), ""]
+    shown = {k: v for k, v in comparison.items() if k not in ("goals_refused", "energy_elements_j")}
+    return [*lines, json.dumps(shown), *comparison["goals_refused"]]
+
+
+def energy_totals(results: Sequence[ScenarioResult]) -> list[EnergyPart]:
+    """Return the coordinated controller's planned and simulated energy over all scenarios."""
+    return sum_parts(result.elements["coordinated"] for result in results)
+
+
+def _columns(record: StudyRecord) -> str:
+    """Format RMS and largest tip error [mm], overshoot [MPa] and energy [J] of one record."""
+    relief = "R" if record.relief_opened else " "
+    return (
+        f"{record.tip_error_rms_mm:7.2f} {record.tip_error_max_mm:8.2f} "
+        f"{record.supply_overshoot_mpa:8.2f}{relief} {_energy(record):7.0f}"
+    )
+
+
+def _energy(record: StudyRecord) -> float:
+    """Return the energy of all pumps [J]: main pump's oil and servo pumps' shafts."""
+    return record.energy_mp_j + record.energy_sp_j

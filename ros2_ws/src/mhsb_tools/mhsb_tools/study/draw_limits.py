@@ -1,0 +1,158 @@
+"""Counts and quantiles over many draws, each compared with the limit that the suite sets itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_tools.study.draws import DrawRecord
+
+MEDIAN_LEVEL, HIGH_LEVEL, WORST_LEVEL = 0.5, 0.95, 1.0
+LEVEL_NAMES = {MEDIAN_LEVEL: "median", HIGH_LEVEL: "p95", WORST_LEVEL: "worst"}
+"""Name of each quantile."""
+
+
+@dataclass(frozen=True)
+class LimitedFigure:
+    """A number over a controller's draws, with its limits.
+
+    Attributes:
+        name: Name with the unit.
+        value: The number.
+        most: Upper limit; infinity if there is none.
+        least: Lower limit.
+        runs: Number of runs from which the number comes.
+    """
+
+    name: str
+    value: float
+    most: float
+    least: float = 0.0
+    runs: int = 0
+
+    @property
+    def is_within_limits(self) -> bool:
+        """True if the number is within its limits."""
+        return self.least <= self.value <= self.most
+
+
+def figures_of(records: Sequence[DrawRecord]) -> list[LimitedFigure]:
+    """Compute counts and quantiles over the draws of one controller, each with its limits.
+
+    Counts of draws: failed, relief valve opened, plan held until stopped, guard acted. Quantiles
+    (median, 95 %, worst): tip error, supply overshoot, later arrival, spool and tip at rest,
+    payload error. One share: draws whose 95 % interval contains the true payload.
+
+    Args:
+        records: The controller's records, one for each draw.
+
+    Returns:
+        The numbers; each name ends with its unit. A quantile or share is left out if no draw has a
+        value.
+    """
+    found = [
+        LimitedFigure("failed [draws]", sum(bool(r.failure) for r in records), 0, runs=len(records))
+    ]
+
+    def add_quantiles(
+        name: str, of: Callable[[DrawRecord], float | None], limits: dict[float, float]
+    ) -> None:
+        """Append quantiles over the draws of one quantity, each with its upper limit.
+
+        Takes `records` from the enclosing function and extends the list `found` there in place.
+        Draws without a value do not count; nothing is appended if no draw has one.
+
+        Args:
+            name: Name of the quantity with its unit.
+            of: Function from a record to the value, None if the record has none.
+            limits: Upper limit of each quantile, by quantile 0 … 1.
+        """
+        values = [value for record in records if (value := of(record)) is not None]
+        found.extend(
+            LimitedFigure(
+                f"{name}, {LEVEL_NAMES[q]}", float(np.quantile(values, q)), most, runs=len(values)
+            )
+            for q, most in limits.items()
+            if values
+        )
+
+    add_quantiles("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST_LEVEL: 20.0})
+    add_quantiles(
+        "tip error, RMS [mm]",
+        lambda r: r.tip_error_rms_mm,
+        {MEDIAN_LEVEL: np.inf, HIGH_LEVEL: 2, WORST_LEVEL: 5},
+    )
+    add_quantiles(
+        "largest error over largest speed [s]",
+        lambda r: r.rho_s,
+        {MEDIAN_LEVEL: 0.01, HIGH_LEVEL: 0.03},
+    )
+    add_quantiles(
+        "supply overshoot [MPa]",
+        lambda r: r.supply_overshoot_mpa,
+        {HIGH_LEVEL: 0.3, WORST_LEVEL: 1.0},
+    )
+    relief = sum(bool(record.relief_opened) for record in records)
+    found.append(LimitedFigure("relief valve opened [draws]", relief, 0, runs=len(records)))
+    add_quantiles(
+        "arrival later, where flow suffices [%]",
+        lambda r: r.later_percent if r.flow_suffices else None,
+        {MEDIAN_LEVEL: 2.0, HIGH_LEVEL: 15.0},
+    )
+    add_quantiles(
+        "arrival later, all [%]",
+        lambda r: r.later_percent,
+        {HIGH_LEVEL: np.inf, WORST_LEVEL: np.inf},
+    )
+    add_quantiles(
+        "spool at rest [% of stroke]",
+        lambda r: r.spool_deviation_percent,
+        {HIGH_LEVEL: 1, WORST_LEVEL: 1},
+    )
+    add_quantiles("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {HIGH_LEVEL: 1.0})
+    add_quantiles(
+        "payload after 5 s both ways [% off]",
+        lambda r: r.payload_error_percent,
+        {MEDIAN_LEVEL: 5.0, HIGH_LEVEL: 10.0},
+    )
+    holds = [record.payload_holds for record in records if record.payload_holds is not None]
+    if holds:
+        share = float(100.0 * np.mean(holds))
+        found.append(
+            LimitedFigure("95 % interval holds it [% of draws]", share, 98.0, 92.0, len(holds))
+        )
+    held = sum(bool(record.held) for record in records)
+    found.append(LimitedFigure("plan held until stopped [draws]", held, np.inf, runs=len(records)))
+    guarded = sum(bool(record.interventions) for record in records)
+    found.append(LimitedFigure("guard acted [draws]", guarded, np.inf, runs=len(records)))
+    return found
+
+
+def as_text(records: Sequence[DrawRecord]) -> list[str]:
+    """Format the counts and quantiles of every controller with their limits, and what failed.
+
+    Args:
+        records: Records of all draws and controllers.
+
+    Returns:
+        For each controller a line of column titles, then a line for each number of `figures_of`:
+        name, number of runs, value, limit. Then a line for each draw that failed or was held.
+    """
+    lines = []
+    ran = {record.controller for record in records}
+    for name in (name for name in REGISTERED_CONTROLLERS if name in ran):
+        own = [record for record in records if record.controller == name]
+        lines.append(f"{name:44s}{'runs':>6s}{'value':>10s}  limit")
+        for figure in figures_of(own):
+            limit = "" if figure.most == np.inf else f"<= {figure.most:g}"
+            if figure.least > 0.0:
+                limit = f"{figure.least:g} ... {figure.most:g}"
+            verdict = "" if figure.is_within_limits else "  not held"
+            lines.append(
+                f"  {figure.name:42s}{figure.runs:6d}{figure.value:10.3g}  {limit}{verdict}"
+            )
+    failures = [(r.draw, r.failure or r.held) for r in records]
+    return lines + [f"draw {draw}: {reason}" for draw, reason in sorted(set(failures)) if reason]

@@ -1,0 +1,187 @@
+"""Measures of a draw's run beside its errors: payload estimate, rest, flow, planned time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.command import Command
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_tools.study.needed_pressure import needed_pressure
+from mhsb_tools.study.replay import Replay
+
+LIFTING_JOINT_COUNT = 2
+"""Number of joints, the first ones, whose motion lets the servo estimate the payload."""
+
+LEARNING_TIME, EACH_WAY_TIME = 5.0, 0.5
+"""Time of motion of these joints before the estimate is read, and least time that one of them must
+have moved in each direction by then [s].
+"""
+
+CONFIDENCE_SIGMAS = 1.96
+"""Half width of a 95 % interval in standard deviations."""
+
+SETTLING_TIME, RESTING_TIME = 1.0, 1.0
+"""Time without sensor noise before spools are observed, and for which they are observed [s]."""
+
+FINAL_REST_TIME = 1.0
+"""Time at a run's end in which the arm is at rest [s]."""
+
+SAMPLING_STEP = 0.01
+"""Time between samples of a plan [s]."""
+
+
+@dataclass(frozen=True)
+class PayloadEstimate:
+    """The servo's estimate of the payload.
+
+    Attributes:
+        value: Estimate [kg].
+        half_interval: Half width of the 95 % interval around it [kg].
+        error_percent: Absolute deviation from the true payload, as a share of it [%].
+        holds: Whether the interval contains the true payload.
+    """
+
+    value: float
+    half_interval: float
+    error_percent: float
+    holds: bool
+
+
+def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None:
+    """Return the servo's first payload estimate after enough motion in both directions.
+
+    Enough means what `find_row_moved_both_ways` requires of the first `LIFTING_JOINT_COUNT` joints
+    of the reference.
+
+    Args:
+        plant: The simulated machine with the true payload.
+        run: The record of the run.
+
+    Returns:
+        The estimate. None if the arm did not move enough, no estimate follows, or the servo does
+        not estimate the payload.
+    """
+    row = find_row_moved_both_ways(run.reference[:, 1, :LIFTING_JOINT_COUNT], run.step)
+    if row is None or not len(run.payload):
+        return None
+    after = np.flatnonzero(run.payload[:, 0] >= run.time[row])
+    if not len(after):
+        return None
+    _, value, deviation = run.payload[after[0]]
+    half, off = CONFIDENCE_SIGMAS * deviation, abs(value - plant.arrays.payload)
+    return PayloadEstimate(value, half, 100.0 * off / plant.arrays.payload, bool(off <= half))
+
+
+def find_row_moved_both_ways(velocity: FloatArray, step: float) -> int | None:
+    """Return the first row by which joints have moved long enough in both directions.
+
+    Two conditions must hold. Some joint has moved during `LEARNING_TIME` in all. One of the joints
+    has moved during `EACH_WAY_TIME` in each direction.
+
+    Args:
+        velocity: Joint velocities [rad/s or m/s], shape (k, joints).
+        step: Time from one row to the next [s].
+
+    Returns:
+        Index of the row; None if there is none.
+    """
+    moving = step * np.cumsum(np.any(velocity != 0.0, axis=1))
+    up, down = (step * np.cumsum(sign * velocity > 0.0, axis=0) for sign in (1.0, -1.0))
+    both = np.any((up >= EACH_WAY_TIME) & (down >= EACH_WAY_TIME), axis=1)
+    rows = np.flatnonzero((moving >= LEARNING_TIME) & both)
+    return int(rows[0]) if len(rows) else None
+
+
+def spool_deviation(simulator: Simulator) -> float:
+    """Measure how much valve spools still move at rest without sensor noise.
+
+    The simulator runs on for 2 s with sensors that keep resolution and offset but lose their noise.
+    The last second counts. What remains are self-sustained oscillations.
+
+    Args:
+        simulator: The simulator at the end of a run; advanced in place, and its noise is switched
+            off.
+
+    Returns:
+        Largest standard deviation of any spool [% of the stroke from the middle to an end].
+    """
+    simulator.disable_noise()
+    simulator.advance(SETTLING_TIME)
+    rows = round(RESTING_TIME * SECOND_NS / simulator.step_ns)
+    spools = np.empty((rows, simulator.machine.joint_count))
+    for row in spools:
+        simulator.step()
+        row[:] = simulator.spools
+    return float(100.0 * spools.std(axis=0).max())
+
+
+def rest_error(error: FloatArray, step: float) -> float:
+    """Return the 95 % quantile of the tip error in the last second of a run.
+
+    Args:
+        error: Tip error at each step, shape (k,).
+        step: Time from one step to the next [s].
+
+    Returns:
+        The quantile, in the unit of `error`.
+    """
+    return float(np.quantile(error[-round(FINAL_REST_TIME / step) :], 0.95))
+
+
+def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command]) -> bool:
+    """Return whether a plant's main pump can deliver the flow of the plans at every moment.
+
+        Σ_j (A_dir |v| + q √(p/P_S)) ≤ Q_MP
+
+    A_dir is the inlet area of actuator j and v its piston speed. q is the leakage of a valve at
+    P_S, and Q_MP the flow of the main pump. p ≥ P_S is the supply pressure that the reference needs
+    (`needed_pressure`).
+
+    Each plan counts until the next one begins. Samples are `SAMPLING_STEP` apart.
+
+    Args:
+        machine: The machine that the planner knows; its moment arms give the piston speeds.
+        plant: The simulated machine: areas, leakage, loads, P_S and Q_MP.
+        commands: Commands by increasing stamp.
+
+    Returns:
+        False if the flow of any sample exceeds Q_MP; True without commands.
+    """
+    ends = [command.stamp_ns for command in commands[1:]] + [2**62]
+    m, most = plant.arrays, plant.arrays.main_pump_flow
+    for command, end in zip(commands, ends, strict=True):
+        last = min(end, command.trajectory.end_ns)
+        times = np.arange(command.stamp_ns, last, round(SAMPLING_STEP * SECOND_NS))
+        if not len(times):
+            continue
+        states = [command.trajectory.sample(int(time)) for time in times]
+        path = np.array([(each.position, each.velocity, each.acceleration) for each in states])
+        rows = np.searchsorted(command.schedule.offset_ns, times - command.stamp_ns, "right") - 1
+        pressure = needed_pressure(plant, path, command.schedule.modes[np.maximum(rows, 0)])
+        arms = np.array([machine.moment_arms(q) for q in path[:, 0]])
+        speed = arms * path[:, 1]
+        strokes = np.where(speed > 0.0, m.cap_area, m.rod_area) * np.abs(speed)
+        leakage = m.leakage_flow * np.sqrt(pressure / m.supply_pressure)
+        if np.any((strokes + leakage).sum(axis=1) > most):
+            return False
+    return True
+
+
+def planned_time(commands: Sequence[Command]) -> float:
+    """Return the time from the first plan's beginning to the last plan's end.
+
+    Args:
+        commands: Commands by increasing stamp.
+
+    Returns:
+        The time [s]; 0 without commands.
+    """
+    if not commands:
+        return 0.0
+    return (commands[-1].trajectory.end_ns - commands[0].stamp_ns) / SECOND_NS

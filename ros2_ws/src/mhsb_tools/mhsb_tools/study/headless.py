@@ -1,0 +1,283 @@
+"""Planner and simulator in lock-step, without a ROS graph, as fast as possible.
+
+Each goal is planned at its time from the command in force, by the same code as in the nodes. The
+plan reaches the simulator through the same receiver. Planning takes no simulated time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mhsb_model.arm_reports import HandOverOutcome
+from mhsb_model.command import Command
+from mhsb_model.goal import Goal
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, ModeArray, Position
+from mhsb_planner.deadline import Deadline
+from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
+from mhsb_planner.online.replanning import Replan, Replanner
+from mhsb_planner.planner import PlanOptions
+from mhsb_sim.errors import HandOverError
+from mhsb_sim.simulation.plan_receiver import PlanReceiver
+from mhsb_sim.simulation.simulator import Simulator
+
+SAMPLE_NS = SECOND_NS // 100
+"""Time from one sample to the next [ns]; 10 ms."""
+
+
+@dataclass(frozen=True)
+class TimedGoal:
+    """A goal and the time until the next one.
+
+    Attributes:
+        position: Tip position in `base_link`, (x, z) or (x, y, z) [m].
+        time: Time from this goal to the next [s].
+    """
+
+    position: Position
+    time: float
+
+    @property
+    def goal(self) -> Goal:
+        """The position as a goal with stamp 0."""
+        return Goal.at(0, self.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Simulated signals of n joints at k instants, 10 ms apart.
+
+    Attributes:
+        time: Instants, shape (k,) [s].
+        reference: Reference joint positions, shape (k, n) [rad or m].
+        position: Measured joint positions, shape (k, n) [rad or m].
+        reference_velocity: Reference joint velocities, shape (k, n) [rad/s or m/s].
+        velocity: Measured joint velocities, shape (k, n) [rad/s or m/s].
+        tip_error: Distance of the measured tip from the reference's, shape (k,) [m].
+        modes: Modes in force, shape (k, n), uint8.
+        cap_pressure: Pressures in the cap-side chambers, shape (k, n) [Pa].
+        rod_pressure: Pressures in the rod-side chambers, shape (k, n) [Pa].
+        supply_pressure: Pressures in the actuators' supply lines, shape (k, n) [Pa].
+        valve_opening: Valve openings from −1 to 1, shape (k, n).
+        reference_acceleration: Reference joint accelerations, shape (k, n) [rad/s² or m/s²].
+    """
+
+    time: FloatArray
+    reference: FloatArray
+    position: FloatArray
+    reference_velocity: FloatArray
+    velocity: FloatArray
+    tip_error: FloatArray
+    modes: ModeArray
+    cap_pressure: FloatArray
+    rod_pressure: FloatArray
+    supply_pressure: FloatArray
+    valve_opening: FloatArray
+    reference_acceleration: FloatArray
+
+    @classmethod
+    def collect(cls, rows: list[tuple[object, ...]]) -> Samples:
+        """Build the samples from one row for each instant.
+
+        Args:
+            rows: At least one row; its values are in the order of the fields.
+
+        Returns:
+            The samples.
+        """
+        return cls(*(np.array(column) for column in zip(*rows, strict=True)))
+
+    def column_names(self) -> list[str]:
+        """Return a name for each column of `table`, such as `time` or `reference_1`.
+
+        Fields of shape (k, n) have n columns, numbered from 1.
+
+        Returns:
+            The names in the order of the columns.
+        """
+        names: list[str] = []
+        for field in fields(self):
+            values = getattr(self, field.name)
+            if values.ndim == 1:
+                names.append(field.name)
+            else:
+                names += [f"{field.name}_{j + 1}" for j in range(values.shape[1])]
+        return names
+
+    def table(self) -> FloatArray:
+        """Return all values as one array, shape (k, columns)."""
+        return np.column_stack([getattr(self, field.name) for field in fields(self)])
+
+
+@dataclass(frozen=True, eq=False)
+class GoalRun:
+    """State of a headless run when the time of one goal is up.
+
+    Attributes:
+        goal: The goal.
+        replan: The plan made for it; None if the arm was there already, or on its way there.
+        goal_distance: Distance of the measured tip from the goal [m].
+        reference_jump: Largest jump of a joint's reference at the hand-over of the plan [rad or m];
+            0 without a plan.
+        overdue: Time since the planned end of the motion in force [s]; negative before that end.
+    """
+
+    goal: TimedGoal
+    replan: Replan | None
+    goal_distance: float
+    reference_jump: float
+    overdue: float
+
+
+class HeadlessRun:
+    """Simulator and planner in lock-step, with a record of the signals."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        replanner: Replanner,
+        options: PlanOptions,
+        budget: float = math.inf,
+    ) -> None:
+        """Begin a run in which the arm holds the simulator's present reference at rest.
+
+        Args:
+            simulator: The simulated arm.
+            replanner: Planner that continues commands.
+            options: Options of every plan.
+            budget: Largest wall time of planning for each goal [s], as in the node; infinity sets
+                no limit.
+        """
+        self.simulator = simulator
+        self._budget = budget
+        self._replanner = replanner
+        self._options = options
+        self._receiver = PlanReceiver(simulator.machine, simulator)
+        self._rows: list[tuple[object, ...]] = []
+        start = simulator.reference.position
+        self._command = Command.hold(simulator.time_ns, start, simulator.modes)
+        self._current_goal: Goal | None = None
+
+    @property
+    def machine(self) -> Machine:
+        """The simulated machine."""
+        return self.simulator.machine
+
+    def run(self, goals: list[TimedGoal]) -> Iterator[GoalRun]:
+        """Plan and simulate goals one after the other.
+
+        Args:
+            goals: The goals with the time until the next one.
+
+        Yields:
+            The result of each goal when its time is up.
+
+        Raises:
+            MhsbError: A goal cannot be planned, a hand-over was refused, or the simulation
+                diverged.
+        """
+        for goal in goals:
+            yield self._run_goal(goal)
+
+    def samples(self) -> Samples:
+        """Return the signals of everything simulated so far."""
+        return Samples.collect(self._rows)
+
+    def _run_goal(self, goal: TimedGoal) -> GoalRun:
+        """Plan a goal, hand the plan over and simulate until the goal's time is up.
+
+        Records a sample every 10 ms.
+
+        Args:
+            goal: The goal.
+
+        Returns:
+            The state when the goal's time is up.
+        """
+        simulator = self.simulator
+        end_ns = simulator.time_ns + round(goal.time * SECOND_NS)
+        replan = self._plan(goal.goal)
+        jump = self._hand_over(replan.command) if replan is not None else 0.0
+        while simulator.time_ns < end_ns:
+            if simulator.time_ns % SAMPLE_NS == 0:
+                self._sample()
+            simulator.step()
+        tip = self.machine.tip_in_base(simulator.joint_state.position)
+        distance = float(np.linalg.norm(tip - goal.position))
+        overdue = (simulator.time_ns - self._command.trajectory.end_ns) / SECOND_NS
+        return GoalRun(goal, replan, distance, jump, overdue)
+
+    def _plan(self, goal: Goal) -> Replan | None:
+        """Make a plan that continues the command in force.
+
+        Args:
+            goal: The goal.
+
+        Returns:
+            The plan; None if the command in force leads to the goal already.
+        """
+        if self._current_goal is not None and goal.is_at_same_position(self._current_goal):
+            return None
+        self.simulator.catch_up()
+        now_ns = self.simulator.plan_time_ns
+        deadline = Deadline.after(self._budget)
+        replan = self._replanner.replan(
+            self._command, now_ns, goal.position, OFFLINE_LEAD, self._options, deadline
+        )
+        self._current_goal = goal
+        return replan
+
+    def _hand_over(self, command: Command) -> float:
+        """Hand a command to the simulator and simulate until its stamp, at which it takes over.
+
+        Args:
+            command: The command; it becomes the command in force.
+
+        Returns:
+            Largest jump of a joint's reference at the hand-over [rad or m].
+
+        Raises:
+            HandOverError: The simulator refused the command.
+        """
+        simulator, receiver = self.simulator, self._receiver
+        reports = receiver.add_trajectory(command.trajectory, 0.0)
+        reports += receiver.add_schedule(command.schedule, 0.0)
+        while simulator.plan_time_ns < command.stamp_ns:
+            simulator.step()
+        reports += receiver.update(0.0)
+        for report in reports:
+            if report.outcome is not HandOverOutcome.APPLIED:
+                raise HandOverError(report.sentence)
+        self._command = command
+        return reports[-1].position_jump
+
+    def _sample(self) -> None:
+        """Append a row of the simulator's present signals, in the order of the fields of `Samples`.
+
+        These are reference, true joint motion, tip error, modes and hydraulics.
+        """
+        simulator, machine = self.simulator, self.machine
+        wanted, measured = simulator.reference, simulator.joint_state
+        hydraulics = simulator.actuator_states
+        error = machine.tip_in_base(measured.position) - machine.tip_in_base(wanted.position)
+        self._rows.append(
+            (
+                simulator.time_ns / SECOND_NS,
+                wanted.position,
+                measured.position,
+                wanted.velocity,
+                measured.velocity,
+                float(np.linalg.norm(error)),
+                simulator.modes,
+                hydraulics.cap_pressure,
+                hydraulics.rod_pressure,
+                hydraulics.supply_pressure,
+                hydraulics.valve_opening,
+                wanted.acceleration,
+            )
+        )

@@ -1,0 +1,281 @@
+"""Mismatch benchmark: fixed moves on drawn plants, read from config/mismatch_benchmark.yaml.
+
+The file is the protocol; docs/benchmark.md explains it. Every sequence is run once on the machine
+itself, then every draw on its plant. All controllers are given identical plans.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.files.schema_problems import describe_validation_errors
+from mhsb_model.files.yaml_files import YamlFileError, read_yaml
+from mhsb_model.machine import Machine
+from mhsb_model.schema import Duration, Section, Weight
+from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
+from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.workers import Jobs, Prepared, results_of
+from mhsb_tools.errors import ScenarioError
+from mhsb_tools.study.draws import DrawRecord, DrawStudy, PlannedSequence
+from mhsb_tools.study.headless import TimedGoal
+from mhsb_tools.study.variations import Variations, draw_machine, validate_variations
+
+BENCHMARK_FILE = "mismatch_benchmark.yaml"
+
+Coordinate = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
+class BenchmarkMoves(Section):
+    """Goals that follow one another, and the weights of their plans."""
+
+    weights: tuple[Weight, Weight, Weight] = Field(
+        description="of energy [1/J], time [1/s] and mode switches [-]"
+    )
+    goals: tuple[tuple[Coordinate, Coordinate, Duration], ...] = Field(
+        min_length=1, description="tip x, z [m] and the time until the next goal [s]"
+    )
+
+    @property
+    def options(self) -> PlanOptions:
+        """Options of the plans."""
+        return PlanOptions(Weights(*self.weights), planner=ONLINE_PLANNER)
+
+    @property
+    def timed_goals(self) -> list[TimedGoal]:
+        """The goals with the time until the next one."""
+        return [TimedGoal(goal[:-1], goal[-1]) for goal in self.goals]
+
+
+class ProtocolFile(Section):
+    """The benchmark's file."""
+
+    version: int = Field(ge=1, le=1000)
+    draws: int = Field(ge=1, le=1_000_000, description="unless told otherwise")
+    seed: int = Field(ge=0, le=2**63 - 1)
+    lost: float = Field(
+        ge=1e-9, le=100, description="tip error from which on the arm counts as lost [m]"
+    )
+    sequences: tuple[BenchmarkMoves, ...] = Field(min_length=1)
+    variations: dict[str, Any] = Field(min_length=1, description="as config/variations.yaml")
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Content of the benchmark's file, with its variations checked against one machine.
+
+    Attributes:
+        file: Content of the file.
+        variations: Variations by name, checked against the machine.
+    """
+
+    file: ProtocolFile
+    variations: Variations
+
+
+def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
+    """Load the benchmark's protocol.
+
+    Args:
+        machine: The machine that is varied.
+        path: YAML file; None takes the suite's own.
+
+    Returns:
+        The protocol.
+
+    Raises:
+        ScenarioError: The file is invalid.
+        VariationError: The variations are invalid.
+    """
+    path = path or find_config_file(BENCHMARK_FILE)
+    try:
+        file = ProtocolFile.model_validate(read_yaml(path))
+    except YamlFileError as error:
+        raise ScenarioError(str(error)) from None
+    except ValidationError as error:
+        raise ScenarioError(
+            f"{path}: {'; '.join(describe_validation_errors(error, ProtocolFile))}"
+        ) from error
+    return Protocol(file, validate_variations(machine, file.variations, str(path)))
+
+
+class BenchmarkStudy:
+    """Simulations that a protocol asks for; each sequence of goals is planned only once."""
+
+    def __init__(self, machine: Machine, protocol: Protocol) -> None:
+        self._machine = machine
+        self._protocol = protocol
+        self._study = DrawStudy(machine, protocol.variations, protocol.file.seed)
+        self._planned: dict[int, PlannedSequence] = {}
+
+    def run_exact(self, number: int) -> list[DrawRecord]:
+        """Simulate every controller in a sequence on the machine as its file says.
+
+        Args:
+            number: Index of the sequence in the protocol; also the seed of the sensor noise.
+
+        Returns:
+            One record for each controller, whose `draw` is the sequence's index.
+        """
+        sequence = self._sequence(number)
+        return [
+            self._study.run_controller(name, number, {}, self._machine, sequence)
+            for name in REGISTERED_CONTROLLERS
+        ]
+
+    def run_draw(self, draw: int) -> list[DrawRecord]:
+        """Simulate every controller in a draw, on a plant that differs from the machine file.
+
+        The plant is drawn at random by the protocol's seed and the draw's number. The sequences
+        take turns: draw k uses sequence k modulo the number of sequences.
+
+        Args:
+            draw: Number of the draw, from 0.
+
+        Returns:
+            One record for each controller.
+        """
+        file = self._protocol.file
+        sequence = self._sequence(draw % len(file.sequences))
+        random = np.random.default_rng((file.seed, draw))
+        plant, drawn = draw_machine(
+            self._machine, self._protocol.variations, random, sequence.motion_time
+        )
+        return [
+            self._study.run_controller(name, draw, drawn, plant, sequence)
+            for name in REGISTERED_CONTROLLERS
+        ]
+
+    def _sequence(self, number: int) -> PlannedSequence:
+        """Return the plans of a sequence, made on the first call and stored.
+
+        Args:
+            number: Index of the sequence.
+
+        Returns:
+            The plans.
+        """
+        if number not in self._planned:
+            moves = self._protocol.file.sequences[number]
+            self._planned[number] = self._study.plan_goals(moves.timed_goals, moves.options)
+        return self._planned[number]
+
+
+@dataclass(frozen=True)
+class BenchmarkRun:
+    """Records of one run with all controllers.
+
+    Attributes:
+        exact: True for a sequence on the machine itself, False for a draw.
+        records: Record of each controller.
+    """
+
+    exact: bool
+    records: list[DrawRecord]
+
+
+def run_benchmark(
+    machine: Machine, protocol: Protocol, draws: int, jobs: Jobs = None
+) -> Iterator[BenchmarkRun]:
+    """Simulate each sequence on the exact machine, and then each draw, in parallel processes.
+
+    Args:
+        machine: The machine that planner and servo know.
+        protocol: The benchmark.
+        draws: Number of draws.
+        jobs: Number of processes or a cluster; None takes one process for each processor.
+
+    Yields:
+        Results as they are ready, in any order.
+    """
+    sequences = len(protocol.file.sequences)
+    runs = [(True, number) for number in range(sequences)]
+    runs += [(False, draw) for draw in range(draws)]
+    with Prepared(jobs, BenchmarkStudy, machine, protocol) as pool:
+        yield from results_of(pool.submit(_run, *run) for run in runs)
+
+
+REPORTED_MEASURES = {
+    "RMS [mm]": ("tip_error_rms_mm", 1.0),
+    "max [mm]": ("tip_error_max_mm", 1.0),
+    "ρ [ms]": ("rho_s", 1e3),
+    "overshoot [MPa]": ("supply_overshoot_mpa", 1.0),
+    "later [s]": ("time_lost", 1.0),
+    "energy, oil [kJ]": ("energy_hydraulic_j", 1e-3),
+    "energy, shafts [kJ]": ("energy_shaft_j", 1e-3),
+    "interventions": ("interventions", 1.0),
+}
+"""Quantities of the table: field of `DrawRecord`, and factor to the printed unit."""
+
+REPORTED_QUANTILES = (0.5, 0.95, 1.0)
+"""Median, 95 % quantile and worst of each quantity."""
+SIGNIFICANT_DIGITS = 6
+"""Number of decimals to which quantiles are rounded."""
+
+
+def summarize(records: Sequence[DrawRecord], lost: float) -> dict[str, Any]:
+    """Compute counts and quantiles over all records of each controller.
+
+    Args:
+        records: Records of all controllers.
+        lost: Tip error from which on an arm counts as lost [m].
+
+    Returns:
+        By controller: counts `runs`, `failed`, `lost` and `relief_opened`, and for each key of
+        `REPORTED_MEASURES` a list of median, 95 % quantile and worst. A key is left out if no
+        record has a value.
+    """
+    found: dict[str, Any] = {}
+    for name in REGISTERED_CONTROLLERS:
+        own = [record for record in records if record.controller == name]
+        errors = [r.tip_error_max_mm for r in own if r.tip_error_max_mm is not None]
+        found[name] = {
+            "runs": len(own),
+            "failed": sum(bool(record.failure) for record in own),
+            "lost": sum(error > 1e3 * lost for error in errors),
+            "relief_opened": sum(bool(record.relief_opened) for record in own),
+        }
+        for measure, (field, factor) in REPORTED_MEASURES.items():
+            values = [v for record in own if (v := getattr(record, field)) is not None]
+            if values:
+                quantiles = factor * np.quantile(values, REPORTED_QUANTILES)
+                found[name][measure] = np.round(quantiles, SIGNIFICANT_DIGITS).tolist()
+    return found
+
+
+def as_markdown(summaries: dict[str, dict[str, Any]]) -> list[str]:
+    """Format summaries as Markdown tables with a column for each controller.
+
+    Args:
+        summaries: Result of `summarize` by title.
+
+    Returns:
+        Lines of one table for each summary. It has a row for each count, and a row for each of
+        `REPORTED_MEASURES` with median / 95 % quantile / worst.
+    """
+    lines = []
+    for title, summary in summaries.items():
+        lines += [f"| {title} | " + " | ".join(summary) + " |", "|---|" + "---|" * len(summary)]
+        for count in ("runs", "failed", "lost", "relief_opened"):
+            cells = " | ".join(str(own[count]) for own in summary.values())
+            lines.append(f"| {count.replace('_', ' ')} | {cells} |")
+        for measure in REPORTED_MEASURES:
+            cells = " | ".join(
+                " / ".join(f"{value:.3g}" for value in own.get(measure, ()))
+                for own in summary.values()
+            )
+            lines.append(f"| {measure} | {cells} |")
+        lines.append("")
+    return lines
+
+
+def _run(study: BenchmarkStudy, exact: bool, number: int) -> BenchmarkRun:
+    """Run one sequence on the exact machine, or one draw."""
+    return BenchmarkRun(exact, study.run_exact(number) if exact else study.run_draw(number))

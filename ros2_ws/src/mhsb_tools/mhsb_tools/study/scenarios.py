@@ -1,0 +1,180 @@
+"""Scenarios of the servo study, read from config/study_scenarios.yaml.
+
+A machine may have its own file beside it, study_scenarios_NAME.yaml.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from mhsb_model.files.config_files import find_machine_config_file
+from mhsb_model.files.schema_problems import describe_validation_errors
+from mhsb_model.files.yaml_files import YamlFileError, read_yaml
+from mhsb_model.goal import format_position
+from mhsb_model.machine import Machine
+from mhsb_model.schema import Coordinate, Duration, NonNegative, Section, Weight
+from mhsb_model.types import Position
+from mhsb_planner.search.s2_search import Weights
+from mhsb_tools.errors import ScenarioError
+
+SCENARIOS_FILE = "study_scenarios.yaml"
+
+
+Place = tuple[Coordinate, Coordinate] | tuple[Coordinate, Coordinate, Coordinate]
+
+
+PayloadMass = Annotated[float, Field(ge=0, le=10_000)]
+
+
+class GoalSequence(Section):
+    """Goals that follow one another at a fixed interval, whether the arm has arrived or not."""
+
+    interval: Duration = Field(le=600, description="from one goal to the next [s]")
+    weights: tuple[Weight, Weight, Weight] = Field(
+        description="of energy [1/J], time [1/s] and mode switches [-]"
+    )
+    goals: tuple[Place, ...] = Field(min_length=1, description="tip (x, z) or (x, y, z) [m]")
+
+
+class StudyConfig(Section):
+    """The scenario file: every sequence is combined with every pump lag and every payload."""
+
+    pump_lags: Annotated[tuple[Duration, ...], Field(min_length=1, description="[s]")]
+    payloads: Annotated[tuple[PayloadMass, ...], Field(min_length=1, description="[kg]")]
+    tail: NonNegative = Field(
+        le=1e4, description="how long a run goes on after the last interval [s]"
+    )
+    sequences: dict[str, GoalSequence] = Field(min_length=1)
+    training: tuple[str, ...] = Field(description="scenarios that gains are tuned on")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Goals for an arm with a certain payload and servo pump lag.
+
+    Attributes:
+        name: Name made of sequence, lag and payload.
+        goals: Tip positions in `base_link` [m].
+        interval: Time from one goal to the next [s].
+        tail: Time for which the run goes on after the last interval [s].
+        weights: Weights of the planner's cost.
+        pump_lag: Lag of the servo pumps [s].
+        payload: Payload, known to planner and servo [kg].
+        held_out: Whether gains are tuned without this scenario.
+    """
+
+    name: str
+    goals: tuple[Position, ...]
+    interval: float
+    tail: float
+    weights: Weights
+    pump_lag: float
+    payload: float
+    held_out: bool
+
+    @property
+    def duration(self) -> float:
+        """Duration of the whole run [s]."""
+        return self.interval * len(self.goals) + self.tail
+
+    def apply_to(self, machine: Machine) -> Machine:
+        """Return a machine with this scenario's payload and servo pump lag.
+
+        Args:
+            machine: The arm of the machine file.
+
+        Returns:
+            The changed machine.
+        """
+        config = machine.changed(payload=self.payload).config
+        circuit = config.circuit.model_copy(update={"servo_pump_lag": self.pump_lag})
+        return Machine.from_config(config.model_copy(update={"circuit": circuit}))
+
+
+def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> list[Scenario]:
+    """Load all scenarios of a file.
+
+    Args:
+        file: YAML file; None takes the suite's file for this machine, or else the suite's default.
+        machine: The arm; None skips the check that goals fit it.
+
+    Returns:
+        The scenarios in the file's order.
+
+    Raises:
+        ScenarioError: The file is invalid, names an unknown training scenario, or has goals that do
+            not fit the machine.
+    """
+    file = file or find_machine_config_file(SCENARIOS_FILE, machine.name if machine else None)
+    try:
+        config = StudyConfig.model_validate(read_yaml(file))
+    except YamlFileError as error:
+        raise ScenarioError(str(error)) from None
+    except ValidationError as error:
+        raise ScenarioError(
+            f"{file}: {'; '.join(describe_validation_errors(error, StudyConfig))}"
+        ) from error
+    scenarios = scenarios_of(config)
+    unknown = set(config.training) - {scenario.name for scenario in scenarios}
+    if unknown:
+        raise ScenarioError(
+            f"{file}: training: there is no scenario {', '.join(sorted(unknown))}; a name is "
+            f"made like {scenarios[0].name}"
+        )
+    if machine is not None:
+        for scenario in scenarios:
+            _check_goals(file, scenario, machine)
+    return scenarios
+
+
+def _check_goals(file: Path, scenario: Scenario, machine: Machine) -> None:
+    """Raise ScenarioError if a goal has the wrong number of coordinates for a machine.
+
+    Args:
+        file: The scenario file, for the error message.
+        scenario: The scenario.
+        machine: The arm.
+    """
+    for goal in scenario.goals:
+        if len(goal) != len(machine.axes):
+            raise ScenarioError(
+                f"{file}: {scenario.name}: {format_position(goal)} is no goal of "
+                f"{machine.name}, which takes {' '.join(machine.axes)}; "
+                "give a file of its own with --scenarios"
+            )
+
+
+def scenarios_of(config: StudyConfig) -> list[Scenario]:
+    """Combine every sequence with every pump lag and every payload.
+
+    Each scenario is named SEQUENCE-LAGms-PAYLOADkg, with lag in ms and payload in kg. It is held
+    out from tuning unless `config.training` contains its name.
+
+    Args:
+        config: Content of a scenario file.
+
+    Returns:
+        The scenarios in the file's order; payload varies fastest.
+    """
+    scenarios = []
+    for sequence_name, sequence in config.sequences.items():
+        for lag in config.pump_lags:
+            for payload in config.payloads:
+                name = f"{sequence_name}-{1e3 * lag:g}ms-{payload:g}kg"
+                scenarios.append(
+                    Scenario(
+                        name=name,
+                        goals=sequence.goals,
+                        interval=sequence.interval,
+                        tail=config.tail,
+                        weights=Weights(*sequence.weights),
+                        pump_lag=lag,
+                        payload=payload,
+                        held_out=name not in config.training,
+                    )
+                )
+    return scenarios

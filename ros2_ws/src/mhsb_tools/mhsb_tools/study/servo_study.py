@@ -1,0 +1,309 @@
+"""Servo study: every controller over every scenario, in numbers.
+
+The plans of a scenario are made once, with the posture table of its payload, and given to each
+controller, so that only the servo differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_model.command import Command
+from mhsb_model.errors import MhsbError
+from mhsb_model.goal import format_position
+from mhsb_model.holding import holding_modes
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.planner import PlanOptions
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.workers import Jobs, processes, results_of
+from mhsb_sim.circuit.audit import energy_by_source
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_tools.study.energy_comparison import EnergyPart, energy_elements
+from mhsb_tools.study.needed_pressure import needed_pressure
+from mhsb_tools.study.replay import Replay, replay
+from mhsb_tools.study.scenarios import Scenario
+
+NEED_WINDOW = 0.1
+"""Pressure that is needed within this time ahead may already be in the line, since lines are
+charged in time [s].
+"""
+
+PRESSURE_ALLOWANCE = 2e5
+"""Reserve above the needed pressure that does not count as overshoot [Pa]."""
+
+PLANNED_EVERY = 10
+"""Number of steps from one point of the followed reference to the next, for the planner's
+energy.
+"""
+
+
+@dataclass(frozen=True)
+class StudyRecord:
+    """Measured numbers of one controller in one scenario.
+
+    Attributes:
+        scenario: Name of the scenario.
+        controller: Name of the controller.
+        tip_error_rms_mm: Root mean square distance of the measured tip from the servo's reference
+            [mm].
+        tip_error_max_mm: Largest such distance [mm].
+        supply_peak_mpa: Highest pressure in any supply line [MPa].
+        supply_overshoot_mpa: Largest excess of a supply line, see `supply_overshoot` [MPa].
+        chamber_peak_mpa: Highest pressure in any cylinder chamber [MPa].
+        relief_opened: Whether any relief valve let oil through.
+        energy_mp_j: Energy that the main pump gave to its oil [J].
+        energy_sp_j: Energy at the servo pumps' shafts, so with their losses [J].
+        energy_planned_series_j: Energy of the followed motion by the planner's model, pumps in
+            series [J].
+        mode_switches: Number of changes of the mode in force, over all actuators.
+        held_out: Whether gains were tuned without this scenario.
+        energy_mp_shaft_j: Energy at the main pump's shaft [J].
+        energy_sp_hydraulic_j: Energy that the servo pumps gave to their oil [J].
+        interventions: Number of times that the guard boosted or slowed beyond the plan.
+    """
+
+    scenario: str
+    controller: str
+    tip_error_rms_mm: float
+    tip_error_max_mm: float
+    supply_peak_mpa: float
+    supply_overshoot_mpa: float
+    chamber_peak_mpa: float
+    relief_opened: bool
+    energy_mp_j: float
+    energy_sp_j: float
+    energy_planned_series_j: float
+    mode_switches: int
+    held_out: bool
+    energy_mp_shaft_j: float
+    energy_sp_hydraulic_j: float
+    interventions: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedScenario:
+    """A scenario's machine and plans.
+
+    Attributes:
+        scenario: The scenario.
+        machine: The arm with the scenario's payload and pump lag.
+        commands: Commands by increasing stamp.
+        refused: Sentence for each goal that was refused; the motion before it went on.
+    """
+
+    scenario: Scenario
+    machine: Machine
+    commands: tuple[Command, ...]
+    refused: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioResult:
+    """Results of all controllers in one scenario.
+
+    Attributes:
+        scenario: The scenario.
+        records: Record of each controller.
+        refused: Sentence for each goal that was refused.
+        traces: Signals by controller, shape (k, 3 + n), 100 rows a second: time [s], tip error [m],
+            supply pressure of each actuator [Pa], highest needed pressure [Pa].
+        elements: Planned and simulated energy of each part, by controller.
+    """
+
+    scenario: Scenario
+    records: tuple[StudyRecord, ...]
+    refused: tuple[str, ...]
+    traces: dict[str, FloatArray]
+    elements: dict[str, list[EnergyPart]]
+
+    @property
+    def records_by_controller(self) -> dict[str, StudyRecord]:
+        """Record by name of the controller."""
+        return {record.controller: record for record in self.records}
+
+
+def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
+    """Plan all goals of a scenario, each from the command before.
+
+    A goal that is refused leaves the motion as it is. Planning takes no time.
+
+    Args:
+        machine: The arm of the machine file.
+        scenario: The scenario.
+
+    Returns:
+        Machine, commands and refusals.
+    """
+    loaded = scenario.apply_to(machine)
+    replanner = Replanner(loaded, load_or_build_table(loaded))
+    start = np.array(loaded.config.simulation.start_posture)
+    command = Command.hold(0, start, holding_modes(loaded, loaded.piston_forces(start)))
+    options = PlanOptions(weights=scenario.weights)
+    commands, refused = [], []
+    for number, goal in enumerate(scenario.goals):
+        now_ns = round(number * scenario.interval * SECOND_NS)
+        try:
+            replan = replanner.replan(command, now_ns, goal, OFFLINE_LEAD, options)
+        except MhsbError as error:
+            refused.append(f"{scenario.name}: goal {format_position(goal, 'g')}: {error}")
+            continue
+        if replan is not None:
+            command = replan.command
+            commands.append(command)
+    return PlannedScenario(scenario, loaded, tuple(commands), tuple(refused))
+
+
+def run_controller(
+    script: PlannedScenario, controller: str, machine: Machine | None = None
+) -> Replay:
+    """Let a controller follow the plans of a script.
+
+    Args:
+        script: Machine and plans.
+        controller: Name of the controller.
+        machine: Machine to simulate, which may have other gains than the script's; None takes the
+            script's.
+
+    Returns:
+        The record of the run.
+    """
+    simulator = Simulator(machine or script.machine, controller)
+    return replay(simulator, script.commands, script.scenario.duration)
+
+
+def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
+    """Compute the excess of each supply line over what the trajectory itself needs.
+
+        excess = p_line(t) − p(t) − PRESSURE_ALLOWANCE, where p(t) is the highest of
+
+            need(t') for t ≤ t' ≤ t + NEED_WINDOW
+            p(t − dt) − q_leak/(C_line + C_rail) dt
+
+    need(t) is the supply pressure of `needed_pressure` [Pa], at least P_S. q_leak is the leakage of
+    a valve [m³/s], and C the volume of line and rail over the bulk modulus [m³/Pa]. The window
+    allows for lines that are charged ahead. The second term allows for a shut line, which loses
+    pressure no faster than its valve leaks.
+
+    Args:
+        machine: The arm that was simulated.
+        run: The record of k steps.
+
+    Returns:
+        Excess [Pa], shape (k, n); negative if the line is below.
+    """
+    width = round(NEED_WINDOW / run.step) + 1
+    need = needed_pressure(machine, run.reference, run.modes)
+    ahead = maximum_filter1d(need, width, axis=0, mode="nearest", origin=-(width // 2))
+    oil = machine.config.circuit
+    capacity = (oil.line_volume + oil.rail_volume) / oil.bulk_modulus
+    fall = machine.arrays.leakage_flow / capacity * run.time[:, None]
+    fading = np.maximum.accumulate(ahead + fall, axis=0) - fall
+    return run.supply_pressure - fading - PRESSURE_ALLOWANCE
+
+
+def planned_energy(script: PlannedScenario, run: Replay) -> Energy:
+    """Return the planner's energy of the motion that was followed."""
+    return motion_energy(script.machine, *run.followed_motion(PLANNED_EVERY))
+
+
+def evaluate_run(script: PlannedScenario, controller: str, run: Replay) -> StudyRecord:
+    """Compute tip errors, pressures, energies and mode switches of a run.
+
+    Args:
+        script: Machine, plans and scenario.
+        controller: Name of the controller.
+        run: The record of the run.
+
+    Returns:
+        The measured numbers.
+    """
+    machine = script.machine
+    error = 1e3 * run.tip_error(machine)
+    source = energy_by_source(run.energies)
+    return StudyRecord(
+        scenario=script.scenario.name,
+        controller=controller,
+        tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
+        tip_error_max_mm=float(error.max()),
+        supply_peak_mpa=float(run.supply_pressure.max() / 1e6),
+        supply_overshoot_mpa=float(supply_overshoot(machine, run).max() / 1e6),
+        chamber_peak_mpa=float(run.chamber_pressure.max() / 1e6),
+        relief_opened=run.energies["relief_valves"] > 0.0,
+        energy_mp_j=source["main_pump"]["hydraulic"],
+        energy_sp_j=source["servo_pumps"]["shaft"],
+        energy_mp_shaft_j=source["main_pump"]["shaft"],
+        energy_sp_hydraulic_j=source["servo_pumps"]["hydraulic"],
+        energy_planned_series_j=planned_energy(script, run).series,
+        mode_switches=int(np.count_nonzero(np.diff(run.modes.astype(int), axis=0))),
+        held_out=script.scenario.held_out,
+        interventions=run.interventions,
+    )
+
+
+def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
+    """Plan one scenario and simulate every controller with these plans.
+
+    Args:
+        machine: The arm of the machine file.
+        scenario: The scenario.
+
+    Returns:
+        Measured numbers, signals and energies of each controller.
+    """
+    script = plan_scenario(machine, scenario)
+    records, traces, elements = [], {}, {}
+    for controller in REGISTERED_CONTROLLERS:
+        run = run_controller(script, controller)
+        records.append(evaluate_run(script, controller, run))
+        traces[controller] = _trace(script.machine, run)
+        elements[controller] = energy_elements(planned_energy(script, run), run.energies)
+    return ScenarioResult(scenario, tuple(records), script.refused, traces, elements)
+
+
+def run_study(
+    machine: Machine, scenarios: Sequence[Scenario], jobs: Jobs = None
+) -> Iterator[ScenarioResult]:
+    """Run all scenarios in parallel processes.
+
+    Args:
+        machine: The arm of the machine file.
+        scenarios: The scenarios.
+        jobs: Number of processes or a cluster; None takes one process for each processor.
+
+    Yields:
+        Results as they are ready, in any order.
+    """
+    with processes(jobs) as pool:
+        yield from results_of(pool.submit(study_scenario, machine, each) for each in scenarios)
+
+
+def as_dicts(results: Sequence[ScenarioResult]) -> list[dict[str, object]]:
+    """Return the records of all scenarios and controllers as plain dictionaries for JSON."""
+    return [asdict(record) for result in results for record in result.records]
+
+
+def _trace(machine: Machine, run: Replay) -> FloatArray:
+    """Return the signals of a run at 100 rows a second.
+
+    Args:
+        machine: The arm that was simulated.
+        run: The record of the run.
+
+    Returns:
+        Shape (k, 3 + n): time [s], tip error [m], supply pressure of each actuator [Pa], highest
+        needed pressure of all actuators [Pa].
+    """
+    need = needed_pressure(machine, run.reference, run.modes).max(axis=1)
+    columns = [run.time, run.tip_error(machine), *run.supply_pressure.T, need]
+    every = max(1, round(0.01 / run.step))
+    return np.column_stack(columns)[::every]

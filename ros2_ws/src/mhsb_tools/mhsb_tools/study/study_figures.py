@@ -1,0 +1,157 @@
+"""Figures of the servo study: an overview of all scenarios, and pressures and errors over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mhsb_model.figure_style import BLACK, BLUE, SKY, VERMILION, legend_above, open_figure
+from mhsb_tools.study.servo_study import ScenarioResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CONTROLLER_COLORS = {"coordinated": BLUE, "independent": VERMILION}
+LEAST_ERROR = 1e-2
+"""Lower end of the error axes [mm]."""
+LARGEST_WANTED_ERROR = 1.0
+"""Tip error that is marked as the goal [mm]."""
+ROW_HEIGHT = 0.19
+"""Height of a scenario's row in the overview [in]."""
+
+
+def draw_study(results: Sequence[ScenarioResult], folder: Path) -> list[Path]:
+    """Draw the overview of all scenarios, and a figure of signals for some of them.
+
+    Args:
+        results: Result of each scenario.
+        folder: An existing folder.
+
+    Returns:
+        The files written: the overview, then one for each of `select_largest_overshoots`.
+    """
+    overview = folder / "overview.png"
+    draw_overview(results, overview)
+    files = [overview]
+    for result in select_largest_overshoots(results):
+        files.append(folder / f"{result.scenario.name}.png")
+        draw_traces(result, files[-1])
+    return files
+
+
+def select_largest_overshoots(results: Iterable[ScenarioResult]) -> list[ScenarioResult]:
+    """Select for each pair of goals and interval the scenario of largest supply overshoot.
+
+    The overshoot is the largest one of any controller.
+
+    Args:
+        results: Result of each scenario.
+
+    Returns:
+        One result for each pair of goals and interval, in the order of first appearance.
+    """
+    telling: dict[tuple[object, ...], ScenarioResult] = {}
+    for result in results:
+        key = (result.scenario.goals, result.scenario.interval)
+        if key not in telling or _overshoot(result) > _overshoot(telling[key]):
+            telling[key] = result
+    return list(telling.values())
+
+
+def draw_overview(results: Sequence[ScenarioResult], path: Path) -> None:
+    """Draw tip error RMS [mm], supply overshoot [MPa] and energy [J] of every scenario.
+
+    Each is a panel with a row for each scenario and a point for each controller. The energy is that
+    of all pumps, with the planned energy (reading `series`) as a mark.
+
+    Args:
+        results: Result of each scenario, one row each.
+        path: PNG file to write.
+    """
+    names = [
+        f"{result.scenario.name}{' (held out)' if result.scenario.held_out else ''}"
+        for result in results
+    ]
+    rows = np.arange(len(results))
+    with open_figure(path, 1.2 + ROW_HEIGHT * len(results), 12.0) as figure:
+        errors, pressures, energies = figure.subplots(1, 3, sharey=True)
+        for number, (controller, color) in enumerate(CONTROLLER_COLORS.items()):
+            records = [result.records_by_controller[controller] for result in results]
+            place = rows + 0.2 * (2 * number - 1)
+            style = {"color": color, "s": 14, "label": controller}
+            errors.scatter(
+                [max(LEAST_ERROR, record.tip_error_rms_mm) for record in records], place, **style
+            )
+            pressures.scatter([record.supply_overshoot_mpa for record in records], place, **style)
+            energies.scatter(
+                [record.energy_mp_j + record.energy_sp_j for record in records], place, **style
+            )
+        energies.scatter(
+            [result.records[0].energy_planned_series_j for result in results],
+            rows,
+            marker="|",
+            color=BLACK,
+            label="planned (series)",
+        )
+        errors.axvline(LARGEST_WANTED_ERROR, color=BLACK, linewidth=0.8, linestyle=":")
+        errors.set_xscale("log")
+        errors.set_xlabel("tip error RMS [mm]")
+        pressures.set_xlabel("supply overshoot [MPa]")
+        energies.set_xlabel("energy of all pumps [J]")
+        errors.set_yticks(rows, names)
+        errors.set_ylim(len(rows) - 0.5, -0.5)
+        legend_above(figure, errors, energies)
+
+
+def draw_traces(result: ScenarioResult, path: Path) -> None:
+    """Draw supply pressures and tip error of one scenario over time.
+
+    The two upper panels show for each controller the highest pressure of all supply lines and the
+    pressure that the motion needs [MPa]. The lowest panel shows the tip errors of both controllers
+    [mm].
+
+    Args:
+        result: Result of the scenario, with a trace for each controller.
+        path: PNG file to write.
+    """
+    with open_figure(path, 6.5) as figure:
+        axes = figure.subplots(3, 1, sharex=True)
+        for panel, (controller, trace) in zip(axes, result.traces.items(), strict=False):
+            _draw_pressures(panel, controller, trace)
+            axes[-1].plot(
+                trace[:, 0],
+                1e3 * trace[:, 1],
+                color=CONTROLLER_COLORS[controller],
+                label=controller,
+            )
+        axes[0].set_title(result.scenario.name)
+        axes[-1].set_yscale("log")
+        axes[-1].set_ylim(bottom=LEAST_ERROR)
+        axes[-1].set_ylabel("tip error [mm]")
+        axes[-1].set_xlabel("time [s]")
+        legend_above(figure, *axes)
+
+
+def _draw_pressures(axes: Axes, controller: str, trace: np.ndarray) -> None:
+    """Draw the highest pressure of all supply lines and the needed pressure [MPa] over time.
+
+    Args:
+        axes: Axes to draw on.
+        controller: Name of the controller, for the axis label.
+        trace: Time [s], tip error [m], supply pressure of each actuator [Pa], highest needed
+            pressure [Pa]; shape (k, 3 + n).
+    """
+    time, lines, need = trace[:, 0], trace[:, 2:-1], trace[:, -1]
+    axes.plot(time, 1e-6 * need, color=BLACK, linewidth=1.0, label="needed by the motion")
+    axes.fill_between(
+        time, 1e-6 * need, 1e-6 * lines.max(axis=1), color=SKY, alpha=0.5, label="highest line"
+    )
+    axes.set_ylabel(f"{controller}\nsupply [MPa]")
+
+
+def _overshoot(result: ScenarioResult) -> float:
+    """Return the largest supply overshoot of all controllers in a scenario [MPa]."""
+    return max(record.supply_overshoot_mpa for record in result.records)

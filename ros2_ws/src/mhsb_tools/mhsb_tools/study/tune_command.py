@@ -1,0 +1,141 @@
+"""`tune`: find the servo's gains by random search and write them into the machine file."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tqdm import tqdm
+
+from mhsb_model import command_line
+from mhsb_model.command_line import Count, JobCount, Seed
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
+from mhsb_planner.work_arguments import Scheduler, parse_jobs
+from mhsb_tools.study.scenarios import load_scenarios
+from mhsb_tools.study.servo_study import plan_scenario
+from mhsb_tools.study.tuning import (
+    GAIN_RANGES,
+    Training,
+    Trial,
+    draws_of,
+    present_gains,
+    tune,
+    write_gains,
+)
+from mhsb_tools.study.variations import load_variations
+
+DEFAULT_DRAWS = 24
+"""Number of draws when the option is left out."""
+
+
+def tune_servo(
+    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    budget: Count = 96,
+    draws: Annotated[Count, tyro.conf.arg(metavar="N")] = DEFAULT_DRAWS,
+    variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    seed: Seed = 0,
+    jobs: JobCount = None,
+    scheduler: Scheduler = None,
+    scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    dry_run: bool = False,
+    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Tune the gains of both servo controllers with equal effort, and write them into the file.
+
+    The cost of a run is tip error RMS [mm] + supply overshoot [MPa], and 10 more for an opened
+    relief valve, and for a fall. Minimised is the sum of two parts: the 90 % quantile over draws of
+    plants that differ from the file, and the mean over the study's training scenarios on the exact
+    machine. Gains with which the arm would oscillate with growing amplitude in some posture are
+    excluded. If no trial is better, the file's own gains are kept. Run it again whenever linkages,
+    masses, cylinders or pumps of a machine change. Equal arguments give equal gains.
+
+    Args:
+        machine: Machine file (YAML) to tune and to change; the suite's own arm when left out.
+        budget: Trials of each controller, each of them on all scenarios and draws.
+        draws: Number of draws; with 0 the scenarios alone count.
+        variations: File (YAML) of how plants may differ; the suite's own when left out. Not with
+            --draws 0.
+        seed: Seed of the search and of the draws.
+        jobs: Processes; as many as there are processors when left out.
+        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+        scenarios: Scenario file (YAML); the suite's own when left out, as for `study`.
+        dry_run: Leave the machine file as it is.
+        json_: Print one JSON object instead of text: cost and gains of each controller.
+    """
+    for name, value, lowest in (("budget", budget, 1), ("draws", draws, 0), ("seed", seed, 0)):
+        if value < lowest:
+            raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
+    if draws == 0 and variations is not None:
+        raise command_line.UsageError(
+            f"--variations {variations} has no effect: with --draws 0 nothing is varied; leave out "
+            "one of the two"
+        )
+    if jobs is not None and jobs < 1:
+        raise command_line.UsageError(f"--jobs: {jobs} is below 1")
+    workers = parse_jobs(jobs, scheduler)
+    file = machine or find_config_file(MACHINE_FILE)
+    arm = load_machine(file)
+    training = _build_training(arm, scenarios, variations, draws, seed)
+    best: dict[str, Trial] = {}
+    for controller in GAIN_RANGES:
+        with tqdm(total=budget, desc=controller, leave=False, disable=None) as bar:
+
+            def show_best(best: Trial, bar: tqdm = bar) -> None:
+                """Show the best cost so far in the progress bar and advance it by one trial.
+
+                Args:
+                    best: Best trial so far.
+                    bar: Progress bar of the controller.
+                """
+                bar.set_postfix(cost=f"{best.cost:.3f}", refresh=False)
+                bar.update()
+
+            found = tune(arm, training, controller, budget, seed, workers, show_best)
+        best[controller] = found
+        if not json_:
+            gains = ", ".join(f"{name} {value:g}" for name, value in found.gains.items())
+            kept = found.gains == present_gains(arm, controller)
+            note = f", the file's own: none of {budget} trials was better" if kept else ""
+            print(f"{controller}: cost {found.cost:.3f} with {gains}{note}", flush=True)
+        if not dry_run:
+            write_gains(file.resolve(), controller, found.gains)
+            command_line.set_interrupt_note(f"{file} has the new gains of {', '.join(best)}")
+    if json_:
+        print(json.dumps({name: asdict(trial) for name, trial in best.items()}))
+
+
+def _build_training(
+    arm: Machine, scenarios: Path | None, variations: Path | None, draws: int, seed: int
+) -> Training:
+    """Plan the motions of all training scenarios and of all draws, with progress bars.
+
+    Args:
+        arm: The machine to tune.
+        scenarios: Scenario file; None takes the suite's own.
+        variations: File of variations; None takes the suite's own.
+        draws: Number of draws.
+        seed: Seed of the draws.
+
+    Returns:
+        Scenarios that are not held out, and draws.
+    """
+    wanted = [each for each in load_scenarios(scenarios, arm) if not each.held_out]
+    scripts = [
+        plan_scenario(arm, each) for each in tqdm(wanted, "plans", leave=False, disable=None)
+    ]
+    drawn = draws_of(arm, load_variations(arm, variations), draws, seed)
+    return Training(scripts, list(tqdm(drawn, "draws", draws, leave=False, disable=None)))
+
+
+def main() -> int:
+    """Entry point of `ros2 run mhsb_tools tune`."""
+    return command_line.run(tune_servo, name="tune")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,470 @@
+"""Tuning of the servo by random search, with identical draws for every controller.
+
+The cost of gains is the sum of two parts. One is the 90 % quantile over draws: runs on plants that
+differ from the file, also in delays, sensors and supply sags (`draws`). The other is the mean over
+the training scenarios of config/study_scenarios.yaml on the exact machine. The incumbent is the set
+of gains with the lowest cost so far. Gains are drawn log-uniformly from their ranges first, then
+closer and closer around the incumbent. The search has a seed, and its result does not depend on the
+number of processes.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mhsb_control.natural_frequency import find_lowest_joint_frequencies
+from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
+from mhsb_model.errors import MhsbError
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.workers import Jobs, Prepared, results_of
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_tools.errors import TuningError
+from mhsb_tools.study.draws import DrawStudy, PlannedSequence
+from mhsb_tools.study.replay import replay
+from mhsb_tools.study.servo_study import (
+    PlannedScenario,
+    evaluate_run,
+    run_controller,
+    supply_overshoot,
+)
+from mhsb_tools.study.variations import Variations
+
+Gains = dict[str, float]
+
+CASCADE_RANGES = {
+    "position_gain": (0.2, 2.0),
+    "integral_gain": (1e-3, 0.1),
+    "force_bandwidth": (0.02, 0.5),
+    "force_damping": (0.5, 4.0),
+}
+"""Search ranges of the gains that both controllers have."""
+
+GAIN_RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "coordinated": {
+        **CASCADE_RANGES,
+        "pressure_gain": (0.3, 4.0),
+        "pump_response": (0.2, 3.0),
+        "preview": (0.06, 0.2),
+        "allowed_rise": (1e4, 1e6),
+    },
+    "independent": {
+        **CASCADE_RANGES,
+        "nominal_valve_drop": (0.03, 1.0),
+        "pressure_gain": (10.0, 1000.0),
+        "pressure_integral_gain": (10.0, 20000.0),
+        "supply_margin": (1e4, 5e5),
+    },
+}
+"""Search range of each gain by controller, in the units of the machine file. An integral gain of 0
+would be off.
+"""
+
+COST_QUANTILE = 0.9
+"""Quantile of the draws' costs that counts."""
+
+FALLEN_ERROR_MM = 20.0
+"""Tip error beyond which an arm of the paper's size counts as fallen [mm]."""
+
+BATCH_SIZE = 8
+"""Number of trials drawn at once, around the same incumbent."""
+NARROWING_FACTOR = 0.85
+"""Factor from batch to batch on the width of the surroundings, in the second half of the search."""
+
+RELIEF_COST = FALL_COST = 10.0
+"""Cost of an opened relief valve, and of a fall."""
+FAILURE_COST = 1e3
+"""Cost of gains with which a run diverges or the arm is not stable."""
+
+TUNED_COMMENT = "# assumption: tuned by `ros2 run mhsb_tools tune`"
+"""Comment that is written beside each tuned gain in the machine file."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Gains and their cost.
+
+    Attributes:
+        gains: Value by name of the gain, in the units of the machine file.
+        cost: Combined cost of all runs of the training; infinity before the first trial.
+    """
+
+    gains: Gains
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class TuningDraw:
+    """A random plant and planned motions on which gains are tried.
+
+    Attributes:
+        machine: The machine that planner and servo know.
+        plant: The plant to simulate.
+        sequence: The plans.
+        number: Number of the draw; also the seed of the sensor noise.
+    """
+
+    machine: Machine
+    plant: Machine
+    sequence: PlannedSequence
+    number: int
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """Runs on which gains are tried.
+
+    Attributes:
+        scripts: Scenarios with their plans, to be run on the exact machine.
+        draws: Draws with their plans, to be run on plants that differ from the machine file.
+    """
+
+    scripts: Sequence[PlannedScenario]
+    draws: Sequence[TuningDraw] = ()
+
+    @property
+    def payloads(self) -> set[float]:
+        """All payloads that the arm carries in the training [kg]."""
+        scenarios = {script.scenario.payload for script in self.scripts}
+        return scenarios | {draw.plant.arrays.payload for draw in self.draws}
+
+    def cost(self, costs: FloatArray) -> float:
+        """Combine the costs of all runs of one set of gains.
+
+        Args:
+            costs: Costs of all scripts, then of all draws, shape (runs,).
+
+        Returns:
+            Mean over the scripts plus the 90 % quantile over the draws; a part without runs is 0.
+        """
+        scripts, draws = np.split(costs, [len(self.scripts)])
+        in_the_mean = float(scripts.mean()) if len(scripts) else 0.0
+        return in_the_mean + (float(np.quantile(draws, COST_QUANTILE)) if len(draws) else 0.0)
+
+
+def draws_of(
+    machine: Machine, variations: Variations, count: int, seed: int
+) -> Iterator[TuningDraw]:
+    """Make draws 0 … count − 1 of a seed with their plans, as `draws.run_draws` does.
+
+    Args:
+        machine: The machine that planner and servo know.
+        variations: Variations by name.
+        count: Number of draws.
+        seed: Seed of the draws.
+
+    Yields:
+        Each draw, in order.
+    """
+    study = DrawStudy(machine, variations, seed)
+    for number in range(count):
+        sequence, plant, _ = study.draw_plant(number)
+        yield TuningDraw(machine, plant, sequence, number)
+
+
+def compute_scenario_cost(script: PlannedScenario, controller: str, gains: Gains) -> float:
+    """Compute the cost of gains in one scenario.
+
+    The cost is tip error RMS [mm] + supply overshoot [MPa], and 10 more if a relief valve opened. A
+    run that diverges, or invalid gains, cost 1000. The plant is the machine itself.
+
+    Args:
+        script: Machine and plans.
+        controller: Name of the controller.
+        gains: Value by name of the gain.
+
+    Returns:
+        The cost.
+    """
+    try:
+        tuned = with_gains(script.machine, controller, gains)
+        record = evaluate_run(script, controller, run_controller(script, controller, tuned))
+    except MhsbError:
+        return FAILURE_COST
+    return _cost_of_run(
+        record.tip_error_rms_mm, record.supply_overshoot_mpa, record.relief_opened, False
+    )
+
+
+def compute_draw_cost(draw: TuningDraw, controller: str, gains: Gains) -> float:
+    """Compute the cost of gains in one draw.
+
+    The cost is tip error RMS [mm] + supply overshoot [MPa]. It is 10 higher if a relief valve
+    opened, and another 10 if the arm fell or its plan was held until the end. A fall is a tip error
+    above `FALLEN_ERROR_MM`, scaled to the arm's size. A run that diverges, or invalid gains, cost
+    1000.
+
+    Args:
+        draw: Machine, plant and plans.
+        controller: Name of the controller.
+        gains: Value by name of the gain.
+
+    Returns:
+        The cost.
+    """
+    try:
+        tuned = with_gains(draw.machine, controller, gains)
+        simulator = Simulator(tuned, controller, seed=draw.number, plant=draw.plant)
+        run = replay(simulator, draw.sequence.commands, draw.sequence.duration)
+    except MhsbError:
+        return FAILURE_COST
+    error = 1e3 * run.tip_error(draw.plant)
+    overshoot = float(supply_overshoot(draw.plant, run).max() / 1e6)
+    relief = run.energies["relief_valves"] > 0.0
+    fell = bool(error.max() > draw.machine.relative_size * FALLEN_ERROR_MM) or bool(run.hold_reason)
+    return _cost_of_run(float(np.sqrt(np.mean(error**2))), overshoot, relief, fell)
+
+
+def _cost_of_run(rms_mm: float, overshoot_mpa: float, relief: bool, fell: bool) -> float:
+    """Return the cost of a run from tip error RMS [mm] and supply overshoot [MPa].
+
+    A negative overshoot counts as 0. An opened relief valve and a fall add `RELIEF_COST` and
+    `FALL_COST`.
+    """
+    return rms_mm + max(0.0, overshoot_mpa) + RELIEF_COST * relief + FALL_COST * fell
+
+
+def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Gains) -> bool:
+    """Return whether oscillations of the controlled arm decay fast enough under every payload.
+
+    In every posture that is examined, they must decay faster than `SLOWEST_DECAY` times the arm's
+    lowest natural frequency over all joints and postures. The decay is that of the linear loop
+    (`compute_slowest_decay`). The servo itself knows the machine's own payload only.
+
+    Args:
+        machine: The arm.
+        payloads: Payloads to test [kg].
+        controller: Name of the controller.
+        gains: Value by name of the gain.
+
+    Returns:
+        True if the slowest decay is fast enough for all payloads.
+    """
+    own = getattr(with_gains(machine, controller, gains).config.servo, controller)
+    least = SLOWEST_DECAY * float(find_lowest_joint_frequencies(machine).min())
+    return all(compute_slowest_decay(machine, own, payload) > least for payload in payloads)
+
+
+def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:
+    """Return the machine with other gains of one controller.
+
+    Args:
+        machine: The arm.
+        controller: Name of the controller.
+        gains: Value by name of the gain; other gains stay.
+
+    Returns:
+        The changed machine.
+    """
+    servo = machine.config.servo
+    own = getattr(servo, controller).model_copy(update=gains)
+    changed = servo.model_copy(update={controller: own})
+    return Machine.from_config(machine.config.model_copy(update={"servo": changed}))
+
+
+def present_gains(machine: Machine, controller: str) -> Gains:
+    """Return the machine file's values of the gains that are searched, by name."""
+    own = getattr(machine.config.servo, controller)
+    return {name: getattr(own, name) for name in GAIN_RANGES[controller]}
+
+
+def tune(
+    machine: Machine,
+    training: Training,
+    controller: str,
+    budget: int,
+    seed: int = 0,
+    jobs: Jobs = None,
+    progress: Callable[[Trial], None] | None = None,
+) -> Trial:
+    """Search the gains of one controller with the lowest cost over the training.
+
+    The present gains are the first trial; they are returned if no other trial is better. In the
+    second half of the budget, trials are drawn around the incumbent. Gains with which the arm is
+    not stable under some payload of the training cost 1000 and are not simulated.
+
+    Args:
+        machine: The arm.
+        training: Scenarios and draws on which each trial runs.
+        controller: Name of the controller.
+        budget: Number of trials.
+        seed: Seed of the search.
+        jobs: Number of processes or a cluster; None takes one process for each processor.
+        progress: Called with the incumbent after each trial, or None.
+
+    Returns:
+        The best trial.
+
+    Raises:
+        TuningError: The controller has no ranges, or there is nothing to train on.
+    """
+    if controller not in GAIN_RANGES:
+        raise TuningError(f"{controller!r} cannot be tuned; valid are {', '.join(GAIN_RANGES)}")
+    if not training.scripts and not training.draws:
+        raise TuningError("there are neither training scenarios nor draws")
+    random = np.random.default_rng(seed)
+    best = Trial(present_gains(machine, controller), math.inf)
+    width = 0.5
+    done = 0
+    with _parallel_evaluator(training, controller, jobs) as evaluate:
+        while done < budget:
+            around = best.gains if done >= budget // 2 else None
+            batch = [
+                _draw(random, controller, around, width)
+                for _ in range(min(BATCH_SIZE, budget - done))
+            ]
+            if done == 0:
+                batch[0] = best.gains
+            stable = [g for g in batch if is_stable(machine, training.payloads, controller, g)]
+            costs = iter(evaluate(stable))
+            for gains in batch:
+                cost = next(costs) if gains in stable else FAILURE_COST
+                if cost < best.cost:
+                    best = Trial(gains, cost)
+                if progress is not None:
+                    progress(best)
+            width *= NARROWING_FACTOR if around is not None else 1.0
+            done += len(batch)
+    return best
+
+
+@contextmanager
+def _parallel_evaluator(
+    training: Training, controller: str, jobs: Jobs
+) -> Iterator[Callable[[Sequence[Gains]], list[float]]]:
+    """Provide a function that computes the costs of gains in parallel processes. Context manager.
+
+    Args:
+        training: Scenarios and draws, sent to the processes once.
+        controller: Name of the controller.
+        jobs: Number of processes or a cluster.
+
+    Yields:
+        Function from a list of gains to the cost of each.
+    """
+    count = len(training.scripts) + len(training.draws)
+
+    def costs_of(batch: Sequence[Gains]) -> list[float]:
+        """Compute the cost of each set of gains over the whole training.
+
+        Takes `pool`, `training`, `controller` and `count` from the enclosing function.
+
+        Args:
+            batch: Sets of gains.
+
+        Returns:
+            Costs in the same order.
+        """
+        tasks = [
+            pool.submit(_cost, controller, gains, number)
+            for gains in batch
+            for number in range(count)
+        ]
+        found = np.reshape(list(results_of(tasks, in_order=True)), (len(batch), count))
+        return [training.cost(costs) for costs in found]
+
+    with Prepared(jobs, tuple, (*training.scripts, *training.draws)) as pool:
+        yield costs_of
+
+
+def write_gains(file: Path, controller: str, gains: Gains) -> None:
+    """Write gains into the servo section of a machine file and leave all else as it is.
+
+    Gains that the section does not have are appended to it. The file is replaced as a whole.
+
+    Args:
+        file: The machine file.
+        controller: Name of the controller.
+        gains: Value by name of the gain; three significant digits are written.
+
+    Raises:
+        TuningError: The file has no section of this controller.
+    """
+    text = file.read_text(encoding="utf-8")
+    head, section, rest = _split_section(text, controller)
+    for name, value in gains.items():
+        written = f"    {name}: {value:.3g}  {TUNED_COMMENT}"
+        section, found = re.subn(rf"(?m)^\s+{name}:.*$", written, section)
+        if not found:
+            section += f"{written}\n"
+    part = file.with_name(f"{file.name}.part")
+    part.write_text(head + section + rest, encoding="utf-8")
+    os.replace(part, file)
+
+
+def _split_section(text: str, controller: str) -> tuple[str, str, str]:
+    """Split a machine file at the section of one controller.
+
+    Args:
+        text: The whole file.
+        controller: Name of the controller.
+
+    Returns:
+        Text before the section's entries, the entries, and the text after.
+
+    Raises:
+        TuningError: The file has no such section.
+    """
+    servo, own = r"^servo:\n(?:[ #].*\n|\n)*?", rf"  {controller}:.*\n(?P<own>(?:    .*\n)+)"
+    found = re.search(servo + own, text, re.MULTILINE)
+    if found is None:
+        raise TuningError(f"the machine file has no section servo.{controller}")
+    begin, end = found.span("own")
+    return text[:begin], text[begin:end], text[end:]
+
+
+def _draw(
+    random: np.random.Generator, controller: str, around: Gains | None, width: float
+) -> Gains:
+    """Draw gains at random.
+
+    Values are clipped to their ranges and rounded to three significant digits.
+
+    Args:
+        random: Generator of random numbers; advanced.
+        controller: Name of the controller.
+        around: Gains at the centre of a log-normal distribution; None draws log-uniformly from the
+            whole ranges.
+        width: Width of that distribution as a share of a range's logarithm; twice the standard
+            deviation.
+
+    Returns:
+        Value by name of the gain.
+    """
+    gains = {}
+    for name, (lowest, highest) in GAIN_RANGES[controller].items():
+        span = math.log(highest / lowest)
+        if around is None:
+            value = lowest * math.exp(span * random.uniform())
+        else:
+            value = around[name] * math.exp(span * width * random.normal() / 2.0)
+        gains[name] = float(f"{min(max(value, lowest), highest):.3g}")
+    return gains
+
+
+def _cost(
+    training: Sequence[PlannedScenario | TuningDraw], controller: str, gains: Gains, number: int
+) -> float:
+    """Return the cost of gains in one run of the training; called in a worker process.
+
+    Args:
+        training: All scripts, then all draws.
+        controller: Name of the controller.
+        gains: Value by name of the gain.
+        number: Index of the run in `training`.
+
+    Returns:
+        The cost.
+    """
+    each = training[number]
+    if isinstance(each, TuningDraw):
+        return compute_draw_cost(each, controller, gains)
+    return compute_scenario_cost(each, controller, gains)

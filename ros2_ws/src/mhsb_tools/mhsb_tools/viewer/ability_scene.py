@@ -1,0 +1,122 @@
+"""Abilities of the arm in the browser's scene: velocity polytope of the tip, regions of boost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from viser import SceneApi
+
+from mhsb_model.figure_style import GREEN, MODE_COLOR, VERMILION, rgb
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_planner.posture.s1_polytope import polytope_vertices
+from mhsb_tools.viewer.arm_scene import PLANE_FRAME
+from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION
+from mhsb_tools.viewer.shapes import bytes_of
+
+POLYTOPE_SCALE = 0.75
+"""Length at which a tip speed of 1 m/s is drawn [m]."""
+
+POLYTOPE_WIDTH = 0.008  # m
+POINT_SIZE = 0.014  # m
+REGION_OFFSET = 0.08
+"""Distance by which regions are drawn behind the arm's plane [m]."""
+
+SMALLEST_TURN = 2e-3
+"""Smallest change of a joint for which the polytope is drawn anew [rad]."""
+
+
+class PolytopeScene:
+    """Outline of the velocities that the tip can take, drawn around the tip in the arm's plane.
+
+    A slew's contribution across the plane is not shown.
+    """
+
+    def __init__(self, scene: SceneApi, machine: Machine) -> None:
+        """Prepare an empty drawing.
+
+        Args:
+            scene: Scene of the browser.
+            machine: The arm.
+        """
+        self._scene = scene
+        self._machine = machine
+        self._first = int(machine.slews)
+        self._drawn: tuple[FloatArray, ModeArray] | None = None
+        self._outline: Any = None
+
+    def show(self, posture: FloatArray, modes: ModeArray) -> None:
+        """Draw the velocity polytope of a posture and its modes.
+
+        Nothing is drawn if no joint has moved by SMALLEST_TURN and the modes are unchanged.
+
+        Args:
+            posture: Joint positions, shape (n,) [rad; m for telescopes].
+            modes: Mode codes of all actuators, uint8 (n,).
+        """
+        if self._drawn is not None:
+            turned = np.abs(posture - self._drawn[0]).max()
+            if turned < SMALLEST_TURN and (modes == self._drawn[1]).all():
+                return
+        self._drawn = np.array(posture), np.array(modes)
+        corners = POLYTOPE_SCALE * polytope_vertices(
+            self._machine.planar_arm, posture[self._first :], modes[self._first :]
+        )
+        x, z = self._machine.tip_position(posture)
+        points = np.zeros((len(corners), 3))
+        points[:, 0], points[:, 2] = x + corners[:, 0], z + corners[:, 1]
+        self._outline = self._scene.add_line_segments(
+            f"{PLANE_FRAME}/velocities",
+            np.stack([points, np.roll(points, -1, axis=0)], axis=1),
+            bytes_of(rgb(GREEN)),
+            thickness=POLYTOPE_WIDTH,
+        )
+
+    def hide(self) -> None:
+        """Remove the outline from the scene."""
+        if self._outline is not None:
+            self._outline.remove()
+            self._outline = self._drawn = None
+
+
+class RegionScene:
+    """Points of the workspace in the colour of the mode that they need."""
+
+    def __init__(self, scene: SceneApi) -> None:
+        """Prepare an empty drawing.
+
+        Args:
+            scene: Scene of the browser.
+        """
+        self._scene = scene
+        self._points: Any = None
+
+    def show(self, places: FloatArray, needed: IntArray) -> None:
+        """Draw the points in place of those drawn before.
+
+        Args:
+            places: Points (x, z) in the arm's plane, shape (k, 2) [m].
+            needed: Code of the mode that each point needs, int64 (k,); UNMOVABLE_REGION if none is
+                enough.
+        """
+        self.hide()
+        colors = np.array(
+            [bytes_of(rgb(MODE_COLOR[mode])) for mode in Mode] + [bytes_of(rgb(VERMILION))]
+        )
+        points = np.stack([places[:, 0], np.full(len(places), REGION_OFFSET), places[:, 1]], axis=1)
+        self._points = self._scene.add_point_cloud(
+            f"{PLANE_FRAME}/regions",
+            points.astype(np.float32),
+            colors[np.minimum(needed, UNMOVABLE_REGION)].astype(np.uint8),
+            point_size=POINT_SIZE,
+            point_shape="circle",
+            point_shading="flat",
+        )
+
+    def hide(self) -> None:
+        """Remove the points from the scene."""
+        if self._points is not None:
+            self._points.remove()
+            self._points = None

@@ -1,0 +1,227 @@
+"""Controls beside the scene: goal, stop, settings of the planner, and messages to the user."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from viser import GuiApi
+
+from mhsb_model.goal import Goal
+from mhsb_model.machine import Machine
+from mhsb_tools.viewer.server import LocalServer
+
+MOST_SAID = 6
+"""Number of sentences that are shown."""
+
+GIZMO_SIZE = 0.2  # m
+FIRST_GOAL = (0.55, 0.30)
+"""Goal of the paper's arm that the fields show at the beginning, (x, z) in the arm's plane [m]."""
+
+POSITION_STEP = 0.01  # m
+
+
+def make_initial_goal(machine: Machine) -> Goal:
+    """Return a goal ahead of the arm, which the fields show at the beginning.
+
+    Args:
+        machine: The arm, whose size scales the position.
+
+    Returns:
+        The goal, with the stamp 0.
+    """
+    tip = machine.relative_size * np.array(FIRST_GOAL)
+    return Goal.at(0, machine.convert_to_base(tip, 0.0).tolist())
+
+
+class PanelActions(Protocol):
+    """Interface of the object that carries out the user's commands.
+
+    The web server calls it from its own threads.
+    """
+
+    def send_goal(self, *place: float) -> None:
+        """Send a goal.
+
+        Args:
+            place: x and z, or x, y and z if the arm slews, in `base_link` [m].
+        """
+
+    def stop(self) -> None:
+        """Stop the arm."""
+
+    def set_planner(self, changes: dict[str, Any]) -> None:
+        """Set parameters of the planner.
+
+        Args:
+            changes: Values by name of the parameter.
+        """
+
+    def show_abilities(self, velocities: bool, regions: bool) -> None:
+        """Show or hide what the arm is able to do.
+
+        Args:
+            velocities: Whether to show the velocity polytope of the tip.
+            regions: Whether to show where boost is needed.
+        """
+
+
+class SentenceList:
+    """List of sentences, the newest first and in bold."""
+
+    def __init__(self, gui: GuiApi) -> None:
+        """Add an empty text to the controls.
+
+        Args:
+            gui: Controls of the browser.
+        """
+        self._text: Any = gui.add_markdown("")
+
+    def show(self, sentences: Sequence[str]) -> None:
+        """Show the last MOST_SAID sentences, the newest first.
+
+        Nothing is sent to the browser if the text is unchanged.
+
+        Args:
+            sentences: Sentences from the oldest to the newest.
+        """
+        newest = [f"**{sentence}**" for sentence in sentences[-1:]]
+        others = reversed(sentences[-MOST_SAID:-1])
+        text = "\n\n".join([*newest, *others])
+        if text != self._text.content:
+            self._text.content = text
+
+
+class Panel:
+    """Controls for goal, stop and settings; the goal can also be dragged in the scene."""
+
+    def __init__(
+        self,
+        server: LocalServer,
+        planners: Sequence[str],
+        actions: PanelActions,
+        initial_goal: Goal,
+        size: float = 1.0,
+    ) -> None:
+        """Add all controls to the page and connect them with the object that carries out commands.
+
+        Args:
+            server: Web server of the page; its refusals are shown among the sentences.
+            planners: Names of the planners to choose from.
+            actions: Object that carries out the user's commands.
+            initial_goal: Goal that the fields show at the beginning; without y the page has no
+                field for it.
+            size: Size of the arm relative to the paper's arm.
+        """
+        gui = server.gui
+        self._sentences: deque[str] = deque(maxlen=MOST_SAID)
+        self._actions = actions
+        self._state: Any = gui.add_markdown("waiting for the arm …")
+        with gui.add_folder("Goal"):
+            hints = {"x": "forward", "y": "to the left", "z": "up"}
+            places = {"x": initial_goal.x, "y": initial_goal.y, "z": initial_goal.z}
+            self._numbers: dict[str, Any] = {
+                axis: gui.add_number(
+                    f"{axis} [m]", at, step=POSITION_STEP, hint=f"{hints[axis]}, from the base"
+                )
+                for axis, at in places.items()
+                if at is not None
+            }
+            go = gui.add_button("Go")
+            stop = gui.add_button("Stop", color="red")
+        self._sentence_list = SentenceList(gui)
+        server.on_refusal = self.add_sentence
+        with gui.add_folder("Planner", expand_by_default=False):
+            self._planner: Any = gui.add_dropdown("planner", tuple(planners))
+            self._weights: Any = gui.add_vector3(
+                "weights", (0.5, 0.0, 2.0), min=(0.0, 0.0, 0.0), step=0.1,
+                hint="of energy [1/J], time [1/s] and mode switches",
+            )  # fmt: skip
+            self._payload: Any = gui.add_number("payload [kg]", 10.0, min=0.0, step=0.5)
+            apply = gui.add_button("Apply")
+        with gui.add_folder("Show"):
+            self._velocities: Any = gui.add_checkbox(
+                "velocities of the tip", True,
+                hint="that its posture and modes allow: the velocity polytope",
+            )  # fmt: skip
+            self._regions: Any = gui.add_checkbox(
+                "where boost is needed", False,
+                hint="by the planner's payload; pale N, blue DB, orange SB, red none will do",
+            )  # fmt: skip
+        self._gizmo: Any = server.scene.add_transform_controls(
+            "/goal", scale=size * GIZMO_SIZE, active_axes=(True, "y" in self._numbers, True),
+            disable_rotations=True, position=(initial_goal.x, initial_goal.y or 0.0,
+            initial_goal.z),
+        )  # fmt: skip
+        go.on_click(lambda _: self._go())
+        stop.on_click(lambda _: actions.stop())
+        apply.on_click(lambda _: actions.set_planner(self._settings()))
+        for box in (self._velocities, self._regions):
+            box.on_update(
+                lambda _: actions.show_abilities(self._velocities.value, self._regions.value)
+            )
+        self._gizmo.on_update(lambda _: self._on_drag())
+        self._gizmo.on_drag_end(lambda _: self._go())
+        for number in self._numbers.values():
+            number.on_update(lambda event: self._on_edit() if event.client else None)
+
+    def show_state(self, sentence: str) -> None:
+        """Show the state of the arm as one sentence above the controls.
+
+        Args:
+            sentence: The sentence, may contain Markdown.
+        """
+        if sentence != self._state.content:
+            self._state.content = sentence
+
+    def show_settings(self, values: dict[str, Any]) -> None:
+        """Show the planner's parameters in their fields.
+
+        Args:
+            values: Values of `planner` (name), `weights` (of energy, time and mode switches) and
+                `payload` [kg].
+        """
+        self._planner.value = values["planner"]
+        self._weights.value = tuple(values["weights"])
+        self._payload.value = values["payload"]
+
+    def add_sentence(self, sentence: str) -> None:
+        """Add a sentence to the list, unless it equals the last one.
+
+        Args:
+            sentence: The sentence.
+        """
+        if self._sentences and self._sentences[-1] == sentence:
+            return
+        self._sentences.append(sentence)
+        self._sentence_list.show(list(self._sentences))
+
+    def _settings(self) -> dict[str, Any]:
+        """Return the planner's parameters as the fields show them.
+
+        Returns:
+            Values of `planner` (name), `weights` (of energy, time and mode switches) and `payload`
+            [kg].
+        """
+        return {
+            "planner": self._planner.value,
+            "weights": [float(weight) for weight in self._weights.value],
+            "payload": float(self._payload.value),
+        }
+
+    def _go(self) -> None:
+        """Send the goal that the fields show."""
+        self._actions.send_goal(*(float(number.value) for number in self._numbers.values()))
+
+    def _on_drag(self) -> None:
+        """Copy the position of the dragged goal into the fields, rounded to 1 mm."""
+        for axis, at in zip("xyz", self._gizmo.position, strict=True):
+            if axis in self._numbers:
+                self._numbers[axis].value = round(float(at), 3)
+
+    def _on_edit(self) -> None:
+        """Move the goal in the scene to the position that the fields show."""
+        shown = {axis: float(number.value) for axis, number in self._numbers.items()}
+        self._gizmo.position = tuple(shown.get(axis, 0.0) for axis in "xyz")

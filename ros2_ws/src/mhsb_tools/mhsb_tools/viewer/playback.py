@@ -1,0 +1,274 @@
+"""Playback of a recording in the browser, with a slider for its time."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from viser import ViserServer
+
+from mhsb_model import process
+from mhsb_model.command import Command
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_msgs_py import names
+from mhsb_planner.ros import views
+from mhsb_tools.recording.recording import Recording, TimedValue, check_order
+from mhsb_tools.viewer.ability_scene import PolytopeScene
+from mhsb_tools.viewer.arm_scene import ArmScene
+from mhsb_tools.viewer.energy_flow import compute_powers, integrate_power
+from mhsb_tools.viewer.marker_scene import MarkerScene
+from mhsb_tools.viewer.moment import NO_NUMBERS, SnapshotColumns
+from mhsb_tools.viewer.panel import SentenceList
+from mhsb_tools.viewer.plots import Plots
+from mhsb_tools.viewer.words import describe_report
+
+FRAME_PERIOD = 0.05  # s
+PLOT_PERIOD = 0.25  # s
+"""Change of the shown time after which plots are drawn anew [s]."""
+
+PLOT_SPAN = 30.0
+"""Time before the present one that plots show [s]."""
+
+PLOT_STEP = 0.1
+"""Time between two points of a plot [s]."""
+
+
+def play_recording(server: ViserServer, machine: Machine, recording: Recording) -> int:
+    """Play a recording until a signal ends this process.
+
+    Args:
+        server: Web server of the page.
+        machine: The recorded arm.
+        recording: The recording.
+
+    Returns:
+        The exit code 0.
+
+    Raises:
+        BagError: The recording's time runs backwards.
+    """
+    check_order(recording)
+    playback = Playback(server, machine, recording)
+    before = time.monotonic()
+    while not process.signalled():
+        time.sleep(FRAME_PERIOD)
+        now = time.monotonic()
+        playback.go_on(now - before)
+        before = now
+    return 0
+
+
+class Playback:
+    """A recording with a slider for its time and a button that lets it run.
+
+    Attributes:
+        duration: Time from the first to the last joint state [s].
+    """
+
+    def __init__(self, server: ViserServer, machine: Machine, recording: Recording) -> None:
+        """Add the time slider, a checkbox for playing, plots and the scene to the page.
+
+        Energies are integrated over the whole recording once.
+
+        Args:
+            server: Web server of the page.
+            machine: The recorded arm.
+            recording: The recording; it must have joint states.
+        """
+        self._server = server
+        self._machine = machine
+        self._recording = recording
+        self._began_ns = int(recording.joint_states.time_ns[0])
+        self.duration = float(self._seconds(recording.joint_states.time_ns[-1:])[0])
+        self._arm = ArmScene(server.scene, machine)
+        self._markers = MarkerScene(server.scene, names.BASE_FRAME)
+        self._slider: Any = server.gui.add_slider(
+            "time [s]", min=0.0, max=round(self.duration, 2), step=0.01, initial_value=0.0
+        )
+        self._running: Any = server.gui.add_checkbox("play", initial_value=True)
+        self._said = SentenceList(server.gui)
+        self._plots = Plots(server.gui, machine)
+        self._polytope = PolytopeScene(server.scene, machine)
+        self._used_ns, self._used = _integrate_recorded_power(recording)
+        self._plan_ns: int | None = None
+        self._shown = self._plotted = -1.0
+        self._commands = _commands(recording)
+
+    def go_on(self, elapsed: float) -> None:
+        """Advance the slider if playback runs, and show the slider's time if that has changed.
+
+        The slider moves only while a browser is connected. After the end of the recording it begins
+        again at 0.
+
+        Args:
+            elapsed: Time since the last call [s].
+        """
+        if self._running.value and self._server.get_clients():
+            ahead = float(self._slider.value) + elapsed
+            self._slider.value = 0.0 if ahead > self.duration else round(ahead, 2)
+        at = float(self._slider.value)
+        if at != self._shown:
+            self._shown = at
+            self.show(at)
+
+    def show(self, at: float) -> None:
+        """Show arm, velocity polytope, plan in force, reports up to then, and plots at an instant.
+
+        Plots are drawn anew only if the time differs by PLOT_PERIOD from the last drawn one.
+
+        Args:
+            at: Time since the recording's first joint state [s].
+        """
+        recording, now_ns = self._recording, self._began_ns + round(at * SECOND_NS)
+        states = recording.joint_states
+        posture = states.position[_index(states.time_ns, now_ns)]
+        with self._server.atomic():
+            modes = self._modes_at(np.array([now_ns]))[0]
+            self._arm.show(posture, modes)
+            self._polytope.show(posture, modes)
+        self._show_plan(now_ns)
+        said = [each for each in recording.reports if each.time_ns <= now_ns]
+        self._said.show([describe_report(each.value) for each in said])
+        if abs(at - self._plotted) >= PLOT_PERIOD:
+            self._plotted = at
+            self._plots.show(self.get_columns(at))
+
+    def get_columns(self, at: float) -> SnapshotColumns:
+        """Return the columns that the plots show at an instant.
+
+        Args:
+            at: Time since the recording's first joint state [s].
+
+        Returns:
+            States every PLOT_STEP over the last PLOT_SPAN before `at`, not before 0; nan for
+            pressures and energies that were not recorded.
+        """
+        seconds = np.arange(max(0.0, at - PLOT_SPAN), at + PLOT_STEP, PLOT_STEP)
+        times_ns = self._began_ns + np.round(seconds * SECOND_NS).astype(np.int64)
+        actuators = self._recording.actuators
+        pressure = np.full((len(seconds), self._machine.joint_count), np.nan)
+        if len(actuators.time_ns):
+            rows = _indices(actuators.time_ns, times_ns)
+            pressure = actuators.quantity["supply_pressure"][rows]
+        return SnapshotColumns(
+            seconds, pressure, self._modes_at(times_ns), self._energy_at(times_ns)
+        )
+
+    def _modes_at(self, times_ns: IntArray) -> ModeArray:
+        """Return the modes in force at given times.
+
+        Args:
+            times_ns: ROS times, int64 (k,) [ns].
+
+        Returns:
+            Mode codes, uint8 (k, n); 0, mode N, if no modes were recorded. Before the first
+            recorded modes, these count.
+        """
+        recording = self._recording
+        if len(recording.mode_time_ns) == 0:
+            return np.zeros((len(times_ns), self._machine.joint_count), dtype=np.uint8)
+        return recording.modes[_indices(recording.mode_time_ns, times_ns)]
+
+    def _energy_at(self, times_ns: IntArray) -> FloatArray:
+        """Return the energies since the simulator's first report at given times.
+
+        Args:
+            times_ns: ROS times, int64 (k,) [ns].
+
+        Returns:
+            Energies in the order of `energy_flow.ITEM_NAMES`, shape (k, 4) [J]; nan if unknown.
+        """
+        reports = self._recording.simulator_reports
+        if not reports:
+            return np.tile(NO_NUMBERS, (len(times_ns), 1))
+        pumps = np.array([(each.value.main_pump_j, each.value.servo_pumps_j) for each in reports])
+        pumps = (pumps - pumps[0])[_indices(_times(reports), times_ns)]
+        return np.concatenate([pumps, self._used[_indices(self._used_ns, times_ns)]], axis=1)
+
+    def _show_plan(self, now_ns: int) -> None:
+        """Show markers of the plan in force (path, goal, obstacles) if it is not shown already.
+
+        Only obstacles are shown if no plan is in force, or if its trajectory or mode schedule was
+        not recorded.
+
+        Args:
+            now_ns: ROS time [ns].
+        """
+        in_force = [each for each in self._recording.plans_in_force if each.time_ns <= now_ns]
+        stamp_ns = int(in_force[-1].value) if in_force else 0
+        if stamp_ns != self._plan_ns:
+            self._plan_ns = stamp_ns
+            command = self._commands.get(stamp_ns)
+            self._markers.show(views.make_markers(self._machine, command, "", stamp_ns))
+
+    def _seconds(self, times_ns: IntArray) -> FloatArray:
+        """Convert ROS times [ns] to seconds since the recording's first joint state."""
+        return (times_ns - self._began_ns) / SECOND_NS
+
+
+def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArray]:
+    """Integrate the power into the valves and of the pistons over a recording.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        ROS times, int64 (k,) [ns], and energies since the simulator's first report, shape (k, 2)
+        [J]; one row of nan if hydraulic states or reports are missing.
+    """
+    actuators, reports = recording.actuators, recording.simulator_reports
+    if len(actuators.time_ns) == 0 or not reports:
+        return np.zeros(1, dtype=np.int64), np.full((1, 2), np.nan)
+    quantity = actuators.quantity
+    power = compute_powers(
+        quantity["supply_pressure"],
+        quantity["supply_flow"],
+        quantity["force"],
+        quantity["piston_speed"],
+    )
+    time_ns = actuators.time_ns
+    energy = integrate_power((time_ns - time_ns[0]) / SECOND_NS, power)
+    return time_ns, energy - energy[_index(time_ns, reports[0].time_ns)]
+
+
+def _commands(recording: Recording) -> dict[int, Command]:
+    """Return the plans whose trajectory and mode schedule were both recorded.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        The plans by their stamp [ns].
+    """
+    schedules = {each.stamp_ns: each for each in recording.schedules}
+    return {
+        each.stamp_ns: Command(each, schedules[each.stamp_ns])
+        for each in recording.trajectories
+        if each.stamp_ns in schedules
+    }
+
+
+def _times(all_timed: tuple[TimedValue, ...]) -> IntArray:
+    """Return the ROS times of several reports, int64 (k,) [ns]."""
+    return np.array([each.time_ns for each in all_timed], dtype=np.int64)
+
+
+def _index(times_ns: IntArray, now_ns: int) -> int:
+    """Return the row in force at a time: the last one at or before it, else the first."""
+    return int(_indices(times_ns, np.array([now_ns]))[0])
+
+
+def _indices(times_ns: IntArray, wanted_ns: IntArray) -> IntArray:
+    """Return the rows in force at several times.
+
+    Args:
+        times_ns: Times of the rows, in order, int64 (m,) [ns].
+        wanted_ns: The wanted times, int64 (k,) [ns].
+
+    Returns:
+        Index of the last row at or before each wanted time; 0 before the first row.
+    """
+    return np.maximum(np.searchsorted(times_ns, wanted_ns, side="right") - 1, 0)

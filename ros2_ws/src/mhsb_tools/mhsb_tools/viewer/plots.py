@@ -1,0 +1,113 @@
+"""Plots of pressures, modes and energy over time, beside the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from viser import GuiApi, uplot
+
+from mhsb_model.figure_style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_tools.viewer import energy_flow
+from mhsb_tools.viewer.moment import NO_NUMBERS, SnapshotColumns
+
+JOINT_COLORS = (BLUE, ORANGE, GREEN, PURPLE)
+ENERGY_COLORS = (BLUE, VERMILION, ORANGE, GREEN)
+LINE_WIDTH = 1.5
+PLOT_ASPECT = 1.9
+HEADROOM_FACTOR = 1.2
+"""Upper end of the pressure axis over the largest boost pressure."""
+
+MODE_STEP = 3
+"""Vertical distance between the zero lines of two actuators; a mode is drawn its code above it."""
+
+
+class Plots:
+    """Three plots with a common time axis [s], and a sentence on where the energy went."""
+
+    def __init__(self, gui: GuiApi, machine: Machine) -> None:
+        """Add empty plots of supply pressures [MPa], modes and energies [J] to the controls.
+
+        Args:
+            gui: Controls of the browser.
+            machine: The arm, which determines the number of lines and the pressure axis.
+        """
+        numbers = range(1, machine.joint_count + 1)
+        highest = HEADROOM_FACTOR * machine.arrays.max_boost_pressure / 1e6
+        self._pressures = _plot(
+            gui,
+            "Supply pressure [MPa]",
+            [f"line {k}" for k in numbers],
+            JOINT_COLORS,
+            (0.0, highest),
+        )
+        codes = ", ".join(f"{mode.name} +{mode.value}" for mode in Mode)
+        top = float(MODE_STEP * machine.joint_count)
+        self._modes = _plot(
+            gui, f"Modes ({codes})", [f"actuator {k}" for k in numbers], JOINT_COLORS, (-0.5, top)
+        )
+        self._energy = _plot(
+            gui, "Energy from the pumps to the pistons [J]", energy_flow.ITEM_NAMES, ENERGY_COLORS
+        )
+        self._losses: Any = gui.add_markdown(energy_flow.describe_energies(NO_NUMBERS))
+
+    def show(self, lines: SnapshotColumns) -> None:
+        """Replace the lines of all plots, and the sentence on the last energies.
+
+        Args:
+            lines: States of the arm over time.
+        """
+        apart = MODE_STEP * np.arange(lines.modes.shape[1])
+        for plot, values in (
+            (self._pressures, lines.supply_pressure / 1e6),
+            (self._modes, lines.modes + apart),
+            (self._energy, lines.energy),
+        ):
+            plot.data = (lines.time, *_columns(values))
+        self._losses.content = energy_flow.describe_energies(lines.energy[-1])
+
+
+def _columns(values: FloatArray | IntArray) -> list[FloatArray]:
+    """Return the columns of a matrix as separate contiguous arrays."""
+    return [np.ascontiguousarray(column, dtype=np.float64) for column in values.T]
+
+
+def _plot(
+    gui: GuiApi,
+    title: str,
+    labels: Sequence[str],
+    colors: Sequence[str],
+    y_limits: tuple[float, float] | None = None,
+) -> Any:
+    """Add a plot over time to the controls.
+
+    Args:
+        gui: Controls of the browser.
+        title: Title of the plot.
+        labels: Label of each line.
+        colors: Colours of the lines, used cyclically.
+        y_limits: Limits of the vertical axis; None fits it to the data.
+
+    Returns:
+        Handle of the plot, whose `data` are times and then the values of each line.
+    """
+    nothing = np.zeros(1)
+    series = [
+        uplot.Series(label=label, stroke=colors[k % len(colors)], width=LINE_WIDTH)
+        for k, label in enumerate(labels)
+    ]
+    return gui.add_uplot(
+        data=(nothing, *[nothing] * len(labels)),
+        series=(uplot.Series(label="time [s]"), *series),
+        title=title,
+        scales={
+            "x": uplot.Scale(time=False, auto=True),
+            "y": uplot.Scale(range=y_limits) if y_limits else uplot.Scale(auto=True),
+        },
+        legend=uplot.Legend(show=True),
+        aspect=PLOT_ASPECT,
+    )

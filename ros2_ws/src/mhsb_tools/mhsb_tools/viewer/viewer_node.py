@@ -1,0 +1,478 @@
+"""The live view as a node, which uses only published topics, parameters and services."""
+
+from __future__ import annotations
+
+import functools
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import UInt8MultiArray
+from std_srvs.srv import Trigger
+from viser import ViserServer
+from visualization_msgs.msg import MarkerArray
+
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.types import FloatArray, IntArray
+from mhsb_msgs_py import (
+    actuator_states,
+    endpoints,
+    joint_state,
+    modes_in_force,
+    names,
+    plan_status,
+    sim_status,
+    topics,
+)
+from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.sim_status import SimulatorReport
+from mhsb_msgs_py.topics import Topic
+from mhsb_planner.planners.registry import PLANNER_KINDS
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.ros.goal_sender import GoalSender
+from mhsb_tools.viewer.ability_scene import PolytopeScene, RegionScene
+from mhsb_tools.viewer.arm_scene import ArmScene
+from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION, compute_boost_regions
+from mhsb_tools.viewer.energy_flow import EnergyCounter
+from mhsb_tools.viewer.marker_scene import MarkerScene
+from mhsb_tools.viewer.moment import ArmSnapshot, SnapshotHistory
+from mhsb_tools.viewer.panel import Panel, make_initial_goal
+from mhsb_tools.viewer.plots import Plots
+from mhsb_tools.viewer.words import describe_report
+
+FRAME_PERIOD = 0.05  # s
+FRAMES_PER_PLOT = 5
+"""Frames after which plots, state and polytope are drawn anew."""
+
+PLOT_SPAN = 30.0
+"""Time before the present one that plots show [s]."""
+
+STREAM_TOPICS = (topics.JOINT_STATES, topics.ACTUATOR_STATES)
+"""Topics that are subscribed to only while a browser is open.
+
+A hundred messages a second take a tenth of a processor.
+"""
+
+SHOWN_PARAMETERS = ("planner", "weights", "payload")
+"""Parameters of the planner that the page shows."""
+
+MOVING_SPEED = 0.01  # rad/s
+"""Joint speed above which the arm is said to move [rad/s]."""
+
+
+class ViewerNode(GoalSender):
+    """Node that shows arm, plan and verdicts in a browser, and sends the user's goals.
+
+    Commands of the page come from the server's threads. They are queued and carried out in the
+    node's thread.
+    """
+
+    def __init__(self, server: ViserServer, machine: Machine) -> None:
+        """Build the page, subscribe to the suite's topics, and start the timers.
+
+        The streams of STREAM_TOPICS are subscribed to later, while a browser is open.
+
+        Args:
+            server: Web server of the page.
+            machine: The arm.
+        """
+        super().__init__("mhsb_viewer")
+        self._server = server
+        self._machine = machine
+        self._arm = ArmScene(server.scene, machine)
+        self._markers = MarkerScene(server.scene, names.BASE_FRAME)
+        self._panel = Panel(
+            server, PLANNER_KINDS, self, make_initial_goal(machine), machine.relative_size
+        )
+        self._plots = Plots(server.gui, machine)
+        self._history = SnapshotHistory(PLOT_SPAN)
+        self._newest: dict[str, bytes] = {}
+        self._streams: list[Any] = []
+        self._modes = np.zeros(machine.joint_count, dtype=np.uint8)
+        self._flow = EnergyCounter()
+        self._polytope = PolytopeScene(server.scene, machine)
+        self._regions = RegionScene(server.scene)
+        self._shown_abilities = (True, False)
+        self._payload = float(machine.arrays.payload)
+        self._report: SimulatorReport | None = None
+        self._frames = 0
+        self._settings = AsyncParameterClient(self, names.PLANNER_NODE)
+        self._settings_known = False
+        self._stops = [
+            self.create_client(Trigger, f"{node}/stop")
+            for node in (names.PLANNER_NODE, names.SIM_NODE)
+        ]
+        self._queued_actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._wake = self.create_guard_condition(self._run_queued_actions)
+        endpoints.make_subscription(self, topics.MODES, self._on_modes)
+        endpoints.make_subscription(self, topics.MARKERS, self._on_markers)
+        endpoints.make_subscription(self, topics.DIAGNOSTICS, self._on_diagnostics)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(FRAME_PERIOD, self._on_frame, clock=steady)
+        self.create_timer(1.0, self._on_second, clock=steady)
+
+    # --- Asked for in the browser, by its threads ------------------------------------------------
+
+    def send_goal(self, *place: float) -> None:
+        """Send a goal; called from any thread.
+
+        Args:
+            place: x and z, or x, y and z if the arm slews, in `base_link` [m].
+        """
+        self._queue_action(functools.partial(self._go, *place))
+
+    def stop(self) -> None:
+        """Stop the arm by the planner's service, or the simulator's if there is no planner.
+
+        It may be called from any thread.
+        """
+        self._queue_action(self._stop)
+
+    def set_planner(self, changes: dict[str, Any]) -> None:
+        """Set parameters of the planner; called from any thread.
+
+        Args:
+            changes: Values by name of the parameter.
+        """
+        self._queue_action(functools.partial(self._send_settings, changes))
+
+    def show_abilities(self, velocities: bool, regions: bool) -> None:
+        """Show or hide what the arm is able to do; called from any thread.
+
+        Args:
+            velocities: Whether to show the velocity polytope of the tip.
+            regions: Whether to show where boost is needed.
+        """
+        self._queue_action(functools.partial(self._show_abilities, velocities, regions))
+
+    def _queue_action(self, action: Callable[[], None]) -> None:
+        """Queue a function and wake the node's thread, which calls it.
+
+        Args:
+            action: The function.
+        """
+        self._queued_actions.put(action)
+        self._wake.trigger()
+
+    def _run_queued_actions(self) -> None:
+        """Call all queued functions, in the node's thread."""
+        while not self._queued_actions.empty():
+            self._queued_actions.get()()
+
+    def _go(self, *place: float) -> None:
+        """Send a goal, or show on the page that no planner is connected.
+
+        Args:
+            place: x and z, or x, y and z if the arm slews, in `base_link` [m].
+        """
+        if not self.is_matched:
+            self._panel.add_sentence(
+                "no planner is heard; start one: ros2 run mhsb_planner planner_node"
+            )
+            return
+        self.send(*place)
+
+    def _stop(self) -> None:
+        """Call the first available stop service, the planner's before the simulator's.
+
+        The answer is shown on the page.
+        """
+        ready = [client for client in self._stops if client.service_is_ready()]
+        if not ready:
+            self._panel.add_sentence("nobody is there to stop")
+            return
+        ready[0].call_async(Trigger.Request()).add_done_callback(
+            lambda done: self._panel.add_sentence(f"stop: {done.result().message}")
+        )
+
+    def _send_settings(self, changes: dict[str, Any]) -> None:
+        """Ask the planner to set parameters, all or none of them.
+
+        The answer goes to `_on_settings_answer`. If there is no planner, the page says so.
+
+        Args:
+            changes: Values by name of the parameter.
+        """
+        if not self._settings.services_are_ready():
+            self._panel.add_sentence("no planner is there to take its parameters")
+            return
+        wanted = [Parameter(name, value=value) for name, value in changes.items()]
+        self._settings.set_parameters_atomically(wanted).add_done_callback(self._on_settings_answer)
+
+    def _on_settings_answer(self, done: Any) -> None:
+        """Show whether the planner took its parameters, and have them read again.
+
+        Args:
+            done: Finished future of the service call.
+        """
+        result = done.result().result
+        self._panel.add_sentence(
+            "the planner took its parameters, for the next plan"
+            if result.successful
+            else f"the planner refused its parameters: {result.reason}"
+        )
+        self._settings_known = False  # so that they are read and shown again
+
+    def _show_abilities(self, velocities: bool, regions: bool) -> None:
+        """Store whether polytope and regions are to be shown, and hide or compute them.
+
+        The polytope is drawn with the next frames. Regions are computed when they are switched on.
+
+        Args:
+            velocities: Whether to show the velocity polytope of the tip.
+            regions: Whether to show where boost is needed.
+        """
+        before, self._shown_abilities = self._shown_abilities, (velocities, regions)
+        if not velocities:
+            self._polytope.hide()
+        if not regions:
+            self._regions.hide()
+        elif not before[1]:
+            self._start_computing_regions()
+
+    def _start_computing_regions(self) -> None:
+        """Start a thread that computes the mode that each node of the posture table needs.
+
+        It counts with the payload that the planner uses. If the cache has no posture table of the
+        machine, the thread builds one first, and stores it there. The computation takes seconds.
+        Its result is queued for `_show_regions` in the node's thread. A sentence on the page says
+        that the computation has begun.
+        """
+        machine, payload = self._machine, self._payload
+
+        def compute_regions() -> None:
+            """Compute the mode that each node of the posture table needs, and queue the result.
+
+            Takes `machine` and `payload` from the enclosing function. The result is the nodes'
+            positions (x, z) [m] and codes of modes.
+            """
+            table = load_or_build_table(machine)
+            needed = compute_boost_regions(machine.changed(payload=payload).planar_arm, table)
+            places = (table.nodes * table.spacing).astype(np.float64)
+            self._queue_action(functools.partial(self._show_regions, payload, places, needed))
+
+        self._panel.add_sentence("looking at where boost is needed …")
+        threading.Thread(target=compute_regions, daemon=True).start()
+
+    def _show_regions(self, payload: float, places: FloatArray, needed: IntArray) -> None:
+        """Draw the points that need each mode, and say on the page how many there are.
+
+        If the payload has changed since, the computation is started again instead. Nothing happens
+        if the user has switched the regions off.
+
+        Args:
+            payload: Payload for which the modes were computed [kg].
+            places: Points (x, z) in the arm's plane, shape (k, 2) [m].
+            needed: Code of the mode that each point needs, int64 (k,).
+        """
+        if not self._shown_abilities[1]:
+            return
+        if payload != self._payload:
+            self._start_computing_regions()
+            return
+        self._regions.show(places, needed)
+        count = [int((needed == code).sum()) for code in range(UNMOVABLE_REGION + 1)]
+        self._panel.add_sentence(
+            f"with {payload:g} kg, of {len(needed)} points {count[0]} need N alone, {count[1]} DB, "
+            f"{count[2]} SB, for {count[3]} nothing will do"
+        )
+
+    # --- Heard -----------------------------------------------------------------------------------
+
+    def _on_status(self, message: DiagnosticArray) -> None:
+        """Show verdicts and execution reports as sentences.
+
+        Args:
+            message: Message of the planner.
+        """
+        try:
+            reports = plan_status.decode(message)
+        except MessageError as error:
+            self._panel.add_sentence(f"plan_status is not understood: {error}")
+            return
+        for report in reports:
+            self._panel.add_sentence(describe_report(report))
+
+    def _on_modes(self, message: UInt8MultiArray) -> None:
+        """Store the modes in force for the next frame.
+
+        Args:
+            message: Mode code of each actuator.
+        """
+        try:
+            self._modes = modes_in_force.decode(message, self._machine.joint_count)
+        except MessageError as error:
+            self.get_logger().warning(f"modes are not shown: {error}", throttle_duration_sec=10.0)
+
+    def _on_markers(self, message: MarkerArray) -> None:
+        """Show the planner's markers."""
+        self._markers.show(message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Store the simulator's report, and add the pumps' energies in it to the energy counter.
+
+        Unreadable messages, and reports of other nodes or of simulators in other namespaces, are
+        ignored.
+
+        Args:
+            message: Message on `/diagnostics`.
+        """
+        try:
+            reports = sim_status.decode(message, self.get_namespace())
+        except MessageError:
+            return  # other nodes publish on this topic, too
+        for report in reports:
+            if isinstance(report, SimulatorReport):
+                self._flow.add_pump_report(report.main_pump_j, report.servo_pumps_j)
+                self._report = report
+
+    def _update_stream_subscriptions(self, wanted: bool) -> None:
+        """Subscribe to the streams, or unsubscribe from them.
+
+        Unsubscribing also resets the energies, since samples are missing from then on.
+
+        Args:
+            wanted: Whether a browser is open.
+        """
+        if wanted and not self._streams:
+            self._streams = [self._subscribe_newest(topic) for topic in STREAM_TOPICS]
+        elif not wanted and self._streams:
+            for subscription in self._streams:
+                self.destroy_subscription(subscription)
+            self._streams = []
+            self._newest.clear()
+            self._flow = EnergyCounter()
+
+    def _subscribe_newest(self, topic: Topic) -> Any:
+        """Subscribe to a stream and keep only its newest message, as bytes.
+
+        Args:
+            topic: The stream.
+
+        Returns:
+            The subscription.
+        """
+
+        def received(data: bytes) -> None:
+            """Store a message in place of the one before.
+
+            Args:
+                data: Serialized message.
+            """
+            self._newest[topic.name] = data
+
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        return endpoints.make_subscription(self, topic, received, newest, raw=True)
+
+    # --- Shown -----------------------------------------------------------------------------------
+
+    def _on_frame(self) -> None:
+        """Show the newest joint states, and at a lower rate plots, polytope and state.
+
+        The streams are first subscribed to, or unsubscribed from, depending on whether a browser is
+        open. Nothing is shown without new joint states. Plots, polytope and state follow every
+        FRAMES_PER_PLOT shown frames.
+        """
+        self._update_stream_subscriptions(bool(self._server.get_clients()))
+        data = self._newest.pop(topics.JOINT_STATES.name, None)
+        if data is None:
+            return
+        try:
+            moment, speed = self._decode_newest(data)
+        except MessageError as error:
+            self._panel.show_state(f"the arm is not understood: {error}")
+            return
+        with self._server.atomic():
+            self._arm.show(moment.posture, moment.modes)
+        self._frames += 1
+        self._history.add(moment)
+        if self._frames % FRAMES_PER_PLOT == 0:
+            if self._shown_abilities[0]:
+                self._polytope.show(moment.posture, moment.modes)
+            self._panel.show_state(self._describe_state(moment, speed))
+            self._plots.show(self._history.get_columns())
+
+    def _decode_newest(self, data: bytes) -> tuple[ArmSnapshot, float]:
+        """Decode joint states, and combine them with the last known modes, pressures and energies.
+
+        The newest actuator states give the supply pressures, however old they are. The pressures
+        are nan if no actuator states have arrived since a browser was opened. The power of these
+        states is integrated into the energies.
+
+        Args:
+            data: One serialized message of joint states.
+
+        Returns:
+            State of the arm, and largest absolute joint speed [rad/s, telescopes m/s].
+
+        Raises:
+            MessageError: A message breaks its contract.
+        """
+        machine = self._machine
+        message = deserialize_message(data, topics.JOINT_STATES.message)
+        joints = joint_state.decode(message, machine.joint_names)
+        pressure = np.full(machine.joint_count, np.nan)
+        if data := self._newest.get(topics.ACTUATOR_STATES.name, b""):
+            state = deserialize_message(data, topics.ACTUATOR_STATES.message)
+            sample = actuator_states.decode(state, machine.actuator_names)
+            pressure = sample.supply_pressure
+            self._flow.add_sample(sample, sample.stamp_ns / SECOND_NS)
+        energy = self._flow.energies
+        moment = ArmSnapshot(
+            joints.stamp_ns / SECOND_NS, joints.position, self._modes, pressure, energy
+        )
+        return moment, float(np.abs(joints.velocity).max())
+
+    def _describe_state(self, moment: ArmSnapshot, speed: float) -> str:
+        """Return the sentence on the state of the arm.
+
+        Args:
+            moment: State of the arm.
+            speed: Largest absolute joint speed [rad/s, telescopes m/s]; above MOVING_SPEED the arm
+                is said to move.
+
+        Returns:
+            Whether the arm moves, position of the tip [m], and the simulator's fault or warning, if
+            any.
+        """
+        tip = zip(self._machine.axes, self._machine.tip_in_base(moment.posture), strict=True)
+        where = ", ".join(f"{axis} {value:.3f} m" for axis, value in tip)
+        words = f"{'moving' if speed > MOVING_SPEED else 'at rest'}, tip at {where}"
+        if self._report is not None and (self._report.faulty or self._report.warning):
+            words += f"\n\n**{self._report.sentence}**"
+        return words
+
+    def _on_second(self) -> None:
+        """Ask for the planner's parameters once it is available, and again after each change."""
+        if not self._settings_known and self._settings.services_are_ready():
+            self._settings_known = True
+            self._settings.get_parameters(list(SHOWN_PARAMETERS)).add_done_callback(
+                self._show_settings
+            )
+
+    def _show_settings(self, done: Any) -> None:
+        """Show the planner's parameters on the page.
+
+        If the payload has changed and regions of boost are shown, they are computed anew.
+
+        Args:
+            done: Finished future of the service call; its result has the values of
+                SHOWN_PARAMETERS.
+        """
+        values = [parameter_value_to_python(value) for value in done.result().values]
+        if len(values) == len(SHOWN_PARAMETERS):
+            settings = dict(zip(SHOWN_PARAMETERS, values, strict=True))
+            self._panel.show_settings(settings)
+            if self._payload != settings["payload"]:
+                self._payload = float(settings["payload"])
+                if self._shown_abilities[1]:
+                    self._start_computing_regions()

@@ -1,0 +1,140 @@
+"""The check command: text about a machine, and clean refusals."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+
+from mhsb_model.obstacles.zones import Zones
+from mhsb_tools.commands import check_command as check
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "mhsb_tools.commands.check_command", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_the_report_accounts_for_every_point_of_the_workspace(machine):
+    text = "\n".join(check.format_report(machine))
+    held, boosted, heavy, none = (
+        int(re.search(rf"(\d+) {words}", text)[1])
+        for words in ("are held", "need boost", "are beyond", "have no posture")
+    )
+    assert held + boosted + heavy + none == 642
+    assert held > 0
+    assert boosted > 0
+
+
+def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
+    text = "\n".join(check.format_report(machine))
+    assert "157.3" in text
+    assert "23 mode patterns" in text
+
+
+def test_the_report_tells_what_an_actuator_has_of_its_own(machine):
+    own = machine.with_values(
+        {
+            "joints.1.actuator": {"rated_flow": 5e-5, "max_piston_speed": 0.008},
+            "joints.2.actuator": {
+                "rated_pressure_drop_per_land": 1e6,
+                "friction": 2.0,
+                "relief_pressure": 1.5e7,
+            },
+        }
+    ).changed(payload=9.0)
+    told = [line for line in check.format_report(own) if "of its own" in line]
+    assert told == [
+        "actuator 2 has of its own: valve of 3.00 L/min, piston speed of at most 8.0 mm/s",
+        "actuator 3 has of its own: rated drop of 1.00 MPa at each land, 2 times the friction, "
+        "chambers relieved at 15.0 MPa",
+    ]
+    assert check.facts(own)["joints"][1]["own"] == {"rated_flow": 5e-5, "max_piston_speed": 0.008}
+    assert not any("of its own" in line for line in check.format_report(machine))
+
+
+def test_the_report_tells_each_joints_kind_of_linkage(machine, slider_crank_machine):
+    for arm, kind in ((machine, "four_bar"), (slider_crank_machine, "slider_crank")):
+        text = "\n".join(check.format_report(arm))
+        assert re.findall(r"^ +[123]  (\w+) ", text, re.MULTILINE) == 3 * [kind]
+
+
+def test_four_bars_leave_no_point_of_the_workspace_without_a_posture(four_bar_machine):
+    text = "\n".join(check.format_report(four_bar_machine))
+    assert "  0 have no posture" in text
+
+
+def test_the_report_tells_what_zones_leave_of_the_workspace(machine):
+    assert "clear of" not in "\n".join(check.format_report(machine))
+    upper_half = machine.changed(zones=Zones(tip_boxes=((-1.0, 0.05, 2.0, 2.0),)))
+    text = "\n".join(check.format_report(upper_half))
+    left, reached = map(int, re.search(r"(\d+) of (\d+) points that can be reached", text).groups())
+    assert reached == 642 - int(re.search(r"(\d+) have no posture", text)[1])
+    below = [z for x, z in check._workspace_nodes(machine) if z <= 0.045]
+    assert len(below) - (642 - reached) <= left <= len(below)
+
+
+def test_the_command_prints_the_report_of_the_suites_arm():
+    result = run()
+    assert result.returncode == 0
+    assert result.stdout.startswith("mhsb_arm3: 3 joints")
+
+
+def test_a_missing_file_is_one_sentence_and_a_failure():
+    result = run("nowhere.yaml")
+    assert result.returncode != 0
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "nowhere.yaml" in result.stderr
+
+
+def test_json_has_the_numbers_of_the_text_in_si_units(machine):
+    done = run("--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    workspace = found["workspace"]
+    kinds = ("held", "boosted", "too_heavy", "no_posture")
+    assert sum(workspace[kind] for kind in kinds) == workspace["points"] == 642
+    assert f"{workspace['boosted']} need boost" in "\n".join(check.format_report(machine))
+    assert found["hash"] == machine.table_hash
+    assert found["hydraulics"]["supply_pressure_pa"] == machine.arrays.supply_pressure
+    torque = machine.gravity_torque(np.zeros(3))
+    shown = [joint["straight_out_torque_nm"] for joint in found["joints"]]
+    assert shown[1] is None  # straight is outside of its range
+    np.testing.assert_allclose([shown[0], shown[2]], [torque[0], torque[2]])
+
+
+def test_a_telescope_is_told_in_millimetres_and_newtons(telescope_machine):
+    text = "\n".join(check.format_report(telescope_machine))
+    assert re.search(r"3  direct +0\.0 … 250\.0 mm +- +250\.0 +-?0\.0 N", text)
+    found = check.facts(telescope_machine)
+    assert found["joints"][2]["range_m"] == [0.0, 0.25]
+    assert found["workspace"]["held"] + found["workspace"]["boosted"] > 650
+
+
+def test_what_a_pole_leaves_is_counted_at_many_angles_of_the_slew(slewing_machine):
+    x, y, low, high, radius = 0.3, 0.4, -0.2, 0.3, 0.15
+    margin = slewing_machine.config.keep_out.margin
+    pole = slewing_machine.changed(zones=Zones(tip_cylinders=((x, y, low, high, radius),)))
+    plane, psi = slewing_machine.planar_arm, check._end_link_angles(slewing_machine.planar_arm)
+    angles = np.linspace(-2.0, 2.0, 72)  # of the machine's range
+    reached = left = 0
+    for ahead, z in check._workspace_nodes(plane):
+        if len(plane.postures(ahead, z, psi)) == 0:
+            continue
+        distance = slewing_machine.arrays.slew_offset + ahead
+        tip = distance * np.cos(angles), distance * np.sin(angles)
+        aside, above = np.hypot(tip[0] - x, tip[1] - y) - radius, max(low - z, z - high)
+        outside = np.hypot(np.maximum(aside, 0.0), max(above, 0.0))
+        apart = np.where(outside > 0.0, outside, np.maximum(aside, above))
+        reached += len(angles)
+        left += int(np.sum(apart >= margin))
+    found = check.facts(pole)["keep_out"]
+    assert (found["left"], found["reached"], found["slew_angles"]) == (left, reached, 72)
+    assert left < reached
+    line = check.format_report(pole)[-1]
+    share = 100 * left / reached
+    assert line == (
+        f"  {left} of {reached} points that can be reached are left, {share:.0f} %, counted at 72 "
+        "angles of the slew"
+    )

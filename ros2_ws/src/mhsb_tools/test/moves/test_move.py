@@ -1,0 +1,57 @@
+"""A planned move has the plan's pressures, forces and energy."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.modes import Mode
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_tools.moves.move import move_of_plan
+
+
+@pytest.fixture(scope="module")
+def move(machine, table):
+    case = paper_case("3-2")
+    start = MotionState.at_rest(case.start_posture(machine))
+    plan = Planner(machine, table).plan(case.goal, start, options=PlanOptions(planner="table"))
+    return move_of_plan(machine, plan, case.goal, "Case 3-2")
+
+
+def test_it_begins_and_ends_where_the_case_does(move):
+    case = paper_case("3-2")
+    np.testing.assert_allclose(move.tip[0], case.start, atol=1e-6)
+    np.testing.assert_allclose(move.tip[-1], case.goal, atol=1e-6)
+    assert move.duration == move.time[-1] > 1.0
+
+
+def test_all_energy_goes_somewhere(move):
+    given = -sum(value for value in move.energy.values() if value < 0.0)
+    assert given > 100.0
+    assert abs(sum(move.energy.values())) < 1e-6 * given
+
+
+def test_forces_balance_gravity(move):
+    for k in (0, 100, 300, -1):
+        np.testing.assert_allclose(move.force[k], move.machine.piston_forces(move.position[k]))
+
+
+def test_lines_in_normal_mode_are_at_the_main_pumps_pressure_and_boosted_ones_carry_the_load(move):
+    normal = move.machine.arrays.supply_pressure
+    boosted = move.modes != Mode.N
+    assert np.any(boosted)
+    np.testing.assert_array_equal(move.supply[~boosted], normal)
+    assert np.all(move.supply[boosted] >= normal)
+    [load] = move.chambers.values()
+    assert np.all(move.supply[boosted] > load[boosted])
+
+
+def test_the_loads_pressure_is_that_of_a_balance_of_forces(move):
+    m = move.machine.arrays
+    [load] = move.chambers.values()
+    for k, j in ((50, 0), (200, 1), (400, 2)):
+        force, cap, rod = move.force[k, j], m.cap_area[j], m.rod_area[j]
+        out = (force + rod * m.tank_pressure) / cap
+        back = (cap * m.tank_pressure - force) / rod
+        extends = move.speed[k, j] > 0 if abs(move.speed[k, j]) > 1e-3 else force > 0
+        assert load[k, j] == pytest.approx(out if extends else back)

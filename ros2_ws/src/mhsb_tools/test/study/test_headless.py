@@ -1,0 +1,48 @@
+"""Planner and simulator in lock-step: what goals that come again, and again, make of a motion."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.machine import load_machine
+from mhsb_planner.online.replanning import Replanner
+from mhsb_planner.planner import PLANNER_KINDS, PlanOptions
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_sim.simulation.simulator import Simulator
+from mhsb_tools.study.headless import HeadlessRun, TimedGoal
+
+GOAL = (0.55, 0.60)
+AGAIN = 0.1
+"""Time between two goals [s]."""
+
+
+@pytest.fixture(scope="module")
+def replanner():
+    arm = load_machine()
+    return Replanner(arm, load_or_build_table(arm))
+
+
+@pytest.mark.parametrize("planner", PLANNER_KINDS)
+def test_a_goal_that_comes_again_ten_times_a_second_is_reached_as_if_it_came_once(
+    machine, replanner, planner
+):
+    def samples(goals):
+        run = HeadlessRun(Simulator(machine), replanner, PlanOptions(planner=planner))
+        results = list(run.run(goals))
+        return run.samples(), results
+
+    times = 170
+    often, results = samples([TimedGoal(GOAL, AGAIN)] * times)
+    once, _ = samples([TimedGoal(GOAL, times * AGAIN)])
+    assert [result.replan is not None for result in results] == [True] + [False] * (times - 1)
+    assert results[-1].goal_distance < 1e-3
+    np.testing.assert_array_equal(often.reference, once.reference)
+    np.testing.assert_array_equal(often.position, once.position)
+
+
+def test_a_goal_that_comes_again_after_another_is_planned_for_again(machine, replanner):
+    run = HeadlessRun(Simulator(machine), replanner, PlanOptions(planner="integrated"))
+    other = (0.60, 0.10)
+    goals = [TimedGoal(GOAL, 0.5), TimedGoal(other, 0.5), TimedGoal(GOAL, 8.0)]
+    results = list(run.run(goals))
+    assert all(result.replan is not None for result in results)
+    assert results[-1].goal_distance < 1e-3

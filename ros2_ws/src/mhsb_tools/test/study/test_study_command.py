@@ -1,0 +1,88 @@
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mhsb_control.errors import UnknownControllerError
+from mhsb_model.command_line import UsageError
+from mhsb_model.machine import Machine
+from mhsb_tools.commands.simulate_command import build_plant
+from mhsb_tools.study import study_command
+from mhsb_tools.study.draws import DrawRecord
+from mhsb_tools.study.study_command import study
+
+
+def test_draws_are_written_and_printed_as_a_list_of_records(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, json_=True)
+    printed = json.loads(capsys.readouterr().out)
+    records = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert [record["controller"] for record in records] == ["coordinated", "independent"]
+    named = {"draw", "varied", "tip_error_rms_mm", "tip_error_max_mm", "supply_overshoot_mpa"}
+    assert printed == records
+    for record in records:
+        assert {*named, "relief_opened", "time_lost", "failure"} <= set(record)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"draws": 0}, "--draws: 0 is below 1"),
+        ({"draws": 3, "seed": -1}, "--seed: -1 is below 0"),
+        ({"draws": 3, "scenarios": Path("x.yaml")}, "draws make their own goals"),
+        ({"controllers": ["coordinated"]}, "--controllers: goes with --draws"),
+        ({"jobs": 0}, "--jobs: 0 is below 1"),
+        ({"plant": Path("x.yaml")}, "--plant: goes with --draws"),
+        ({"seed": 3}, "--seed: goes with --draws"),
+        ({"faults": [], "draws": 3, "seed": 1}, "the same lift; leave out --draws, --seed"),
+        ({"faults": [], "scenarios": Path("x.yaml")}, "the same lift; leave out --scenarios"),
+        ({"benchmark": True, "goals": 3}, "its file is the protocol; leave out --goals"),
+        ({"benchmark": True, "controllers": ["coordinated"]}, "leave out --controllers"),
+        ({"benchmark": True, "seed": 3}, "--benchmark: its file is the protocol"),
+        ({"benchmark": True, "faults": []}, "its file is the protocol; leave out --faults"),
+        ({"benchmark": True, "draws": 0}, "--draws: 0 is below 1"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_a_sentence(
+    tmp_path: Path, options: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(UsageError, match=sentence):
+        study(output=tmp_path, **options)
+
+
+def test_draws_that_were_run_are_kept_when_the_study_is_interrupted(
+    machine: Machine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> Iterator[list[DrawRecord]]:
+        yield [DrawRecord("coordinated", 0, {})]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_command, "run_draws", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        study_command.study_draws(machine, machine, None, 5, 7, 1, tmp_path)
+    [record] = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert record["draw"] == 0
+
+
+def test_draws_are_given_to_the_controllers_that_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, controllers=["independent"])
+    [record] = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert record["controller"] == "independent"
+    assert "coordinated" not in capsys.readouterr().out
+    with pytest.raises(UnknownControllerError, match="there is no controller 'magic'"):
+        study(output=tmp_path, draws=1, controllers=["magic"])
+
+
+def test_a_plant_is_a_file_times_factors(machine: Machine) -> None:
+    assert build_plant(machine, None, ()) is machine
+    plant = build_plant(machine, None, ("payload=1.2", "circuit.bulk_modulus=0.5"))
+    assert plant.arrays.payload == pytest.approx(1.2 * machine.arrays.payload)
+    assert plant.config.circuit.bulk_modulus == 0.5 * machine.config.circuit.bulk_modulus
+    for text in ("payload", "payload=much", "=2"):
+        with pytest.raises(Exception, match=r"KEY=FACTOR|there is no ''"):
+            build_plant(machine, None, (text,))

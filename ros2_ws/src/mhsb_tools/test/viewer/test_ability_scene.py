@@ -1,0 +1,43 @@
+"""What the arm is able to do, as the scene is told, by a server without a browser."""
+
+import numpy as np
+import pytest
+
+from mhsb_model.machine import load_machine
+from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_tools.viewer.ability_scene import POLYTOPE_SCALE, PolytopeScene, RegionScene
+from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION
+from mhsb_tools.viewer.server import open_server
+
+
+@pytest.fixture(scope="module")
+def server():
+    opened = open_server("127.0.0.1", 0)
+    yield opened
+    opened.stop()
+
+
+def test_the_outline_at_the_tip_has_the_polytopes_area(server):
+    machine = load_machine()
+    scene = PolytopeScene(server.scene, machine)
+    posture = machine.arrays.joint_min + 0.4 * (machine.arrays.joint_max - machine.arrays.joint_min)
+    modes = np.zeros(3, dtype=np.uint8)
+    scene.show(posture, modes)
+    x, z = machine.tip_position(posture)
+    corners = scene._outline.points[:, 0, ::2] - (x, z)
+    ahead = np.roll(corners, -1, axis=0)
+    area = 0.5 * (corners[:, 0] * ahead[:, 1] - corners[:, 1] * ahead[:, 0]).sum()
+    wanted = POLYTOPE_SCALE**2 * polytope_area(machine, posture, modes)
+    assert area == pytest.approx(wanted, rel=1e-3)
+    scene.hide()
+    scene.show(posture, modes)
+    assert scene._outline is not None
+
+
+def test_points_have_the_colour_of_the_mode_that_they_need(server):
+    scene = RegionScene(server.scene)
+    places = np.array([[0.3, 0.1], [0.5, 0.2], [0.6, 0.3], [0.9, 0.4]])
+    scene.show(places, np.array([0, 1, 2, UNMOVABLE_REGION]))
+    assert len({tuple(color) for color in scene._points.colors.tolist()}) == 4
+    scene.hide()
+    assert scene._points is None

@@ -1,0 +1,56 @@
+"""Commands that have moved to mhsb_tools start there by their former spelling, too."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MOVED = [
+    (file.parent.name, name)
+    for file in sorted(ROOT.glob("ros2_ws/src/mhsb_*/mhsb_*/executables.py"))
+    for name in re.findall(r"^(\w+) = forward_to_tools", file.read_text(), re.MULTILINE)
+]
+
+
+def executable(package: str, name: str) -> str:
+    """Return the path of what `ros2 run PACKAGE NAME` starts."""
+    prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep)
+    [found] = [path for prefix in prefixes if (path := Path(prefix, "lib", package, name)).exists()]
+    return str(found)
+
+
+def test_all_commands_that_have_moved_are_there_by_both_spellings():
+    assert len(MOVED) == 12
+    for package, name in MOVED:
+        assert executable(package, name) != executable("mhsb_tools", name)
+
+
+@pytest.mark.parametrize(("package", "name"), MOVED)
+def test_a_former_spelling_becomes_the_command_with_all_its_arguments(package, name, tmp_path):
+    command = tmp_path / "lib" / "mhsb_tools" / name
+    command.parent.mkdir(parents=True)
+    command.write_text('#!/bin/sh\nprintf "%s|" $$ "$@"; exit 7\n')
+    command.chmod(0o755)
+    environment = os.environ | {"AMENT_PREFIX_PATH": str(tmp_path)}
+    words = ["--goal", "0.5 0.1", ""]
+    child = subprocess.Popen(
+        [executable(package, name), *words], env=environment, stdout=subprocess.PIPE, text=True
+    )
+    said, _ = child.communicate(timeout=60)
+    assert child.returncode == 7
+    assert said == "|".join([str(child.pid), *words, ""])  # the very process, no child of it
+
+
+def test_without_the_package_of_commands_one_sentence_says_what_is_missing(tmp_path):
+    environment = os.environ | {"AMENT_PREFIX_PATH": str(tmp_path)}
+    done = subprocess.run(
+        [executable("mhsb_sim", "simulate")], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("simulate: this command is part of the package mhsb_tools")
+    assert "Traceback" not in done.stderr
