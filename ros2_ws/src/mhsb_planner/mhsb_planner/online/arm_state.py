@@ -307,14 +307,15 @@ class ArmState:
     rest_detector: RestDetector = field(default_factory=RestDetector)
 
     def forget(self) -> None:
-        """Drop states, modes, plan in force and clock estimate after a clock jump or a reset.
+        """Drop what depends on the arm's clock, after a clock jump or a reset.
 
-        The plan delay is set to 0. Faults, sentences on publishers and machine, and the detector of
-        rest stay.
+        That are states, the command and the plan in force, the plan delay and the clock estimate.
+        Modes, and the report that no plan is in force, stay: they have no stamp, and the arm may
+        have sent them before the message whose stamp shows the jump.
         """
-        self.reference = self.measured = self.plan_in_force_ns = self.modes = self.own_command = (
-            None
-        )
+        self.reference = self.measured = self.own_command = None
+        if self.plan_in_force_ns != NO_PLAN:
+            self.plan_in_force_ns = None
         self.plan_delay_ns = 0
         self.clock_estimator.forget()
 

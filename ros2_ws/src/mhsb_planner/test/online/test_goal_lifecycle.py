@@ -422,6 +422,19 @@ def test_when_the_clock_goes_back_goals_are_planned_anew_from_the_new_state(worl
     assert world.execution_report(second).outcome is Outcome.REACHED
 
 
+def test_a_goal_after_a_clock_jump_does_not_wait_for_a_report_that_came_before_the_jump(world):
+    under_way(world)
+    world.arm.restart(5 * SECOND_NS)
+    world.life.handle_plan_in_force(NO_PLAN)  # without a stamp: it shows no jump
+    world.life.handle_reference(world.arm.reference, world.arm.clock_ns)
+    world.in_force_delay = 1.0
+    began = world.now
+    second = world.send_goal(*DOWN)
+    assert world.verdict(second).code is Verdict.OK
+    assert world.now - began < 0.5
+    assert world.life.unconfirmed_command is world.sent[-1]  # silence is no confirmation
+
+
 def test_while_the_arm_reports_a_fault_goals_are_refused_with_its_sentence(world):
     first = under_way(world)
     second = world.send_goal(*DOWN)
