@@ -29,7 +29,7 @@ window.cancelAnimationFrame = clearTimeout;
 """Ten in a second: processors draw them, and are needed for what the test is about."""
 
 THROTTLE = 0.2
-"""Within which the page sends what has been typed [s]; a press of a button may overtake it."""
+"""Time within which the page sends what was typed or dragged [s]; a button may overtake it."""
 
 OPTIONS = (
     "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-first-run",
@@ -85,8 +85,10 @@ class Page:
                 return dict(answer["result"])
 
     def evaluate(self, script: str) -> Any:
-        """The value of an expression in the page."""
-        answer = self.ask("Runtime.evaluate", expression=script, returnByValue=True)
+        """The value of an expression in the page, or of its promise."""
+        answer = self.ask(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         return answer["result"].get("value")
 
     @property
@@ -134,7 +136,12 @@ class Page:
         time.sleep(THROTTLE)
 
     def mouse(self, kind: str, x: float, y: float) -> None:
-        """Press, move or release the left button at a place in the page [px]."""
+        """Press, move or release the left button at a place in the page [px].
+
+        A release waits until the page has sent the moves before: it would overtake the last one.
+        """
+        if kind == "Released":
+            time.sleep(THROTTLE)
         self.ask(
             "Input.dispatchMouseEvent",
             type=f"mouse{kind}", x=x, y=y, button="left", buttons=1, clickCount=1,

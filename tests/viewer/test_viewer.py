@@ -20,6 +20,9 @@ from mhsb_tools.viewer.server import CAMERA_POSITION, FIELD_OF_VIEW, LOOK_AT
 PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")
 """Folder for screenshots, where somebody wants to look at them."""
 
+FRAME = "new Promise(drawn => requestAnimationFrame(() => drawn()))"
+"""Promise that is kept with the page's next frame: a move of the mouse is handled by then."""
+
 SLIDER = "document.querySelector('[role=slider]').getAttribute('aria-valuenow')"
 TIP = r"tip at x (-?[\d.]+) m, z (-?[\d.]+) m"
 
@@ -53,10 +56,11 @@ def drag(page, start, end, steps=4):
     """By the mouse from a point of the arm's plane to another one."""
     (x, y), (x_end, y_end) = place_of(page, *start), place_of(page, *end)
     page.mouse("Moved", x, y)
-    page.evaluate("new Promise(requestAnimationFrame)")
+    page.evaluate(FRAME)
     page.mouse("Pressed", x, y)
     for k in range(1, steps + 1):
         page.mouse("Moved", x + (x_end - x) * k / steps, y + (y_end - y) * k / steps)
+        page.evaluate(FRAME)
     page.mouse("Released", x_end, y_end)
 
 
