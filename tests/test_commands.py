@@ -193,6 +193,8 @@ def told(start, monkeypatch, capfd):
         capfd.readouterr()
         try:
             code = entry()
+        except SystemExit as end:  # of a help
+            code = end.code
         finally:
             signal.signal(signal.SIGINT, handler)
         return code, "".join(capfd.readouterr())
@@ -201,12 +203,12 @@ def told(start, monkeypatch, capfd):
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[1])
-def test_help_tells_the_units_and_json_where_there_is_a_result(start, command):
-    child = start(*command, "--help")
-    assert child.wait() == 0
-    assert COMMANDS[command] in child.output
-    assert ("--json" in child.output) is (command[1] not in WITHOUT_RESULT)
-    assert "Traceback" not in child.output
+def test_help_tells_the_units_and_json_where_there_is_a_result(told, command):
+    code, output = told(*command, "--help")
+    assert code == 0
+    assert COMMANDS[command] in output
+    assert ("--json" in output) is (command[1] not in WITHOUT_RESULT)
+    assert "Traceback" not in output
 
 
 @pytest.mark.parametrize(
