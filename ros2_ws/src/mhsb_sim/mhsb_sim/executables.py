@@ -1,8 +1,20 @@
 """Executables that `ros2 run mhsb_sim` starts."""
 
+import os
+from typing import NoReturn
+
 from mhsb_model.process import forward_to_tools, make_node_entry, run_named
 
-sim_node = make_node_entry("mhsb_sim.ros.sim_node")
+
+def sim_node() -> NoReturn:
+    """Run the simulator node.
+
+    It draws nothing. Without MUJOCO_GL, MuJoCo would look for GLFW in a process of its own, which
+    prints a traceback if a signal ends the node meanwhile.
+    """
+    os.environ.setdefault("MUJOCO_GL", "disable")
+    make_node_entry("mhsb_sim.ros.sim_node")()
+
 
 # These commands belong to mhsb_tools; `ros2 run mhsb_sim NAME` forwards to them.
 simulate = forward_to_tools("simulate")
