@@ -193,7 +193,6 @@ class PlannerNode(Node):
                 self._lifecycle,
                 self._outbox,
                 self._make_settings,
-                self.faults,
             )
         except Exception as error:
             self.get_logger().warning(
