@@ -17,6 +17,7 @@ import rclpy
 from rclpy.node import Node
 
 from mhsb_model import schema
+from mhsb_msgs_py import parameters
 from mhsb_planner.ros import planner_parameters
 from mhsb_sim.ros import sim_parameters
 
@@ -49,14 +50,14 @@ machine are those of the suite's own arm.
 
 
 def _planner_parameters(node: Node) -> None:
-    machine = planner_parameters.declare_machine(node)
+    machine = parameters.declare_machine(node)
     planner_parameters.declare_table_path(node)
     planner_parameters.declare_frame_prefix(node)
     planner_parameters.declare_changeable(node, machine)
 
 
 def _simulator_parameters(node: Node) -> None:
-    machine = sim_parameters.declare_machine(node)
+    machine = parameters.declare_machine(node)
     sim_parameters.declare_parameters(node, sim_parameters.declare_plant(node, machine))
 
 

@@ -177,6 +177,7 @@ def test_launch_arguments_are_parameters_of_the_nodes():
         for file in (
             "mhsb_sim/mhsb_sim/ros/sim_parameters.py",
             "mhsb_planner/mhsb_planner/ros/planner_parameters.py",
+            "mhsb_msgs_py/mhsb_msgs_py/parameters.py",
         )
     )
     of_ros = {"namespace", "use_sim_time"}

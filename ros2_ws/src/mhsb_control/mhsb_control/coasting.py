@@ -45,8 +45,7 @@ def compute_coasting_limit(
     volume: FloatArray,
     coasting: FloatArray,
     capacity: float,
-    rise: float,
-    rise_ahead: float,
+    rises: tuple[float, float],
     pending: float,
     flow_uncertainty: float,
     spacing: float,
@@ -70,8 +69,8 @@ def compute_coasting_limit(
         coasting: V_c, delivered volume per flow at all sampled times from 0,
             float64[COASTING_SAMPLES + points − 1], [s].
         capacity: C, capacity of the line [m³/Pa].
-        rise: Allowed pressure rise Δp at present [Pa].
-        rise_ahead: Δp from point PREVIEW_POINT on [Pa]. Δp is linear in time before that point.
+        rises: Allowed pressure rise Δp at present, and from point PREVIEW_POINT on [Pa]. Δp is
+            linear in time before that point.
         pending: Oil that arrives whatever is commanded now [m³].
         flow_uncertainty: Part of the drawn flow that is uncertain and not counted [m³/s].
         spacing: Time between two points [s].
@@ -80,6 +79,7 @@ def compute_coasting_limit(
         Largest admissible flow Q [m³/s]. It is negative if even a stopped pump would overfill the
         line.
     """
+    rise, rise_ahead = rises
     limit = np.inf
     for k in range(1, COASTING_SAMPLES):
         share = k / COASTING_SAMPLES

@@ -17,6 +17,8 @@ IEEE Trans. Industrial Electronics 63, 2016.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mhsb_model.circuit.records import Record, Records
@@ -38,6 +40,20 @@ DRAW_DTYPE = np.dtype(
 """Observer of one line, or of the rail."""
 
 
+class MeasuredLine(NamedTuple):
+    """What is measured of a line in one step.
+
+    Attributes:
+        pressure: Pressure of the line [Pa].
+        supplied: Flow of the pumps less leakage [m³/s].
+        fed_by_pumps_only: Whether pumps alone feed the line.
+    """
+
+    pressure: float
+    supplied: float
+    fed_by_pumps_only: bool
+
+
 def build_draw_observers(count: int) -> Records:
     """Return zeroed observers, DRAW_DTYPE[n + 1].
 
@@ -53,13 +69,11 @@ def build_draw_observers(count: int) -> Records:
 @kernel
 def update_draw_observer(
     draw: Record,
-    pressure: float,
-    supplied: float,
+    line: MeasuredLine,
     commanded: float,
     capacity: float,
     lag: float,
     step: float,
-    fed_by_pumps_only: bool,
 ) -> None:
     """Update the observer of a line by one step.
 
@@ -71,17 +85,16 @@ def update_draw_observer(
     Args:
         draw: Observer of the line (record of DRAW_DTYPE). Writes d and Q_c [m³/s] and the pressure
             [Pa] in place.
-        pressure: Measured pressure of the line [Pa].
-        supplied: Flow of the pumps less leakage [m³/s].
+        line: Pressure of the line and flow that it is supplied with.
         commanded: Flow A_dir |u| that the piston is commanded to take [m³/s].
         capacity: c C, estimated capacity of the line [m³/Pa].
         lag: Time constant of the lag with which the commanded flow acts [s].
         step: Control period [s].
-        fed_by_pumps_only: Whether pumps alone feed the line.
     """
-    drawn = supplied - capacity * (pressure - draw.pressure) / step
+    pressure = line.pressure
+    drawn = line.supplied - capacity * (pressure - draw.pressure) / step
     draw.more += step / OBSERVATION_DELAY * (drawn - draw.told - draw.more)
-    if not fed_by_pumps_only:
+    if not line.fed_by_pumps_only:
         draw.more = 0.0
     draw.pressure = pressure
     draw.told += step / (lag + step) * (commanded - draw.told)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mhsb_control.speed_scaling import build_full_speed_scaling
@@ -11,6 +13,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import (
     SECOND_NS,
+    JointMotion,
     MotionState,
     Trajectory,
     quintic_hermite,
@@ -20,6 +23,21 @@ from mhsb_model.types import FloatArray, IntArray, ModeArray
 
 PREVIEW_POINT = 2
 """Index of the reference point for which modes and forces are prepared."""
+
+
+class EvaluatedReference(NamedTuple):
+    """Arrays into which `evaluate_reference` writes.
+
+    Attributes:
+        values: Positions, velocities and accelerations at present and ahead, float64[points, 3, n].
+        mode_rows: Rows of the mode schedule now and at point `PREVIEW_POINT`, int64[2]; row 0
+            before the first time.
+        full_speed_velocity: Present velocity without speed scaling, float64[n], [rad/s or m/s].
+    """
+
+    values: FloatArray
+    mode_rows: IntArray
+    full_speed_velocity: FloatArray
 
 
 class ReferencePreview:
@@ -70,14 +88,10 @@ class ReferencePreview:
         self._evaluate = bind_kernel(
             evaluate_reference,
             trajectory.offset_ns,
-            trajectory.position,
-            trajectory.velocity,
-            trajectory.acceleration,
+            trajectory.points,
             schedule.offset_ns,
-            self._values,
-            self._rows,
+            EvaluatedReference(self._values, self._rows, self.full_speed_velocity),
             self.speed_scaling,
-            self.full_speed_velocity,
             integer_count=2,
         )
         self._rows[:] = -1  # so that the next update reports the modes as changed
@@ -171,14 +185,10 @@ class ReferencePreview:
 @kernel(borrows=True)
 def evaluate_reference(
     offset_ns: IntArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
+    points: JointMotion,
     mode_offset_ns: IntArray,
-    values: FloatArray,
-    rows: IntArray,
+    reference: EvaluatedReference,
     speed_scaling: Records,
-    full_speed_velocity: FloatArray,
     spacing_ns: int,
     since_ns: int,
 ) -> None:
@@ -194,21 +204,17 @@ def evaluate_reference(
 
     Args:
         offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].
-        position: Joint positions at these points, float64[k, n], [rad or m].
-        velocity: Joint velocities at these points, float64[k, n].
-        acceleration: Joint accelerations at these points, float64[k, n].
+        points: Motion of the joints at these points.
         mode_offset_ns: Times after the stamp from which each row of the mode schedule applies,
             int64[rows], [ns].
-        values: Positions, velocities and accelerations, float64[points, 3, n]. Written in place.
-        rows: Rows of the mode schedule now and at point `PREVIEW_POINT`, int64[2]. Written in
-            place; row 0 before the first time.
+        reference: Reference and its modes. Written in place.
         speed_scaling: RATE_DTYPE[1] with rate, its change and the delay. Writes `rests` in place: 1
             if the trajectory has ended, else 0.
-        full_speed_velocity: Present velocity without speed scaling, float64[n], [rad/s or m/s].
-            Written in place.
         spacing_ns: Time between two reference points at full speed [ns].
         since_ns: Present time after the stamp [ns], before the delay is subtracted.
     """
+    position, velocity, acceleration = points
+    values, rows, full_speed_velocity = reference
     last = len(offset_ns) - 1
     since_ns -= int(np.rint(speed_scaling[0].delay))
     speed_scaling[0].rests = 1.0 if since_ns > offset_ns[last] else 0.0

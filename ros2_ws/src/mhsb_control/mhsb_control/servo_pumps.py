@@ -25,6 +25,7 @@ from mhsb_control.cascade import ServoArguments
 from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, compute_coasting_volumes
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_control.draw_estimate import (
+    MeasuredLine,
     build_draw_observers,
     compute_draw_shortfall,
     update_draw_observer,
@@ -281,14 +282,14 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
             capacity += line_capacity
         alone = alone and (shut or axis.joined > 0.0)
         own_alone = shut and line > g.fed_below and axis.line_flow > 0.0
-        update_draw_observer(
-            draws[j], line, own_supply, commanded_flow, line_capacity, lag, own.step, own_alone
-        )
+        measured = MeasuredLine(line, own_supply, own_alone)
+        update_draw_observer(draws[j], measured, commanded_flow, line_capacity, lag, own.step)
         if own_alone:
             axis.line_flow -= min(
                 compute_draw_shortfall(draws[j], axis.supply_target), commanded_flow
             )
-    update_draw_observer(draws[n], rail, supplied, joined_flow, capacity, lag, own.step, alone)
+    measured = MeasuredLine(rail, supplied, alone)
+    update_draw_observer(draws[n], measured, joined_flow, capacity, lag, own.step)
 
 
 @kernel
@@ -314,14 +315,12 @@ def compute_commanded_flow(axis: Record, cylinder: Record) -> float:
 
 @kernel(inline="always")
 def compute_pump_demand(
+    line: int,
     drawn: float,
     pressure: float,
-    target: float,
-    target_ahead: float,
+    targets: tuple[float, float],
     capacity: float,
-    volume: FloatArray,
     pending: float,
-    flow_uncertainty: float,
     p: PumpState,
 ) -> float:
     """Compute the flow that a pump is to feed into a line or into the rail.
@@ -339,33 +338,31 @@ def compute_pump_demand(
     allows that. Its leakage can be observed only once its pump alone feeds it.
 
     Args:
+        line: Index of the line; n for the rail.
         drawn: Flow that is about to be drawn from the line [m³/s].
         pressure: Measured pressure of the line [Pa].
-        target: p_ref, present target of the pressure [Pa].
-        target_ahead: Target from point PREVIEW_POINT on [Pa].
+        targets: p_ref, target of the pressure at present, and from point PREVIEW_POINT on [Pa].
         capacity: C, capacity of the line with the estimated compressibility [m³/Pa].
-        volume: Oil drawn up to each point ahead, float64[points], [m³]; see
-            `compute_coasting_limit`.
         pending: Oil that arrives whatever is commanded now [m³].
-        flow_uncertainty: Part of the drawn flow that is uncertain [m³/s].
-        p: State of the pumps. Reduces `charging_flow_left` by the charging flow in place.
+        p: State of the pumps. Reads `volume` and `leakage_uncertainty` of the line. Reduces
+            `charging_flow_left` by the charging flow in place.
 
     Returns:
         Flow [m³/s], not limited to the pump's range.
     """
     g = p.gains[0]
-    rise = g.allowed_rise + target - pressure
-    rise_ahead = g.allowed_rise + target_ahead - pressure
+    target, volume, flow_uncertainty = targets[0], p.volume[line], p.leakage_uncertainty[line]
+    rises = (g.allowed_rise + target - pressure, g.allowed_rise + targets[1] - pressure)
     spacing = g.preview / PREVIEW_POINT
     limit = compute_coasting_limit(
-        volume, p.coasting, capacity, rise, rise_ahead, pending, flow_uncertainty, spacing
+        volume, p.coasting, capacity, rises, pending, flow_uncertainty, spacing
     )
     squeeze = p.lines.estimate[0]
     stiff = capacity * max(
         1.0 - CAUTION_SIGMAS * math.sqrt(p.lines.covariance[0, 0]) / squeeze, MIN_CAPACITY_FACTOR
     )
     cautious = compute_coasting_limit(
-        volume, p.cautious_coasting, stiff, rise, rise_ahead, pending, flow_uncertainty, spacing
+        volume, p.cautious_coasting, stiff, rises, pending, flow_uncertainty, spacing
     )
     own = p.drives.record[0]
     filled = pending - drawn * own.delay * own.step
@@ -373,9 +370,7 @@ def compute_pump_demand(
     charge = min(lacking, p.charging_flow_left[0])
     least = MIN_CHARGE_SHARE * charge
     if pressure < min(target, g.fed_below):
-        sure = compute_coasting_limit(
-            volume, p.coasting, capacity, rise, rise_ahead, pending, 0.0, spacing
-        )
+        sure = compute_coasting_limit(volume, p.coasting, capacity, rises, pending, 0.0, spacing)
         limit = max(limit, min(drawn + least, sure))
     charge = min(charge, max(cautious - drawn, least))
     p.charging_flow_left[0] -= max(charge, 0.0)
@@ -481,17 +476,15 @@ def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> floa
                 c.laminar_pressure,
             )
             drawn += through
-    target, ahead = p.rail_target[0], p.rail_target[1]
-    drawn -= min(compute_draw_shortfall(p.draws[len(axes)], target), drawn)
+    targets = (p.rail_target[0], p.rail_target[1])
+    drawn -= min(compute_draw_shortfall(p.draws[len(axes)], targets[0]), drawn)
     return compute_pump_demand(
+        len(axes),
         drawn,
         rail_pressure,
-        target,
-        ahead,
+        targets,
         p.lines.estimate[0] * capacity,
-        rail_volume,
         pending,
-        p.leakage_uncertainty[len(axes)],
         p,
     )
 
@@ -546,14 +539,12 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
         elif user >= 0 and module.lend == 0.0:
             axis = axes[user]
             demand = compute_pump_demand(
+                user,
                 axis.line_flow,
                 s.sensors[user].line_pressure,
-                axis.supply_target,
-                axis.target_ahead,
+                (axis.supply_target, axis.target_ahead),
                 p.lines.estimate[0] * c.line_capacity,
-                p.volume[user],
                 drives.pending[k],
-                p.leakage_uncertainty[user],
                 p,
             )
             command = drives.flow[k] + lead * (demand - drives.flow[k])

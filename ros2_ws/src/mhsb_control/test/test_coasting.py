@@ -33,7 +33,7 @@ def test_what_may_not_be_drawn_after_all_or_is_on_its_way_lowers_the_flow_that_c
 
     def limit(pending: float, doubt: float) -> float:
         return float(
-            compute_coasting_limit(volume, coasting, capacity, 1e6, 1e6, pending, doubt, spacing)
+            compute_coasting_limit(volume, coasting, capacity, (1e6, 1e6), pending, doubt, spacing)
         )
 
     assert limit(0.0, 0.0) > drawn

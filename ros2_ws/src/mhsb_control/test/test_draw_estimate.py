@@ -5,6 +5,7 @@ from scipy.integrate import solve_ivp
 from mhsb_control.draw_estimate import (
     OBSERVATION_DELAY,
     PRESSURE_SHORTFALL_SCALE,
+    MeasuredLine,
     build_draw_observers,
     compute_draw_shortfall,
     update_draw_observer,
@@ -22,7 +23,8 @@ def observed(told: float, passes: float, seconds: float, alone: bool = True) -> 
     for _ in range(round(seconds / STEP)):
         supplied = passes * told + CAPACITY * 1e5 / STEP  # rises by 0.1 MPa a step
         pressure += 1e5
-        update_draw_observer(draw, pressure, supplied, told, CAPACITY, 0.0, STEP, alone)
+        line = MeasuredLine(pressure, supplied, alone)
+        update_draw_observer(draw, line, told, CAPACITY, 0.0, STEP)
     draw["pressure"] = TARGET
     return compute_draw_shortfall(draw, TARGET)
 

@@ -14,6 +14,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import add_extension, get_turn_angle, joint_positions
 from mhsb_model.linkages.linkage import moment_arm
+from mhsb_model.trajectory import JointMotion
 from mhsb_model.types import BoolArray, FloatArray
 
 
@@ -160,11 +161,9 @@ MOTION_WORK = INERTIA_WORK + 2
 @kernel(inline="always")
 def inertia_torques(
     c: Chain,
-    q: FloatArray,
+    motion: JointMotion,
     cosine: FloatArray,
     sine: FloatArray,
-    qd: FloatArray,
-    qdd: FloatArray,
     work: FloatArray,
     torque: FloatArray,
 ) -> None:
@@ -185,11 +184,9 @@ def inertia_torques(
 
     Args:
         c: Links and payload.
-        q: Joint positions, shape (n,) [rad or m].
+        motion: Positions q, velocities q̇ and accelerations q̈ of the joints at one instant.
         cosine: Cosine of each link's angle, from `link_directions`, shape (n,).
         sine: Sine of each link's angle, from `link_directions`, shape (n,).
-        qd: Joint velocities, shape (n,) [rad/s or m/s].
-        qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
         work: Scratch, shape (INERTIA_WORK, n) or more rows; INERTIA_WORK rows are overwritten.
         torque: Output, written in place, without gravity, shape (n,) [N m], or [N] for a sliding
             joint.
@@ -197,6 +194,7 @@ def inertia_torques(
     Source:
         R. Featherstone, Rigid Body Dynamics Algorithms, section 5.3.
     """
+    q, qd, qdd = motion
     n = len(torque)
     omega = alpha = ax = az = 0.0
     for j in range(n):
@@ -226,17 +224,15 @@ def inertia_torques(
         fz += work[2, j]
         torque[j] = cosine[j] * fx + sine[j] * fz if c.slides[j] else moment
     if c.slews:
-        _add_slew_torques(c, q, cosine, sine, qd, qdd, work, torque)
+        _add_slew_torques(c, motion, cosine, sine, work, torque)
 
 
 @kernel
 def _add_slew_torques(
     c: Chain,
-    q: FloatArray,
+    motion: JointMotion,
     cosine: FloatArray,
     sine: FloatArray,
-    qd: FloatArray,
-    qdd: FloatArray,
     work: FloatArray,
     torque: FloatArray,
 ) -> None:
@@ -254,15 +250,14 @@ def _add_slew_torques(
 
     Args:
         c: Links and payload.
-        q: Joint positions, shape (n,) [rad or m].
+        motion: Positions q, velocities q̇ and accelerations q̈ of the joints at one instant.
         cosine: Cosine of each link's angle, shape (n,).
         sine: Sine of each link's angle, shape (n,).
-        qd: Joint velocities, shape (n,) [rad/s or m/s].
-        qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
         work: Scratch, first row overwritten, shape (INERTIA_WORK, n) or more rows.
         torque: Torques of `inertia_torques`, changed in place, shape (n,) [N m or N]. Element 0 is
             replaced by τ₁; the centrifugal term is added to all others.
     """
+    q, qd, qdd = motion
     n, square = len(torque), qd[0] * qd[0]
     inertia, rate, omega = c.slew_inertia, 0.0, 0.0
     distance, moving = c.slew_offset, 0.0  # ρ of the last link's tip, and dρ/dt
@@ -316,7 +311,7 @@ def compute_motion_torques(
     cosine, sine = work[INERTIA_WORK], work[INERTIA_WORK + 1]
     link_directions(c.turns, q, cosine, sine)
     chain_gravity_torques(c, q, cosine, sine, static_torque)
-    inertia_torques(c, q, cosine, sine, qd, qdd, work, torque)
+    inertia_torques(c, JointMotion(q, qd, qdd), cosine, sine, work, torque)
     for j in range(len(torque)):
         torque[j] += static_torque[j]
 

@@ -7,7 +7,7 @@ evaluate exactly the same curve.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,22 @@ it."""
 
 MAX_DURATION_NS = 600 * SECOND_NS
 """Longest duration of a trajectory that an arm accepts [ns]."""
+
+
+class JointMotion(NamedTuple):
+    """Positions, velocities and accelerations of n joints at k instants, as kernels take them.
+
+    For a single instant the arrays have the shape (n,).
+
+    Attributes:
+        position: Joint positions, shape (k, n) [rad], or [m] if a joint slides.
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²].
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +107,11 @@ class Trajectory:
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} must be finite everywhere")
             object.__setattr__(self, name, frozen(values))
+
+    @property
+    def points(self) -> JointMotion:
+        """Positions, velocities and accelerations at the points, of shape (points, n) each."""
+        return JointMotion(self.position, self.velocity, self.acceleration)
 
     @property
     def joint_count(self) -> int:

@@ -21,13 +21,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
 from mhsb_model.curve_limits import CurveLimits
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import SECOND_NS, JointMotion, Trajectory
 from mhsb_model.types import FloatArray, IntArray
 
 POSITION_TOLERANCE = 1e-5
@@ -75,6 +76,31 @@ EXCESS_ROW, VALUE_ROW, TIME_ROW = range(3)
 
 The excess of a position is absolute [rad or m], that of the other quantities relative to the
 limit."""
+
+
+class QuinticPiece(NamedTuple):
+    """Piece of one joint's curve: its time, and control values of it and of its derivatives.
+
+    For a joint that slides, m takes the place of rad.
+    """
+
+    begin: float
+    """Start of the piece, after the first point of the trajectory [s]."""
+
+    duration: float
+    """Duration of the piece [s]."""
+
+    position: FloatArray
+    """Control values of the position, float64[6], [rad]."""
+
+    speed: FloatArray
+    """Control values of the velocity, float64[5], [rad/s]."""
+
+    acceleration: FloatArray
+    """Control values of the acceleration, float64[4], [rad/s²]."""
+
+    jerk: FloatArray
+    """Control values of the jerk, float64[3], [rad/s³]."""
 
 
 @dataclass(frozen=True)
@@ -154,9 +180,7 @@ def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray
     found = np.zeros((3, len(Quantity), trajectory.joint_count))
     _find_excesses(
         trajectory.offset_ns,
-        trajectory.position,
-        trajectory.velocity,
-        trajectory.acceleration,
+        trajectory.points,
         limits.lower,
         limits.upper,
         np.stack([limits.speed, limits.acceleration, limits.jerk]),
@@ -207,9 +231,7 @@ def describe_curve_problem(machine: Machine, trajectory: Trajectory) -> str | No
 @kernel
 def _find_excesses(
     offset_ns: IntArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
+    points: JointMotion,
     lower: FloatArray,
     upper: FloatArray,
     rate_limits: FloatArray,
@@ -225,63 +247,36 @@ def _find_excesses(
 
     Args:
         offset_ns: Times of the points after the first one, int64[points], [ns].
-        position: Joint positions, float64[points, n], [rad or m].
-        velocity: Joint velocities, float64[points, n].
-        acceleration: Joint accelerations, float64[points, n].
+        points: Motion of the n joints at the points.
         lower: Least position of each joint, float64[n], [rad or m].
         upper: Greatest position of each joint, float64[n], [rad or m].
         rate_limits: Limits of speed, acceleration and jerk (rows) of each joint, float64[3, n].
         excesses: Result, float64[3, 4, n], zeros before: rows EXCESS_ROW, VALUE_ROW and TIME_ROW,
             then `Quantity`, then joint. Written in place; an excess stays 0 if the limit is kept.
     """
+    position, velocity, acceleration = points
     place, speed, force, jerk = np.empty(6), np.empty(5), np.empty(4), np.empty(3)
     breaks = np.empty((3, 6))
     for j in range(position.shape[1]):
+        worst, rates = excesses[:, :, j], rate_limits[:, j]
         low, high = position[0, j], position[0, j]
         for k in range(len(offset_ns) - 1):
             h = (offset_ns[k + 1] - offset_ns[k]) / SECOND_NS
-            q0, q1 = position[k, j], position[k + 1, j]
-            low = min(lower[j], max(low, q0))
-            high = max(upper[j], min(high, q0))
-            _compute_control_values(
-                h, q0, velocity[k, j], acceleration[k, j],
-                q1, velocity[k + 1, j], acceleration[k + 1, j],
-                place, speed, force, jerk,
-            )  # fmt: skip
-            begin = offset_ns[k] / SECOND_NS
-            rounding = POSITION_ROUNDING * max(1.0, abs(q0), abs(q1))
-            if _record_overflow(speed, force, jerk, excesses, j, begin):
-                continue
-            _check_piece(
-                place,
-                speed,
-                force,
-                jerk,
-                breaks,
-                h,
-                begin,
-                rounding,
-                low,
-                high,
-                rate_limits,
-                excesses,
-                j,
+            piece = QuinticPiece(offset_ns[k] / SECOND_NS, h, place, speed, force, jerk)
+            low = min(lower[j], max(low, position[k, j]))
+            high = max(upper[j], min(high, position[k, j]))
+            _write_control_values(
+                piece,
+                (position[k, j], velocity[k, j], acceleration[k, j]),
+                (position[k + 1, j], velocity[k + 1, j], acceleration[k + 1, j]),
             )
+            if not _record_overflow(piece, worst):
+                _check_piece(piece, breaks, low, high, rates, worst)
 
 
-@kernel
-def _compute_control_values(
-    h: float,
-    q0: float,
-    v0: float,
-    a0: float,
-    q1: float,
-    v1: float,
-    a1: float,
-    position: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    jerk: FloatArray,
+@kernel(borrows=True)
+def _write_control_values(
+    piece: QuinticPiece, start: tuple[float, float, float], end: tuple[float, float, float]
 ) -> None:
     """Write the Bernstein control values of one quintic piece and of its three derivatives.
 
@@ -290,18 +285,17 @@ def _compute_control_values(
     For a joint that slides, m takes the place of rad.
 
     Args:
-        h: Duration of the piece [s].
-        q0: Position at the start [rad].
-        v0: Velocity at the start [rad/s].
-        a0: Acceleration at the start [rad/s²].
-        q1: Position at the end [rad].
-        v1: Velocity at the end [rad/s].
-        a1: Acceleration at the end [rad/s²].
-        position: Control values of the position, float64[6], written in place [rad].
-        speed: Control values of the velocity, float64[5], written in place [rad/s].
-        acceleration: Control values of the acceleration, float64[4], written in place [rad/s²].
-        jerk: Control values of the jerk, float64[3], written in place [rad/s³].
+        piece: Piece with its duration. Its control values are written in place.
+        start: Position, velocity and acceleration at the start [rad, rad/s, rad/s²].
+        end: Position, velocity and acceleration at the end [rad, rad/s, rad/s²].
     """
+    (q0, v0, a0), (q1, v1, a1), h = start, end, piece.duration
+    position, speed, acceleration, jerk = (
+        piece.position,
+        piece.speed,
+        piece.acceleration,
+        piece.jerk,
+    )
     speed[0], speed[1], speed[3], speed[4] = v0, v0 + 0.25 * a0 * h, v1 - 0.25 * a1 * h, v1
     speed[2] = 5.0 * ((q1 - q0) / h) - (speed[0] + speed[1] + speed[3] + speed[4])
     acceleration[0], acceleration[3] = a0, a1
@@ -323,128 +317,104 @@ def _compute_control_values(
     )
 
 
-@kernel
-def _record_overflow(
-    speed: FloatArray,
-    acceleration: FloatArray,
-    jerk: FloatArray,
-    excesses: FloatArray,
-    j: int,
-    begin: float,
-) -> bool:
+@kernel(borrows=True)
+def _record_overflow(piece: QuinticPiece, excesses: FloatArray) -> bool:
     """Return whether control values of a piece are infinite or nan, and write an excess of inf.
 
     Only the first such quantity gets the excess, in the order speed, acceleration, jerk. Nothing is
     written if all control values are finite.
 
     Args:
-        speed: Control values of the velocity, float64[5].
-        acceleration: Control values of the acceleration, float64[4].
-        jerk: Control values of the jerk, float64[3].
-        excesses: Worst excesses so far, float64[3, 4, n], written in place.
-        j: Index of the joint.
-        begin: Start of the piece, after the first point of the trajectory [s].
+        piece: Piece of the joint's curve.
+        excesses: Worst excesses of the joint so far, float64[3, 4], written in place.
 
     Returns:
         True if an excess of inf was written.
     """
-    for quantity, values in ((_SPEED, speed), (_ACCELERATION, acceleration), (_JERK, jerk)):
+    for quantity, values in (
+        (_SPEED, piece.speed),
+        (_ACCELERATION, piece.acceleration),
+        (_JERK, piece.jerk),
+    ):
         if not _find_largest_magnitude(values) < math.inf:
-            _record_excess(excesses, quantity, j, math.inf, math.inf, begin)
+            _record_excess(excesses[:, quantity], math.inf, math.inf, piece.begin)
             return True
     return False
 
 
-@kernel
+@kernel(borrows=True)
 def _check_piece(
-    position: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    jerk: FloatArray,
+    piece: QuinticPiece,
     breaks: FloatArray,
-    h: float,
-    begin: float,
-    rounding: float,
     low: float,
     high: float,
     rate_limits: FloatArray,
     excesses: FloatArray,
-    j: int,
 ) -> None:
-    """Check one piece of joint j against all limits and write its excesses into `excesses`.
+    """Check one piece of a joint's curve against all limits and write its excesses in place.
 
     The control values are compared first, since they bound the curve. Extrema are computed only if
     a control value exceeds its limit. An extremum is at a root of the derivative. The roots of the
     jerk give the extrema of the acceleration. The roots of the acceleration, found between them,
-    give the extrema of the speed. The roots of the speed give the extrema of the position. For a
-    joint that slides, m takes the place of rad.
+    give the extrema of the speed. The roots of the speed give the extrema of the position.
 
     Args:
-        position: Control values of the position, float64[6], [rad].
-        speed: Control values of the velocity, float64[5], [rad/s].
-        acceleration: Control values of the acceleration, float64[4], [rad/s²].
-        jerk: Control values of the jerk, float64[3], [rad/s³].
+        piece: Piece of the joint's curve.
         breaks: Working memory, float64[3, 6], for values u = 0 … 1 within the piece; overwritten.
-        h: Duration of the piece [s].
-        begin: Start of the piece, after the first point of the trajectory [s].
-        rounding: Rounding error of the piece's positions [rad].
-        low: Lower limit of the position in this piece [rad].
-        high: Upper limit of the position in this piece [rad].
-        rate_limits: Limits of speed, acceleration and jerk (rows) of each joint, float64[3, n].
-        excesses: Worst excesses so far, float64[3, 4, n], written in place.
-        j: Index of the joint.
+        low: Lower limit of the position in this piece [rad or m].
+        high: Upper limit of the position in this piece [rad or m].
+        rate_limits: Limits of speed, acceleration and jerk of the joint, float64[3].
+        excesses: Worst excesses of the joint so far, float64[3, 4], written in place.
     """
-    beyond = max(position.max() - high, low - position.min()) > 0.0
-    fast = _find_largest_magnitude(speed) > rate_limits[0, j]
-    if _find_largest_magnitude(jerk) > rate_limits[2, j]:
+    h, position, jerk = piece.duration, piece.position, piece.jerk
+    rounding = POSITION_ROUNDING * max(1.0, abs(position[0]), abs(position[5]))
+    beyond = False
+    for control in position:
+        beyond = beyond or control > high or control < low
+    fast = _find_largest_magnitude(piece.speed) > rate_limits[0]
+    if _find_largest_magnitude(jerk) > rate_limits[2]:
         count = _write_quadratic_extrema(jerk, breaks[0])
         slack = 120.0 * rounding / h**3
         _record_excesses_at(
-            jerk, breaks[0, :count], h, begin, rate_limits[2, j], slack, excesses, _JERK, j
+            piece, jerk, breaks[0, :count], rate_limits[2], slack, excesses[:, _JERK]
         )
-    if not (beyond or fast or _find_largest_magnitude(acceleration) > rate_limits[1, j]):
+    if not (beyond or fast or _find_largest_magnitude(piece.acceleration) > rate_limits[1]):
         return
     count = _write_quadratic_roots(jerk, breaks[0])
     slack = 20.0 * rounding / h**2
     _record_excesses_at(
-        acceleration,
+        piece,
+        piece.acceleration,
         breaks[0, :count],
-        h,
-        begin,
-        rate_limits[1, j],
+        rate_limits[1],
         slack,
-        excesses,
-        _ACCELERATION,
-        j,
+        excesses[:, _ACCELERATION],
     )
     if not (beyond or fast):
         return
-    count = _write_polynomial_roots(acceleration, breaks[0, :count], breaks[1])
+    count = _write_polynomial_roots(piece.acceleration, breaks[0, :count], breaks[1])
     slack = 5.0 * rounding / h
     _record_excesses_at(
-        speed, breaks[1, :count], h, begin, rate_limits[0, j], slack, excesses, _SPEED, j
+        piece, piece.speed, breaks[1, :count], rate_limits[0], slack, excesses[:, _SPEED]
     )
     if not beyond:
         return
-    count = _write_polynomial_roots(speed, breaks[1, :count], breaks[2])
+    count = _write_polynomial_roots(piece.speed, breaks[1, :count], breaks[2])
     for u in breaks[2, :count]:
         q = _evaluate_bernstein(position, u)
         excess = max(q - high, low - q)
         if excess > POSITION_TOLERANCE:
-            _record_excess(excesses, _POSITION, j, excess, q, begin + u * h)
+            _record_excess(excesses[:, _POSITION], excess, q, piece.begin + u * h)
 
 
-@kernel
+@kernel(borrows=True)
 def _record_excesses_at(
+    piece: QuinticPiece,
     control: FloatArray,
     points: FloatArray,
-    h: float,
-    begin: float,
     limit: float,
     slack: float,
-    excesses: FloatArray,
-    quantity: int,
-    j: int,
+    worst: FloatArray,
 ) -> None:
     """Write the excess of a quantity at given points of a piece if it is the worst so far.
 
@@ -452,40 +422,33 @@ def _record_excesses_at(
     than `slack`.
 
     Args:
+        piece: Piece of the joint's curve.
         control: Control values of the quantity.
         points: Points of the piece to look at, each u = 0 … 1.
-        h: Duration of the piece [s].
-        begin: Start of the piece, after the first point of the trajectory [s].
         limit: Limit of the magnitude.
         slack: Excess that is put down to rounding, in the unit of the limit.
-        excesses: Worst excesses so far, float64[3, 4, n], written in place.
-        quantity: `Quantity` as an integer.
-        j: Index of the joint.
+        worst: Worst excess of the quantity so far, float64[3], written in place.
     """
     for u in points:
         reached = abs(_evaluate_bernstein(control, u))
         if reached > limit + slack:
-            _record_excess(excesses, quantity, j, reached / limit - 1.0, reached, begin + u * h)
+            time = piece.begin + u * piece.duration
+            _record_excess(worst, reached / limit - 1.0, reached, time)
 
 
 @kernel(borrows=True)
-def _record_excess(
-    excesses: FloatArray, quantity: int, j: int, excess: float, value: float, time: float
-) -> None:
-    """Write an excess into `excesses` unless a worse one is already there.
+def _record_excess(worst: FloatArray, excess: float, value: float, time: float) -> None:
+    """Write an excess into `worst` unless a worse one is already there.
 
     Args:
-        excesses: Worst excesses so far, float64[3, 4, n], written in place.
-        quantity: `Quantity` as an integer.
-        j: Index of the joint.
+        worst: Worst excess of a quantity so far, float64[3] in the order EXCESS_ROW, VALUE_ROW,
+            TIME_ROW; written in place.
         excess: Excess over the limit: absolute for a position, else relative.
         value: Position, or magnitude of the quantity.
         time: Time after the first point of the trajectory [s].
     """
-    if excess > excesses[EXCESS_ROW, quantity, j]:
-        excesses[EXCESS_ROW, quantity, j] = excess
-        excesses[VALUE_ROW, quantity, j] = value
-        excesses[TIME_ROW, quantity, j] = time
+    if excess > worst[EXCESS_ROW]:
+        worst[EXCESS_ROW], worst[VALUE_ROW], worst[TIME_ROW] = excess, value, time
 
 
 @kernel(borrows=True)

@@ -20,6 +20,7 @@ they take the arrays of `Machine.planar_arm`, which leave out the slew.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -99,8 +100,7 @@ def solve_posture(
         True if there is such a posture and it is within the joint limits.
     """
     if has_prismatic_joint(m):
-        i, j = find_closing_joints(m)
-        return solve_posture_with_held_joints(m, x, z, i, j, free, elbow, q)
+        return solve_posture_with_held_joints(m, x, z, find_closing_joints(m), free, elbow, q)
     inner = len(q) - 3
     for i in range(inner):
         q[i] = free[i]
@@ -192,6 +192,20 @@ def _combine_links(
     return math.hypot(ahead, across), math.atan2(across, ahead), heading
 
 
+class OuterTip(NamedTuple):
+    """Tip position seen from a joint of the chain.
+
+    Attributes:
+        x: Tip position forward of the joint, in the base frame [m].
+        z: Tip position above the joint [m].
+        heading: Direction of the link before the joint [rad].
+    """
+
+    x: float
+    z: float
+    heading: float
+
+
 @kernel(borrows=True)
 def close_chain(
     m: MachineArrays, x: float, z: float, i: int, j: int, side: int, q: FloatArray
@@ -223,14 +237,15 @@ def close_chain(
         length = add_extension(m.slides, m.link_length, q, k)
         x -= length * math.cos(heading)
         z -= length * math.sin(heading)
+    tip = OuterTip(x, z, heading)
     if not m.slides[i] and not m.slides[j]:
-        return _close_with_revolute_joints(m, x, z, heading, i, j, side, q)
-    return _close_with_prismatic_joints(m, x, z, heading, i, j, side, q)
+        return _close_with_revolute_joints(m, tip, i, j, side, q)
+    return _close_with_prismatic_joints(m, tip, i, j, side, q)
 
 
 @kernel(borrows=True)
 def _close_with_revolute_joints(
-    m: MachineArrays, x: float, z: float, heading: float, i: int, j: int, side: int, q: FloatArray
+    m: MachineArrays, tip: OuterTip, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
     """Close the chain with two revolute joints, see `close_chain`.
 
@@ -241,9 +256,7 @@ def _close_with_revolute_joints(
 
     Args:
         m: Machine in its plane.
-        x: Tip position forward of joint i, in the base frame [m].
-        z: Tip position above joint i [m].
-        heading: Direction of the link before joint i [rad].
+        tip: Tip position seen from joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
         side: Solution, −1 or 1: the sign of γ.
@@ -252,6 +265,7 @@ def _close_with_revolute_joints(
     Returns:
         False if the point is out of reach, or D₁ or D₂ is 0.
     """
+    x, z, heading = tip
     d1, beta1, turn = _combine_links(m, q, i, j)
     d2, beta2, _ = _combine_links(m, q, j, len(q))
     if d1 == 0.0 or d2 == 0.0:
@@ -268,7 +282,7 @@ def _close_with_revolute_joints(
 
 @kernel(borrows=True)
 def _close_with_prismatic_joints(
-    m: MachineArrays, x: float, z: float, heading: float, i: int, j: int, side: int, q: FloatArray
+    m: MachineArrays, tip: OuterTip, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
     """Close the chain with two joints of which one or both slide, see `close_chain`.
 
@@ -284,9 +298,7 @@ def _close_with_prismatic_joints(
 
     Args:
         m: Machine in its plane.
-        x: Tip position forward of joint i, in the base frame [m].
-        z: Tip position above joint i [m].
-        heading: Direction of the link before joint i [rad].
+        tip: Tip position seen from joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
         side: Solution, −1 or 1; only 1 if both joints slide.
@@ -296,6 +308,7 @@ def _close_with_prismatic_joints(
     Returns:
         False if there is no solution, or if both joints slide along the same line.
     """
+    x, z, heading = tip
     q[i] = q[j] = 0.0
     ax, az, ahead = _compute_offset(m, q, i, j, heading)
     bx, bz, _ = _compute_offset(m, q, j, len(q), ahead)
@@ -404,8 +417,7 @@ def solve_posture_with_held_joints(
     m: MachineArrays,
     x: float,
     z: float,
-    i: int,
-    j: int,
+    moved: tuple[int, int],
     held_positions: FloatArray,
     side: int,
     q: FloatArray,
@@ -416,8 +428,7 @@ def solve_posture_with_held_joints(
         m: Machine in its plane, with n joints.
         x: Tip position forward [m].
         z: Tip position up [m].
-        i: Index of the first joint that moves.
-        j: Index of the second joint that moves, j > i.
+        moved: Indices i < j of the joints that move.
         held_positions: Positions of all other joints in joint order, float64[n - 2], [rad or m].
         side: Solution, −1 or 1, see `close_chain`.
         q: Posture, float64[n], overwritten in place [rad or m].
@@ -425,7 +436,7 @@ def solve_posture_with_held_joints(
     Returns:
         True if there is such a posture and it is within the joint limits.
     """
-    at = 0
+    at, (i, j) = 0, moved
     for k in range(len(q)):
         if k not in (i, j):
             q[k] = held_positions[at]

@@ -24,6 +24,7 @@ Source: Lipschitz bound of the distance function, as in conservative advancement
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,44 +57,55 @@ CLEARANCE_ROUNDING = 1e-9
 """Negative clearance that counts as rounding [m]."""
 
 
+class LineSegment(NamedTuple):
+    """Straight line between two points a and b of the arm's plane, x forward and z up [m]."""
+
+    ax: float
+    az: float
+    bx: float
+    bz: float
+
+
+class BoxInPlane(NamedTuple):
+    """Box in the arm's plane, x forward and z up [m]."""
+
+    x_min: float
+    z_min: float
+    x_max: float
+    z_max: float
+
+
 @kernel
-def _point_to_box(
-    x: float, z: float, x_min: float, z_min: float, x_max: float, z_max: float
-) -> float:
+def _point_to_box(x: float, z: float, box: BoxInPlane) -> float:
     """Compute the signed distance of a point from a box.
 
     Args:
         x: Point, forward [m].
         z: Point, up [m].
-        x_min: Least x of the box [m].
-        z_min: Least z of the box [m].
-        x_max: Greatest x of the box [m].
-        z_max: Greatest z of the box [m].
+        box: The box.
 
     Returns:
         Distance [m]; inside the box, the negative distance from the nearest face.
     """
-    dx, dz = max(x_min - x, x - x_max), max(z_min - z, z - z_max)
+    dx, dz = max(box.x_min - x, x - box.x_max), max(box.z_min - z, z - box.z_max)
     if dx > 0.0 and dz > 0.0:
         return math.hypot(dx, dz)
     return max(dx, dz)
 
 
 @kernel
-def _point_to_segment(x: float, z: float, ax: float, az: float, bx: float, bz: float) -> float:
-    """Compute the distance of a point from the segment from a to b.
+def _point_to_segment(x: float, z: float, segment: LineSegment) -> float:
+    """Compute the distance of a point from a segment.
 
     Args:
         x: Point, forward [m].
         z: Point, up [m].
-        ax: First end of the segment, forward [m].
-        az: First end of the segment, up [m].
-        bx: Second end of the segment, forward [m].
-        bz: Second end of the segment, up [m].
+        segment: The segment.
 
     Returns:
         Distance ≥ 0 [m].
     """
+    ax, az, bx, bz = segment
     ux, uz = bx - ax, bz - az
     square = ux * ux + uz * uz
     share = 0.0
@@ -103,10 +115,7 @@ def _point_to_segment(x: float, z: float, ax: float, az: float, bx: float, bz: f
 
 
 @kernel
-def _depth_in_box(
-    ax: float, az: float, bx: float, bz: float,
-    x_min: float, z_min: float, x_max: float, z_max: float,
-) -> float:  # fmt: skip
+def _depth_in_box(segment: LineSegment, box: BoxInPlane) -> float:
     """Compute how deep the deepest point of a segment lies in a box.
 
     A point's signed distances from the four faces are x_min − x, x − x_max, z_min − z and
@@ -114,19 +123,14 @@ def _depth_in_box(
     are linear along the segment, so the least d is at an end, or where two of them are equal.
 
     Args:
-        ax: First end of the segment, forward [m].
-        az: First end of the segment, up [m].
-        bx: Second end of the segment, forward [m].
-        bz: Second end of the segment, up [m].
-        x_min: Least x of the box [m].
-        z_min: Least z of the box [m].
-        x_max: Greatest x of the box [m].
-        z_max: Greatest z of the box [m].
+        segment: The segment.
+        box: The box.
 
     Returns:
         Least d [m]. If the segment enters the box, it is the negative depth of its deepest point.
         Otherwise it is not negative, and only a lower bound on the distance.
     """
+    (ax, az, bx, bz), (x_min, z_min, x_max, z_max) = segment, box
     at_a = (x_min - ax, ax - x_max, z_min - az, az - z_max)
     at_b = (x_min - bx, bx - x_max, z_min - bz, bz - z_max)
     least = min(max(at_a), max(at_b))
@@ -145,94 +149,90 @@ def _depth_in_box(
 
 
 @kernel
-def segment_to_box(
-    ax: float, az: float, bx: float, bz: float,
-    x_min: float, z_min: float, x_max: float, z_max: float,
-) -> float:  # fmt: skip
+def segment_to_box(segment: LineSegment, box: BoxInPlane) -> float:
     """Compute the signed distance of a segment from a box.
 
     Args:
-        ax: First end of the segment, forward [m].
-        az: First end of the segment, up [m].
-        bx: Second end of the segment, forward [m].
-        bz: Second end of the segment, up [m].
-        x_min: Least x of the box [m].
-        z_min: Least z of the box [m].
-        x_max: Greatest x of the box [m].
-        z_max: Greatest z of the box [m].
+        segment: The segment.
+        box: The box.
 
     Returns:
         Distance [m]. If the segment enters the box, it is the negative depth of the segment's
         deepest point, which is that point's distance from the nearest face.
     """
+    (ax, az, bx, bz), (x_min, z_min, x_max, z_max) = segment, box
     aside = (
         min(ax, bx) >= x_max or max(ax, bx) <= x_min or min(az, bz) >= z_max or max(az, bz) <= z_min
     )
     if not aside:
-        depth = _depth_in_box(ax, az, bx, bz, x_min, z_min, x_max, z_max)
+        depth = _depth_in_box(segment, box)
         if depth <= 0.0:
             return depth
-    nearest = min(
-        _point_to_box(ax, az, x_min, z_min, x_max, z_max),
-        _point_to_box(bx, bz, x_min, z_min, x_max, z_max),
-    )
+    nearest = min(_point_to_box(ax, az, box), _point_to_box(bx, bz, box))
     for x in (x_min, x_max):
         for z in (z_min, z_max):
-            nearest = min(nearest, _point_to_segment(x, z, ax, az, bx, bz))
+            nearest = min(nearest, _point_to_segment(x, z, segment))
     return nearest
 
 
 @kernel
-def _compute_side_of_line(
-    px: float, pz: float, ax: float, az: float, bx: float, bz: float
-) -> float:
+def _compute_side_of_line(px: float, pz: float, line: LineSegment) -> float:
     """Return a number whose sign says on which side of the line from a to b a point lies.
 
     Args:
         px: Point, forward [m].
         pz: Point, up [m].
-        ax: First point of the line, forward [m].
-        az: First point of the line, up [m].
-        bx: Second point of the line, forward [m].
-        bz: Second point of the line, up [m].
+        line: Two points a and b of the line.
 
     Returns:
         Cross product (b − a) × (p − a) [m²]; positive on the left, 0 on the line.
     """
+    ax, az, bx, bz = line
     return (bx - ax) * (pz - az) - (bz - az) * (px - ax)
 
 
 @kernel
-def segment_to_segment(
-    ax: float, az: float, bx: float, bz: float, cx: float, cz: float, dx: float, dz: float
-) -> float:
-    """Compute the distance between the segments from a to b and from c to d.
+def segment_to_segment(one: LineSegment, other: LineSegment) -> float:
+    """Compute the distance between two segments.
 
     Args:
-        ax: First end of the first segment, forward [m].
-        az: First end of the first segment, up [m].
-        bx: Second end of the first segment, forward [m].
-        bz: Second end of the first segment, up [m].
-        cx: First end of the second segment, forward [m].
-        cz: First end of the second segment, up [m].
-        dx: Second end of the second segment, forward [m].
-        dz: Second end of the second segment, up [m].
+        one: First segment.
+        other: Second segment.
 
     Returns:
         Distance [m]; 0 if the segments cross.
     """
-    c_and_d = _compute_side_of_line(cx, cz, ax, az, bx, bz) * _compute_side_of_line(
-        dx, dz, ax, az, bx, bz
-    )
-    a_and_b = _compute_side_of_line(ax, az, cx, cz, dx, dz) * _compute_side_of_line(
-        bx, bz, cx, cz, dx, dz
-    )
+    (ax, az, bx, bz), (cx, cz, dx, dz) = one, other
+    c_and_d = _compute_side_of_line(cx, cz, one) * _compute_side_of_line(dx, dz, one)
+    a_and_b = _compute_side_of_line(ax, az, other) * _compute_side_of_line(bx, bz, other)
     if c_and_d < 0.0 and a_and_b < 0.0:
         return 0.0
     return min(
-        min(_point_to_segment(ax, az, cx, cz, dx, dz), _point_to_segment(bx, bz, cx, cz, dx, dz)),
-        min(_point_to_segment(cx, cz, ax, az, bx, bz), _point_to_segment(dx, dz, ax, az, bx, bz)),
+        min(_point_to_segment(ax, az, other), _point_to_segment(bx, bz, other)),
+        min(_point_to_segment(cx, cz, one), _point_to_segment(dx, dz, one)),
     )
+
+
+@kernel(inline="always")
+def _get_link_line(joint: FloatArray, k: int) -> LineSegment:
+    """Return the line of link k between its joint and the next one.
+
+    Args:
+        joint: Positions (x, z) of all joints and the tip, float64[n + 1, 2], [m].
+        k: Index of the link.
+    """
+    return LineSegment(joint[k, 0], joint[k, 1], joint[k + 1, 0], joint[k + 1, 1])
+
+
+@kernel(inline="always")
+def _get_box(rows: FloatArray, k: int) -> BoxInPlane:
+    """Return the box of row k.
+
+    Args:
+        rows: Obstacles, float64[rows, ROW_WIDTH].
+        k: Index of the row.
+    """
+    return BoxInPlane(rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5])
 
 
 @kernel
@@ -261,19 +261,13 @@ def row_clearance(
         ) - rows[k, RADIUS_COLUMN]  # fmt: skip
     if part == len(joint) - 1:
         return point_clearance(rows, k, joint[part, 0], joint[part, 1])
-    ax, az, bx, bz = joint[part, 0], joint[part, 1], joint[part + 1, 0], joint[part + 1, 1]
-    kind, radius = rows[k, KIND_COLUMN], rows[k, RADIUS_COLUMN]
-    if kind == BOX_KIND:
-        return segment_to_box(
-            ax, az, bx, bz, rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
-        ) - radius  # fmt: skip
-    if kind == CIRCLE_KIND:
-        distance = _point_to_segment(rows[k, 2], rows[k, 3], ax, az, bx, bz)
+    link, radius = _get_link_line(joint, part), rows[k, RADIUS_COLUMN]
+    if rows[k, KIND_COLUMN] == BOX_KIND:
+        return segment_to_box(link, _get_box(rows, k)) - radius
+    if rows[k, KIND_COLUMN] == CIRCLE_KIND:
+        distance = _point_to_segment(rows[k, 2], rows[k, 3], link)
         return distance - rows[k, 4] - radius
-    o = int(rows[k, SHAPE_COLUMN])
-    return segment_to_segment(
-        ax, az, bx, bz, joint[o, 0], joint[o, 1], joint[o + 1, 0], joint[o + 1, 1]
-    ) - radius  # fmt: skip
+    return segment_to_segment(link, _get_link_line(joint, int(rows[k, SHAPE_COLUMN]))) - radius
 
 
 @kernel
@@ -294,7 +288,7 @@ def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
     if rows[k, KIND_COLUMN] == CIRCLE_KIND:
         distance = math.hypot(x - rows[k, 2], z - rows[k, 3]) - rows[k, 4]
     else:
-        distance = _point_to_box(x, z, rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5])
+        distance = _point_to_box(x, z, _get_box(rows, k))
     return distance - rows[k, RADIUS_COLUMN]
 
 

@@ -13,6 +13,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.clearance import (
     MIN_PART_TRAVEL,
+    BoxInPlane,
+    LineSegment,
     move_is_clear,
     segment_to_box,
     segment_to_segment,
@@ -93,7 +95,7 @@ def postures(machine, count, seed=0):
 @given(points, points, boxes)
 def test_a_segment_is_as_far_from_a_box_as_its_nearest_or_deepest_point(a, b, box):
     sampled = box_distance(along(a, b), box).min()
-    exact = segment_to_box(*a, *b, *box)
+    exact = segment_to_box(LineSegment(*a, *b), BoxInPlane(*box))
     assert sampled - math.dist(a, b) / SAMPLES <= exact <= sampled + 1e-12
 
 
@@ -101,7 +103,7 @@ def test_a_segment_is_as_far_from_a_box_as_its_nearest_or_deepest_point(a, b, bo
 def test_two_segments_are_as_far_apart_as_their_nearest_points(a, b, c, d):
     one, other = along(a, b, 150), along(c, d, 150)
     sampled = np.hypot(*(one[:, None, :] - other[None, :, :]).transpose(2, 0, 1)).min()
-    exact = segment_to_segment(*a, *b, *c, *d)
+    exact = segment_to_segment(LineSegment(*a, *b), LineSegment(*c, *d))
     assert sampled - (math.dist(a, b) + math.dist(c, d)) / 150 <= exact <= sampled + 1e-12
 
 

@@ -52,15 +52,14 @@ def charging_energy(
     m, circuit = machine.arrays, machine.config.circuit
     ahead = CHARGED_AHEAD * machine.config.servo.coordinated.preview
     volumes = circuit.line_volume, circuit.rail_volume
-    work = _compute_charging_work(m, *volumes, circuit.bulk_modulus, ahead, speed, force, modes)
+    work = _compute_charging_work(m, volumes, circuit.bulk_modulus, ahead, speed, force, modes)
     return float(work / m.servo_pump_efficiency)
 
 
 @kernel(borrows=True)
 def _compute_charging_work(
     m: MachineArrays,
-    line_volume: float,
-    rail_volume: float,
+    volumes: tuple[float, float],
     bulk_modulus: float,
     charged_time: float,
     speed: FloatArray,
@@ -74,8 +73,7 @@ def _compute_charging_work(
 
     Args:
         m: Arrays of the machine.
-        line_volume: Oil volume of each actuator's line [m³].
-        rail_volume: Oil volume of the shared boost line [m³].
+        volumes: Oil volume of each actuator's line and of the shared boost line [m³].
         bulk_modulus: Bulk modulus β of the oil [Pa].
         charged_time: Time T for which a line is at its pressure before the boost begins [s].
         speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
@@ -86,7 +84,7 @@ def _compute_charging_work(
     Returns:
         Work that reaches the oil [J].
     """
-    oil, work = get_shared_hydraulics(m), 0.0
+    oil, work, (line_volume, rail_volume) = get_shared_hydraulics(m), 0.0, volumes
     for k in range(1, len(modes)):
         for j in range(modes.shape[1]):
             if not BOOSTED_MODES[modes[k, j]] or BOOSTED_MODES[modes[k - 1, j]]:

@@ -21,7 +21,6 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.hydraulics import (
-    SharedHydraulics,
     boosted_supply,
     compute_inertia_margin,
     compute_pressure_with_margin,
@@ -248,17 +247,13 @@ def _sum_state_energies(
         Energies in the order of the fields of `Energy`, shape (7,) [J]: reading `paper`, main pump,
         shafts of the servo pumps, their losses, leakage, work on the loads, oil to the tank.
     """
-    oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
-    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
     energy, power, own = (
         np.zeros(ENERGY_FIELD_COUNT),
         np.empty(ENERGY_FIELD_COUNT),
         np.empty(speed.shape[1]),
     )
     for k in range(len(span)):
-        _compute_powers(
-            oil, valve, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, power
-        )
+        _compute_powers(m, speed[k], force[k], inertia[k], modes[k], own, power)
         for i in range(ENERGY_FIELD_COUNT):
             energy[i] += span[k] * power[i]
     return energy
@@ -294,8 +289,6 @@ def _integrate_power(
         shafts of the servo pumps, their losses, leakage, work on the loads, oil to the tank. The
         charging of lines is not included.
     """
-    oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
-    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
     energy, own = np.zeros(ENERGY_FIELD_COUNT), np.empty(speed.shape[1])
     begin, middle, end = (
         np.empty(ENERGY_FIELD_COUNT),
@@ -307,16 +300,11 @@ def _integrate_power(
             for i in range(ENERGY_FIELD_COUNT):
                 begin[i] = end[i]
         else:
-            _compute_powers(
-                oil, valve, cap, rod, efficiency, speed, force, inertia, k, modes, k, own, begin
-            )
+            _compute_powers(m, speed[k], force[k], inertia[k], modes[k], own, begin)
         _compute_powers(
-            oil, valve, cap, rod, efficiency, middle_speed, middle_force, middle_inertia, k, modes,
-            k, own, middle,
-        )  # fmt: skip
-        _compute_powers(
-            oil, valve, cap, rod, efficiency, speed, force, inertia, k + 1, modes, k, own, end
+            m, middle_speed[k], middle_force[k], middle_inertia[k], modes[k], own, middle
         )
+        _compute_powers(m, speed[k + 1], force[k + 1], inertia[k + 1], modes[k], own, end)
         for i in range(ENERGY_FIELD_COUNT):
             energy[i] += 0.25 * span[k] * (begin[i] + 2.0 * middle[i] + end[i])
     return energy
@@ -324,61 +312,51 @@ def _integrate_power(
 
 @kernel(inline="always")
 def _compute_powers(
-    oil: SharedHydraulics,
-    valve: FloatArray,
-    cap: FloatArray,
-    rod: FloatArray,
-    efficiency: float,
+    m: MachineArrays,
     speed: FloatArray,
     force: FloatArray,
     inertia: FloatArray,
-    i: int,
     modes: ModeArray,
-    k: int,
     own: FloatArray,
     power: FloatArray,
 ) -> None:
-    """Compute the powers of one state of motion in one row of modes.
+    """Compute the powers of one state of motion.
 
     Test oracle: a calculation by hand.
 
     Args:
-        oil: Hydraulic numbers that all actuators share.
-        valve: Flow coefficients K, shape (n,) [m³/(s √Pa)].
-        cap: Cap-side piston areas A, shape (n,) [m²].
-        rod: Rod-side piston areas a, shape (n,) [m²].
-        efficiency: Efficiency of the servo pumps η [-].
-        speed: Piston speeds, shape (states, n) [m/s].
-        force: Piston forces under gravity, shape (states, n) [N].
-        inertia: Piston forces from inertia, shape (states, n) [N].
-        i: Row of the state in `speed`, `force` and `inertia`.
-        modes: Mode codes, shape (rows, n).
-        k: Row of the modes.
+        m: Arrays of the machine.
+        speed: Piston speeds, shape (n,) [m/s].
+        force: Piston forces under gravity, shape (n,) [N].
+        inertia: Piston forces from inertia, shape (n,) [N].
+        modes: Mode codes, shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
         power: Powers in the order of the fields of `Energy`, shape (7,) [W]. Written in place:
             reading `paper`, main pump, shafts of the servo pumps, their losses, leakage, work on
             the loads, oil to the tank.
     """
+    oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
+    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
     normal, tank = oil.supply_pressure, oil.tank_pressure
     at_paper = main_pump = shafts = leaked = work = returned = 0.0
     for j in range(len(own)):
-        if BOOSTED_MODES[modes[k, j]]:
-            f, v = force[i, j], speed[i, j]
+        if BOOSTED_MODES[modes[j]]:
+            f, v = force[j], speed[j]
             own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
-            if inertia[i, j] != 0.0:
-                load = f + inertia[i, j]
+            if inertia[j] != 0.0:
+                load = f + inertia[j]
                 pushed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
                 pushed = min(pushed - compute_inertia_margin(oil), oil.max_boost_pressure)
                 own[j] = max(own[j], pushed)
-    rail = rail_pressure(oil, own, modes[k])
+    rail = rail_pressure(oil, own, modes)
     for j in range(len(own)):
-        v, f = speed[i, j], force[i, j]
+        v, f = speed[j], force[j]
         stroke = inlet_area(cap[j], rod[j], v) * abs(v)
         paper, supply, leaks, shaft = normal, normal, oil.leakage_flow, 0.0
-        if BOOSTED_MODES[modes[k, j]]:
+        if BOOSTED_MODES[modes[j]]:
             direction = v if abs(v) > DEAD_BAND else f
             paper = max(paper, load_pressure(cap[j], rod[j], tank, f, direction) / efficiency)
-            supply = select_supply_pressure(oil, modes[k, j], own[j], rail)
+            supply = select_supply_pressure(oil, modes[j], own[j], rail)
             leaks = compute_valve_leakage(oil, supply)
             shaft = (supply - normal) / efficiency * (stroke + leaks)
         at_paper += paper * (stroke + oil.leakage_flow)

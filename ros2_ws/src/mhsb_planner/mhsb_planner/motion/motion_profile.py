@@ -14,6 +14,7 @@ from mhsb_model.kinematics import add_extension
 from mhsb_model.linkages.linkage import evaluate_linkage, evaluate_linkage_at_cosine
 from mhsb_model.machine import Machine
 from mhsb_model.statics import INERTIA_WORK, chain_gravity_torques, chain_of, inertia_torques
+from mhsb_model.trajectory import JointMotion
 from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
 
@@ -130,7 +131,8 @@ def compute_profile_arrays(
             tip[k, 1] += length * across
         chain_gravity_torques(chain, q, cosine, sine, weight)
         if moves:
-            inertia_torques(chain, q, cosine, sine, velocity[k], acceleration[k], work, push)
+            motion = JointMotion(q, velocity[k], acceleration[k])
+            inertia_torques(chain, motion, cosine, sine, work, push)
         for j in range(n):
             speed[k, j] = arm[j] * velocity[k, j]
             force[k, j] = weight[j] / arm[j]

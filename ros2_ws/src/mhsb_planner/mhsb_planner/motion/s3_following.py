@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,14 +42,33 @@ MAX_SLOWING_ROUNDS = 6
 """Number of times that ramps are made slower before the last result is taken."""
 
 
+class PathBeginning(NamedTuple):
+    """Beginning of the motion along a path.
+
+    Attributes:
+        coast: Coasting of a moving start that is superposed, or None.
+        delay: Time at which the path's first ramp begins [s].
+        ramp: Shorter ramp with which the path begins; None means the ramp of all changes of speed.
+            If it equals the coasting's ramp, a piston whose speed stays the same does not slow down
+            in between. All ramps keep the middles that they would have if each were this ramp. A
+            ramp that would then begin before `delay` is itself this ramp.
+    """
+
+    coast: Coasting | None = None
+    delay: float = 0.0
+    ramp: Ramp | None = None
+
+
+FROM_REST = PathBeginning()
+"""Beginning of a path from rest, at once."""
+
+
 def smooth_path(
     machine: Machine,
     path: DiscretePath,
     ramp: Ramp,
     stretch: float,
-    coast: Coasting | None = None,
-    delay: float = 0.0,
-    first_ramp: Ramp | None = None,
+    beginning: PathBeginning = FROM_REST,
     last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
     """Smooth the piston motion of a discrete path by ramps.
@@ -60,21 +80,17 @@ def smooth_path(
         path: Discrete path.
         ramp: Ramp of all changes of speed.
         stretch: Factor on the path's durations [-].
-        coast: Coasting of a moving start that is superposed, or None.
-        delay: Time at which the path's first ramp begins [s].
-        first_ramp: Shorter ramp with which the path begins; None means `ramp`. If it equals the
-            coasting's ramp, a piston whose speed stays the same does not slow down in between. All
-            ramps keep the middles that they would have if each were `first_ramp`. A ramp that would
-            then begin before `delay` is itself `first_ramp`.
+        beginning: Beginning of the motion.
         last_ramp_factor: Factor on the times of the last ramp, whose middle stays [-].
 
     Returns:
         Motion of the pistons from the path's first posture, or from the coasting's start.
     """
     length = compute_cylinder_lengths(machine.arrays, path.posture)
-    first_ramp, due = first_ramp or ramp, _durations(path, stretch)
+    coast, delay, first_ramp = beginning
+    due = _durations(path, stretch)
     at, change, rise, blend, node_time = _place_ramps(
-        length, due, delay, ramp.rise, ramp.blend, first_ramp.rise, first_ramp.blend
+        length, due, delay, *ramp, *(first_ramp or ramp)
     )
     if last_ramp_factor != 1.0:
         before = Ramp(float(rise[-1]), float(blend[-1]))
@@ -252,15 +268,17 @@ def _iterate_slower_motions(
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.stop_time + coast.ramp.duration
         even = ramp.align_with(coast.ramp)
-        yield smooth_path(machine, path, even, stretch, coast, coast.stop_time, coast.ramp, last)
+        at_once = PathBeginning(coast, coast.stop_time)
+        sharing_ramp = at_once._replace(ramp=coast.ramp)
+        yield smooth_path(machine, path, even, stretch, sharing_ramp, last)
         for longer in AT_ONCE:
             slow = ramp.scale(longer, longer)
-            yield smooth_path(machine, path, slow, stretch, coast, coast.stop_time, None, last)
+            yield smooth_path(machine, path, slow, stretch, at_once, last)
         for later in (round_up_to_time_step(0.5 * rise), rise):
-            begin = coast.stop_time + later
-            yield smooth_path(machine, path, ramp, stretch, coast, begin, None, last)
+            begun = PathBeginning(coast, coast.stop_time + later)
+            yield smooth_path(machine, path, ramp, stretch, begun, last)
     for _ in range(MAX_SLOWING_ROUNDS):
-        motion = smooth_path(machine, path, ramp, stretch, coast, delay, None, last)
+        motion = smooth_path(machine, path, ramp, stretch, PathBeginning(coast, delay), last)
         yield motion
         acceleration, jerk = (max(1.0, peak) for peak in motion.peaks)
         ramp = ramp.scale(acceleration, max(1.0, jerk / acceleration))

@@ -38,6 +38,7 @@ from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import (
     MAX_POINT_SPACING_NS,
     SECOND_NS,
+    JointMotion,
     Trajectory,
     sample_states_at_shares,
     standstill,
@@ -261,16 +262,14 @@ def _demand(
           load [-]
         - thrust: largest such share that a moving cylinder takes against gravity and inertia [-]
     """
-    rows, oil, own = len(speed), get_shared_hydraulics(m), np.empty(speed.shape[1])
-    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
-    modules_of = m.modules_per_mode
+    rows, own = len(speed), np.empty(speed.shape[1])
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
     outside, usage, pressure = np.empty(rows), np.empty(rows), np.empty(rows)
     thrust = np.empty(rows)
     for k in range(rows):
         outside[k] = compute_region_excess(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
         usage[k], pressure[k], thrust[k] = _compute_shares(
-            oil, valve, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
+            m, speed[k], force[k], inertia[k], modes[k], own
         )
     return outside, usage, pressure, thrust
 
@@ -307,9 +306,7 @@ def _end_demands(
           load [-]
         - thrust: largest such share that a moving cylinder takes against gravity and inertia [-]
     """
-    intervals, oil, own = len(modes), get_shared_hydraulics(m), np.empty(speed.shape[1])
-    valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
-    modules_of = m.modules_per_mode
+    intervals, own = len(modes), np.empty(speed.shape[1])
     min_x, min_radius, max_radius = m.min_x, m.min_radius, m.max_radius
     begin, end = np.empty((4, intervals)), np.empty((4, intervals))
     for k in range(intervals):
@@ -319,46 +316,34 @@ def _end_demands(
         else:
             begin[0, k] = compute_region_excess(min_x, min_radius, max_radius, tip[k, 0], tip[k, 1])
             begin[1, k], begin[2, k], begin[3, k] = _compute_shares(
-                oil, valve, cap, rod, modules_of, speed, force, inertia, k, modes, k, own
+                m, speed[k], force[k], inertia[k], modes[k], own
             )
         end[0, k] = compute_region_excess(
             min_x, min_radius, max_radius, tip[k + 1, 0], tip[k + 1, 1]
         )
         end[1, k], end[2, k], end[3, k] = _compute_shares(
-            oil, valve, cap, rod, modules_of, speed, force, inertia, k + 1, modes, k, own
+            m, speed[k + 1], force[k + 1], inertia[k + 1], modes[k], own
         )
     return begin, end
 
 
 @kernel(inline="always")
 def _compute_shares(
-    oil: SharedHydraulics,
-    valve: FloatArray,
-    cap: FloatArray,
-    rod: FloatArray,
-    modules_of: IntArray,
+    m: MachineArrays,
     speed: FloatArray,
     force: FloatArray,
     inertia: FloatArray,
-    i: int,
     modes: ModeArray,
-    k: int,
     own: FloatArray,
 ) -> tuple[float, float, float]:
-    """Compute usage, pressure and thrust of one state in one row of modes.
+    """Compute usage, pressure and thrust of one state of motion.
 
     Args:
-        oil: Hydraulic numbers that all actuators share.
-        valve: Flow coefficients K, shape (n,) [m³/(s √Pa)].
-        cap: Cap-side piston areas A, shape (n,) [m²].
-        rod: Rod-side piston areas a, shape (n,) [m²].
-        modules_of: Number of booster modules by mode code.
-        speed: Piston speeds, shape (states, n) [m/s].
-        force: Piston forces under gravity, shape (states, n) [N].
-        inertia: Piston forces from inertia, shape (states, n) [N].
-        i: Row of the state in `speed`, `force` and `inertia`.
-        modes: Mode codes, shape (rows, n).
-        k: Row of the modes.
+        m: Arrays of the machine.
+        speed: Piston speeds, shape (n,) [m/s].
+        force: Piston forces under gravity, shape (n,) [N].
+        inertia: Piston forces from inertia, shape (n,) [N].
+        modes: Mode codes, shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
 
     Returns:
@@ -367,11 +352,12 @@ def _compute_shares(
         cylinder takes to hold its load. Thrust is the largest such share that a moving cylinder
         takes against gravity and inertia.
     """
+    oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     flow = fastest = heaviest = hardest = 0.0
     for j in range(len(own)):
-        v, f, modules = speed[i, j], force[i, j], modules_of[modes[k, j]]
+        v, f, modules = speed[j], force[j], m.modules_per_mode[modes[j]]
         flow += inlet_area(cap[j], rod[j], v) * abs(v)
-        if BOOSTED_MODES[modes[k, j]]:
+        if BOOSTED_MODES[modes[j]]:
             own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
         if abs(v) > DEAD_BAND:
             limit = speed_limit(oil, valve[j], cap[j], rod[j], f, v, modules)
@@ -380,12 +366,12 @@ def _compute_shares(
         if lifts and abs(v) > 0.25 * DEAD_BAND:
             needed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], f, 0.0)
             heaviest = max(heaviest, needed / get_max_supply_pressure(oil, modules))
-        load = f + inertia[i, j]
+        load = f + inertia[j]
         if abs(v) > DEAD_BAND and opposes_motion(load, v):
             needed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
             needed -= compute_inertia_margin(oil)
             hardest = max(hardest, needed / get_max_supply_pressure(oil, modules))
-    shared = compute_piston_flow_budget(oil, own, modes[k])
+    shared = compute_piston_flow_budget(oil, own, modes)
     used = max(fastest, flow / shared) if shared > 0.0 else math.inf
     return used, heaviest, hardest
 
@@ -494,7 +480,7 @@ def find_first_violation(
         DeadlineError: The deadline passed.
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
-    points = trajectory.position, trajectory.velocity, trajectory.acceleration
+    points = trajectory.points
     if ends is None:
         modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
         ends = EndDemands.from_profile(machine, motion_profile(machine, *points), modes)
@@ -502,7 +488,7 @@ def find_first_violation(
     within, beyond = _count_intervals_within_budget(m, modes)
     middles = middles or middle_profile(machine, trajectory)
     middle = Demand.from_profile(machine, middles, modes)
-    doubtful = _find_unproven_intervals(m, time, *points, ends.begin, middle, ends.end)
+    doubtful = _find_unproven_intervals(m, time, points, ends.begin, middle, ends.end)
     doubtful = doubtful[doubtful < within]
     deadline.check(CHECK_TASK)
     for first in range(0, len(doubtful), ROWS_AT_ONCE):
@@ -588,9 +574,7 @@ def _count_intervals_within_budget(m: MachineArrays, modes: ModeArray) -> tuple[
 def _find_unproven_intervals(
     m: MachineArrays,
     time: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
+    points: JointMotion,
     begin: Demand,
     middle: Demand,
     end: Demand,
@@ -605,9 +589,7 @@ def _find_unproven_intervals(
     Args:
         m: Arrays of the machine.
         time: Times of the points, shape (k,) [s].
-        position: Joint positions at the points, shape (k, n) [rad or m].
-        velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
-        acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
+        points: Motion of the joints at the points.
         begin: Demands at the beginnings of the k - 1 intervals.
         middle: Demands at the middles.
         end: Demands at the ends.
@@ -615,7 +597,7 @@ def _find_unproven_intervals(
     Returns:
         Indices of the intervals in ascending order.
     """
-    beyond = _joint_bound(m, time, position, velocity, acceleration)
+    beyond = _joint_bound(m, time, points)
     rows, count = np.empty(len(beyond), dtype=np.int64), 0
     for k in range(len(beyond)):
         bounded = _bound_parabola(begin.outside[k], middle.outside[k], end.outside[k]) < 0.0
@@ -665,13 +647,7 @@ def _has_reserve(d: Demand, k: int) -> bool:
 
 
 @kernel
-def _joint_bound(
-    m: MachineArrays,
-    time: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
-) -> FloatArray:
+def _joint_bound(m: MachineArrays, time: FloatArray, points: JointMotion) -> FloatArray:
     """Bound how far joints get beyond their limits within each interval of a trajectory.
 
     A quintic stays within the hull of its six control points. Three of them belong to each end:
@@ -680,14 +656,13 @@ def _joint_bound(
     Args:
         m: Arrays of the machine.
         time: Times of the points, shape (k,) [s].
-        position: Joint positions at the points, shape (k, n) [rad or m].
-        velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
-        acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
+        points: Motion of the joints at the points.
 
     Returns:
         Upper bound on the excess of the worst joint beyond its limits, shape (k - 1,) [rad or m];
         negative if all joints stay within them.
     """
+    position, velocity, acceleration = points
     rows, n = position.shape
     bound = np.empty(rows - 1)
     for i in range(rows - 1):
@@ -724,7 +699,7 @@ def _find_violation_within(
         there is none.
     """
     time = trajectory.offset_ns / SECOND_NS
-    motion = trajectory.position, trajectory.velocity, trajectory.acceleration
+    motion = trajectory.points
     limit, at, amount = _find_first_broken_limit(machine.arrays, time, *motion, modes, rows)
     return None if limit < 0 else Violation(Limit(limit), at, amount)
 

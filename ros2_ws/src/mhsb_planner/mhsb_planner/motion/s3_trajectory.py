@@ -490,9 +490,8 @@ def _fit_candidate(
             middles = middle_profile(machine, trajectory)
             violation = find_first_violation(machine, trajectory, schedule, ends, deadline, middles)
             if violation is None:
-                profiles = Profiles(profile, middles, scheduled.intervals)
                 return _assemble_motion(
-                    machine, path, candidate, curve, trajectory, schedule, profiles, stretch
+                    machine, path, candidate, curve, scheduled, middles, stretch
                 )
             if violation.limit not in candidate.stretchable or violation.time < time[first]:
                 return violation
@@ -576,9 +575,8 @@ def _assemble_motion(
     path: DiscretePath,
     candidate: CurveCandidate,
     curve: Curve,
-    trajectory: Trajectory,
-    schedule: ModeSchedule,
-    profiles: Profiles,
+    scheduled: ScheduledMotion,
+    middles: MotionProfile,
     stretch: float,
 ) -> FittedMotion:
     """Assemble the result of a fit, with its deviations from the discrete path.
@@ -592,27 +590,27 @@ def _assemble_motion(
         candidate: Curve that was tried. The result states its method and whether it has a lead-in,
             a motion before the curve such as braking.
         curve: The curve at its final stretch.
-        trajectory: The curve's trajectory, with lead-in and rests.
-        schedule: Modes over time.
-        profiles: Profiles at the trajectory's points and middles.
+        scheduled: The curve's trajectory, with lead-in and rests, and its modes.
+        middles: Profile at the middles between the trajectory's points.
         stretch: Final factor on the path's durations [-].
 
     Returns:
         The motion; its `refused` is empty.
     """
+    trajectory, profile = scheduled.trajectory, scheduled.profile
     at_nodes = curve.sample(curve.node_time)[0]
     tips = machine.tip_in_base(at_nodes)
     return FittedMotion(
         trajectory,
-        schedule,
+        scheduled.schedule,
         candidate.method,
         candidate.lead_in is not None,
         stretch,
-        _speed_excess(machine, profiles.points),
+        _speed_excess(machine, profile),
         float(np.linalg.norm(tips - path.tip, axis=1).max()),
         float(np.max(np.abs(at_nodes - path.posture))),
-        overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profiles.points),
-        profiles=profiles,
+        overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
+        profiles=Profiles(profile, middles, scheduled.intervals),
     )
 
 

@@ -107,6 +107,20 @@ class StartModes:
         return cls(schedule.modes_at(time_ns), age)
 
 
+class ModesAround(NamedTuple):
+    """Modes before the first and after the last instant of a motion, as kernels take them.
+
+    Attributes:
+        start: Modes in force before the first instant, shape (n,).
+        age: Age of these modes at the first instant, shape (n,) [s].
+        hold: Modes from the last instant on, shape (n,).
+    """
+
+    start: ModeArray
+    age: FloatArray
+    hold: ModeArray
+
+
 def mode_schedule(
     machine: Machine,
     trajectory: Trajectory,
@@ -183,9 +197,7 @@ def interval_modes(
         profile.force,
         profile.inertia,
         np.array(preferred, dtype=np.uint8),
-        start.modes,
-        start.age,
-        hold,
+        ModesAround(start.modes, start.age, hold),
         rules,
     )
 
@@ -210,7 +222,8 @@ def keeps_dwell(
         True if it is kept, including the time since the last switch before the first instant.
     """
     least = (rules or SwitchingRules()).min_dwell - _ROUNDING
-    return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
+    around = ModesAround(start.modes, start.age, hold)
+    return bool(_compute_shortest_run(time, modes, around) >= least)
 
 
 def schedule_of_intervals(
@@ -259,9 +272,7 @@ def _interval_modes(
     force: FloatArray,
     inertia: FloatArray,
     preferred: ModeArray,
-    start: ModeArray,
-    age: FloatArray,
-    hold: ModeArray,
+    around: ModesAround,
     rules: SwitchingRules,
 ) -> ModeArray:
     """Compute the modes between the instants of a profile.
@@ -279,15 +290,14 @@ def _interval_modes(
         inertia: Piston forces from inertia, shape (k, n) [N].
         preferred: Modes that the search for the discrete path (S2) chose around each instant, shape
             (k, n). SB in them is kept during boost.
-        start: Modes in force at the first instant, shape (n,).
-        age: Time since the last switch of each actuator, shape (n,) [s].
-        hold: Modes after the last instant, shape (n,).
+        around: Modes before and after the motion.
         rules: Rules for switching.
 
     Returns:
         Mode codes, shape (k - 1, n).
     """
     lead, dwell = rules.lead, rules.min_dwell
+    start, hold = around.start, around.hold
     intervals, n = len(speed) - 1, speed.shape[1]
     modes = np.zeros((intervals, n), dtype=np.uint8)
     needed = np.zeros((intervals, n), dtype=np.bool_)
@@ -307,23 +317,23 @@ def _interval_modes(
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
 
-        free[j] = _find_first_free_interval(time, age[j], dwell)
+        free[j] = _find_first_free_interval(time, around.age[j], dwell)
         on[: free[j]] = BOOSTED_MODES[start[j]]
-        before = _ON if BOOSTED_MODES[start[j]] else _OFF
-        after = _ON if BOOSTED_MODES[hold[j]] else _OFF
+        boost_beside = (
+            _ON if BOOSTED_MODES[start[j]] else _OFF,
+            _ON if BOOSTED_MODES[hold[j]] else _OFF,
+        )
         for ahead in (lead, 0.0):  # a lengthened SB run may lengthen its boost run
             for i in range(intervals):
                 wanted = demand[i, j] > one_pump or preferred[i, j] == SB
                 shared[i] = on[i] and (start[j] == SB if i < free[j] else wanted)
-            shared_before = _ON if start[j] == SB else _OFF
-            _enforce_lead_and_dwell(
-                time, shared, free[j], intervals, 0.0, dwell, shared_before, _OFF
-            )
+            beside = (_ON if start[j] == SB else _OFF, _OFF)
+            _enforce_lead_and_dwell(time, shared, free[j], intervals, 0.0, dwell, beside)
             on |= shared
-            _enforce_lead_and_dwell(time, on, free[j], intervals, ahead, dwell, before, after)
+            _enforce_lead_and_dwell(time, on, free[j], intervals, ahead, dwell, boost_beside)
         for i in range(free[j], intervals):
             shared[i] = on[i] and (demand[i, j] > one_pump or preferred[i, j] == SB)
-        _enforce_shared_boost_dwell(time, on, shared, free[j], lead, dwell, start[j], hold[j])
+        _enforce_shared_boost_dwell(time, on, shared, free[j], rules, start[j], hold[j])
         for i in range(intervals):
             modes[i, j] = SB if shared[i] else (DB if on[i] else N)
     _keep_budget(m, time, modes, demand, needed, free, dwell)
@@ -477,8 +487,7 @@ def _enforce_lead_and_dwell(
     last: int,
     lead: float,
     dwell: float,
-    before: int,
-    after: int,
+    beside: tuple[int, int],
 ) -> None:
     """Give each run of intervals that are True its lead and its least length, and close short gaps.
 
@@ -492,10 +501,10 @@ def _enforce_lead_and_dwell(
         last: One after the last interval that may change.
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
-        before: State before interval `first`. _ON: a run that touches it is long enough. _OFF: a
-            gap that touches it stays. _EDGE: neither.
-        after: State from interval `last` on, with the same codes.
+        beside: State before interval `first`, and from interval `last` on. _ON: a run that touches
+            it is long enough. _OFF: a gap that touches it stays. _EDGE: neither.
     """
+    before, after = beside
     since = math.inf
     for i in range(last - 1, first - 1, -1):
         if on[i]:
@@ -530,8 +539,7 @@ def _enforce_shared_boost_dwell(
     on: np.ndarray,
     shared: np.ndarray,
     free: int,
-    lead: float,
-    dwell: float,
+    rules: SwitchingRules,
     start: int,
     hold: int,
 ) -> None:
@@ -544,11 +552,11 @@ def _enforce_shared_boost_dwell(
         on: True for each interval with boost, DB or SB, shape (k - 1,).
         shared: True for each interval with SB, shape (k - 1,). Written in place.
         free: First interval in which the actuator may be switched.
-        lead: Time by which SB begins before it is needed [s].
-        dwell: Least time between two switches [s].
+        rules: Rules for switching.
         start: Mode in force before the first interval.
         hold: Mode in force after the last interval.
     """
+    lead, dwell = rules.lead, rules.min_dwell
     first = 0
     while first < len(on):
         end = _find_run_end(on, first, len(on))
@@ -562,7 +570,7 @@ def _enforce_shared_boost_dwell(
             if before != _ON and after != _ON and time[end] - time[begin] < dwell - _ROUNDING:
                 shared[begin:end] = False
             if shared[begin:end].any() or before == _ON:
-                _enforce_lead_and_dwell(time, shared, begin, end, lead, dwell, before, after)
+                _enforce_lead_and_dwell(time, shared, begin, end, lead, dwell, (before, after))
         first = end
 
 
@@ -692,9 +700,7 @@ def _keeps_dwell_after_change(
 
 
 @kernel
-def _compute_shortest_run(
-    time: FloatArray, modes: ModeArray, start: ModeArray, age: FloatArray, hold: ModeArray
-) -> float:
+def _compute_shortest_run(time: FloatArray, modes: ModeArray, around: ModesAround) -> float:
     """Compute the least time between two switches of an actuator.
 
     The time from the last switch before the first instant counts, too.
@@ -702,13 +708,12 @@ def _compute_shortest_run(
     Args:
         time: Instants in ascending order, shape (k,) [s].
         modes: Mode codes between the instants, shape (k - 1, n).
-        start: Modes in force before the first instant, shape (n,).
-        age: Age of these modes at the first instant, shape (n,) [s].
-        hold: Modes from the last instant on, shape (n,).
+        around: Modes before the first and after the last instant.
 
     Returns:
         Least time over all actuators [s]; inf if none is switched.
     """
+    start, age, hold = around
     intervals, n = modes.shape
     shortest = math.inf
     for j in range(n):

@@ -5,36 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-
 from mhsb_planner.errors import RequestError
 
 FARTHEST_POINT = 1e4
 """Largest absolute coordinate or radius of points and zones [m]."""
-
-
-def declare_array(node: Node, name: str, values: Sequence[float], text: str) -> None:
-    """Declare a parameter that is an array of numbers and may be empty.
-
-    The type of an empty array is not known from its value, so it is set to a double array
-    explicitly. The descriptor gives the range from -FARTHEST_POINT to FARTHEST_POINT [m] for
-    readers. rclpy does not enforce it, because it checks ranges of single numbers alone.
-
-    Args:
-        node: Node that gets the parameter.
-        name: Name of the parameter.
-        values: Initial value.
-        text: Description of the parameter.
-    """
-    limits = FloatingPointRange(from_value=-FARTHEST_POINT, to_value=FARTHEST_POINT, step=0.0)
-    descriptor = ParameterDescriptor(
-        description=text, dynamic_typing=True, floating_point_range=[limits]
-    )
-    node.declare_parameter(name, list(values), descriptor)
-    if not node.get_parameter(name).value:
-        node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
 
 
 def split_rows(name: str, value: Any, size: int, meaning: str) -> tuple[tuple[float, ...], ...]:

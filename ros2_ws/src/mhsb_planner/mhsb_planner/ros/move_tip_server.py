@@ -27,7 +27,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.verdict import GoalVerdict, Outcome, PlanSummary, Report, Verdict
 from mhsb_msgs_py import names, qos, stamps
 from mhsb_msgs_py.errors import GoalError, MessageError
-from mhsb_msgs_py.faults import Faults
+from mhsb_msgs_py.guarded_executor import get_faults
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
@@ -145,7 +145,6 @@ class MoveTipServer:
         lifecycle: GoalLifecycle,
         outbox: RosOutbox,
         make_settings: Callable[[Sequence[Parameter]], Settings],
-        faults: Faults,
     ) -> None:
         """Start to serve the action.
 
@@ -153,7 +152,8 @@ class MoveTipServer:
 
         Args:
             action: Compiled action type MoveTip.
-            node: Planner node, which is also the lifecycle's clock.
+            node: Planner node, which is also the lifecycle's clock. Its faults record exceptions in
+                callbacks.
             machine: Machine of the node.
             decode_goal: Returns the goal of a pose message; raises GoalError or MessageError.
             lifecycle: Decides on goals that are to be executed.
@@ -161,7 +161,6 @@ class MoveTipServer:
                 encodes plans as messages.
             make_settings: Returns the settings of plans with some parameters replaced by a goal's
                 own.
-            faults: Records exceptions in callbacks.
         """
         self._action = action
         self._node = node
@@ -170,7 +169,7 @@ class MoveTipServer:
         self._lifecycle = lifecycle
         self._outbox = outbox
         self._settings_with = make_settings
-        self._faults = faults
+        self._faults = get_faults(node)
         self._jobs: list[_ActionGoal] = []
         self._trial_request: tuple[PlanRequest, _ActionGoal] | None = None
         self._trial_queue: deque[tuple[_ActionGoal, Goal, Adjustment]] = deque()

@@ -42,6 +42,7 @@ from mhsb_msgs_py import (
     joint_state,
     modes_in_force,
     names,
+    parameters,
     qos,
     reference,
     sim_status,
@@ -101,7 +102,7 @@ class PlannerNode(Node):
         self.faults = Faults(self, stop=self._stop_unmonitored_arm)
         self._take_answer = self.faults.wrap("an answer of planning", self._on_answer)
         self._publish_guarded = self.faults.wrap("the feedback", self._publish_feedback_and_views)
-        self._machine = planner_parameters.declare_machine(self)
+        self._machine = parameters.declare_machine(self)
         table_path = planner_parameters.declare_table_path(self)
         self._frame_prefix = planner_parameters.declare_frame_prefix(self)
         planner_parameters.declare_changeable(self, self._machine)
@@ -192,7 +193,6 @@ class PlannerNode(Node):
                 self._lifecycle,
                 self._outbox,
                 self._make_settings,
-                self.faults,
             )
         except Exception as error:
             self.get_logger().warning(

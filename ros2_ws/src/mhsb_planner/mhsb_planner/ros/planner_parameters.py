@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mhsb_model.command_line import UsageError
 from mhsb_model.errors import MhsbError
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import Position
+from mhsb_msgs_py.parameters import NodeParameter
 from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import (
     MAX_REGION_SIZE,
@@ -39,7 +39,7 @@ from mhsb_planner.planners.registry import (
     planner_summaries,
     planners_weighing_area,
 )
-from mhsb_planner.ros.flat_arrays import FARTHEST_POINT, declare_array, split_rows
+from mhsb_planner.ros.flat_arrays import FARTHEST_POINT, split_rows
 from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS, declare_zones, make_zones
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.search.s2_step import EnergyReading
@@ -89,6 +89,90 @@ OWN_RANGES = {
 
 rclpy checks single numbers alone, not arrays, and would refuse the NaN of angles that are free.
 """
+
+
+HORIZON_PARAMETERS = (
+    NodeParameter("lead_min", 0.03, f"least {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
+    NodeParameter("lead_max", 1.0, f"longest {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
+    NodeParameter(
+        "planning_budget",
+        0.0,
+        f"{LEAD_IS}; 0 lets it adapt between lead_min and lead_max",
+        (0.0, LONGEST_LEAD),
+    ),
+)
+"""Parameters of the commit horizon."""
+
+GOAL_PARAMETERS = (
+    NodeParameter("goal_psi", FREE_PSI, f"angle of the end link at the goal {FREE_OR}"),
+    NodeParameter(
+        "goal_psi_min",
+        FREE_PSI,
+        f"least angle of the end link that will do at the goal {FREE_OR}",
+    ),
+    NodeParameter(
+        "goal_psi_max",
+        FREE_PSI,
+        f"greatest angle of the end link that will do at the goal {FREE_OR}",
+    ),
+    NodeParameter(
+        "goal_tolerance",
+        0.0,
+        "distance from the goal at which the tip may end as well [m]",
+        (0.0, 2.0),
+    ),
+    NodeParameter(
+        "reached_tolerance",
+        REACHED_TOLERANCE,
+        "how near the measured tip must come to the goal, or its region, within 1 s of the plan's "
+        "end [m]",
+        (1e-4, 2.0),
+    ),
+    NodeParameter(
+        "goal_segment",
+        [0.0, 0.0],
+        "x z [m] from the goal to the other end of a line on which the tip may end",
+        OWN_RANGES["goal_segment"],
+    ),
+    NodeParameter(
+        "goal_box",
+        [0.0, 0.0],
+        "x z [m], how far to either side of the goal the tip may end",
+        OWN_RANGES["goal_box"],
+    ),
+    NodeParameter(
+        "goal_via",
+        [],
+        "points that the tip passes on its way, in this order: x z [m] each, where the arm slews "
+        "x y z",
+        OWN_RANGES["goal_via"],
+        may_be_empty=True,
+    ),
+    NodeParameter(
+        "goal_via_tolerance",
+        PlanOptions.via_tolerance,
+        "distance at which the tip may pass the points of goal_via [m]",
+        (1e-3, 2.0),
+    ),
+)
+"""Parameters of the goal and of the way to it."""
+
+MOTION_PARAMETERS = (
+    NodeParameter(
+        "area_weight",
+        0.0,
+        "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for planners that "
+        "can weigh it",
+        (0.0, HIGHEST_AREA_WEIGHT),
+    ),
+    NodeParameter(
+        "max_speed_excess",
+        DEFAULT_SPEED_EXCESS,
+        "how far pistons may pass V_max on the published polynomials, as a share of it [-]",
+        (0.0, HIGHEST_SPEED_EXCESS),
+    ),
+)
+"""Parameters of the path and of the motion along it."""
 
 
 @dataclass(frozen=True)
@@ -195,26 +279,6 @@ class PlannerParameters:
         )
 
 
-def declare_machine(node: Node) -> Machine:
-    """Declare the parameter `machine`, and load the machine file that it names.
-
-    Args:
-        node: Planner node.
-
-    Returns:
-        The machine; the suite's own arm if the parameter is empty.
-
-    Raises:
-        MachineFileError: The file cannot be used.
-    """
-    node.declare_parameter(
-        "machine",
-        "",
-        _make_descriptor("machine file (YAML); empty for the suite's own arm", read_only=True),
-    )
-    return load_machine(node.get_parameter("machine").value or None)
-
-
 def declare_table_path(node: Node) -> Path | None:
     """Declare the parameter `table`, and return the path of the posture table.
 
@@ -224,21 +288,15 @@ def declare_table_path(node: Node) -> Path | None:
     Returns:
         Path of the file; None for the table in the user's cache.
     """
-    node.declare_parameter(
-        "table",
-        "",
-        _make_descriptor("posture table (npz); empty builds one and keeps it", read_only=True),
-    )
-    value = node.get_parameter("table").value
+    text = "posture table (npz); empty builds one and keeps it"
+    value = NodeParameter("table", "", text, read_only=True).declare(node)
     return Path(value) if value else None
 
 
 def declare_frame_prefix(node: Node) -> str:
     """Declare the parameter `frame_prefix`, and return the text before the names of frames."""
-    node.declare_parameter(
-        "frame_prefix", "", _make_descriptor("put before base_link and work_plane", read_only=True)
-    )
-    return str(node.get_parameter("frame_prefix").value)
+    text = "put before base_link and work_plane"
+    return str(NodeParameter("frame_prefix", "", text, read_only=True).declare(node))
 
 
 def declare_changeable(node: Node, machine: Machine) -> None:
@@ -253,133 +311,44 @@ def declare_changeable(node: Node, machine: Machine) -> None:
         UsageError: The values cannot be used together, such as those given on the command line.
     """
     arrays = machine.arrays
-    node.declare_parameter(
-        "planner",
-        ONLINE_PLANNER,
-        _make_descriptor(f"one of {', '.join(REGISTERED_PLANNERS)}: {planner_summaries()}"),
-    )
-    node.declare_parameter(
-        "weights",
-        [0.5, 0.0, 2.0],
-        _make_descriptor(
-            "of energy [1/J], time [1/s] and mode switches [-]", OWN_RANGES["weights"]
+    for parameter in (
+        NodeParameter(
+            "planner",
+            ONLINE_PLANNER,
+            f"one of {', '.join(REGISTERED_PLANNERS)}: {planner_summaries()}",
         ),
-    )
-    node.declare_parameter(
-        "energy_reading",
-        ENERGY_READINGS[0],
-        _make_descriptor(f"one of {', '.join(ENERGY_READINGS)}"),
-    )
-    node.declare_parameter(
-        "payload", arrays.payload, _make_descriptor("at the tip [kg]", (0.0, HEAVIEST_PAYLOAD))
-    )
-    node.declare_parameter(
-        "payload_from",
-        PAYLOAD_FROM[0],
-        _make_descriptor(
+        NodeParameter(
+            "weights",
+            [0.5, 0.0, 2.0],
+            "of energy [1/J], time [1/s] and mode switches [-]",
+            OWN_RANGES["weights"],
+        ),
+        NodeParameter("energy_reading", ENERGY_READINGS[0], f"one of {', '.join(ENERGY_READINGS)}"),
+        NodeParameter("payload", arrays.payload, "at the tip [kg]", (0.0, HEAVIEST_PAYLOAD)),
+        NodeParameter(
+            "payload_from",
+            PAYLOAD_FROM[0],
             "file: plans are made for the parameter payload; estimate: for what the arm has learnt "
-            "on `estimates`, once that is known well, until then for the parameter"
+            "on `estimates`, once that is known well, until then for the parameter",
         ),
-    )
-    node.declare_parameter(
-        "supply_pressure",
-        arrays.supply_pressure,
-        _make_descriptor("of the main pump, P_S [Pa]", (1e5, HIGHEST_PRESSURE)),
-    )
-    node.declare_parameter(
-        "v_max",
-        machine.config.motion.max_piston_speed,
-        _make_descriptor(
+        NodeParameter(
+            "supply_pressure",
+            arrays.supply_pressure,
+            "of the main pump, P_S [Pa]",
+            (1e5, HIGHEST_PRESSURE),
+        ),
+        NodeParameter(
+            "v_max",
+            machine.config.motion.max_piston_speed,
             "piston speed of the discrete plan, V_max [m/s]; an actuator whose own is lower keeps "
             "that, none is faster",
             (1e-4, FASTEST_PISTON),
         ),
-    )
-    node.declare_parameter(
-        "lead_min",
-        0.03,
-        _make_descriptor(f"least {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
-    )
-    node.declare_parameter(
-        "lead_max",
-        1.0,
-        _make_descriptor(f"longest {LEAD_IS}", (SHORTEST_LEAD, LONGEST_LEAD)),
-    )
-    node.declare_parameter(
-        "planning_budget",
-        0.0,
-        _make_descriptor(
-            f"{LEAD_IS}; 0 lets it adapt between lead_min and lead_max",
-            (0.0, LONGEST_LEAD),
-        ),
-    )
-    node.declare_parameter(
-        "goal_psi", FREE_PSI, _make_descriptor(f"angle of the end link at the goal {FREE_OR}")
-    )
-    for name, which in (("goal_psi_min", "least"), ("goal_psi_max", "greatest")):
-        text = f"{which} angle of the end link that will do at the goal {FREE_OR}"
-        node.declare_parameter(name, FREE_PSI, _make_descriptor(text))
-    node.declare_parameter(
-        "goal_tolerance",
-        0.0,
-        _make_descriptor("distance from the goal at which the tip may end as well [m]", (0.0, 2.0)),
-    )
-    node.declare_parameter(
-        "reached_tolerance",
-        REACHED_TOLERANCE,
-        _make_descriptor(
-            "how near the measured tip must come to the goal, or its region, within 1 s of the "
-            "plan's end [m]",
-            (1e-4, 2.0),
-        ),
-    )
-    node.declare_parameter(
-        "goal_segment",
-        [0.0, 0.0],
-        _make_descriptor(
-            "x z [m] from the goal to the other end of a line on which the tip may end",
-            OWN_RANGES["goal_segment"],
-        ),
-    )
-    node.declare_parameter(
-        "goal_box",
-        [0.0, 0.0],
-        _make_descriptor(
-            "x z [m], how far to either side of the goal the tip may end",
-            OWN_RANGES["goal_box"],
-        ),
-    )
-    declare_array(
-        node,
-        "goal_via",
-        (),
-        "points that the tip passes on its way, in this order: x z [m] each, where the arm slews "
-        "x y z",
-    )
-    node.declare_parameter(
-        "goal_via_tolerance",
-        PlanOptions.via_tolerance,
-        _make_descriptor(
-            "distance at which the tip may pass the points of goal_via [m]", (1e-3, 2.0)
-        ),
-    )
-    node.declare_parameter(
-        "area_weight",
-        0.0,
-        _make_descriptor(
-            "of the velocity polytope's area lost along the tip's path, w4 [1/m]; for planners "
-            "that can weigh it",
-            (0.0, HIGHEST_AREA_WEIGHT),
-        ),
-    )
-    node.declare_parameter(
-        "max_speed_excess",
-        DEFAULT_SPEED_EXCESS,
-        _make_descriptor(
-            "how far pistons may pass V_max on the published polynomials, as a share of it [-]",
-            (0.0, HIGHEST_SPEED_EXCESS),
-        ),
-    )
+        *HORIZON_PARAMETERS,
+        *GOAL_PARAMETERS,
+        *MOTION_PARAMETERS,
+    ):
+        parameter.declare(node)
     declare_zones(node, machine)
     if reason := find_refusal(node, machine, ()):
         raise UsageError(reason)
@@ -492,18 +461,7 @@ CHANGEABLE_PARAMETERS = (
     "payload_from",
     "supply_pressure",
     "v_max",
-    "lead_min",
-    "lead_max",
-    "planning_budget",
-    *FREE_ANGLES,
-    "goal_tolerance",
-    "reached_tolerance",
-    "goal_segment",
-    "goal_box",
-    "goal_via",
-    "goal_via_tolerance",
-    "area_weight",
-    "max_speed_excess",
+    *(each.name for each in (*HORIZON_PARAMETERS, *GOAL_PARAMETERS, *MOTION_PARAMETERS)),
     *ZONE_PARAMETERS,
 )
 """Names of the parameters that can be changed between plans."""
@@ -611,24 +569,3 @@ def _check_via(machine: Machine, point: Position) -> None:
 def _describe_point(machine: Machine) -> tuple[int, str]:
     """Return how many coordinates a point has, and a text that names them for errors."""
     return len(machine.axes), f"{' '.join(machine.axes)} [m] of a point"
-
-
-def _make_descriptor(
-    text: str, limits: tuple[float, float] | None = None, *, read_only: bool = False
-) -> ParameterDescriptor:
-    """Return the descriptor of a parameter.
-
-    Args:
-        text: Description.
-        limits: Least and greatest value that rclpy accepts; None for no range.
-        read_only: Whether the parameter cannot be changed after the start.
-
-    Returns:
-        The descriptor.
-    """
-    descriptor = ParameterDescriptor(description=text, read_only=read_only)
-    if limits is not None:
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=limits[0], to_value=limits[1], step=0.0)
-        ]
-    return descriptor

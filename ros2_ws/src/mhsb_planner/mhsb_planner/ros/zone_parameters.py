@@ -15,8 +15,9 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import IN_PLANE, IN_SPACE, Numbers, Zones, zone_numbers
+from mhsb_msgs_py.parameters import NodeParameter
 from mhsb_planner.errors import RequestError
-from mhsb_planner.ros.flat_arrays import declare_array, split_rows
+from mhsb_planner.ros.flat_arrays import FARTHEST_POINT, split_rows
 
 PLANAR_TEXTS = {
     "boxes": "x z x z [m] of two opposite corners",
@@ -62,9 +63,10 @@ def declare_zones(node: Node, machine: Machine) -> None:
         machine: Machine of the file.
     """
     for name, (field, kind, who) in ZONE_PARAMETERS.items():
-        zones = getattr(machine.zones, field)
+        numbers = [value for zone in getattr(machine.zones, field) for value in zone]
         text = f"keep-out {kind} for {who}, one after the other: {_describe_numbers(kind)}"
-        declare_array(node, name, [value for zone in zones for value in zone], text)
+        limits = -FARTHEST_POINT, FARTHEST_POINT
+        NodeParameter(name, numbers, text, limits, may_be_empty=True).declare(node)
 
 
 def replace_deletions(changes: list[Parameter]) -> list[Parameter]:

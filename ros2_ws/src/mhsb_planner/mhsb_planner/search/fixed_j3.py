@@ -89,7 +89,7 @@ def _find_posture(
             for sign in (1, -1):
                 changed[at] = kept[at] + sign * step
                 for side in (elbow, -elbow):
-                    if solve_posture_with_held_joints(m, x, z, i, j, changed, side, q):
+                    if solve_posture_with_held_joints(m, x, z, (i, j), changed, side, q):
                         return True
             changed[at] = kept[at]
             at += 1

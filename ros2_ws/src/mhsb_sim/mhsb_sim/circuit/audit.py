@@ -28,9 +28,7 @@ def audit_elements(
     count: int,
     pressure: FloatArray,
     change: FloatArray,
-    tank: int,
-    efficiency: float,
-    dt: float,
+    c: Record,
     e: Record,
     volume: Record,
 ) -> None:
@@ -44,14 +42,14 @@ def audit_elements(
         net: Elements of this substep, ELEMENT_DTYPE, each with its two nodes, its flow [m³/s] and
             its slope dQ/dΔp [m³/(s Pa)].
         count: Number of elements in `net`.
-        pressure: Pressure of each node before the substep [Pa].
+        pressure: Pressure of each node before the substep, the tank's last [Pa].
         change: Change of each pressure in the substep [Pa].
-        tank: Index of the tank node.
-        efficiency: Efficiency of a servo pump, hydraulic over shaft power.
-        dt: Length of the substep [s].
+        c: Constants of the circuit, a record of CONSTANTS_DTYPE. Uses the length `substep` [s] and
+            the efficiency of the servo pumps.
         e: Energy counters (record of ENERGY_DTYPE) [J], updated in place.
         volume: Oil counters (record of VOLUME_DTYPE) [m³], updated in place.
     """
+    tank, dt = len(pressure) - 1, c.substep
     for k in range(count):
         element = net[k]
         i, j = element.start, element.end
@@ -67,7 +65,7 @@ def audit_elements(
         elif element.kind == JOIN_VALVE:
             e.join_valves += work
         elif element.kind == SERVO_PUMP:
-            shaft = max(0.0, -work) / efficiency
+            shaft = max(0.0, -work) / c.servo_pump_efficiency
             e.servo_pumps += shaft
             e.servo_pump_losses += shaft + work
         elif element.kind == RELIEF_VALVE:

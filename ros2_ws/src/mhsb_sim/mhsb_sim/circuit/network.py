@@ -332,6 +332,192 @@ def update_friction(actuator: Record, speed: float, share: float, c: Record, dt:
     )
 
 
+@kernel(inline="always")
+def connect_supply(circuit: Circuit, count: int) -> int:
+    """Add the elements between manifold, rail and tank to the list of this substep.
+
+    Args:
+        circuit: The circuit. Writes into `net` in place.
+        count: Number of elements so far.
+
+    Returns:
+        New number of elements.
+    """
+    net, pressure, c = circuit.net, circuit.pressure, circuit.constants[0]
+    n = len(circuit.actuators)
+    rail, manifold, tank = 3 * n, 3 * n + 1, 3 * n + 2
+    drop = pressure[manifold] - pressure[rail]
+    flow, slope = compute_check_valve_flow(c.check_coefficient, drop, c.laminar_pressure)
+    count = add_element(net, count, CHECK_VALVE, manifold, rail, flow, slope)
+    drop = pressure[rail] - pressure[tank]
+    flow = c.bleed_conductance * drop
+    count = add_element(net, count, BLEED_VALVE, rail, tank, flow, c.bleed_conductance)
+    flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
+    count = add_element(net, count, RELIEF_VALVE, rail, tank, flow, slope)
+    drop = pressure[manifold] - pressure[tank]
+    flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.manifold_relief)
+    return add_element(net, count, RELIEF_VALVE, manifold, tank, flow, slope)
+
+
+@kernel(inline="always")
+def connect_servo_pumps(circuit: Circuit, count: int) -> int:
+    """Advance the servo pumps and diverters by a substep, and add the pumps to its elements.
+
+    Args:
+        circuit: The circuit. Writes into `net` and `modules` in place.
+        count: Number of elements so far.
+
+    Returns:
+        New number of elements.
+    """
+    net, pressure, c = circuit.net, circuit.pressure, circuit.constants[0]
+    n = len(circuit.actuators)
+    modules, module_home, rail, manifold = circuit.modules, circuit.module_home, 3 * n, 3 * n + 1
+    filled, filling = compute_pump_filling(pressure[manifold], c.vapour_pressure, c.pump_filling)
+    for k in range(len(modules)):
+        module = modules[k]
+        home = 3 * module_home[k] + 2 if module_home[k] >= 0 else rail
+        goal = module.lend if module_home[k] >= 0 else 1.0
+        module.to_rail = advance_first_order_lag(module.to_rail, goal, c.switching_decay)
+        outlet = pressure[home] + module.to_rail * (pressure[rail] - pressure[home])
+        boost = max(0.0, outlet - pressure[manifold])
+        largest = module.strength * c.servo_pump_flow
+        if boost * largest > c.servo_pump_efficiency * c.servo_pump_power:
+            largest = c.servo_pump_efficiency * c.servo_pump_power / boost
+        commanded_flow = largest if module.runs_on > 0.0 else module.flow_command
+        decay = c.servo_pump_decay
+        if module.slowness != 1.0:
+            decay = c.servo_pump_decay ** (1.0 / module.slowness)
+        module.flow = advance_servo_pump_flow(
+            module.flow, commanded_flow, largest, decay, c.servo_pump_slew * c.substep
+        )
+        module.delivered = filled * module.flow
+        to_rail, slope = module.delivered * module.to_rail, filling * module.flow
+        own, own_slope = module.delivered - to_rail, slope * (1.0 - module.to_rail)
+        slope *= module.to_rail
+        count = add_element(net, count, SERVO_PUMP, manifold, rail, to_rail, slope)
+        count = add_element(net, count, SERVO_PUMP, manifold, home, own, own_slope)
+    return count
+
+
+@kernel(inline="always")
+def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
+    """Advance the valves of an actuator by a substep, and add its elements to those of the substep.
+
+    Args:
+        circuit: The circuit. Writes into `net` and `actuators` in place.
+        j: Index of the actuator.
+        count: Number of elements so far.
+
+    Returns:
+        New number of elements.
+    """
+    net, pressure, c = circuit.net, circuit.pressure, circuit.constants[0]
+    n = len(circuit.actuators)
+    actuator, laminar = circuit.actuators[j], c.laminar_pressure
+    a, b, line = 3 * j, 3 * j + 1, 3 * j + 2
+    rail, manifold, tank = 3 * n, 3 * n + 1, 3 * n + 2
+    move_spool(actuator, c)
+    actuator.join = advance_first_order_lag(actuator.join, actuator.join_command, c.switching_decay)
+
+    # The servo valve: line to one chamber, the other chamber to tank.
+    opening = metered_opening(actuator.spool, c.valve_overlap)
+    fed, emptied = (a, b) if opening >= 0.0 else (b, a)
+    actuator.isolated = advance_first_order_lag(
+        actuator.isolated, actuator.isolating_command, c.switching_decay
+    )
+    k_edge = circuit.cylinders[j].valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
+    flow, slope = compute_orifice_flow(k_edge, pressure[line] - pressure[fed], laminar)
+    count = add_element(net, count, SERVO_VALVE, line, fed, flow, slope)
+    actuator.supply_flow = flow
+    flow, slope = compute_orifice_flow(k_edge, pressure[emptied] - pressure[tank], laminar)
+    count = add_element(net, count, SERVO_VALVE, emptied, tank, flow, slope)
+    actuator.return_flow = flow
+
+    drop = pressure[line] - pressure[tank]
+    flow, slope = compute_orifice_flow(actuator.leakage * c.leakage_coefficient, drop, laminar)
+    count = add_element(net, count, LEAKAGE_PATH, line, tank, flow, slope)
+    flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
+    count = add_element(net, count, RELIEF_VALVE, line, tank, flow, slope)
+    drop = pressure[manifold] - pressure[line]
+    flow, slope = compute_check_valve_flow(c.check_coefficient, drop, laminar)
+    count = add_element(net, count, CHECK_VALVE, manifold, line, flow, slope)
+    drop = pressure[rail] - pressure[line]
+    flow, slope = compute_orifice_flow(c.switching_coefficient * actuator.join, drop, laminar)
+    count = add_element(net, count, JOIN_VALVE, rail, line, flow, slope)
+    for chamber in (a, b):
+        drop = pressure[chamber] - pressure[tank]
+        flow, slope = compute_relief_valve_flow(c.relief_gain, drop, actuator.relief)
+        count = add_element(net, count, RELIEF_VALVE, chamber, tank, flow, slope)
+        flow, slope = compute_relief_valve_flow(c.anti_cavitation_gain, -drop, 0.0)
+        count = add_element(net, count, ANTI_CAVITATION, tank, chamber, flow, slope)
+    return count
+
+
+@kernel(inline="always")
+def displace_oil(circuit: Circuit, j: int, length: float, speed: float) -> None:
+    """Add the oil that a piston displaces to its chambers, and set the capacities of their nodes.
+
+    Args:
+        circuit: The circuit. Writes inflow and capacity of the actuator's nodes in place.
+        j: Index of the actuator.
+        length: Length of its cylinder [m].
+        speed: Speed of its piston [m/s].
+    """
+    inflow, capacity = circuit.nodes[0], circuit.nodes[1]
+    cylinder, c = circuit.cylinders[j], circuit.constants[0]
+    inflow[3 * j] -= cylinder.cap_area * speed
+    inflow[3 * j + 1] += cylinder.rod_area * speed
+    cap_room, rod_room = chamber_volumes(cylinder, length)
+    capacity[3 * j] = cap_room / c.bulk_modulus
+    capacity[3 * j + 1] = rod_room / c.bulk_modulus
+    capacity[3 * j + 2] = c.line_capacity
+
+
+@kernel(inline="always")
+def solve_pressure_changes(circuit: Circuit, count: int) -> None:
+    """Solve the implicit step for the change of every pressure, from the elements of a substep.
+
+    Args:
+        circuit: The circuit. Its inflows [m³/s] are overwritten with the pressure changes [Pa]; the
+            conductance matrix and the capacities as used in the substep are written in place.
+        count: Number of elements.
+    """
+    net, conductance, cavity = circuit.net, circuit.conductance, circuit.cavity
+    inflow, capacity, stiffness = circuit.nodes[0], circuit.nodes[1], circuit.nodes[2]
+    dt, tank = circuit.constants[0].substep, len(circuit.pressure) - 1
+    for k in range(count):
+        element = net[k]
+        stamp(inflow, conductance, element.start, element.end, element.flow, element.slope)
+    for i in range(tank):
+        stiffness[i] = capacity[i]
+        if cavity[i] > CAVITY_REFILL_FACTOR * inflow[i] * dt and cavity[i] > 0.0:
+            stiffness[i] *= VAPOUR_STIFFNESS_FACTOR
+        conductance[i, i] += stiffness[i] / dt
+    solve_in_place(conductance, inflow, tank)
+    inflow[tank] = 0.0
+
+
+@kernel(inline="always")
+def apply_pressure_changes(circuit: Circuit) -> None:
+    """Apply the pressure changes of a substep, and audit what each node has stored.
+
+    Args:
+        circuit: The circuit. Writes pressures, cavities and counters in place.
+    """
+    pressure, cavity, c = circuit.pressure, circuit.cavity, circuit.constants[0]
+    change, capacity, stiffness = circuit.nodes[0], circuit.nodes[1], circuit.nodes[2]
+    e, v = circuit.energy[0], circuit.volume[0]
+    for i in range(len(pressure) - 1):
+        before, volume = pressure[i], stiffness[i] * change[i]
+        pressure[i] = before + change[i]
+        if cavity[i] > 0.0 or pressure[i] < c.vapour_pressure:
+            pressure[i], cavity[i] = advance_pressure_and_cavity(
+                before, cavity[i], capacity[i], c.vapour_pressure, volume
+            )
+        audit_node(capacity[i], volume, change[i], before, pressure[i], e, v)
+
+
 @kernel(borrows=True)
 def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: int) -> None:
     """Advance the circuit in place by some substeps, with given piston motion.
@@ -349,16 +535,11 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         substeps: Number of substeps.
     """
     cylinders, actuators, pressure = circuit.cylinders, circuit.actuators, circuit.pressure
-    modules, module_home = circuit.modules, circuit.module_home
-    net, conductance, cavity = circuit.net, circuit.conductance, circuit.cavity
-    inflow, capacity, stiffness = circuit.nodes[0], circuit.nodes[1], circuit.nodes[2]
+    inflow, capacity = circuit.nodes[0], circuit.nodes[1]
     c, e, v = circuit.constants[0], circuit.energy[0], circuit.volume[0]
     n = len(actuators)
-    rail, manifold, tank = 3 * n, 3 * n + 1, 3 * n + 2
+    rail, manifold = 3 * n, 3 * n + 1
     dt = c.substep
-    laminar = c.laminar_pressure
-    pump_decay, switch_decay = c.servo_pump_decay, c.switching_decay
-    pump_change = c.servo_pump_slew * dt
     capacity[rail], capacity[manifold] = c.rail_capacity, c.manifold_capacity
     for _ in range(substeps):
         if c.accumulator_volume > 0.0:
@@ -368,143 +549,30 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
                 c.accumulator_precharge,
                 c.accumulator_exponent,
             )
-        inflow[:] = 0.0
-        conductance[:, :] = 0.0
-        count = 0
-
         pump_flow, pump_slope = compute_main_pump_flow(
             c.main_pump_flow, c.supply_pressure, c.main_pump_droop, pressure[manifold]
         )
+        inflow[:] = 0.0
+        circuit.conductance[:, :] = 0.0
         inflow[manifold] += pump_flow
-        conductance[manifold, manifold] += pump_slope
-
-        drop = pressure[manifold] - pressure[rail]
-        flow, slope = compute_check_valve_flow(c.check_coefficient, drop, laminar)
-        count = add_element(net, count, CHECK_VALVE, manifold, rail, flow, slope)
-        drop = pressure[rail] - pressure[tank]
-        flow = c.bleed_conductance * drop
-        count = add_element(net, count, BLEED_VALVE, rail, tank, flow, c.bleed_conductance)
-        flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
-        count = add_element(net, count, RELIEF_VALVE, rail, tank, flow, slope)
-        drop = pressure[manifold] - pressure[tank]
-        flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.manifold_relief)
-        count = add_element(net, count, RELIEF_VALVE, manifold, tank, flow, slope)
-
-        filled, filling = compute_pump_filling(
-            pressure[manifold], c.vapour_pressure, c.pump_filling
-        )
-        for k in range(len(modules)):
-            module = modules[k]
-            home = 3 * module_home[k] + 2 if module_home[k] >= 0 else rail
-            goal = module.lend if module_home[k] >= 0 else 1.0
-            module.to_rail = advance_first_order_lag(module.to_rail, goal, switch_decay)
-            outlet = pressure[home] + module.to_rail * (pressure[rail] - pressure[home])
-            boost = max(0.0, outlet - pressure[manifold])
-            largest = module.strength * c.servo_pump_flow
-            if boost * largest > c.servo_pump_efficiency * c.servo_pump_power:
-                largest = c.servo_pump_efficiency * c.servo_pump_power / boost
-            commanded_flow = largest if module.runs_on > 0.0 else module.flow_command
-            decay = pump_decay
-            if module.slowness != 1.0:
-                decay = pump_decay ** (1.0 / module.slowness)
-            module.flow = advance_servo_pump_flow(
-                module.flow, commanded_flow, largest, decay, pump_change
-            )
-            module.delivered = filled * module.flow
-            to_rail, slope = module.delivered * module.to_rail, filling * module.flow
-            count = add_element(
-                net, count, SERVO_PUMP, manifold, rail, to_rail, slope * module.to_rail
-            )
-            count = add_element(
-                net,
-                count,
-                SERVO_PUMP,
-                manifold,
-                home,
-                module.delivered - to_rail,
-                slope * (1.0 - module.to_rail),
-            )
-
+        circuit.conductance[manifold, manifold] += pump_slope
+        count = connect_servo_pumps(circuit, connect_supply(circuit, 0))
         for j in range(n):
-            a, b, line = 3 * j, 3 * j + 1, 3 * j + 2
-            actuator = actuators[j]
-            cylinder = cylinders[j]
-            move_spool(actuator, c)
-            actuator.join = advance_first_order_lag(
-                actuator.join, actuator.join_command, switch_decay
-            )
-
-            # The servo valve: line to one chamber, the other chamber to tank.
-            opening = metered_opening(actuator.spool, c.valve_overlap)
-            fed, emptied = (a, b) if opening >= 0.0 else (b, a)
-            actuator.isolated = advance_first_order_lag(
-                actuator.isolated, actuator.isolating_command, switch_decay
-            )
-            k_edge = cylinder.valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
-            flow, slope = compute_orifice_flow(k_edge, pressure[line] - pressure[fed], laminar)
-            count = add_element(net, count, SERVO_VALVE, line, fed, flow, slope)
-            actuator.supply_flow = flow
-            flow, slope = compute_orifice_flow(k_edge, pressure[emptied] - pressure[tank], laminar)
-            count = add_element(net, count, SERVO_VALVE, emptied, tank, flow, slope)
-            actuator.return_flow = flow
-
-            drop = pressure[line] - pressure[tank]
-            flow, slope = compute_orifice_flow(
-                actuator.leakage * c.leakage_coefficient, drop, laminar
-            )
-            count = add_element(net, count, LEAKAGE_PATH, line, tank, flow, slope)
-            flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
-            count = add_element(net, count, RELIEF_VALVE, line, tank, flow, slope)
-            drop = pressure[manifold] - pressure[line]
-            flow, slope = compute_check_valve_flow(c.check_coefficient, drop, laminar)
-            count = add_element(net, count, CHECK_VALVE, manifold, line, flow, slope)
-            drop = pressure[rail] - pressure[line]
-            flow, slope = compute_orifice_flow(
-                c.switching_coefficient * actuator.join, drop, laminar
-            )
-            count = add_element(net, count, JOIN_VALVE, rail, line, flow, slope)
-            for chamber in (a, b):
-                drop = pressure[chamber] - pressure[tank]
-                flow, slope = compute_relief_valve_flow(c.relief_gain, drop, actuator.relief)
-                count = add_element(net, count, RELIEF_VALVE, chamber, tank, flow, slope)
-                flow, slope = compute_relief_valve_flow(c.anti_cavitation_gain, -drop, 0.0)
-                count = add_element(net, count, ANTI_CAVITATION, tank, chamber, flow, slope)
-
-            inflow[a] -= cylinder.cap_area * speed[j]
-            inflow[b] += cylinder.rod_area * speed[j]
-            cap_room, rod_room = chamber_volumes(cylinder, length[j])
-            capacity[a] = cap_room / c.bulk_modulus
-            capacity[b] = rod_room / c.bulk_modulus
-            capacity[line] = c.line_capacity
-
-        for k in range(count):
-            element = net[k]
-            stamp(inflow, conductance, element.start, element.end, element.flow, element.slope)
-        for i in range(tank):
-            stiffness[i] = capacity[i]
-            if cavity[i] > CAVITY_REFILL_FACTOR * inflow[i] * dt and cavity[i] > 0.0:
-                stiffness[i] *= VAPOUR_STIFFNESS_FACTOR
-            conductance[i, i] += stiffness[i] / dt
-        solve_in_place(conductance, inflow, tank)
-        inflow[tank] = 0.0
-        mean_flow = pump_flow - pump_slope * inflow[manifold]
-        audit_main_pump(mean_flow, pressure[manifold] + 0.5 * inflow[manifold], c, e, v)
+            count = connect_actuator(circuit, j, count)
+            displace_oil(circuit, j, length[j], speed[j])
+        solve_pressure_changes(circuit, count)
+        change = inflow
+        mean_flow = pump_flow - pump_slope * change[manifold]
+        audit_main_pump(mean_flow, pressure[manifold] + 0.5 * change[manifold], c, e, v)
         if c.servo_pump_drag > 0.0:
-            audit_drag(modules, c, e)
-        audit_elements(net, count, pressure, inflow, tank, c.servo_pump_efficiency, dt, e, v)
+            audit_drag(circuit.modules, c, e)
+        audit_elements(circuit.net, count, pressure, change, c, e, v)
         for j in range(n):
-            force = cylinders[j].cap_area * (pressure[3 * j] + 0.5 * inflow[3 * j])
-            force -= cylinders[j].rod_area * (pressure[3 * j + 1] + 0.5 * inflow[3 * j + 1])
+            force = cylinders[j].cap_area * (pressure[3 * j] + 0.5 * change[3 * j])
+            force -= cylinders[j].rod_area * (pressure[3 * j + 1] + 0.5 * change[3 * j + 1])
             e.piston_work += force * speed[j] * dt
             v.pistons += (cylinders[j].cap_area - cylinders[j].rod_area) * speed[j] * dt
-        for i in range(tank):
-            before, volume = pressure[i], stiffness[i] * inflow[i]
-            pressure[i] = before + inflow[i]
-            if cavity[i] > 0.0 or pressure[i] < c.vapour_pressure:
-                pressure[i], cavity[i] = advance_pressure_and_cavity(
-                    before, cavity[i], capacity[i], c.vapour_pressure, volume
-                )
-            audit_node(capacity[i], volume, inflow[i], before, pressure[i], e, v)
+        apply_pressure_changes(circuit)
 
     for j in range(n):
         actuator = actuators[j]

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from mhsb_model import command_line
 from mhsb_model.arm_reports import HandOverOutcome
-from mhsb_msgs_py import mode_schedule, names, point_arrays, qos, topics, trajectory
+from mhsb_msgs_py import mode_schedule, names, parameters, point_arrays, qos, topics, trajectory
 from mhsb_msgs_py.duplicates import describe_duplicates
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.faults import Faults
@@ -55,7 +55,7 @@ class SimNode(Node):
         """Declare the parameters, compile the kernels, build the arm, and start to serve."""
         super().__init__(names.SIM_NODE)
         self.faults = Faults(self, stop=self._stop_unwatched_arm)
-        self._machine = sim_parameters.declare_machine(self)
+        self._machine = parameters.declare_machine(self)
         plant = sim_parameters.declare_plant(self, self._machine)
         self._settings = sim_parameters.declare_parameters(self, plant)
         compile_simulator(self.get_logger().info)

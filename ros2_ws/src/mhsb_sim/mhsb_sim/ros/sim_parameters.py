@@ -7,18 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.errors import ArgumentError
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
+from mhsb_msgs_py.parameters import NodeParameter
 from mhsb_sim.errors import FaultError
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.faults import FAULT_KINDS, NO_FAULT, parse_faults
@@ -76,25 +72,6 @@ class SimParameters:
     limits: SupervisionLimits
 
 
-def declare_machine(node: Node) -> Machine:
-    """Declare the parameter `machine`, and load the machine file that it names.
-
-    Args:
-        node: The node.
-
-    Returns:
-        The machine; the suite's own arm if the parameter is empty.
-
-    Raises:
-        MachineFileError: The file is missing or not valid.
-    """
-    descriptor = ParameterDescriptor(
-        description="machine file (YAML); empty for the suite's own arm", read_only=True
-    )
-    node.declare_parameter("machine", "", descriptor)
-    return load_machine(node.get_parameter("machine").value or None)
-
-
 def declare_plant(node: Node, machine: Machine) -> Machine:
     """Declare the parameter `plant`, and load the plant file that it names.
 
@@ -108,13 +85,11 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
     Raises:
         MachineFileError: The file is missing or not valid.
     """
-    descriptor = ParameterDescriptor(
-        description="plant file (YAML): what the simulated arm has other than the `machine` that "
-        "its servo knows, or a whole machine file; empty where there is no difference",
-        read_only=True,
+    text = (
+        "plant file (YAML): what the simulated arm has other than the `machine` that its servo "
+        "knows, or a whole machine file; empty where there is no difference"
     )
-    node.declare_parameter("plant", "", descriptor)
-    file = node.get_parameter("plant").value
+    file = NodeParameter("plant", "", text, read_only=True).declare(node)
     return load_plant(machine, Path(file)) if file else machine
 
 
@@ -131,56 +106,40 @@ def declare_parameters(node: Node, plant: Machine) -> SimParameters:
     Raises:
         ArgumentError: Values contradict each other, or a fault is not valid.
     """
-    node.declare_parameter(
-        "seed",
-        0,
-        ParameterDescriptor(
-            description="of the sensor noise",
+    for parameter in (
+        NodeParameter("seed", 0, "of the sensor noise", (0, 2**31 - 1), read_only=True),
+        NodeParameter(
+            "controller",
+            "coordinated",
+            f"of the servo, one of {', '.join(REGISTERED_CONTROLLERS)}",
             read_only=True,
-            integer_range=[IntegerRange(from_value=0, to_value=2**31 - 1, step=1)],
         ),
-    )
-    node.declare_parameter(
-        "controller",
-        "coordinated",
-        ParameterDescriptor(
-            description=f"of the servo, one of {', '.join(REGISTERED_CONTROLLERS)}", read_only=True
-        ),
-    )
-    node.declare_parameter(
-        "publish_clock",
-        False,
-        ParameterDescriptor(description="be the source of /clock", read_only=True),
-    )
-    node.declare_parameter(
-        "real_time_factor",
-        1.0,
-        _describe_range(
+        NodeParameter("publish_clock", False, "be the source of /clock", read_only=True),
+        NodeParameter(
+            "real_time_factor",
+            1.0,
             "simulated seconds per second; other than 1 needs publish_clock",
-            MIN_REAL_TIME_FACTOR,
-            MAX_REAL_TIME_FACTOR,
+            (MIN_REAL_TIME_FACTOR, MAX_REAL_TIME_FACTOR),
         ),
-    )
-    node.declare_parameter(
-        "payload",
-        plant.arrays.payload,
-        _describe_range("at the tip [kg]; the servo is not told", 0.0, HEAVIEST_PAYLOAD),
-    )
-    node.declare_parameter(
-        "fault",
-        NO_FAULT,
-        ParameterDescriptor(
-            description=f"what fails: KIND, KIND:PLACE or KIND:PLACE:VALUE, several separated by "
-            f"commas; {NO_FAULT}, {', '.join(FAULT_KINDS)}"
+        NodeParameter(
+            "payload",
+            plant.arrays.payload,
+            "at the tip [kg]; the servo is not told",
+            (0.0, HEAVIEST_PAYLOAD),
         ),
-    )
+        NodeParameter(
+            "fault",
+            NO_FAULT,
+            f"what fails: KIND, KIND:PLACE or KIND:PLACE:VALUE, several separated by commas; "
+            f"{NO_FAULT}, {', '.join(FAULT_KINDS)}",
+        ),
+    ):
+        parameter.declare(node)
     for symptom, (text, limits) in SUPERVISION_LIMITS.items():
         warning, stop = getattr(SupervisionLimits(), symptom)
-        name, unit = f"{symptom}_warning", f"{text}: beyond it the arm"
-        node.declare_parameter(name, warning, _describe_range(f"{unit} warns", *limits))
-        node.declare_parameter(
-            f"{symptom}_limit", stop, _describe_range(f"{unit} is stopped", *limits)
-        )
+        unit = f"{text}: beyond it the arm"
+        NodeParameter(f"{symptom}_warning", warning, f"{unit} warns", limits).declare(node)
+        NodeParameter(f"{symptom}_limit", stop, f"{unit} is stopped", limits).declare(node)
     result = check_changes(node, plant, node.get_parameters(list(CHECKED_PARAMETERS)))
     if not result.successful:
         raise ArgumentError(result.reason)
@@ -291,21 +250,4 @@ def _find_limits_problem(symptom: str, after: Mapping[str, float]) -> str | None
         return None
     return (
         f"{symptom}_warning {warning:g} is beyond {symptom}_limit {limit:g}; a warning comes first"
-    )
-
-
-def _describe_range(text: str, lowest: float, highest: float) -> ParameterDescriptor:
-    """Return the descriptor of a floating-point parameter with a range.
-
-    Args:
-        text: Description of the parameter.
-        lowest: Smallest value.
-        highest: Largest value.
-
-    Returns:
-        The descriptor.
-    """
-    return ParameterDescriptor(
-        description=text,
-        floating_point_range=[FloatingPointRange(from_value=lowest, to_value=highest, step=0.0)],
     )

@@ -28,6 +28,37 @@ class ServoCircuit(NamedTuple):
     module_home: IntArray  # [m] actuator whose line the module feeds, −1 for a spare
 
 
+class SensedPlant(NamedTuple):
+    """True state of the plant that the sensors measure."""
+
+    pistons: FloatArray  # [4, n] piston motion, see `move_pistons`
+    pressure: FloatArray  # [3 n + 3] Pa, pressures of the nodes
+    modules: Records  # MODULE_DTYPE[m]
+
+
+class SensorReadings(NamedTuple):
+    """Readings that the sensors give to the servo."""
+
+    actuators: Records  # SENSOR_DTYPE[n], length [m] and three pressures [Pa]
+    rail_pressure: FloatArray  # [1] Pa
+    modules: Records  # MODULE_DTYPE[m], the servo's records; `flow` [m³/s] is the reading
+
+
+class CommandQueue(NamedTuple):
+    """Commands on their way from the servo to the circuit, a ring buffer."""
+
+    rows: FloatArray  # [rows, 2 (n + m)] see `send_commands`
+    newest: IntArray  # [1] index of the row with the newest commands
+
+
+class JointDrive(NamedTuple):
+    """Joints of MuJoCo's model and the controls that drive them."""
+
+    position: FloatArray  # [n] rad or m
+    velocity: FloatArray  # [n] rad/s or m/s
+    control: FloatArray  # [n] N m, or N of sliding joints
+
+
 LARGEST_STATE = 1e6
 """Joint positions [rad or m] and velocities [rad/s or m/s] beyond this count as not finite."""
 
@@ -111,12 +142,8 @@ def compute_reading(channel: Record, reading: float, before: float, step: float)
 @kernel(borrows=True)
 def read_sensors(
     noise_rows: FloatArray,
-    pistons: FloatArray,
-    pressure: FloatArray,
-    modules: Records,
-    sensors: Records,
-    rail_pressure: FloatArray,
-    servo_modules: Records,
+    plant: SensedPlant,
+    readings: SensorReadings,
     channels: Records,
     step: FloatArray,
     row: int,
@@ -130,20 +157,15 @@ def read_sensors(
     Args:
         noise_rows: Noise of many steps, float64[rows, 4 n + 1 + m], [m, Pa or m³/s]. The offsets
             are added to row `row` in place.
-        pistons: True piston motion, float64[4, n]. Uses LENGTH_ROW [m], MOMENT_ARM_ROW [m] and
-            ANGLE_ROW [rad or m].
-        pressure: True pressures of the nodes, float64[3 n + 3], [Pa].
-        modules: True records of the booster modules, MODULE_DTYPE[m].
-        sensors: Readings of length [m] and three pressures [Pa] of each actuator, SENSOR_DTYPE[n].
-            Written in place.
-        rail_pressure: Measured rail pressure, float64[1], [Pa]. Written in place.
-        servo_modules: The servo's records of the modules, MODULE_DTYPE[m]. Writes `flow`, the
-            reading [m³/s], in place.
+        plant: True state of the plant.
+        readings: Readings of the sensors. Written in place.
         channels: State of the sensors, CHANNEL_DTYPE[4 n + 1 + m]. Updated in place.
         step: Control period, float64[1], [s].
         row: Row of `noise_rows` for this step.
     """
     noise, h = noise_rows[row], step[0]
+    pistons, pressure, modules = plant
+    sensors, rail_pressure, servo_modules = readings
     n = len(sensors)
     for i in range(len(channels)):
         channels[i].offset += channels[i].drift
@@ -174,12 +196,7 @@ def read_sensors(
 
 @kernel(borrows=True)
 def apply_forces(
-    actuators: Records,
-    pressure: FloatArray,
-    arm: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    control: FloatArray,
+    actuators: Records, pressure: FloatArray, arm: FloatArray, joints: JointDrive
 ) -> bool:
     """Apply the torques of the cylinders, τ = r (F − friction), to the mechanics.
 
@@ -187,13 +204,12 @@ def apply_forces(
         actuators: Records of the actuators, ACTUATOR_DTYPE[n], with force F and friction [N].
         pressure: Pressures of the nodes, float64[3 n + 3], [Pa].
         arm: Moment arm r of each cylinder, float64[n], [m].
-        position: Joint positions, float64[n], [rad or m].
-        velocity: Joint velocities, float64[n], [rad/s or m/s].
-        control: MuJoCo's controls τ, float64[n], [N m], or [N] of sliding joints. Written in place.
+        joints: Joints of the mechanics. Writes the controls τ in place.
 
     Returns:
         True if positions and velocities are below LARGEST_STATE and pressures are finite.
     """
+    position, velocity, control = joints
     good = True
     for j in range(len(actuators)):
         force = actuators[j].force - actuators[j].friction
@@ -205,10 +221,8 @@ def apply_forces(
 
 
 @kernel(borrows=True)
-def send_commands(
-    servo_circuit: ServoCircuit, circuit: Circuit, queue: FloatArray, place: IntArray
-) -> None:
-    """Pass the servo's commands to the circuit, with a delay of len(queue) − 1 servo steps.
+def send_commands(servo_circuit: ServoCircuit, circuit: Circuit, queue: CommandQueue) -> None:
+    """Pass the servo's commands to the circuit, with a delay of len(queue.rows) − 1 servo steps.
 
     A row of the queue holds n valve commands, n commands of join valves, m flows of servo pumps
     [m³/s] and m commands of diverters. The other commands are shares from 0 or −1 to 1.
@@ -217,19 +231,18 @@ def send_commands(
         servo_circuit: The circuit as the servo knows it, with new commands.
         circuit: The simulated circuit. The commands that are due are written into its actuators and
             modules in place.
-        queue: Commands on their way, float64[rows, 2 (n + m)], a ring buffer. Updated in place.
-        place: Row of the newest commands, int64[1]. Updated in place.
+        queue: Commands on their way. Updated in place.
     """
-    n, m = len(circuit.actuators), len(circuit.modules)
-    row = (place[0] + 1) % len(queue)
-    place[0] = row
+    n, m, rows = len(circuit.actuators), len(circuit.modules), queue.rows
+    row = (queue.newest[0] + 1) % len(rows)
+    queue.newest[0] = row
     for j in range(n):
-        queue[row, j] = servo_circuit.actuators[j].valve_command
-        queue[row, n + j] = servo_circuit.actuators[j].join_command
+        rows[row, j] = servo_circuit.actuators[j].valve_command
+        rows[row, n + j] = servo_circuit.actuators[j].join_command
     for k in range(m):
-        queue[row, 2 * n + k] = servo_circuit.modules[k].flow_command
-        queue[row, 2 * n + m + k] = servo_circuit.modules[k].lend
-    due = queue[(row + 1) % len(queue)]
+        rows[row, 2 * n + k] = servo_circuit.modules[k].flow_command
+        rows[row, 2 * n + m + k] = servo_circuit.modules[k].lend
+    due = rows[(row + 1) % len(rows)]
     for j in range(n):
         circuit.actuators[j].valve_command = due[j]
         circuit.actuators[j].join_command = due[n + j]
@@ -263,13 +276,10 @@ def update_assumed_valves(servo_circuit: ServoCircuit) -> None:
 @kernel(borrows=True)
 def advance_to_midstep(
     servo_circuit: ServoCircuit,
-    queue: FloatArray,
-    place: IntArray,
+    queue: CommandQueue,
     circuit: Circuit,
     pistons: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    control: FloatArray,
+    joints: JointDrive,
     sends: int,
     substeps: int,
 ) -> bool:
@@ -277,14 +287,11 @@ def advance_to_midstep(
 
     Args:
         servo_circuit: The circuit as the servo knows it, with its commands.
-        queue: Commands on their way, a ring buffer as in `send_commands`. Updated in place.
-        place: Row of the newest commands, int64[1]. Updated in place.
+        queue: Commands on their way. Updated in place.
         circuit: The simulated circuit, advanced in place.
         pistons: Piston motion, float64[4, n]: lengths [m], speeds [m/s], moment arms [m], and joint
             positions.
-        position: Joint positions, float64[n], [rad or m].
-        velocity: Joint velocities, float64[n], [rad/s or m/s].
-        control: MuJoCo's controls, float64[n], [N m], or [N] of sliding joints. Written in place.
+        joints: Joints of the mechanics. Writes the controls in place.
         sends: Whether the servo's commands are sent first; 0 or 1.
         substeps: Number of substeps of the circuit.
 
@@ -292,12 +299,10 @@ def advance_to_midstep(
         True if positions and velocities are below LARGEST_STATE and pressures are finite.
     """
     if sends:
-        send_commands(servo_circuit, circuit, queue, place)
+        send_commands(servo_circuit, circuit, queue)
         update_assumed_valves(servo_circuit)
     advance(circuit, pistons[LENGTH_ROW], pistons[SPEED_ROW], substeps)
-    return apply_forces(
-        circuit.actuators, circuit.pressure, pistons[MOMENT_ARM_ROW], position, velocity, control
-    )
+    return apply_forces(circuit.actuators, circuit.pressure, pistons[MOMENT_ARM_ROW], joints)
 
 
 @kernel(borrows=True)

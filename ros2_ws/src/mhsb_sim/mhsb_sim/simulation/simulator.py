@@ -51,6 +51,10 @@ from mhsb_sim.simulation.exchange import (
     ANGLE_ROW,
     MOMENT_ARM_ROW,
     SPEED_ROW,
+    CommandQueue,
+    JointDrive,
+    SensedPlant,
+    SensorReadings,
     ServoCircuit,
     advance_to_midstep,
     advance_to_step_end,
@@ -186,18 +190,18 @@ class Simulator:
             servo.actuators, servo.modules, servo.constants, servo.module_home
         )
         late = round(self.plant.config.imperfections.computing_delay * SECOND_NS / self._step_ns)
-        queue = np.zeros((1 + late, 2 * (n + len(circuit.modules))))
-        queue[:, n : 2 * n] = servo.actuators["join"]
-        way = servo_circuit, queue, np.zeros(1, dtype=np.int64)
-        torque = position, velocity, control
+        rows = np.zeros((1 + late, 2 * (n + len(circuit.modules))))
+        rows[:, n : 2 * n] = servo.actuators["join"]
+        queue = CommandQueue(rows, np.zeros(1, dtype=np.int64))
+        drive = JointDrive(position, velocity, control)
         self._push = bind_kernel(
-            advance_to_midstep, *way, circuit, self._pistons, *torque, integer_count=2
+            advance_to_midstep, servo_circuit, queue, circuit, self._pistons, drive, integer_count=2
         )
         self._follow_pistons = bind_kernel(
             advance_to_step_end, circuit, *joints, self._pistons, integer_count=1
         )
         move_pistons(*joints, self._pistons)
-        apply_forces(circuit.actuators, circuit.pressure, self._pistons[MOMENT_ARM_ROW], *torque)
+        apply_forces(circuit.actuators, circuit.pressure, self._pistons[MOMENT_ARM_ROW], drive)
         mujoco.mj_forward(self._model, data)
 
     def _reset_noise(self) -> None:
@@ -228,12 +232,10 @@ class Simulator:
         self._measure = bind_kernel(
             read_sensors,
             self._noise,
-            self._pistons,
-            circuit.pressure,
-            circuit.modules,
-            self._signals.sensors,
-            self._signals.rail_pressure,
-            servo_circuit.modules,
+            SensedPlant(self._pistons, circuit.pressure, circuit.modules),
+            SensorReadings(
+                self._signals.sensors, self._signals.rail_pressure, servo_circuit.modules
+            ),
             self._channels,
             np.full(1, 1e-9 * self._step_ns),
             integer_count=1,
