@@ -128,6 +128,13 @@ class ArmClockEstimator:
         speed = (last_ns - first_ns) / SECOND_NS / (last - first)
         return 1.0 if abs(speed - 1.0) <= AS_THE_WORLD else speed
 
+    def convert_duration(self, seconds: float) -> float:
+        """Convert a real duration to the arm's clock [s].
+
+        An arm's clock that is slower than real time counts as real time.
+        """
+        return seconds * max(1.0, self.speed)
+
     def extrapolate_ns(self, steady_time: float) -> int:
         """Extrapolate the arm's clock to the present.
 
@@ -318,6 +325,34 @@ class ArmState:
             self.plan_in_force_ns = None
         self.plan_delay_ns = 0
         self.clock_estimator.forget()
+
+    def add_reference(self, state: MotionState, stamp_ns: int, steady_time: float) -> None:
+        """Store the reference that the servo follows, with its time by both clocks.
+
+        If no joint state has come yet, the reference also serves to detect rest.
+
+        Args:
+            state: Position, velocity and acceleration of all joints.
+            stamp_ns: Stamp by the arm's clock [ns].
+            steady_time: Time of receipt by the steady clock [s].
+        """
+        self.clock_estimator.add_stamp(stamp_ns, steady_time)
+        self.reference = StampedState(state, stamp_ns, steady_time)
+        self.first_state_at = min(self.first_state_at, steady_time)
+        if self.measured is None:
+            self.rest_detector.add_measurement(state, steady_time)
+
+    def add_measurement(self, state: MotionState, stamp_ns: int, steady_time: float) -> None:
+        """Store the measured state of the joints, also for the detection of rest.
+
+        Args:
+            state: Measured position and velocity of all joints; its acceleration is 0.
+            stamp_ns: Stamp by the arm's clock [ns].
+            steady_time: Time of receipt by the steady clock [s].
+        """
+        self.measured = StampedState(state, stamp_ns, steady_time)
+        self.first_state_at = min(self.first_state_at, steady_time)
+        self.rest_detector.add_measurement(state, steady_time)
 
     def get_plan_time_ns(self, steady_time: float, ros_ns: int) -> int:
         """Return the present time of plans [ns].

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from mhsb_model.verdict import Outcome, PlanSummary, Report, Verdict
+from mhsb_model.verdict import (
+    ExecutionReport,
+    GoalVerdict,
+    Outcome,
+    PlanSummary,
+    Report,
+    Verdict,
+)
 from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.planner_io import Clock, PlannerIO
 
@@ -11,6 +18,9 @@ NEWER_GOAL = "a newer goal came before this one was planned"
 
 NEWER_GOAL_SENT = "a newer goal came before the arm had taken the plan"
 """Sentence on a goal that was superseded after a plan had been sent."""
+
+OUTCOMES = {Verdict.SUPERSEDED: Outcome.REPLACED, Verdict.STOPPED: Outcome.STOPPED}
+"""Outcome of an accepted goal that ends for the reason of a verdict; any other is `ABORTED`."""
 
 
 class GoalReports:
@@ -32,7 +42,7 @@ class GoalReports:
             plan: Stamp, energies [J], duration [s] and planning times [ms] of its plan.
         """
         pending_goal.has_verdict = True
-        self._report(pending_goal, pending_goal.make_acceptance(code, sentence, plan))
+        self._report(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence, plan))
 
     def report_at_goal(self, pending_goal: PendingGoal) -> None:
         """End a goal at which the tip is already.
@@ -52,45 +62,29 @@ class GoalReports:
         self.accept(pending_goal, Verdict.AT_GOAL, sentence, nothing)
         pending_goal.has_ended = True
 
-    def refuse(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
-        """Refuse a goal, or abort its execution if it was accepted before.
+    def end(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
+        """End a goal with a verdict, or with the execution report for it if it was accepted before.
 
-        The goal is marked as ended. Nothing happens if it has ended already.
+        Nothing happens if the goal has ended already.
 
         Args:
-            pending_goal: The goal.
-            code: Code of the verdict, or reason in the execution report.
-            sentence: Why it is refused.
+            pending_goal: The goal. An accepted one ends with the outcome that `OUTCOMES` has for
+                the code; if aborted, with the code as reason.
+            code: Code of the verdict.
+            sentence: Why it ends.
         """
         if pending_goal.has_verdict:
-            self.report_end(pending_goal, Outcome.ABORTED, sentence, code)
+            outcome = OUTCOMES.get(code, Outcome.ABORTED)
+            reason = code if outcome is Outcome.ABORTED else None
+            self.report_end(pending_goal, outcome, sentence, reason)
         elif not pending_goal.has_ended:
             pending_goal.has_ended = True
-            self._report(pending_goal, pending_goal.make_refusal(code, sentence))
+            self._report(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence))
 
     def supersede(self, pending_goal: PendingGoal) -> None:
-        """End a goal because a newer one came before the arm took a plan for it.
-
-        Args:
-            pending_goal: The goal. It gets the verdict `SUPERSEDED`, or `replaced` if it was
-                accepted.
-        """
-        if pending_goal.has_verdict:
-            self.report_end(pending_goal, Outcome.REPLACED, NEWER_GOAL_SENT)
-        else:
-            self.refuse(pending_goal, Verdict.SUPERSEDED, NEWER_GOAL)
-
-    def end_by_stop(self, pending_goal: PendingGoal, sentence: str) -> None:
-        """End a goal because the arm is stopped.
-
-        Args:
-            pending_goal: The goal. It gets the verdict `STOPPED`, or `stopped` if it was accepted.
-            sentence: Who has asked for the stop.
-        """
-        if pending_goal.has_verdict:
-            self.report_end(pending_goal, Outcome.STOPPED, sentence)
-        else:
-            self.refuse(pending_goal, Verdict.STOPPED, sentence)
+        """End a goal because a newer one came before the arm took a plan for it."""
+        sentence = NEWER_GOAL_SENT if pending_goal.has_verdict else NEWER_GOAL
+        self.end(pending_goal, Verdict.SUPERSEDED, sentence)
 
     def report_end(
         self,
@@ -109,11 +103,19 @@ class GoalReports:
             sentence: The outcome in words.
             reason: Verdict code of the cause, None if there is none to report.
         """
-        if not pending_goal.has_ended:
-            pending_goal.has_ended = True
-            self._report(
-                pending_goal, pending_goal.make_execution_report(outcome, sentence, reason)
-            )
+        if pending_goal.has_ended:
+            return
+        pending_goal.has_ended = True
+        report = ExecutionReport(
+            outcome,
+            sentence,
+            pending_goal.goal.stamp_ns,
+            pending_goal.plan_stamp_ns,
+            pending_goal.attempts,
+            pending_goal.lead_ms,
+            reason,
+        )
+        self._report(pending_goal, report)
 
     def _report(self, pending_goal: PendingGoal, report: Report) -> None:
         """Send a report to the outbox, and to the goal's own listener even if the outbox fails.

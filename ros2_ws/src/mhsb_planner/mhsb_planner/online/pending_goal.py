@@ -7,14 +7,7 @@ from dataclasses import dataclass, field
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
-from mhsb_model.verdict import (
-    ExecutionReport,
-    GoalVerdict,
-    Outcome,
-    PlanSummary,
-    Report,
-    Verdict,
-)
+from mhsb_model.verdict import PlanSummary, Report
 from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
 
@@ -94,28 +87,6 @@ class PendingGoal:
                     raise
             self._settings = common_settings, own
         return own
-
-    def make_refusal(self, code: Verdict, sentence: str) -> GoalVerdict:
-        """Return the verdict of a refusal."""
-        return GoalVerdict.of(self.goal, code, sentence)
-
-    def make_acceptance(self, code: Verdict, sentence: str, plan: PlanSummary) -> GoalVerdict:
-        """Return the verdict of an acceptance."""
-        return GoalVerdict.of(self.goal, code, sentence, plan)
-
-    def make_execution_report(
-        self, outcome: Outcome, sentence: str, reason: Verdict | None = None
-    ) -> ExecutionReport:
-        """Return the execution report that ends this goal after its acceptance."""
-        return ExecutionReport(
-            outcome,
-            sentence,
-            self.goal.stamp_ns,
-            self.plan_stamp_ns,
-            self.attempts,
-            self.lead_ms,
-            reason,
-        )
 
 
 def summarize_plan(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummary:

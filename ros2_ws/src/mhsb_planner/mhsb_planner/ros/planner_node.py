@@ -56,7 +56,8 @@ from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
-from mhsb_planner.online.goal_lifecycle import LONGEST_WAIT, GoalLifecycle
+from mhsb_planner.online.command_hand_over import LONGEST_WAIT
+from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.progress import compute_energy_between
 from mhsb_planner.online.replanning import Replan, Replanner

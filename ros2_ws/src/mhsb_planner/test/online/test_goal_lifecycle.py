@@ -86,7 +86,7 @@ def test_goals_passed_over_are_superseded_and_the_newest_is_executed(world):
 def test_the_lead_counts_from_the_goals_arrival_to_the_change(world):
     first = under_way(world)
     lead_ms = world.verdict(world.send_goal(*DOWN)).plan.lead_ms
-    change_ns = world.life._execution and world.sent[-1]
+    change_ns = world.life.execution and world.sent[-1]
     assert change_ns is not None
     assert 1e3 * world.planning_time < lead_ms < 150.0
     assert world.verdict(first).plan.lead_ms > 0.0
@@ -380,7 +380,7 @@ def test_a_goal_after_a_stop_goes_on_from_there(world):
 def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
     stamp = world.send_goal(*UP)
     world.pass_time(0.01)
-    old = world.life._settings
+    old = world.life.settings
     changed = Settings(old.machine.changed(payload=0.0), old.options)
     world.life.change_settings(changed)
     assert world.verdict(stamp).code is Verdict.OK
@@ -388,7 +388,7 @@ def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
 
 
 def test_a_goal_that_nothing_is_left_to_lift_to_is_refused_for_what_is_lost(world):
-    old = world.life._settings
+    old = world.life.settings
     without = old.machine.changed(module_count=0)
     world.life.change_settings(replace(old, machine=without, lost_servo_pumps=(1, 2, 3, 4)))
     verdict = world.verdict(world.send_goal(*STRETCHED))

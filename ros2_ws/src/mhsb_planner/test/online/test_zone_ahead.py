@@ -240,7 +240,7 @@ def test_a_braking_that_took_long_to_make_gets_a_longer_commit_horizon(digging_w
         world.life.handle_reference(world.arm.reference, world.arm.clock_ns)
         return make(*request)
 
-    monkeypatch.setattr("mhsb_planner.online.goal_lifecycle.make_braking_for_obstacle", slow)
+    monkeypatch.setattr("mhsb_planner.online.stop_sequence.make_braking_for_obstacle", slow)
     began_ns = world.arm.time_ns
     settings = across(world, 1.0)
     world.life.change_settings(replace(settings, lead_min=0.12))

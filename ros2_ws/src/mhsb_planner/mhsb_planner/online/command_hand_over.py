@@ -1,0 +1,283 @@
+"""Hand-over of commands to the arm: stamps, commit horizons, confirmations and refusals.
+
+A command is a joint trajectory with its mode schedule. The time of plans is the arm's clock less
+the delay by which speed scaling has slowed plans.
+"""
+
+from __future__ import annotations
+
+from mhsb_model.arm_reports import HandOverReason
+from mhsb_model.command import Command
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.online.arm_state import ArmState
+from mhsb_planner.online.commit_horizon import (
+    LATE_PLAN_FACTOR,
+    CommitHorizon,
+    CommitHorizonEstimator,
+)
+from mhsb_planner.online.pending_goal import PendingGoal
+from mhsb_planner.online.plan_request import UnconfirmedPlan
+from mhsb_planner.online.planner_io import Clock, PlannerIO
+from mhsb_planner.online.replanning import Replan
+from mhsb_planner.online.settings import Settings
+
+LONGEST_WAIT = 2.0
+"""Longest time for which a goal waits for a state, a receiver of plans, or an arm at rest [s]."""
+
+CONFIRMATION_TIMEOUT = 0.1
+"""Time after a plan's change after which an unconfirmed plan counts as not taken [s]."""
+
+AHEAD_NS = SECOND_NS // 10
+"""Largest time by which the last sent stamp may be ahead of the time of plans [ns]."""
+
+MAX_LATE_PLANS = 3
+"""Number of plans that fail at the longest commit horizon before a goal is refused."""
+
+SENT_COMMAND_CAPACITY = 16
+"""Number of last sent commands that are kept, since the arm may still confirm any of them."""
+
+
+class HandOver:
+    """Commands from being sent to the arm's confirmation or refusal; at most one is unconfirmed.
+
+    The lifecycle sends a command with `send`. It reports the arm's answer with `confirm` or
+    `give_up`, the end of waiting for it after `is_overdue`. It withdraws a plan with `revoke`. The
+    other methods choose stamps and commit horizons.
+
+    Attributes:
+        unconfirmed: Command that has been sent and not confirmed; None if there is none.
+        horizon_estimator: Estimator of the commit horizon.
+    """
+
+    def __init__(self, arm_state: ArmState, clock: Clock, outbox: PlannerIO) -> None:
+        """Begin without a command.
+
+        Args:
+            arm_state: Arm state. A confirmation writes its `own_command`.
+            clock: Source of the present time.
+            outbox: Sends commands.
+        """
+        self.unconfirmed: UnconfirmedPlan | None = None
+        self.horizon_estimator = CommitHorizonEstimator()
+        self._arm_state = arm_state
+        self._clock = clock
+        self._outbox = outbox
+        self._sent_commands: dict[int, UnconfirmedPlan] = {}
+        self._last_stamp_ns = 0
+
+    @property
+    def goals(self) -> list[PendingGoal]:
+        """Goal of the unconfirmed plan; empty without one, or for a braking command."""
+        request = None if self.unconfirmed is None else self.unconfirmed.request
+        return [] if request is None else [request.pending_goal]
+
+    # --- Stamps and commit horizons --------------------------------------------------------------
+
+    def choose_stamp(self, now_ns: int) -> int:
+        """Return the earliest stamp for a new command [ns]; stamps increase."""
+        return max(now_ns, self._last_stamp_ns + 1)
+
+    def is_ahead(self, now_ns: int) -> bool:
+        """Return whether the last stamp is more than `AHEAD_NS` ahead of the time of plans."""
+        return self._last_stamp_ns > now_ns + AHEAD_NS
+
+    def choose_horizon(self, pending_goal: PendingGoal, settings: Settings) -> CommitHorizon:
+        """Return the commit horizon for a goal in real time.
+
+        Args:
+            pending_goal: The goal; earlier plans for it that came too late make the horizon longer.
+            settings: Settings for all goals, which bound the horizon.
+        """
+        return self.horizon_estimator.choose_horizon(
+            settings.lead_min,
+            settings.lead_max,
+            settings.planning_budget,
+            pending_goal.horizon_factor,
+        )
+
+    def choose_horizon_from_rest(self, commit_horizon: CommitHorizon, settings: Settings) -> float:
+        """Return the part of a commit horizon that a plan from rest needs [s].
+
+        Such a plan is stamped when it has been made, so only transport and confirmation lie ahead.
+
+        Args:
+            commit_horizon: Commit horizon of a plan for the same goal in motion.
+            settings: Settings for all goals, which give the lower bound.
+        """
+        return max(commit_horizon.transport_reserve, settings.lead_min)
+
+    def choose_braking_horizon(self, tries: int, settings: Settings) -> float:
+        """Return the commit horizon of a braking command by the arm's clock [s].
+
+        It is the estimated transport time within the bounds of the settings.
+
+        Args:
+            tries: Number of braking commands of this stop that were not taken; each makes the
+                horizon longer by `LATE_PLAN_FACTOR`.
+            settings: Settings for all goals.
+        """
+        wanted = LATE_PLAN_FACTOR**tries * self.horizon_estimator.transport_time
+        horizon = min(max(settings.lead_min, wanted), settings.lead_max)
+        return self._arm_state.clock_estimator.convert_duration(horizon)
+
+    def lengthen_horizon(self, pending_goal: PendingGoal, settings: Settings) -> bool:
+        """Lengthen the commit horizon of a goal by `LATE_PLAN_FACTOR`, after a plan came too late.
+
+        Args:
+            pending_goal: The goal, whose factor and count of late plans are changed.
+            settings: Settings for all goals.
+
+        Returns:
+            False if `MAX_LATE_PLANS` plans have failed at the longest horizon.
+        """
+        is_longest = self.choose_horizon(pending_goal, settings).is_longest
+        pending_goal.late_plans_at_longest_horizon += is_longest
+        pending_goal.horizon_factor *= LATE_PLAN_FACTOR
+        return pending_goal.late_plans_at_longest_horizon < MAX_LATE_PLANS
+
+    def stamp_from_rest(
+        self, replan: Replan, pending_goal: PendingGoal, settings: Settings, now_ns: int
+    ) -> Replan | None:
+        """Give a plan from rest the present time as its stamp.
+
+        Args:
+            replan: Plan that starts from rest.
+            pending_goal: Its goal.
+            settings: Settings for all goals.
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            The plan with the new stamp; None if the command before still moves then, because the
+            arm's clock is behind.
+        """
+        stamp_ns = self.choose_stamp(now_ns)
+        if not replan.may_begin_at(stamp_ns):
+            return None
+        horizon = self.choose_horizon_from_rest(
+            self.choose_horizon(pending_goal, settings), settings
+        )
+        return replan.with_stamp(
+            stamp_ns, self._arm_state.clock_estimator.convert_duration(horizon)
+        )
+
+    # --- From sending to the answer --------------------------------------------------------------
+
+    def send(self, sent: UnconfirmedPlan) -> bool:
+        """Send a command, and keep it as unconfirmed.
+
+        The last `SENT_COMMAND_CAPACITY` commands are remembered by stamp.
+
+        Args:
+            sent: The command, with the times of its planning and sending and the request for it.
+
+        Returns:
+            True if the command counts as confirmed at once, because the arm never reports its plan
+            in force. The caller then confirms it.
+        """
+        self._outbox.send(sent.command)
+        self._last_stamp_ns = sent.command.stamp_ns
+        self._sent_commands[sent.command.stamp_ns] = sent
+        while len(self._sent_commands) > SENT_COMMAND_CAPACITY:
+            self._sent_commands.pop(next(iter(self._sent_commands)))
+        self.unconfirmed = sent
+        return self._arm_state.plan_in_force_ns is None
+
+    def find_new_confirmation(self, stamp_ns: int) -> UnconfirmedPlan | None:
+        """Return the sent command with the stamp of the plan in force.
+
+        Args:
+            stamp_ns: Stamp of the plan in force [ns].
+
+        Returns:
+            None if this planner did not send it, or if it was confirmed before.
+        """
+        sent = self._sent_commands.get(stamp_ns)
+        return None if sent is None or sent.command is self._arm_state.own_command else sent
+
+    def find_plan_of_command(self, command: Command, settings: Settings) -> Replan | None:
+        """Return the plan from which a command was made, if it was made under these settings.
+
+        Args:
+            command: Command that a new plan shall continue.
+            settings: Settings of the new plan; they must be the same object.
+
+        Returns:
+            None if this planner did not send the command, if it only brakes, or if the settings
+            differ.
+        """
+        sent = self._sent_commands.get(command.stamp_ns)
+        if sent is None or sent.command is not command or sent.request is None:
+            return None
+        return sent.replan if sent.request.settings is settings else None
+
+    def confirm(self, sent: UnconfirmedPlan) -> None:
+        """Store that the arm follows a command, also one that had been given up.
+
+        If the arm reports its plan in force, the time since planning is added to the estimate of
+        the transport time.
+
+        Args:
+            sent: The command.
+        """
+        if self.unconfirmed is sent:
+            self.unconfirmed = None
+        self._arm_state.own_command = sent.command
+        if self._arm_state.plan_in_force_ns is not None:
+            self.horizon_estimator.add_transport_time(self._clock.steady_time() - sent.planned_at)
+
+    def is_overdue(self, sent: UnconfirmedPlan, now_ns: int) -> bool:
+        """Return whether an unconfirmed command counts as not taken.
+
+        Args:
+            sent: The command.
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            True from `LONGEST_WAIT` after sending on, even if the arm's clock stands still. True
+            earlier if `CONFIRMATION_TIMEOUT` has passed both since sending, in real time, and since
+            the change, in the time of plans.
+        """
+        waited = self._clock.steady_time() - sent.sent_at
+        grace = self._arm_state.clock_estimator.convert_duration(CONFIRMATION_TIMEOUT)
+        late = (now_ns - sent.change_ns) / SECOND_NS
+        return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
+
+    def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
+        """Store that the arm has not taken the unconfirmed command.
+
+        A late command lengthens the estimated transport time. A refused stamp resets the estimate
+        of the arm's clock.
+
+        Args:
+            sent: The command.
+            reason: Reason code; `LATE` also if the arm gave no answer in time.
+        """
+        self.unconfirmed = None
+        estimator = self.horizon_estimator
+        if reason == HandOverReason.LATE:
+            waited = self._clock.steady_time() - sent.planned_at
+            estimator.add_transport_time(max(waited, LATE_PLAN_FACTOR * estimator.transport_time))
+        elif reason == HandOverReason.STAMP:
+            self._arm_state.clock_estimator.keep_last_stamp_only()
+
+    def revoke(self) -> list[PendingGoal]:
+        """Make the unconfirmed plan void: if the arm takes it, the arm is stopped.
+
+        Returns:
+            Its goal; empty without an unconfirmed plan.
+        """
+        if self.unconfirmed is not None:
+            self.unconfirmed.is_void = True
+        return self.goals
+
+    def forget(self) -> list[PendingGoal]:
+        """Drop all commands and stamps after a clock jump.
+
+        Returns:
+            Goal of the plan that was unconfirmed; empty without one.
+        """
+        goals = self.goals
+        self.unconfirmed = None
+        self._sent_commands.clear()
+        self._last_stamp_ns = 0
+        return goals

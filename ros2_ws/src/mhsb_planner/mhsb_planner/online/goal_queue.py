@@ -1,0 +1,260 @@
+"""Queue of goals before a plan for them is sent: the waiting goal and the one being planned for.
+
+The time of plans is the arm's clock less the delay by which speed scaling has slowed plans.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.goal import Goal
+from mhsb_model.verdict import Verdict
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState
+from mhsb_planner.online.command_hand_over import LONGEST_WAIT
+from mhsb_planner.online.execution import EARLY_NS
+from mhsb_planner.online.goal_reports import GoalReports
+from mhsb_planner.online.goal_stream import GoalStream
+from mhsb_planner.online.pending_goal import PendingGoal
+from mhsb_planner.online.plan_request import PlanRequest
+from mhsb_planner.online.planner_io import Clock, PlannerIO
+from mhsb_planner.online.settings import Settings
+from mhsb_planner.online.start_state import MovingError, OtherMachineError
+from mhsb_planner.online.stop_sequence import ARM_STOPPED
+from mhsb_planner.online.verdicts import find_verdict_code
+from mhsb_planner.search import goal_clearance
+
+FIRST_REPORT = 1.2
+"""Time after the arm's first state within which it reports its machine [s]; it reports every
+second."""
+
+START_UP = 6.0
+"""Time after the planner's start during which goals wait for the arm's first state [s].
+
+On a busy machine the discovery of a running arm takes seconds.
+"""
+
+
+class GoalQueue:
+    """Goals before a plan for them is sent: at most one waits, and one is being planned for.
+
+    A goal enters with `admit` or, to be planned for again, with `put_back`. The lifecycle takes the
+    waiting goal out, and sets `request` when planning for it begins. A newer goal supersedes the
+    waiting one. An epoch counter marks events that make the plan void that is being made.
+
+    Attributes:
+        waiting: Goal that waits for planning to begin; None without one.
+        request: Request for the plan that is being made; None without one.
+        settings: Settings for goals that have none of their own.
+        epoch: Number of events so far that made the plan void that was being made.
+        stream: Estimator of the velocity of a moving goal.
+        void_until: Time of receipt up to which goals are void since the arm was stopped, by the
+            steady clock [s].
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        arm_state: ArmState,
+        clock: Clock,
+        outbox: PlannerIO,
+        reports: GoalReports,
+    ) -> None:
+        """Begin without a goal.
+
+        Args:
+            settings: Settings for goals that have none of their own.
+            arm_state: Arm state.
+            clock: Source of the present time.
+            outbox: Knows whether the arm is connected.
+            reports: Sends verdicts.
+        """
+        self.waiting: PendingGoal | None = None
+        self.request: PlanRequest | None = None
+        self.settings = settings
+        self.epoch = 0
+        self.stream = GoalStream()
+        self.void_until = -math.inf
+        self._arm_state = arm_state
+        self._clock = clock
+        self._outbox = outbox
+        self._reports = reports
+        self._started_at = clock.steady_time()
+        self._arm_stop_called = False
+
+    @property
+    def goals(self) -> list[PendingGoal]:
+        """Goals that wait or are being planned for, the waiting one first."""
+        planned = None if self.request is None else self.request.pending_goal
+        return [each for each in (self.waiting, planned) if each is not None]
+
+    # --- Goals that come and go ------------------------------------------------------------------
+
+    def admit(self, pending_goal: PendingGoal, executed: PendingGoal | None) -> bool:
+        """Let a new goal wait, or refuse it at once.
+
+        It is refused if the arm reports a fault or another machine file, or if its place is out of
+        reach. It ends as stopped if it came before the last stop of the arm. A goal that waited
+        before ends as superseded, unless the arm executes a plan for it.
+
+        Args:
+            pending_goal: The new goal.
+            executed: Goal that the arm executes a plan for, None without one.
+
+        Returns:
+            Whether it waits.
+        """
+        for code, sentence in (
+            (Verdict.FAULT, self._arm_state.fault),
+            (Verdict.MACHINE, self._arm_state.machine_difference),
+            (Verdict.STOPPED, ARM_STOPPED if pending_goal.received_at <= self.void_until else ""),
+        ):
+            if sentence:
+                self._reports.end(pending_goal, code, sentence)
+                return False
+        try:
+            self.check_place(pending_goal)
+        except MhsbError as error:
+            self._reports.end(pending_goal, find_verdict_code(error), str(error))
+            return False
+        self.stream.add_goal(pending_goal.goal, pending_goal.received_at)
+        if self.waiting is not None and self.waiting is not executed:
+            self._reports.supersede(self.waiting)
+        self.waiting = pending_goal
+        self._arm_stop_called = False
+        return True
+
+    def check_place(self, pending_goal: PendingGoal) -> None:
+        """Raise an MhsbError if the tip can never be at the goal.
+
+        That is the case if the goal lies outside the workspace, or too near to an obstacle.
+
+        Args:
+            pending_goal: The goal, whose own settings are computed if they are not known yet.
+        """
+        machine, goal = pending_goal.get_settings(self.settings).machine, pending_goal.goal
+        machine.check_in_workspace(goal.position)
+        goal_clearance.check_tip_clearance(machine, goal.position)
+
+    def put_back(self, pending_goal: PendingGoal) -> None:
+        """Let a goal wait for a new plan, or end it as superseded if a newer goal waits.
+
+        Args:
+            pending_goal: The goal; nothing happens if it has ended.
+        """
+        if pending_goal.has_ended:
+            return
+        if self.waiting is not None:
+            self._reports.supersede(pending_goal)
+            return
+        pending_goal.waiting_since = self._clock.steady_time()
+        self.waiting = pending_goal
+
+    def withdraw(self, pending_goal: PendingGoal) -> None:
+        """Take a goal out: it no longer waits, and an answer for it is ignored."""
+        if self.waiting is pending_goal:
+            self.waiting = None
+        if self.request is not None and self.request.pending_goal is pending_goal:
+            self.request = None
+
+    def clear(self) -> None:
+        """Take all goals out, and make the plan void that is being made."""
+        self.waiting = self.request = None
+        self.epoch += 1
+
+    # --- Begin of planning -----------------------------------------------------------------------
+
+    def must_wait(self, pending_goal: PendingGoal, stamps_are_ahead: bool) -> bool:
+        """Return whether the waiting goal must wait before planning for it begins.
+
+        It waits at most `LONGEST_WAIT` for these:
+
+        - the arm receives plans,
+        - it has reported its plan in force, if it sends a reference; that may come a moment later,
+        - it has reported its machine, or its first state is `FIRST_REPORT` ago,
+        - the last stamp sent is no longer ahead of the time of plans.
+
+        Args:
+            pending_goal: The waiting goal.
+            stamps_are_ahead: Whether the last stamp sent is ahead of the time of plans.
+        """
+        arm, now = self._arm_state, self._clock.steady_time()
+        is_half_known = arm.reference is not None and arm.plan_in_force_ns is None
+        is_unknown = not arm.is_machine_known and now - arm.first_state_at < FIRST_REPORT
+        is_ready = self._outbox.is_arm_connected() and not is_half_known and not is_unknown
+        return (
+            not is_ready or stamps_are_ahead
+        ) and now - pending_goal.waiting_since < LONGEST_WAIT
+
+    def needs_arm_stop(self, error: MhsbError) -> bool:
+        """Return whether the arm's own ~/stop is to be called so that planning can begin.
+
+        Args:
+            error: Why no plan can start.
+
+        Returns:
+            True once for each goal, if the arm moves under a foreign command.
+        """
+        foreign = isinstance(error, MovingError) and self._arm_state.plan_in_force_ns != NO_PLAN
+        is_needed = foreign and not self._arm_stop_called
+        self._arm_stop_called = self._arm_stop_called or is_needed
+        return is_needed
+
+    def postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
+        """Let the waiting goal wait on because no plan can start, or refuse it.
+
+        It is refused at once if the arm has another machine file, otherwise after `LONGEST_WAIT`.
+        It is not refused during `START_UP` after the planner's start if no state has come.
+
+        Args:
+            pending_goal: The waiting goal.
+            error: Why no plan can start.
+        """
+        now = self._clock.steady_time()
+        starts = self._arm_state.first_state_at == math.inf and now - self._started_at < START_UP
+        waited = now - pending_goal.waiting_since >= LONGEST_WAIT
+        if isinstance(error, OtherMachineError) or (waited and not starts):
+            self.waiting = None
+            self._reports.end(pending_goal, find_verdict_code(error), str(error))
+
+    def choose_target(self, pending_goal: PendingGoal, commit_horizon: float) -> tuple[Goal, float]:
+        """Choose the target of a plan for a goal, and return it with the goal's period.
+
+        A moving goal is extrapolated by the commit horizon plus one period. A goal that has
+        stopped, or whose `needs_exact_place` is set, is planned for at its exact place. It keeps
+        its period. The arm then goes there as it followed the goal: a free plan may choose another
+        posture and swing the tip far beyond.
+
+        Args:
+            pending_goal: The goal.
+            commit_horizon: Commit horizon [s].
+
+        Returns:
+            Target, and period of the goal: median time from one of its messages to the next [s].
+            The period is 0 if the last messages give no velocity.
+        """
+        stream, goal = self.stream, pending_goal.goal
+        if not any(stream.velocity):
+            return goal, 0.0
+        if pending_goal.needs_exact_place or not stream.is_moving(self._clock.steady_time()):
+            return goal, stream.period
+        return stream.extrapolate(goal, commit_horizon + stream.period), stream.period
+
+    def is_valid(self, request: PlanRequest, now_ns: int) -> bool:
+        """Return whether the plan of a request can still be sent.
+
+        Args:
+            request: The request.
+            now_ns: Present time of plans [ns].
+
+        Returns:
+            True if the epoch and the plan in force are those at the time of the request. Also True
+            if the plan in force was `start_command`, its end is at most `EARLY_NS` ahead or past,
+            and the arm holds.
+        """
+        start, in_force_ns = request.start_command, self._arm_state.plan_in_force_ns
+        has_ended = now_ns >= start.trajectory.end_ns - EARLY_NS
+        return request.epoch == self.epoch and (
+            in_force_ns == request.in_force_ns
+            or (has_ended and in_force_ns == NO_PLAN and request.in_force_ns == start.stamp_ns)
+        )

@@ -1,0 +1,503 @@
+"""Stop of the arm: braking of the own plan, calls of the arm's own ~/stop, and the result.
+
+A stop is finished when the arm is measured at rest. It is also finished when the arm has confirmed
+a braking command, if the time at which the arm will rest is known. The time of plans is the arm's
+clock less the delay by which speed scaling has slowed plans.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from mhsb_model.command import Command
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.verdict import Outcome
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState
+from mhsb_planner.online.command_hand_over import HandOver
+from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR
+from mhsb_planner.online.execution import Execution, ExecutionResult
+from mhsb_planner.online.goal_reports import GoalReports
+from mhsb_planner.online.pending_goal import PendingGoal
+from mhsb_planner.online.plan_request import UnconfirmedPlan
+from mhsb_planner.online.planner_io import Clock, PlannerIO
+from mhsb_planner.online.settings import Settings
+from mhsb_planner.online.zone_ahead import (
+    describe_missing_braking,
+    describe_waiting,
+    find_obstacle_ahead,
+    make_braking_for_obstacle,
+)
+
+STOP_TIMEOUT = 5.0
+"""Longest time for the arm to confirm a braking command or to answer its ~/stop [s]."""
+
+REST_TIMEOUT = 15.0
+"""Longest time for the arm to come to rest once its ~/stop has been answered [s]."""
+
+CALL_PERIOD = 1.0
+"""Time without an answer after which the arm's ~/stop is called again [s]."""
+
+OWN_REPORT = 2.0
+"""Time after an own call of ~/stop within which the arm reports that stop [s]."""
+
+MAX_BRAKING_COMMANDS = 3
+"""Number of braking commands that are sent before the arm's own ~/stop is called."""
+
+BRAKING_TIMEOUT = 1.0
+"""Time after the begin of a stop for which braking commands are sent [s].
+
+After it the arm's own ~/stop is called.
+"""
+
+SETTLING_TIME = 0.3
+"""Time from the reference's end of braking until the measured arm counts as at rest [s].
+
+On all machine files the measured speed falls below 0.005 rad/s before the reference has stopped.
+"""
+
+LATE_SHARE = 0.5
+"""Largest share of its commit horizon that a braking for an obstacle may take to compute.
+
+Beyond it the braking is made again with a longer horizon. A larger share lets more of them come too
+late.
+"""
+
+OLD_STOP = 1.0
+"""Largest delay of the arm's clock, as known from its messages, when it reports a stop [s]."""
+
+LATE_REPORT = 0.1
+"""Delay of a stop's report beyond which the planner did not run when it was sent [s].
+
+A report takes some milliseconds, also if the planner is busy: the middleware receives it then. A
+process that was suspended receives everything at once when it goes on, in any order.
+"""
+
+STOP_ASKED = "the planner was asked to stop"
+"""Reason of a stop that was asked for at the planner."""
+
+ARM_STOPPED = "the arm was asked to stop"
+"""Reason of a stop that was asked for at the arm."""
+
+AT_REST = "the arm stands still"
+"""Sentence of a stop that has succeeded."""
+
+
+@dataclass
+class _Stop:
+    """Stop that is under way.
+
+    Attributes:
+        reason: Why the arm is stopped, as execution reports state it.
+        started_at: Time at which it began, by the steady clock [s].
+        on_finished: Functions to call once with success and sentence when the stop is finished.
+        goals: Goals that end with the stop.
+        goal_after_stop: Goal to plan for once the arm is stopped, or None.
+        tries: Number of braking commands sent so far.
+        is_braking_confirmed: Whether the arm has confirmed one of them.
+        last_call_at: Time of the last call of the arm's own ~/stop, by the steady clock [s].
+        answer: Success and sentence of the arm's own ~/stop; None before it has answered.
+        obstacle: Name of the obstacle ahead that is braked for; empty without one.
+        obstacle_set_ns: Time at which that obstacle was set, in the time of plans [ns].
+    """
+
+    reason: str
+    started_at: float
+    on_finished: list[Callable[[bool, str], None]] = field(default_factory=list)
+    goals: list[PendingGoal] = field(default_factory=list)
+    goal_after_stop: PendingGoal | None = None
+    tries: int = 0
+    is_braking_confirmed: bool = False
+    last_call_at: float = -math.inf
+    answer: tuple[bool, str] | None = None
+    obstacle: str = ""
+    obstacle_set_ns: int = 0
+
+
+class StopSequence:
+    """Sequence of steps that brings the arm to rest: brake, call its own ~/stop, find the result.
+
+    A stop begins with `begin`, `join` or `begin_for_obstacle`. While it `is_under_way`, the
+    lifecycle calls `take_step` and `find_result` after each event, `confirm_braking` if the arm has
+    taken a braking command, and `finish` once there is a result.
+    """
+
+    def __init__(
+        self,
+        arm_state: ArmState,
+        brake: Callable[[Command, int, float], tuple[Command, int]],
+        clock: Clock,
+        outbox: PlannerIO,
+        hand_over: HandOver,
+    ) -> None:
+        """Begin without a stop.
+
+        Args:
+            arm_state: Arm state.
+            brake: Makes a braking command from the command in force, the present time of plans [ns]
+                and the commit horizon [s]. It returns that command and the time at which it leaves
+                the one in force [ns].
+            clock: Source of the present time.
+            outbox: Calls the arm's ~/stop, and writes the log.
+            hand_over: Chooses stamp and commit horizon of braking commands, and knows whether a
+                command is unconfirmed.
+        """
+        self._arm_state = arm_state
+        self._brake = brake
+        self._clock = clock
+        self._outbox = outbox
+        self._hand_over = hand_over
+        self._stop: _Stop | None = None
+        self._last_obstacle_sentence = ""
+        self._called_at = -math.inf
+        self._unreported_calls = 0
+        self._last_stop_ns = 0
+
+    @property
+    def is_under_way(self) -> bool:
+        """True while the arm is being brought to rest."""
+        return self._stop is not None
+
+    # --- Begin -----------------------------------------------------------------------------------
+
+    def begin(self, reason: str) -> _Stop:
+        """Begin a stop, unless one is under way, and return the stop under way.
+
+        Args:
+            reason: Why the arm is stopped, as execution reports state it.
+        """
+        self._stop = self._stop or _Stop(reason, self._clock.steady_time())
+        return self._stop
+
+    def join(self, done: Callable[[bool, str], None], goals: list[PendingGoal]) -> None:
+        """Begin a stop that the planner was asked for, or join the one under way.
+
+        Args:
+            done: Called once with success and sentence when the stop is finished.
+            goals: Goals that end with the stop. A goal that was to be planned for after the stop
+                ends with it, too.
+        """
+        stop = self.begin(STOP_ASKED)
+        stop.on_finished.append(done)
+        stop.goals += goals
+        if stop.goal_after_stop is not None:
+            stop.goals.append(stop.goal_after_stop)
+            stop.goal_after_stop = None
+
+    def begin_for_obstacle(self, machine: Machine, goal_after_stop: PendingGoal | None) -> bool:
+        """Begin a stop if an obstacle lies across the rest of the motion in force.
+
+        Nothing happens if the arm executes no command of this planner. A stop that is under way
+        goes on as one that brakes for the obstacle.
+
+        Args:
+            machine: Machine with the zones in force.
+            goal_after_stop: Goal to plan for once the arm has stopped, None for no goal.
+
+        Returns:
+            Whether there is an obstacle.
+        """
+        own, now_ns = self._arm_state.own_command, self._now_ns()
+        if own is None or not self._arm_state.executes_own(now_ns):
+            return False
+        obstacle = find_obstacle_ahead(machine, own, now_ns)
+        if obstacle is None:
+            return False
+        if self._stop is None:
+            self.begin("").goal_after_stop = goal_after_stop
+            self._last_obstacle_sentence = ""
+        stop = self.begin("")
+        stop.obstacle, stop.obstacle_set_ns = obstacle, now_ns
+        stop.is_braking_confirmed = False  # one in force was not made for this obstacle
+        return True
+
+    def call_arm_stop(self, on_answer: Callable[[bool, str], None]) -> bool:
+        """Call the arm's own ~/stop once.
+
+        Args:
+            on_answer: Called with success and sentence when the arm answers.
+
+        Returns:
+            False if the service is not there.
+        """
+        if not self._outbox.stop_arm(on_answer):
+            return False
+        self._called_at = self._clock.steady_time()
+        self._unreported_calls += 1
+        return True
+
+    def find_void_time(self, stop_ns: int, received_at: float | None) -> float | None:
+        """Return the time up to which goals are void, after the arm's report of its last stop.
+
+        Each own call of ~/stop accounts for one new report, up to `OWN_REPORT` after the last call.
+        Goals are void that were received before the report, and at most `OLD_STOP` after the stop.
+        If the planner did not run when the report was sent, the present time counts as its receipt.
+
+        Args:
+            stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
+            received_at: Time of receipt of the report by the steady clock [s]; None means now.
+
+        Returns:
+            Time of receipt by the steady clock [s]. None if the stop was reported before, or if
+            this planner has called for it.
+        """
+        now, arm = self._clock.steady_time(), self._arm_state
+        if stop_ns in (0, self._last_stop_ns):
+            return None
+        self._last_stop_ns = stop_ns
+        if now - self._called_at > OWN_REPORT:
+            self._unreported_calls = 0
+        if self._unreported_calls:
+            self._unreported_calls -= 1
+            return None
+        ago_ns = self._now_ns() + arm.plan_delay_ns - stop_ns
+        ago = ago_ns / SECOND_NS / arm.clock_estimator.convert_duration(1.0)
+        received_at = now if received_at is None else received_at
+        if ago - (now - received_at) > LATE_REPORT:
+            received_at = now + LATE_REPORT
+        return min(received_at, now - ago + OLD_STOP)
+
+    # --- Steps -----------------------------------------------------------------------------------
+
+    def take_step(self, settings: Settings) -> UnconfirmedPlan | None:
+        """Take the next step to rest: brake the own plan, or have the arm stop by itself.
+
+        A braking command is made if the arm executes a plan of this planner and no command is
+        unconfirmed. Each further try has a longer commit horizon. Otherwise the arm's own ~/stop is
+        called until it answers.
+
+        Args:
+            settings: Settings for all goals.
+
+        Returns:
+            Braking command to send; None if there is none to send now.
+        """
+        stop, own = self._stop, self._arm_state.own_command
+        if stop is None:
+            return None
+        if own is None or not self._may_brake(stop):
+            if not stop.is_braking_confirmed:
+                self._call_until_answered(stop)
+            return None
+        if self._hand_over.unconfirmed is not None:
+            return None
+        stop.tries += 1
+        return self._make_braking(stop, own, settings)
+
+    def _may_brake(self, stop: _Stop) -> bool:
+        """Return whether a braking command is the next step.
+
+        Args:
+            stop: The stop under way.
+
+        Returns:
+            True if all of these hold: the arm executes a command of this planner; it has no fault
+            and one publisher; no braking command is confirmed; fewer than `MAX_BRAKING_COMMANDS`
+            were sent; and the stop began at most `BRAKING_TIMEOUT` ago.
+        """
+        arm, waited = self._arm_state, self._clock.steady_time() - stop.started_at
+        given_up = stop.tries >= MAX_BRAKING_COMMANDS or waited > BRAKING_TIMEOUT
+        if stop.is_braking_confirmed or given_up or arm.publisher_conflict or arm.fault:
+            return False
+        return arm.executes_own(self._now_ns())
+
+    def _call_until_answered(self, stop: _Stop) -> None:
+        """Call the arm's ~/stop, at most every `CALL_PERIOD` until it has answered.
+
+        Args:
+            stop: The stop. Writes `last_call_at` if ~/stop was called, and `answer` when the arm
+                answers.
+        """
+
+        def store_answer(success: bool, sentence: str) -> None:
+            """Store the arm's answer in the stop."""
+            stop.answer = success, sentence
+
+        now = self._clock.steady_time()
+        is_due = now - stop.last_call_at >= CALL_PERIOD
+        if stop.answer is None and is_due and self.call_arm_stop(store_answer):
+            stop.last_call_at = now
+
+    def _make_braking(self, stop: _Stop, own: Command, settings: Settings) -> UnconfirmedPlan:
+        """Make a command that brakes along the path of the own plan, or for the obstacle ahead.
+
+        A command for an obstacle that took more than `LATE_SHARE` of the commit horizon to compute
+        is made again with a longer one. The reason of the stop becomes a sentence on where the arm
+        then rests.
+
+        Args:
+            stop: The stop under way.
+            own: Command that the arm executes.
+            settings: Settings for all goals.
+
+        Returns:
+            The command, ready to be sent.
+        """
+        at_ns, machine = self._hand_over.choose_stamp(self._now_ns()), settings.machine
+        horizon = self._hand_over.choose_braking_horizon(stop.tries - 1, settings)
+        sentence = ""
+        if not stop.obstacle:
+            command, change_ns = self._brake(own, at_ns, horizon)
+        else:
+            since_ns = stop.obstacle_set_ns
+            braking = make_braking_for_obstacle(machine, own, at_ns, horizon, since_ns)
+            took = (self._now_ns() - at_ns) / SECOND_NS
+            if took > LATE_SHARE * horizon:  # the rest is too short for transport
+                braking = make_braking_for_obstacle(
+                    machine, own, self._now_ns(), horizon + LATE_PLAN_FACTOR * took, since_ns
+                )
+            command, change_ns = braking.command, braking.change_ns
+            sentence = braking.describe(stop.obstacle)
+            self._report_obstacle(sentence)
+        now = self._clock.steady_time()
+        return UnconfirmedPlan(
+            command, change_ns, now, now, braking_machine=machine, obstacle_sentence=sentence
+        )
+
+    def confirm_braking(self, sent: UnconfirmedPlan) -> tuple[bool, str] | None:
+        """Store that the arm has confirmed a braking command.
+
+        Args:
+            sent: The braking command.
+
+        Returns:
+            Success and sentence if it is known when the arm rests. That is not known if the
+            reference governor has delayed plans, or if the arm never reports its plan in force.
+            Only a measured rest then finishes the stop. None also without a stop.
+        """
+        if sent.obstacle_sentence:
+            self._report_obstacle(sent.obstacle_sentence)
+        if self._stop is None:
+            return None
+        self._stop.is_braking_confirmed = True
+        if self._arm_state.plan_delay_ns != 0 or self._arm_state.plan_in_force_ns is None:
+            return None
+        left = max(0.0, (sent.command.trajectory.end_ns - self._now_ns()) / SECOND_NS)
+        left = left / min(1.0, self._arm_state.clock_estimator.speed) + SETTLING_TIME
+        return True, f"the arm stands still in {left:.2f} s"
+
+    # --- End -------------------------------------------------------------------------------------
+
+    def find_result(self) -> tuple[bool, str] | None:
+        """Return how the stop ends, once the arm rests or cannot be brought to rest.
+
+        The stop succeeds if the arm is measured at rest and will stay there, and no command is
+        unconfirmed. It fails if the arm's ~/stop answers without success. It fails after
+        `STOP_TIMEOUT` if the arm has neither confirmed a braking command nor answered, and after
+        `REST_TIMEOUT` in any case.
+
+        Returns:
+            Success and sentence; None while the arm may still come to rest, or without a stop.
+        """
+        stop, arm, now = self._stop, self._arm_state, self._clock.steady_time()
+        if stop is None:
+            return None
+        waited = now - stop.started_at
+        if self._will_stay_at_rest(stop, waited) and arm.rest_detector.is_at_rest(now):
+            return (True, AT_REST) if self._hand_over.unconfirmed is None else None
+        if stop.answer is not None and not stop.answer[0]:
+            return False, f"the arm does not stop: {stop.answer[1]}"
+        if waited <= STOP_TIMEOUT:
+            return None
+        motion = arm.rest_detector.describe_motion(now)
+        if stop.answer is None and not stop.is_braking_confirmed:
+            problem = f"was not answered within {STOP_TIMEOUT:g} s"
+            if stop.last_call_at == -math.inf:
+                problem = "is not there to be called"
+            return False, f"the arm's own ~/stop {problem}; {motion}"
+        if waited > REST_TIMEOUT:
+            return False, f"the arm was asked to stop {waited:.0f} s ago, but {motion}"
+        return None
+
+    def _will_stay_at_rest(self, stop: _Stop, waited: float) -> bool:
+        """Return whether an arm that is measured at rest will stay at rest.
+
+        Args:
+            stop: The stop under way.
+            waited: Time since the stop began [s].
+
+        Returns:
+            True after a confirmed braking command. After an answer of the arm's ~/stop, True if it
+            reports success and the arm executes no command of this planner. With several publishers
+            success suffices. Without an answer, True if three things hold: ~/stop could not be
+            called or `STOP_TIMEOUT` has passed, the arm has one publisher, and it has no plan in
+            force or reports none.
+        """
+        arm = self._arm_state
+        if stop.is_braking_confirmed:
+            return True
+        if stop.answer is not None:
+            is_held = bool(arm.publisher_conflict) or not arm.executes_own(self._now_ns())
+            return stop.answer[0] and is_held
+        is_unreachable = stop.last_call_at == -math.inf or waited > STOP_TIMEOUT
+        has_no_plan = arm.plan_in_force_ns in (None, NO_PLAN)
+        return is_unreachable and not arm.publisher_conflict and has_no_plan
+
+    def finish(
+        self,
+        result: tuple[bool, str],
+        execution: Execution | None,
+        machine: Machine,
+        reports: GoalReports,
+    ) -> PendingGoal | None:
+        """Finish the stop: answer whoever asked for it, and end the goals that end with it.
+
+        The execution ends as reached if the tip is at the goal, else as stopped.
+
+        Args:
+            result: Success and sentence. Success means that the arm rests or has confirmed that it
+                brakes.
+            execution: Execution that ends with the stop; None without one.
+            machine: Machine by which the tip's place is computed.
+            reports: Sends execution reports.
+
+        Returns:
+            Goal to plan for now that the arm is stopped, or None.
+        """
+        stop = self._stop
+        if stop is None:
+            return None
+        if stop.obstacle and not stop.is_braking_confirmed:
+            self._report_obstacle(describe_missing_braking(stop.obstacle, result[1]))
+        self._stop = None
+        if execution is not None and execution.pending_goal is not stop.goal_after_stop:
+            ending = execution.judge(machine, self._arm_state, self._now_ns())
+            if ending is None or ending.outcome is not Outcome.REACHED:
+                ending = ExecutionResult(Outcome.STOPPED, stop.reason)
+            reports.report_end(execution.pending_goal, *ending)
+        for goal in stop.goals:
+            reports.report_end(goal, Outcome.STOPPED, stop.reason)
+        for done in stop.on_finished:
+            done(*result)
+        return stop.goal_after_stop
+
+    # --- Log -------------------------------------------------------------------------------------
+
+    def report_waiting(self) -> None:
+        """Log that the arm brakes for an obstacle once it has answered the last plan.
+
+        Nothing happens if a braking command for the obstacle was made already.
+        """
+        if self._stop is not None and not self._stop.reason:
+            self._report_obstacle(describe_waiting(self._stop.obstacle))
+
+    def _report_obstacle(self, sentence: str) -> None:
+        """Make a sentence on an obstacle ahead the reason of the stop, and log it.
+
+        A sentence that equals the last one is not logged again. A stop that was asked for by a user
+        or at the arm keeps its own reason.
+
+        Args:
+            sentence: The sentence.
+        """
+        if self._stop is not None and self._stop.reason not in (STOP_ASKED, ARM_STOPPED):
+            self._stop.reason = sentence
+        if sentence != self._last_obstacle_sentence:
+            self._last_obstacle_sentence = sentence
+            self._outbox.warn(sentence)
+
+    def _now_ns(self) -> int:
+        """Return the present time of plans [ns]."""
+        return self._arm_state.get_plan_time_ns(self._clock.steady_time(), self._clock.ros_ns())
