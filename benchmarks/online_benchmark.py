@@ -32,7 +32,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, NumberRange, Seed, UsageError
+from mhsb_model.command_line import Count, JsonFlag, NumberRange, Seed, UsageError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
 from mhsb_planner.cases.moves import random_moves
@@ -203,7 +203,7 @@ def online(
     ),
     seed: Seed = 0,
     stream: Annotated[float, tyro.conf.arg(metavar="SECONDS"), NumberRange(0.0, 1e6)] = 60.0,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> int:
     """Measure replanning online, print a table and write the figures as JSON.
 

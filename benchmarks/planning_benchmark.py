@@ -47,7 +47,7 @@ from scipy.sparse.csgraph import dijkstra
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, JobCount, NumberRange, Seed
+from mhsb_model.command_line import Count, JobCount, JsonFlag, NumberRange, OptionalFile, Seed
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
@@ -404,7 +404,7 @@ def _timed(work: Callable[[], Result], runs: int) -> tuple[float, Result]:
 
 def planning(
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/planning.json"),
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
     jobs: Annotated[JobCount, tyro.conf.arg(metavar="N")] = None,
     boosted: Annotated[Count, tyro.conf.arg(metavar="N")] = BenchmarkSize.boosted,
     scenes: Annotated[Count, tyro.conf.arg(metavar="N")] = BenchmarkSize.scenes,
@@ -416,7 +416,7 @@ def planning(
     ] = BenchmarkSize.deadline,
     seed: Annotated[Seed, tyro.conf.arg(metavar="N")] = BenchmarkSize.seed,
     parts: Annotated[list[str] | None, tyro.conf.arg(metavar="PART")] = None,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> None:
     """Measure planning, print a table and write the figures as JSON.
 

@@ -27,6 +27,7 @@ import tyro
 
 from mhsb_model import command_line
 from mhsb_model.command import Command
+from mhsb_model.command_line import OptionalFile
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
@@ -193,7 +194,7 @@ def _median_seconds(work: Callable[[], None]) -> float:
 
 def benchmark(
     output: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("out/bench/simulation.json"),
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
 ) -> None:
     """Measure the simulator's speed: times [µs] of a step, medians of five runs.
 

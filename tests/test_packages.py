@@ -30,7 +30,9 @@ KEYS = {
 }
 """rosdep's keys of modules; packages of ROS are their own."""
 
-WITHOUT_KEY = {"distributed", "llvmlite", "lz4", "mcap", "tyro", "viser", "zstandard"}
+WITHOUT_KEY = {
+    *("distributed", "docstring_parser", "llvmlite", "lz4", "mcap", "tyro", "viser", "zstandard")
+}
 """Modules that rosdep does not know: the README names them."""
 
 

@@ -7,6 +7,7 @@ import importlib
 import inspect
 import math
 import pkgutil
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -158,12 +159,19 @@ def commands():
         yield module, getattr(module, first)
 
 
+def arguments_of(command):
+    """Name and annotation of every argument of a command, those in groups of options included."""
+    for name, kind in get_type_hints(command, include_extras=True).items():
+        if is_dataclass(kind):
+            yield from arguments_of(kind)
+        elif name != "return":
+            yield name, kind
+
+
 def test_every_number_of_every_command_has_a_finite_range():
     found, without = 0, []
     for module, command in commands():
-        for name, kind in get_type_hints(command, include_extras=True).items():
-            if name == "return":
-                continue
+        for name, kind in arguments_of(command):
             ranges = [m for m in getattr(kind, "__metadata__", ()) if isinstance(m, NumberRange)]
             if list(numbers_in(kind)):
                 found += 1
@@ -175,8 +183,8 @@ def test_every_number_of_every_command_has_a_finite_range():
 
 def options_of(command):
     """Options of numbers of a command, and how many words of numbers each takes."""
-    for name, kind in get_type_hints(command, include_extras=True).items():
-        if name != "return" and list(numbers_in(kind)):
+    for name, kind in arguments_of(command):
+        if list(numbers_in(kind)):
             positional = any("Positional" in str(m) for m in getattr(kind, "__metadata__", ()))
             yield name.strip("_").replace("_", "-"), max(1, len(list(numbers_in(kind)))), positional
 

@@ -24,7 +24,7 @@ from tests.soak.promises import PROMISES
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import NumberRange, Seed, UsageError
+from mhsb_model.command_line import JsonFlag, NumberRange, OptionalFile, Seed, UsageError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
@@ -264,10 +264,10 @@ ACTIONS = (
 
 def soak(
     minutes: Annotated[float, NumberRange(0.0, 1e6)] = 10.0,
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/soak"),
     seed: Seed = 0,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> int:
     """Act at random on both nodes, then print each promise and whether it held.
 

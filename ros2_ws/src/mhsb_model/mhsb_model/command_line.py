@@ -1,7 +1,8 @@
 """Frame in which every command of the suite runs: arguments, errors and exit codes.
 
 A command is a function, or a dataclass with a method `run`. Its parameters, their types and their
-documentation define the command line. Errors that the user can cause are printed as one sentence on
+documentation define the command line. A parameter that is a dataclass is a group of options, which
+have the names of its fields. Errors that the user can cause are printed as one sentence on
 standard error:
 
     exit code  0    success (or the code that the command returns)
@@ -14,7 +15,6 @@ standard error:
 from __future__ import annotations
 
 import errno
-import functools
 import inspect
 import math
 import os
@@ -23,18 +23,18 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Protocol, cast, get_type_hints
 
+import docstring_parser
 import tyro
 
 # Events of a failed parse are not public in tyro, so its version is pinned.
 from tyro import _errors as parse_errors
 
 from mhsb_model.errors import ArgumentError, MhsbError
-from mhsb_model.types import Position
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -98,8 +98,11 @@ Count = Annotated[int, NumberRange(0, 1_000_000)]
 JobCount = Annotated[int | None, NumberRange(0, 4096)]
 """Number of worker processes; None means one for each processor."""
 
-Coordinates = Annotated[Position, NumberRange(-1e4, 1e4)]
-"""Position [m]."""
+OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+"""File, or None."""
+
+JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
+"""Option `--json` of a parameter that is not named `json`, since that is a module."""
 
 
 class CommandArguments(Protocol):
@@ -210,9 +213,6 @@ def _parse(
 ) -> Callable[[], int | None]:
     """Parse a command's arguments and bind them to the command.
 
-    Numbers are checked against the `NumberRange` of their argument. The help shows these ranges if
-    the command is a function.
-
     Args:
         command: A function, or a dataclass with a method `run`.
         arguments: Words of the command line.
@@ -230,58 +230,20 @@ def _parse(
         sentence = _describe_parse_error(event, arguments).rstrip(".")
         raise UsageError(f"{sentence}; see {name} --help")
 
-    plain = get_type_hints(command, include_extras=True)
-    if isinstance(command, type):
-        bind_arguments: Callable[..., Any] = command
-    else:
-        # tyro calls its target, so the command is only bound: its own errors must not occur here.
-        def bind_arguments(*values: Any, **named: Any) -> Callable[[], int | None]:
-            """Check the ranges of parsed arguments and bind them to the command.
-
-            The command is not called: errors that it raises must not look like parsing errors.
-
-            Args:
-                values: Positional arguments of the command.
-                named: Keyword arguments of the command.
-
-            Returns:
-                A function without arguments that runs the command.
-            """
-            _check_ranges(plain, signature.bind(*values, **named).arguments)
-            return functools.partial(command, *values, **named)
-
-        hints = {
-            name: Annotated[
-                kind,
-                tyro.conf.arg(
-                    help_behavior_hint=partial(_describe_range_and_default, _get_range(kind))
-                ),
-            ]
-            for name, kind in plain.items()
-        }
-        signature = inspect.signature(command)
-        # tyro reads this attribute through inspect.signature; mypy does not know it.
-        bind_arguments.__signature__ = signature.replace(  # type: ignore[attr-defined]
-            parameters=[
-                each.replace(annotation=hints[name]) for name, each in signature.parameters.items()
-            ]
-        )
-        bind_arguments.__annotations__ = hints
-        bind_arguments.__doc__ = re.sub(r"\n {5,}", " ", inspect.cleandoc(command.__doc__ or ""))
-
     with parse_errors.on_parse_error(raise_usage_error):
         parsed: Any = tyro.cli(
-            bind_arguments,
+            command,
             prog=name,
             description=_description(command),
             args=arguments,
-            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+            config=(
+                tyro.conf.FlagCreatePairsOff,
+                tyro.conf.DisallowNone,
+                tyro.conf.OmitArgPrefixes,
+            ),
             registry=_REGISTRY,
         )
-    if not isinstance(command, type):
-        return cast(Callable[[], int | None], parsed)
-    _check_ranges(plain, vars(parsed))
-    return cast(Callable[[], int | None], parsed.run)
+    return cast(Callable[[], int | None], parsed.run if isinstance(command, type) else parsed)
 
 
 def _description(command: Callable[..., Any]) -> str:
@@ -469,9 +431,59 @@ def _tokens_after(flags: Sequence[str], arguments: list[str]) -> list[str]:
     return words[:end]
 
 
-# --- Numbers -------------------------------------------------------------------------------------
+# --- Rules by which tyro makes arguments of functions, groups of options and numbers -------------
 
 _REGISTRY = tyro.constructors.ConstructorRegistry()
+
+
+@_REGISTRY.struct_rule
+def _make_arguments_rule(
+    kind: tyro.constructors.StructTypeInfo,
+) -> tyro.constructors.StructConstructorSpec | None:
+    """Make tyro check the ranges of a function's or a dataclass's numbers, and show them.
+
+    A command is only bound to its arguments: errors that it raises must not look like parsing
+    errors.
+
+    Args:
+        kind: A command, or the type of an argument. A dataclass is a group of options.
+
+    Returns:
+        Arguments with their descriptions, and the function that checks and binds their values; None
+        if the type is neither a function nor a dataclass.
+    """
+    target = kind.type
+    if not (inspect.isfunction(target) or is_dataclass(target)):
+        return None
+    hints = get_type_hints(target, include_extras=True)
+    words = {
+        each.arg_name: _one_line(each.description or "")
+        for each in docstring_parser.parse_from_object(target).params
+    }
+
+    def bind(**values: Any) -> Any:
+        """Check the ranges of parsed arguments; return the dataclass or the bound function."""
+        _check_ranges(hints, values)
+        return target(**values) if isinstance(target, type) else partial(target, **values)
+
+    return tyro.constructors.StructConstructorSpec(
+        bind,
+        tuple(
+            tyro.constructors.StructFieldSpec(
+                name=name,
+                type=_with_range_in_help(hints[name]),
+                default=tyro.MISSING if each.default is each.empty else each.default,
+                helptext=words.get(name),
+            )
+            for name, each in inspect.signature(target).parameters.items()
+        ),
+    )
+
+
+def _with_range_in_help(kind: Any) -> Any:
+    """Return the type of an argument with the rule that its help shows range and default value."""
+    hint = partial(_describe_range_and_default, _get_range(kind))
+    return Annotated[kind, tyro.conf.arg(help_behavior_hint=hint)]
 
 
 def _parse_finite(words: list[str]) -> float:

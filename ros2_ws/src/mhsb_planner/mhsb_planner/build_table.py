@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_format
 import sys
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,11 +28,25 @@ SOLVER_FUNCTIONS = {"global": s1_global_search.search_globally, "slsqp": s1_slsq
 """Solvers by the names that the command accepts."""
 
 
+@dataclass(frozen=True)
+class TableArguments:
+    """Options for the content of a posture table.
+
+    Attributes:
+        solver: Solver for the largest polytope. global searches all postures; slsqp is the paper's
+            sequential quadratic programming from random starts, for comparison.
+        spacing: Distance of the grid's nodes [m]; the machine file's if left out.
+    """
+
+    solver: Literal["global", "slsqp"] = "global"
+    spacing: Annotated[float | None, NumberRange(-100.0, 100.0)] = None
+
+
 def build_table(
+    *,
     machine: Path | None = None,
     output: Path | None = None,
-    solver: Literal["global", "slsqp"] = "global",
-    spacing: Annotated[float | None, NumberRange(-100.0, 100.0)] = None,
+    table: TableArguments,
     jobs: JobCount = None,
     scheduler: Scheduler = None,
     judge: Annotated[Count, tyro.conf.arg(metavar="N")] = 0,
@@ -47,9 +61,7 @@ def build_table(
         machine: Machine file (YAML, SI units); the suite's own arm if left out.
         output: File to write (npz); if left out, the file in the user's cache that the planner
             reads.
-        solver: Solver for the largest polytope. global searches all postures; slsqp is the paper's
-            sequential quadratic programming from random starts, for comparison.
-        spacing: Distance of the grid's nodes [m]; the machine file's if left out.
+        table: Solver and grid of the table.
         jobs: Number of threads; one for each processor if left out.
         scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
         judge: Number of random entries to compare with the paper's solver from 30 random starts, at
@@ -58,27 +70,27 @@ def build_table(
         json: Print the result as JSON.
     """
     arm = load_machine(machine).planar_arm
-    spacing = arm.spacing if spacing is None else spacing
+    spacing = arm.spacing if table.spacing is None else table.spacing
     total = len(grid_nodes(arm, spacing))
     workers = parse_jobs(jobs, scheduler)
     s1_global_search.warm_up(arm)
     began = time.perf_counter()
     with tqdm(total=total, unit="node", desc="posture table") as bar:
-        table = build_posture_table(
+        built = build_posture_table(
             arm,
             spacing,
             workers,
             progress=lambda done, _: bar.update(done - bar.n),
-            solver=SOLVER_FUNCTIONS[solver],
+            solver=SOLVER_FUNCTIONS[table.solver],
         )
     seconds = time.perf_counter() - began
-    path = output or cached_table_path(arm, spacing, solver)
-    table.save(path)
-    judgement = _compare_with_progress(arm, table, judge) if judge else None
+    path = output or cached_table_path(arm, spacing, table.solver)
+    built.save(path)
+    judgement = _compare_with_progress(arm, built, judge) if judge else None
     if json:
-        print(json_format.dumps(_json_result(table, path, solver, seconds, judgement)))
+        print(json_format.dumps(_json_result(built, path, table.solver, seconds, judgement)))
         return
-    print(_describe_result(table, path, seconds))
+    print(_describe_result(built, path, seconds))
     if judgement is not None:
         print(judgement.sentence)
 

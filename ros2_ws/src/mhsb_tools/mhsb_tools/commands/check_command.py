@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from mhsb_model import command_line, hydraulics
+from mhsb_model.command_line import JsonFlag
 from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.clearance import clearances
@@ -33,7 +34,7 @@ SLEW_DRIVES = ("rack_and_pinion", "motor")
 
 def check(
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")] = None,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> None:
     """Print a summary of a machine file: reach, moment arms, loads, boost, room left by zones.
 

@@ -19,6 +19,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
 from mhsb_model import command_line
+from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_machine_config_file
 from mhsb_model.files.output_folders import make_output_folder
@@ -79,11 +80,11 @@ class DemoGoal:
 
 def demo(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")],
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    goals: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
+    goals: OptionalFile = None,
+    plant: OptionalFile = None,
     view: bool = False,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> int:
     """Replan an arm online over ROS 2, record it and report on it.
 

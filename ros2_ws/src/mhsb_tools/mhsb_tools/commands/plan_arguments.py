@@ -1,26 +1,313 @@
-"""Turn the arguments of `plan` and similar commands into requests; UsageError if they clash."""
+"""Options of `plan` and similar commands, and the requests that they ask for."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 
-from mhsb_model.command_line import UsageError
+from mhsb_model.command_line import NumberRange, OptionalFile, UsageError
 from mhsb_model.errors import MachineFileError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase, paper_case
 from mhsb_planner.errors import RequestError
-from mhsb_planner.goal_region import Angle, Region, create_region
-from mhsb_planner.planners.options import ENERGY_OPTIMAL
-from mhsb_planner.planners.registry import get_planner, planners_using, planners_weighing_area
-from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.goal_region import MAX_REGION_SIZE, WIDEST_ANGLE, Angle, Region, create_region
+from mhsb_planner.motion.s3_trajectory import TrajectoryKind
+from mhsb_planner.planner import PlannerKind
+from mhsb_planner.planners.options import ENERGY_OPTIMAL, HIGHEST_WEIGHT, PlanOptions
+from mhsb_planner.planners.registry import (
+    get_planner,
+    planner_summaries,
+    planners_using,
+    planners_weighing_area,
+)
+from mhsb_planner.search.s2_search import SearchMethod, Weights
+from mhsb_planner.search.s2_step import EnergyReading
 from mhsb_tools.moves.operating_point import Range
 
 Point = tuple[float, float]
+
+POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4), NumberRange(0.0, MAX_REGION_SIZE)
+ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE)
+WEIGHT_RANGE, PAYLOAD_RANGE = NumberRange(0.0, HIGHEST_WEIGHT), NumberRange(0.0, 1e4)
+PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7), NumberRange(1e-4, 1.0)
+"""Ranges of the options: positions and distances [m], angles [rad], weights, payload [kg], supply
+pressure P_S [Pa], piston speed V_max [m/s].
+"""
+
+
+OptionalPosition = Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), POSITION_RANGE]
+"""Tip position (x, z), or (x, y, z) if the arm slews [m], or None."""
+
+OptionalPayload = Annotated[float | None, tyro.conf.arg(metavar="KG"), PAYLOAD_RANGE]
+"""Mass at the tip [kg], or None."""
+
+
+@dataclass(frozen=True)
+class MoveArguments:
+    """Options for start and goal of a motion and for points between them.
+
+    Attributes:
+        start: Tip position at the start [m].
+        goal: Tip position at the goal [m].
+        case: One of the paper's cases, such as 1-1; it sets start, goal, weights, planner and
+            initial angle of joint 3. A value given beside it replaces the case's, and the output
+            says so.
+        start_posture: Joint positions at the start [rad], extensions of telescopes [m], in place of
+            --start. They may be beyond the joint limits: the motion then leads back into them.
+        via: Point that the tip passes on its way [m], with Y if the arm slews; may be given several
+            times, in the order of passing.
+        via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
+    """
+
+    start: OptionalPosition = None
+    goal: OptionalPosition = None
+    case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    start_posture: Annotated[
+        tuple[float, ...] | None, tyro.conf.arg(metavar="Q1 Q2 Q3 ..."), ANGLE_RANGE
+    ] = None
+    via: Annotated[
+        tuple[tuple[float, ...], ...],
+        tyro.conf.arg(metavar="X [Y] Z"),
+        tyro.conf.UseAppendAction,
+        POSITION_RANGE,
+    ] = ()
+    via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCE_RANGE] = None
+
+    def find_start(self, machine: Machine) -> tuple[FloatArray | None, Position | None]:
+        """Return the given start posture and the tip's position at the start.
+
+        Args:
+            machine: The arm.
+
+        Returns:
+            Joint positions, shape (n,), or None if no posture was given. Tip in `base_link` (x, z)
+            or (x, y, z) [m], or None if neither a posture nor `start` was given.
+
+        Raises:
+            UsageError: The number of values is not the number of joints, or another option says
+                where the motion starts.
+        """
+        if self.start_posture is None:
+            return None, self.start
+        for name in ("start", "case"):
+            if getattr(self, name) is not None:
+                raise UsageError(f"give --start-posture or --{name}, not both")
+        if len(self.start_posture) != machine.joint_count:
+            wanted = f"{machine.joint_count} joint positions, {', '.join(machine.joint_names)}"
+            given = _format_value(self.start_posture) or "nothing"
+            raise UsageError(f"--start-posture takes {wanted}, not {given}")
+        q = np.array(self.start_posture, dtype=np.float64)
+        return q, tuple(machine.tip_in_base(q).tolist())
+
+
+@dataclass(frozen=True)
+class GoalArguments:
+    """Options for the end of a motion: angle of the end link, and where the tip may end.
+
+    Attributes:
+        goal_psi: Angle of the end link at the goal [rad]; free when left out.
+        goal_psi_range: Least and greatest angle of the end link that are accepted [rad].
+        goal_tolerance: Distance from the goal at which the tip may end as well [m]; without it, a
+            segment or a box, the tip ends at the goal itself.
+        goal_segment: Other end of a line that begins at the goal; the tip may end anywhere on it
+            [m].
+        goal_box: How far to either side of the goal, forward and up, the tip may end [m].
+    """
+
+    goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLE_RANGE] = None
+    goal_psi_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), ANGLE_RANGE] = None
+    goal_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCE_RANGE] = None
+    goal_segment: Annotated[Point | None, tyro.conf.arg(metavar="X Z"), POSITION_RANGE] = None
+    goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ"), DISTANCE_RANGE] = None
+
+    def choose_angle(self) -> Angle:
+        """Return the end-link angle ψ that is asked for at the goal.
+
+        Returns:
+            The angle or the least and greatest angle [rad]; None if the angle is free.
+
+        Raises:
+            UsageError: Both were given.
+        """
+        if self.goal_psi is not None and self.goal_psi_range is not None:
+            raise UsageError("give --goal-psi or --goal-psi-range, not both")
+        return self.goal_psi if self.goal_psi_range is None else self.goal_psi_range
+
+    def create_region(self, goal: Position) -> Region | None:
+        """Return the region around the goal in which the tip may end.
+
+        Args:
+            goal: Goal position (x, z) or (x, y, z) [m].
+
+        Returns:
+            The region; None if the tip must end at the goal itself.
+
+        Raises:
+            UsageError: More than one region was given, a size is invalid, or a segment was given
+                for an arm that slews.
+        """
+        end = self.goal_segment
+        if end is not None and len(goal) > len(end):
+            raise UsageError("--goal-segment: arms that slew know no such line; give --goal-box")
+        segment = None if end is None else (end[0] - goal[0], end[-1] - goal[-1])
+        try:
+            return create_region(self.goal_tolerance, segment, self.goal_box)
+        except RequestError as error:
+            raise UsageError(str(error)) from error
+
+
+@dataclass(frozen=True)
+class ArmArguments:
+    """Options for the arm that a motion is planned for.
+
+    Attributes:
+        machine: Machine file (YAML); the suite's own arm when left out.
+        table: Posture table (npz); built and kept in the user's cache when left out.
+        payload: Mass at the tip [kg]; the machine file's when left out.
+        supply_pressure: Pressure of the main pump [Pa]; the machine file's when left out.
+        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out. Actuators
+            whose own limit is lower keep that.
+        supply_pressure_range: Choose the constant supply pressure in this range with which the
+            motion costs least [Pa]; with --json the examined points are printed, too.
+        v_max_range: Choose the piston speed in this range with which the motion costs least [m/s].
+    """
+
+    machine: OptionalFile = None
+    table: OptionalFile = None
+    payload: OptionalPayload = None
+    supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA"), PRESSURE_RANGE] = None
+    v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S"), SPEED_RANGE] = None
+    supply_pressure_range: Annotated[
+        Point | None, tyro.conf.arg(metavar="LOW HIGH"), PRESSURE_RANGE
+    ] = None
+    v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), SPEED_RANGE] = None
+
+    def change(self, machine: Machine) -> Machine:
+        """Return the machine with the given payload, supply pressure and V_max.
+
+        Raises:
+            UsageError: A value is out of its range.
+        """
+        return change_machine(
+            machine,
+            payload=self.payload,
+            supply_pressure=self.supply_pressure,
+            max_piston_speed=self.v_max,
+        )
+
+    def collect_ranges(self) -> tuple[Range | None, Range | None]:
+        """Return the ranges of supply pressure [Pa] and V_max [m/s]; None if one was left out.
+
+        Raises:
+            UsageError: A value was given beside its range, or a range is invalid.
+        """
+        return (
+            _range_of("supply-pressure", self.supply_pressure_range, self.supply_pressure),
+            _range_of("v-max", self.v_max_range, self.v_max),
+        )
+
+
+def _range_of(name: str, given: Point | None, fixed: float | None) -> Range | None:
+    """Return the range that an option asks for.
+
+    Args:
+        name: Name of the option without dashes; its range option is called NAME-range.
+        given: Lowest and highest value in SI units; None if the range was left out.
+        fixed: Value of the option without a range; None if it was left out.
+
+    Returns:
+        The range, or None if none was given.
+
+    Raises:
+        UsageError: Both were given, or the range is invalid.
+    """
+    if given is None:
+        return None
+    if fixed is not None:
+        raise UsageError(f"give --{name} or --{name}-range, not both")
+    try:
+        return Range(*given)
+    except RequestError as error:
+        raise UsageError(f"--{name}-range: {error}") from error
+
+
+@dataclass(frozen=True)
+class PlannerArguments:
+    """Options for the planner: what counts, where postures come from, how it searches.
+
+    Attributes:
+        weights: Weights of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
+        area_weight: Weight of the velocity polytope's area that is lost along the tip's path, for
+            the integrated planner [1/m]; the area does not count when left out.
+        planner: Method that chooses postures and path; table when left out.
+        initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture table
+            at the start when left out.
+        search: The exact search, or the published one with one label for each node, of the table
+            and the fixed planner; exact when left out.
+        heuristic_scale: Scale of the published search's heuristic, cost per distance from the goal
+            [1/m]; 1 when left out.
+        trajectory: How the trajectory is made: a polynomial as published, or the discrete path
+            followed. When left out, followed for the integrated planner. For the others a
+            polynomial, or followed if V_max makes that cheaper.
+        max_speed_excess: Share by which pistons may exceed V_max on a polynomial, which is
+            stretched in time until they do not exceed it further; 0.1 when left out.
+        energy_reading: Price of boosted oil that the search minimises; the paper's when left out.
+    """
+
+    weights: Annotated[
+        tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3"), WEIGHT_RANGE
+    ] = None
+    area_weight: Annotated[float | None, tyro.conf.arg(metavar="W4"), WEIGHT_RANGE] = None
+    planner: Annotated[
+        PlannerKind | None,
+        tyro.conf.arg(
+            help=f"Where postures come from: {planner_summaries()}; table when left out."
+        ),
+    ] = None
+    initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLE_RANGE] = None
+    search: SearchMethod | None = None
+    heuristic_scale: Annotated[
+        float | None, tyro.conf.arg(metavar="PER_M"), NumberRange(0.0, 1e6)
+    ] = None
+    trajectory: TrajectoryKind | None = None
+    max_speed_excess: Annotated[
+        float | None, tyro.conf.arg(metavar="SHARE"), NumberRange(0.0, 1.0)
+    ] = None
+    energy_reading: EnergyReading | None = None
+
+
+def build_options(
+    asked: PaperCase, move: MoveArguments, goal: GoalArguments, planning: PlannerArguments
+) -> PlanOptions:
+    """Combine a request with the options that it does not contain.
+
+    Args:
+        asked: Start, goal, weights and planner.
+        move: Points between start and goal.
+        goal: Angle and region at the goal.
+        planning: How to plan; a value of None keeps the default.
+
+    Returns:
+        The options of the plan.
+
+    Raises:
+        UsageError: An option has no effect, or options exclude each other.
+        RequestError: A value is out of range.
+    """
+    given = {**vars(planning), "via": move.via, "via_tolerance": move.via_tolerance}
+    check_options_have_effect(asked, given)
+    del given["weights"]  # those of `asked` are complete
+    return replace(
+        asked.options,
+        goal_psi=goal.choose_angle(),
+        goal_region=goal.create_region(asked.goal),
+        **{name: value for name, value in given.items() if value is not None},
+    )
 
 
 def build_request(
@@ -72,36 +359,6 @@ def build_request(
         planner=planner or base.planner,
         initial_j3=base.initial_j3 if initial_j3 is None else initial_j3,
     )
-
-
-def start_from_posture(
-    machine: Machine, posture: Position, given: Mapping[str, Any]
-) -> tuple[FloatArray, Position]:
-    """Return a start posture and the tip's position in it.
-
-    Args:
-        machine: The arm.
-        posture: Position of each joint [rad, telescopes m], within its limits or not.
-        given: Other options that say where the motion starts, by name; None if left out.
-
-    Returns:
-        Joint positions, shape (n,), and the tip in `base_link` (x, z) or (x, y, z) [m].
-
-    Raises:
-        UsageError: The number of values is not the number of joints, or another option is given as
-            well.
-    """
-    for name, value in given.items():
-        if value is not None:
-            flag = f"--{name.replace('_', '-')}"
-            raise UsageError(f"give --start-posture or {flag}, not both")
-    if len(posture) != machine.joint_count:
-        wanted = f"{machine.joint_count} joint positions, {', '.join(machine.joint_names)}"
-        raise UsageError(
-            f"--start-posture takes {wanted}, not {_format_value(posture) or 'nothing'}"
-        )
-    q = np.array(posture, dtype=np.float64)
-    return q, tuple(machine.tip_in_base(q).tolist())
 
 
 def list_replaced_values(asked: PaperCase) -> list[str]:
@@ -261,72 +518,3 @@ def check_coordinates(machine: Machine, asked: PaperCase) -> None:
             raise UsageError(
                 f"--{name} {_format_value(given)}: {machine.name} {does}; give {wanted}"
             )
-
-
-def range_of(name: str, given: Point | None, fixed: float | None) -> Range | None:
-    """Return the range that an option asks for.
-
-    Args:
-        name: Name of the option without dashes; its range option is called NAME-range.
-        given: Lowest and highest value in SI units; None if the range was left out.
-        fixed: Value of the option without a range; None if it was left out.
-
-    Returns:
-        The range, or None if none was given.
-
-    Raises:
-        UsageError: Both were given, or the range is invalid.
-    """
-    if given is None:
-        return None
-    if fixed is not None:
-        raise UsageError(f"give --{name} or --{name}-range, not both")
-    try:
-        return Range(*given)
-    except RequestError as error:
-        raise UsageError(f"--{name}-range: {error}") from error
-
-
-def choose_goal_angle(exact: float | None, between: Point | None) -> Angle:
-    """Return the end-link angle ψ that is asked for at the goal.
-
-    Args:
-        exact: One angle [rad], or None.
-        between: Least and greatest angle [rad], or None.
-
-    Returns:
-        The angle or the pair of angles; None if the angle is free.
-
-    Raises:
-        UsageError: Both were given.
-    """
-    if exact is not None and between is not None:
-        raise UsageError("give --goal-psi or --goal-psi-range, not both")
-    return exact if between is None else between
-
-
-def goal_region_of(
-    goal: Position, tolerance: float | None, end: Point | None, box: Point | None
-) -> Region | None:
-    """Return the region around the goal in which the tip may end.
-
-    Args:
-        goal: Goal position (x, z) or (x, y, z) [m].
-        tolerance: Radius of a disc around the goal [m], or None.
-        end: Other end (x, z) of a segment that begins at the goal, in `base_link` [m], or None.
-        box: Half widths (x, z) of a rectangle around the goal [m], or None.
-
-    Returns:
-        The region; None if the tip must end at the goal itself.
-
-    Raises:
-        UsageError: More than one was given, a size is invalid, or a segment was given for an arm
-            that slews.
-    """
-    if end is not None and len(goal) > len(end):
-        raise UsageError("--goal-segment: arms that slew know no such line; give --goal-box")
-    segment = None if end is None else (end[0] - goal[0], end[-1] - goal[-1])
-    try:
-        return create_region(tolerance, segment, box)
-    except RequestError as error:
-        raise UsageError(str(error)) from error

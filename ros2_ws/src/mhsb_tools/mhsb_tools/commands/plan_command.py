@@ -5,65 +5,48 @@ from __future__ import annotations
 import json
 import sys
 import time
-from dataclasses import replace
-from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import NumberRange
+from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_parent_folder
 from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_model.types import Position
+from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase
-from mhsb_planner.goal_region import MAX_REGION_SIZE, WIDEST_ANGLE
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.cavitation import find_cavitating_steps
-from mhsb_planner.motion.s3_trajectory import TrajectoryKind
-from mhsb_planner.planner import Plan, Planner, PlannerKind
-from mhsb_planner.planners.options import HIGHEST_WEIGHT
-from mhsb_planner.planners.registry import planner_summaries
+from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.manipulability_loss import (
     area_along_motion,
     area_along_path,
     reference_area,
 )
-from mhsb_planner.search.s2_search import SearchMethod
-from mhsb_planner.search.s2_step import EnergyReading
 from mhsb_tools.commands.plan_arguments import (
-    Point,
+    ArmArguments,
+    GoalArguments,
+    MoveArguments,
+    PlannerArguments,
+    build_options,
     build_request,
     case_line,
     case_title,
-    change_machine,
     check_coordinates,
-    check_options_have_effect,
-    choose_goal_angle,
-    goal_region_of,
     list_replaced_values,
-    range_of,
-    start_from_posture,
 )
-from mhsb_tools.commands.zone_arguments import (
-    ZoneBoxes,
-    ZoneCircles,
-    ZoneCylinders,
-    ZoneSpheres,
-    add_zones,
-)
+from mhsb_tools.commands.zone_arguments import ZoneArguments
 from mhsb_tools.moves.move import move_of_plan
 from mhsb_tools.moves.move_page import draw_move_page
 from mhsb_tools.moves.operating_point import (
     OperatingPoint,
     OperatingPointResult,
+    Range,
     best_operating_point,
 )
 
@@ -72,72 +55,19 @@ REPEATED_PLAN_TIME = 1.0
 include loading compiled kernels [s].
 """
 
-POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4), NumberRange(0.0, MAX_REGION_SIZE)
-ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE)
-WEIGHT_RANGE = NumberRange(0.0, HIGHEST_WEIGHT)
-PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7), NumberRange(1e-4, 1.0)
-"""Ranges of the options: positions and distances [m], angles [rad], weights, supply pressure P_S
-[Pa], piston speed V_max [m/s].
-"""
-
 BAR_DELAY = 0.5
 """Delay before a progress bar appears [s]; an error in a request is printed sooner."""
 
 
 def plan(
-    start: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), POSITION_RANGE] = None,
-    goal: Annotated[Position | None, tyro.conf.arg(metavar="X [Y] Z"), POSITION_RANGE] = None,
-    case: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    weights: Annotated[
-        tuple[float, float, float] | None, tyro.conf.arg(metavar="W1 W2 W3"), WEIGHT_RANGE
-    ] = None,
-    area_weight: Annotated[float | None, tyro.conf.arg(metavar="W4"), WEIGHT_RANGE] = None,
-    planner: Annotated[
-        PlannerKind | None,
-        tyro.conf.arg(
-            help=f"Where postures come from: {planner_summaries()}; table when left out."
-        ),
-    ] = None,
-    initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLE_RANGE] = None,
-    search: SearchMethod | None = None,
-    heuristic_scale: Annotated[
-        float | None, tyro.conf.arg(metavar="PER_M"), NumberRange(0.0, 1e6)
-    ] = None,
-    trajectory: TrajectoryKind | None = None,
-    max_speed_excess: Annotated[
-        float | None, tyro.conf.arg(metavar="SHARE"), NumberRange(0.0, 1.0)
-    ] = None,
-    energy_reading: EnergyReading | None = None,
-    payload: Annotated[float | None, tyro.conf.arg(metavar="KG"), NumberRange(0.0, 1e4)] = None,
-    supply_pressure: Annotated[float | None, tyro.conf.arg(metavar="PA"), PRESSURE_RANGE] = None,
-    v_max: Annotated[float | None, tyro.conf.arg(metavar="M_S"), SPEED_RANGE] = None,
-    supply_pressure_range: Annotated[
-        Point | None, tyro.conf.arg(metavar="LOW HIGH"), PRESSURE_RANGE
-    ] = None,
-    v_max_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), SPEED_RANGE] = None,
-    goal_psi: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLE_RANGE] = None,
-    goal_psi_range: Annotated[Point | None, tyro.conf.arg(metavar="LOW HIGH"), ANGLE_RANGE] = None,
-    goal_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCE_RANGE] = None,
-    goal_segment: Annotated[Point | None, tyro.conf.arg(metavar="X Z"), POSITION_RANGE] = None,
-    goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ"), DISTANCE_RANGE] = None,
-    via: Annotated[
-        tuple[tuple[float, ...], ...],
-        tyro.conf.arg(metavar="X [Y] Z"),
-        tyro.conf.UseAppendAction,
-        POSITION_RANGE,
-    ] = (),
-    via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCE_RANGE] = None,
-    zone_box: ZoneBoxes = (),
-    zone_circle: ZoneCircles = (),
-    zone_cylinder: ZoneCylinders = (),
-    zone_sphere: ZoneSpheres = (),
-    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    start_posture: Annotated[
-        tuple[float, ...] | None, tyro.conf.arg(metavar="Q1 Q2 Q3 ..."), ANGLE_RANGE
-    ] = None,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    *,
+    move: MoveArguments,
+    goal: GoalArguments,
+    arm: ArmArguments,
+    planning: PlannerArguments,
+    zones: ZoneArguments,
+    plot: OptionalFile = None,
+    json_: JsonFlag = False,
 ) -> None:
     """Plan a motion from rest and print it: path, modes, energy, time.
 
@@ -147,54 +77,13 @@ def plan(
     times in s.
 
     Args:
-        start: Tip position at the start [m].
-        goal: Tip position at the goal [m].
-        case: One of the paper's cases, such as 1-1; it sets start, goal, weights, planner and
-            initial angle of joint 3. A value given beside it replaces the case's, and the output
-            says so.
-        machine: Machine file (YAML); the suite's own arm when left out.
-        table: Posture table (npz); built and kept in the user's cache when left out.
-        weights: Weights of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
-        area_weight: Weight of the velocity polytope's area that is lost along the tip's path, for
-            the integrated planner [1/m]; the area does not count when left out.
-        planner: Method that chooses postures and path; table when left out.
-        initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture table
-            at the start when left out.
-        search: The exact search, or the published one with one label for each node, of the table
-            and the fixed planner; exact when left out.
-        heuristic_scale: Scale of the published search's heuristic, cost per distance from the goal
-            [1/m]; 1 when left out.
-        trajectory: How the trajectory is made: a polynomial as published, or the discrete path
-            followed. When left out, followed for the integrated planner. For the others a
-            polynomial, or followed if V_max makes that cheaper.
-        max_speed_excess: Share by which pistons may exceed V_max on a polynomial, which is
-            stretched in time until they do not exceed it further; 0.1 when left out.
-        energy_reading: Price of boosted oil that the search minimises; the paper's when left out.
-        payload: Mass at the tip [kg]; the machine file's when left out.
-        supply_pressure: Pressure of the main pump [Pa]; the machine file's when left out.
-        v_max: Piston speed of the discrete plan [m/s]; the machine file's when left out. Actuators
-            whose own limit is lower keep that.
-        supply_pressure_range: Choose the constant supply pressure in this range with which the
-            motion costs least [Pa]; with --json the examined points are printed, too.
-        v_max_range: Choose the piston speed in this range with which the motion costs least [m/s].
-        goal_psi: Angle of the end link at the goal [rad]; free when left out.
-        goal_psi_range: Least and greatest angle of the end link that are accepted [rad].
-        goal_tolerance: Distance from the goal at which the tip may end as well [m]; without it, a
-            segment or a box, the tip ends at the goal itself.
-        goal_segment: Other end of a line that begins at the goal; the tip may end anywhere on it
-            [m].
-        goal_box: How far to either side of the goal, forward and up, the tip may end [m].
-        via: Point that the tip passes on its way [m], with Y if the arm slews; may be given several
-            times, in the order of passing.
-        via_tolerance: Distance at which it may pass them [m]; 0.01 when left out.
-        zone_box: Two opposite corners [m] of a box that plans keep out of.
-        zone_circle: Centre and radius [m] of a circle that plans keep out of.
-        zone_cylinder: Axis, ends and radius [m] of an upright cylinder that plans keep out of.
-        zone_sphere: Centre and radius [m] of a sphere that plans keep out of.
+        move: Start, goal and points between them.
+        goal: Angle of the end link and position of the tip at the end.
+        arm: The arm and its supply.
+        planning: How to plan.
+        zones: Keep-out zones.
         plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
             pressures, energy.
-        start_posture: Joint positions at the start [rad], extensions of telescopes [m], in place of
-            --start. They may be beyond the joint limits: the motion then leads back into them.
         json_: Print one JSON object instead of text.
 
     Raises:
@@ -204,82 +93,69 @@ def plan(
     """
     if plot is not None and plot.suffix.lower() != ".png":
         raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
-    posture = None
-    if start_posture is not None:
-        others = {"start": start, "case": case}
-        posture, start = start_from_posture(load_machine(machine), start_posture, others)
-    asked = build_request(start, goal, case, weights, planner, initial_j3)
-    ranges = (
-        range_of("supply-pressure", supply_pressure_range, supply_pressure),
-        range_of("v-max", v_max_range, v_max),
+    base = load_machine(arm.machine)
+    posture, start = move.find_start(base)
+    asked = build_request(
+        start, move.goal, move.case, planning.weights, planning.planner, planning.initial_j3
     )
-    wishes: dict[str, Any] = {
-        "energy_reading": energy_reading,
-        "via_tolerance": via_tolerance,
-        "search": search,
-        "heuristic_scale": heuristic_scale,
-        "trajectory": trajectory,
-        "max_speed_excess": max_speed_excess,
-        "area_weight": area_weight,
-    }
-    check_options_have_effect(asked, {**wishes, "initial_j3": initial_j3, "via": via})
-    options = replace(
-        asked.options,
-        goal_psi=choose_goal_angle(goal_psi, goal_psi_range),
-        goal_region=goal_region_of(asked.goal, goal_tolerance, goal_segment, goal_box),
-        via=via,
-        **{name: value for name, value in wishes.items() if value is not None},
-    )
+    ranges = arm.collect_ranges()
+    options = build_options(asked, move, goal, planning)
     if plot is not None:
         make_parent_folder(plot, "the picture")
-    base = load_machine(machine)
     check_coordinates(base, asked)
-    arm = add_zones(
-        change_machine(
-            base, payload=payload, supply_pressure=supply_pressure, max_piston_speed=v_max
-        ),
-        boxes=zone_box,
-        circles=zone_circle,
-        cylinders=zone_cylinder,
-        spheres=zone_sphere,
-    )
+    changed = zones.add_to(arm.change(base))
     compile_planner()
-    suite = Planner(arm, load_or_build_table(base, table))
+    suite = Planner(changed, load_or_build_table(base, arm.table))
     began = time.perf_counter()
     if posture is None:
         base.check_in_workspace(asked.start)
         posture = asked.start_posture(suite.machine)
-    at_rest = MotionState.at_rest(posture)
-    found = None
-    if any(ranges):
-        with tqdm(desc="operating points", unit="plan", disable=json_, delay=BAR_DELAY) as bar:
-            progress = partial(_advance, bar)
-            found = best_operating_point(
-                suite, asked.goal, at_rest, options, *ranges, on_sample=progress
-            )
-    if found:
-        made = found.plan
-    else:
-        made = suite.plan(asked.goal, at_rest, options=options)
-        if (
-            time.perf_counter() - began < REPEATED_PLAN_TIME
-        ):  # loading kernels took most of it, so plan again
-            began = time.perf_counter()
-            made = suite.plan(asked.goal, at_rest, options=options)
+    made, found = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_)
+    if found is None and time.perf_counter() - began < REPEATED_PLAN_TIME:
+        began = time.perf_counter()  # loading kernels took most of it, so plan again
+        made, _ = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_)
     seconds = {**made.seconds, "total": time.perf_counter() - began}
     area = compute_polytope_areas(suite, made)
     if plot is not None:
         draw_move_page(move_of_plan(suite.machine, made, asked.goal, _title(asked)), plot)
     if json_:
         content = as_json(suite.machine, made, seconds) | area | operating_points_as_json(found)
-        print(json.dumps(content | {"case": case, "replaced": list_replaced_values(asked)}))
+        print(json.dumps(content | {"case": move.case, "replaced": list_replaced_values(asked)}))
     else:
         lines = as_text(suite.machine, made, seconds)
         print("\n".join([*case_line(asked), *lines, area_line(area), *point_lines(found)]))
 
 
-def _advance(bar: tqdm, _: OperatingPointResult) -> None:
-    bar.update()
+def _make_plan(
+    planner: Planner,
+    goal: Position,
+    posture: FloatArray,
+    options: PlanOptions,
+    ranges: tuple[Range | None, Range | None],
+    *,
+    silent: bool,
+) -> tuple[Plan, OperatingPoint | None]:
+    """Plan a motion from rest, at the best operating point if a range is given.
+
+    Args:
+        planner: Planner of the arm.
+        goal: Tip position at the goal [m].
+        posture: Posture at the start, shape (n,) [rad or m].
+        options: Options of the plan.
+        ranges: Ranges of supply pressure [Pa] and V_max [m/s]; None keeps the machine's value.
+        silent: Whether to show no progress bar.
+
+    Returns:
+        The plan, and the operating point; None without a range.
+    """
+    at_rest = MotionState.at_rest(posture)
+    if not any(ranges):
+        return planner.plan(goal, at_rest, options=options), None
+    with tqdm(desc="operating points", unit="plan", disable=silent, delay=BAR_DELAY) as bar:
+        found = best_operating_point(
+            planner, goal, at_rest, options, *ranges, on_sample=lambda _: bar.update()
+        )
+    return found.plan, found
 
 
 def _title(asked: PaperCase) -> str:

@@ -12,7 +12,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import JobCount
+from mhsb_model.command_line import JobCount, JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import load_machine
 from mhsb_planner.errors import RequestError
@@ -79,10 +79,10 @@ OPERATING_POINT = "operating_point"
 
 def reproduce(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce"),
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
     jobs: Annotated[JobCount, tyro.conf.arg(metavar="N")] = None,
     scheduler: Scheduler = None,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> None:
     """Run all cases and sweeps of the paper and judge what they show.
 

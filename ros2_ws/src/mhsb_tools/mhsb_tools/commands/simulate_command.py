@@ -7,7 +7,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from mhsb_control import get_controller_class
 from mhsb_model import command_line
-from mhsb_model.command_line import NumberRange, Seed
+from mhsb_model.command_line import JsonFlag, OptionalFile, Seed
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine, load_machine
@@ -32,14 +32,8 @@ from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.commands.plan_arguments import change_machine
-from mhsb_tools.commands.zone_arguments import (
-    ZoneBoxes,
-    ZoneCircles,
-    ZoneCylinders,
-    ZoneSpheres,
-    add_zones,
-)
+from mhsb_tools.commands.plan_arguments import POSITION_RANGE, OptionalPayload, change_machine
+from mhsb_tools.commands.zone_arguments import ZoneArguments
 from mhsb_tools.errors import VariationError
 from mhsb_tools.moves.move_page import draw_move_page
 from mhsb_tools.study.energy_comparison import EnergyPart, energy_elements
@@ -60,27 +54,58 @@ PICTURE_FILE = "move.png"
 """Name of the picture in the output folder."""
 
 
+@dataclass(frozen=True)
+class SimulatedArmArguments:
+    """Options for the arm that planner and servo know, and for the arm that is simulated.
+
+    Attributes:
+        machine: Machine file (YAML); the suite's own arm when left out.
+        payload: Mass at the tip [kg]; the machine file's when left out.
+        plant: Plant file (YAML): in what the simulated arm differs from the machine that planner
+            and servo know, or a whole machine file.
+        vary: Factors on values of the simulated arm: KEY=FACTOR ..., where KEY is a name of
+            config/variations.yaml (payload=1.3 friction=2) or a path in the machine file
+            (circuit.bulk_modulus=0.7).
+    """
+
+    machine: OptionalFile = None
+    payload: OptionalPayload = None
+    plant: OptionalFile = None
+    vary: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=FACTOR")] = ()
+
+
+@dataclass(frozen=True)
+class MethodArguments:
+    """Options for planner and servo.
+
+    Attributes:
+        planner: Method that chooses postures and path, as in `mhsb_tools plan`: table, fixed or
+            integrated; integrated, as in the node, when left out.
+        trajectory: How trajectories are made: polynomial or followed; followed for the integrated
+            planner, polynomial for the others when left out.
+        controller: Servo controller, coordinated or independent.
+        seed: Seed of the sensor noise.
+    """
+
+    planner: PlannerKind = ONLINE_PLANNER
+    trajectory: TrajectoryKind | None = None
+    controller: str = "coordinated"
+    seed: Seed = 0
+
+
 def simulate(
+    *,
     goal: Annotated[
         tuple[tuple[float, ...], ...],
         tyro.conf.arg(metavar="X [Y] Z T [X [Y] Z T ...]"),
         tyro.conf.UseAppendAction,
-        NumberRange(-1e4, 1e4),
+        POSITION_RANGE,
     ] = (),
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    controller: str = "coordinated",
-    seed: Seed = 0,
-    payload: Annotated[float | None, tyro.conf.arg(metavar="KG"), NumberRange(0.0, 1e4)] = None,
-    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    vary: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=FACTOR")] = (),
-    planner: PlannerKind = ONLINE_PLANNER,
-    trajectory: TrajectoryKind | None = None,
-    zone_box: ZoneBoxes = (),
-    zone_circle: ZoneCircles = (),
-    zone_cylinder: ZoneCylinders = (),
-    zone_sphere: ZoneSpheres = (),
+    arm: SimulatedArmArguments,
+    method: MethodArguments,
+    zones: ZoneArguments,
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
     audit: bool = False,
 ) -> int:
     """Plan and simulate goals one after the other, in lock-step, as fast as it goes.
@@ -92,23 +117,9 @@ def simulate(
 
     Args:
         goal: Goals: tip position [m] and time until the next goal [s]; may be given several times.
-        machine: Machine file (YAML); the suite's own arm when left out.
-        controller: Servo controller, coordinated or independent.
-        seed: Seed of the sensor noise.
-        payload: Mass at the tip [kg]; the machine file's when left out.
-        plant: Plant file (YAML): in what the simulated arm differs from the machine that planner
-            and servo know, or a whole machine file.
-        vary: Factors on values of the simulated arm: KEY=FACTOR ..., where KEY is a name of
-            config/variations.yaml (payload=1.3 friction=2) or a path in the machine file
-            (circuit.bulk_modulus=0.7).
-        planner: Method that chooses postures and path, as in `mhsb_tools plan`: table, fixed or
-            integrated; integrated, as in the node, when left out.
-        trajectory: How trajectories are made: polynomial or followed; followed for the integrated
-            planner, polynomial for the others when left out.
-        zone_box: Two opposite corners [m] of a box that plans keep out of.
-        zone_circle: Centre and radius [m] of a circle that plans keep out of.
-        zone_cylinder: Axis, ends and radius [m] of an upright cylinder that plans keep out of.
-        zone_sphere: Centre and radius [m] of a sphere that plans keep out of.
+        arm: The arm that planner and servo know, and the arm that is simulated.
+        method: Planner and servo.
+        zones: Keep-out zones.
         output: Folder for samples.csv (100 Hz, SI units), summary.json and move.png: path, joints,
             modes, operating regions, pressures and energy on one page.
         json_: Print one JSON object instead of text.
@@ -128,32 +139,21 @@ def simulate(
             "--audit has no effect with --json, which has it all: energies_j, volumes_m3 and "
             "energy_elements_j; leave it out"
         )
-    arm = change_machine(load_machine(machine), payload=payload)
-    kept_out = add_zones(
-        arm, boxes=zone_box, circles=zone_circle, cylinders=zone_cylinder, spheres=zone_sphere
-    )
-    goals = list(itertools.chain.from_iterable(timed_goals(arm, values) for values in goal))
+    known = change_machine(load_machine(arm.machine), payload=arm.payload)
+    kept_out = zones.add_to(known)
+    goals = list(itertools.chain.from_iterable(timed_goals(known, values) for values in goal))
     if output is not None:
         make_output_folder(output, "the run")
-    real = build_plant(arm, plant, vary)
-    get_controller_class(controller)  # raises for an unknown one before any long work
-    compile_planner()
-    compile_simulator()
-    replanner = Replanner(arm, load_or_build_table(arm))
-    replanner.change_machine(kept_out)
-    replanner.warm_up([planner])
-    simulator = Simulator(arm, controller, seed, plant=real)
-    simulator.step()  # loads kernels, so that this is not part of the time
-    simulator.reset()
-    run = HeadlessRun(simulator, replanner, PlanOptions(planner=planner, trajectory=trajectory))
+    plant = build_plant(known, arm.plant, arm.vary)
+    run = _prepare_run(known, kept_out, plant, method)
     began = time.perf_counter()
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
-    samples = run.samples()
-    elements = energy_elements(planned_energy(arm, samples), simulator.energies)
+    simulator, samples = run.simulator, run.samples()
+    elements = energy_elements(planned_energy(known, samples), simulator.energies)
     interventions = simulator.guard.interventions.count
     summary = summarize(
-        arm.axes, results, samples, simulator.energies, seconds, elements, interventions
+        known.axes, results, samples, simulator.energies, seconds, elements, interventions
     )
     summary["volumes_m3"] = simulator.volumes
     if output is not None:
@@ -170,6 +170,36 @@ def simulate(
     for result in missed:
         print(f"simulate: {missed_sentence(result, interventions)}", file=sys.stderr)
     return 1 if missed else 0
+
+
+def _prepare_run(
+    machine: Machine, kept_out: Machine, plant: Machine, method: MethodArguments
+) -> HeadlessRun:
+    """Prepare planner and simulator, and compile their kernels.
+
+    Args:
+        machine: The machine that the servo knows.
+        kept_out: The machine that the planner knows: with all keep-out zones.
+        plant: The machine that is simulated.
+        method: Planner and servo.
+
+    Returns:
+        The run, in which nothing was simulated yet.
+
+    Raises:
+        UnknownControllerError: The controller does not exist.
+    """
+    get_controller_class(method.controller)  # raises for an unknown one before any long work
+    compile_planner()
+    compile_simulator()
+    replanner = Replanner(machine, load_or_build_table(machine))
+    replanner.change_machine(kept_out)
+    replanner.warm_up([method.planner])
+    simulator = Simulator(machine, method.controller, method.seed, plant=plant)
+    simulator.step()  # loads kernels, so that this is not part of the time
+    simulator.reset()
+    options = PlanOptions(planner=method.planner, trajectory=method.trajectory)
+    return HeadlessRun(simulator, replanner, options)
 
 
 def is_missed(result: GoalRun) -> bool:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
 
-from mhsb_model.command_line import NumberRange, UsageError
+from mhsb_model.command_line import UsageError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Numbers, zone_numbers
-from mhsb_tools.commands.plan_arguments import change_machine
+from mhsb_tools.commands.plan_arguments import POSITION_RANGE, change_machine
 
 BOX_METAVAR, SPACE_BOX_METAVAR = "X1 Z1 X2 Z2", "X1 Y1 Z1 X2 Y2 Z2"
 CIRCLE_METAVAR, CYLINDER_METAVAR, SPHERE_METAVAR = (
@@ -18,49 +19,57 @@ CIRCLE_METAVAR, CYLINDER_METAVAR, SPHERE_METAVAR = (
     "X Y Z RADIUS",
 )
 
-ZoneBoxes = Annotated[
-    tuple[Numbers, ...],
-    tyro.conf.arg(
-        metavar="X1 [Y1] Z1 X2 [Y2] Z2",
-        help="Two opposite corners [m] of a box that plans keep out of, beside the machine file's "
-        "zones, with Y where the arm slews; may be given several times.",
-    ),
-    tyro.conf.UseAppendAction,
-    NumberRange(-1e4, 1e4),
-]
-ZoneCircles = Annotated[
-    tuple[tuple[float, float, float], ...],
-    tyro.conf.arg(
-        metavar=CIRCLE_METAVAR,
-        help="Centre and radius [m] of a circle that plans keep out of; may be given several "
-        "times; for arms that do not slew.",
-    ),
-    tyro.conf.UseAppendAction,
-    NumberRange(-1e4, 1e4),
-]
-ZoneCylinders = Annotated[
-    tuple[tuple[float, float, float, float, float], ...],
-    tyro.conf.arg(
-        metavar=CYLINDER_METAVAR,
-        help="Axis, ends and radius [m] of an upright cylinder that plans keep out of; may be "
-        "given several times; for arms that slew.",
-    ),
-    tyro.conf.UseAppendAction,
-    NumberRange(-1e4, 1e4),
-]
-ZoneSpheres = Annotated[
-    tuple[tuple[float, float, float, float], ...],
-    tyro.conf.arg(
-        metavar=SPHERE_METAVAR,
-        help="Centre and radius [m] of a sphere that plans keep out of; may be given several "
-        "times; for arms that slew.",
-    ),
-    tyro.conf.UseAppendAction,
-    NumberRange(-1e4, 1e4),
-]
-"""Types of the options `--zone-…`. Boxes are for all arms, circles for planar arms, cylinders and
-spheres for arms that slew.
-"""
+
+@dataclass(frozen=True)
+class ZoneArguments:
+    """Options for keep-out zones. Boxes are for all arms, circles for those that do not slew.
+
+    Attributes:
+        zone_box: Two opposite corners [m] of a box that plans keep out of, beside the machine
+            file's zones, with Y where the arm slews; may be given several times.
+        zone_circle: Centre and radius [m] of a circle that plans keep out of; may be given several
+            times; for arms that do not slew.
+        zone_cylinder: Axis, ends and radius [m] of an upright cylinder that plans keep out of; may
+            be given several times; for arms that slew.
+        zone_sphere: Centre and radius [m] of a sphere that plans keep out of; may be given several
+            times; for arms that slew.
+    """
+
+    zone_box: Annotated[
+        tuple[Numbers, ...],
+        tyro.conf.arg(metavar="X1 [Y1] Z1 X2 [Y2] Z2"),
+        tyro.conf.UseAppendAction,
+        POSITION_RANGE,
+    ] = ()
+    zone_circle: Annotated[
+        tuple[tuple[float, float, float], ...],
+        tyro.conf.arg(metavar=CIRCLE_METAVAR),
+        tyro.conf.UseAppendAction,
+        POSITION_RANGE,
+    ] = ()
+    zone_cylinder: Annotated[
+        tuple[tuple[float, float, float, float, float], ...],
+        tyro.conf.arg(metavar=CYLINDER_METAVAR),
+        tyro.conf.UseAppendAction,
+        POSITION_RANGE,
+    ] = ()
+    zone_sphere: Annotated[
+        tuple[tuple[float, float, float, float], ...],
+        tyro.conf.arg(metavar=SPHERE_METAVAR),
+        tyro.conf.UseAppendAction,
+        POSITION_RANGE,
+    ] = ()
+
+    def add_to(self, machine: Machine) -> Machine:
+        """Return the machine with its own zones and these, see `add_zones`."""
+        return add_zones(
+            machine,
+            boxes=self.zone_box,
+            circles=self.zone_circle,
+            cylinders=self.zone_cylinder,
+            spheres=self.zone_sphere,
+        )
+
 
 PLANAR_OPTIONS = {
     "boxes": ("--zone-box", BOX_METAVAR),

@@ -13,7 +13,7 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, JobCount, NumberRange
+from mhsb_model.command_line import Count, JsonFlag, NumberRange, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import FloatArray
@@ -23,7 +23,7 @@ from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
-from mhsb_planner.work_arguments import Scheduler, parse_jobs
+from mhsb_planner.work_arguments import WorkArguments
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_tools.comparison.compare_figure import draw_proportions
 from mhsb_tools.comparison.planner_comparison import (
@@ -44,20 +44,16 @@ DEFAULT_TRUTHS = 10
 
 
 def compare(
+    *,
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/compare"),
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
     weights: Annotated[
         tuple[float, float, float], tyro.conf.arg(metavar="W1 W2 W3"), NumberRange(0.0, 1e6)
-    ] = (
-        0.5,
-        0.0,
-        2.0,
-    ),
+    ] = (0.5, 0.0, 2.0),
     moves: Count = 100,
     truths: Annotated[int | None, NumberRange(0, 10**6)] = None,
-    jobs: JobCount = None,
-    scheduler: Scheduler = None,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    work: WorkArguments,
+    json_: JsonFlag = False,
 ) -> None:
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
 
@@ -73,12 +69,9 @@ def compare(
         moves: Number of random moves between nodes of the grid.
         truths: Number of these for which the ground truth is searched, too, which takes seconds
             each. When left out, 10, or all if there are fewer.
-        jobs: Processes; as many as there are processors when left out.
-        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+        work: Who does the work.
         json_: Print summary.json instead of text.
     """
-    if jobs is not None and jobs < 1:
-        raise command_line.UsageError(f"--jobs: {jobs} is below 1")
     sought = min(DEFAULT_TRUTHS, moves) if truths is None else truths
     if sought > moves:
         raise command_line.UsageError(
@@ -89,19 +82,23 @@ def compare(
         chosen = PlanOptions(weights=Weights(*weights)).weights
     except RequestError as error:
         raise command_line.UsageError(f"--weights: {error}") from error
-    workers = parse_jobs(jobs, scheduler)
+    workers = work.connect()
     make_output_folder(output, "the comparison")
     arm = load_machine(machine)
     asked = requests(arm, moves, sought)
     comparisons = compare_all(arm, chosen, asked, workers)
     found = list(tqdm(comparisons, total=len(asked), unit="move", disable=None))
     cases, others = found[: len(found) - moves], found[len(found) - moves :]
-    summary = {"weights": weights, "cases": summarize(cases), "random moves": summarize(others)}
     supplies = {
-        title: totals(arm, [each.motions for each in moves])
-        for title, moves in (("cases", cases), ("random moves", others))
+        title: totals(arm, [each.motions for each in compared])
+        for title, compared in (("cases", cases), ("random moves", others))
     }
-    summary["supplies"] = supplies
+    summary = {
+        "weights": weights,
+        "cases": summarize(cases),
+        "random moves": summarize(others),
+        "supplies": supplies,
+    }
     write_json(output / "records.json", [asdict(each) for each in found])
     write_json(output / "summary.json", summary)
     draw_proportions(cases, others, output / "proportions.png")

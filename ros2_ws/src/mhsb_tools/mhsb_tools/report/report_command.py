@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from mhsb_model import command_line
+from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
@@ -26,11 +27,11 @@ SUMMARY_FILE = "summary.json"
 def report(
     bag: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="BAG")],
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")],
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
+    table: OptionalFile = None,
     namespace: str = "",
     moves: bool = False,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> None:
     """Draw figures (PNG) of a recording and write its numbers into summary.json.
 

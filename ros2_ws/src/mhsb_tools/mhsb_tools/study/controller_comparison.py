@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mhsb_model.types import FloatArray
 from mhsb_tools.study.energy_comparison import EnergyPart, sum_parts
 from mhsb_tools.study.energy_comparison import as_text as energy_text
 from mhsb_tools.study.servo_study import ScenarioResult, StudyRecord
@@ -49,39 +50,56 @@ def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
     pairs = [
         [each.records_by_controller[side] for side in COMPARED_CONTROLLERS] for each in results
     ]
-    tracking = np.array([b.tip_error_rms_mm / a.tip_error_rms_mm for a, b in pairs])
-    overshoot = np.array([[r.supply_overshoot_mpa for r in pair] for pair in pairs]).clip(0.0)
-    largest, mean = overshoot.max(axis=0), overshoot.mean(axis=0)
-    both = overshoot[overshoot[:, 1] > 0.0]
-    tracked = [pair for pair in pairs if max(r.tip_error_rms_mm for r in pair) <= TRACKED_ERROR]
-    planned = np.array([a.energy_planned_series_j / _energy(a) for a, _ in pairs])
+    errors = np.array([[r.tip_error_rms_mm for r in pair] for pair in pairs])
+    energies = np.array([[_energy(r) for r in pair] for pair in pairs])
+    relief = [sum(r.relief_opened for r in side) for side in zip(*pairs, strict=True)]
+    tracking = errors[:, 1] / errors[:, 0]
+    tracked = energies[errors.max(axis=1) <= TRACKED_ERROR]
+    planned = np.array([a.energy_planned_series_j for a, _ in pairs]) / energies[:, 0]
     return {
         "scenarios": len(pairs),
-        "tip_error_rms_max_mm": {
-            "coordinated": max(a.tip_error_rms_mm for a, _ in pairs),
-            "independent": max(b.tip_error_rms_mm for _, b in pairs),
-        },
+        "tip_error_rms_max_mm": _by_controller(errors.max(axis=0).tolist()),
         "tracking_ratio": {
             "least": float(tracking.min()),
             "mean": float(np.exp(np.mean(np.log(tracking)))),
         },
-        "overshoot_max_mpa": dict(zip(COMPARED_CONTROLLERS, largest.tolist(), strict=True)),
-        "overshoot_mean_mpa": dict(zip(COMPARED_CONTROLLERS, mean.tolist(), strict=True)),
+        **_compare_overshoot(np.array([[r.supply_overshoot_mpa for r in pair] for pair in pairs])),
+        "energy_ratio": max((tracked[:, 0] / tracked[:, 1]).tolist(), default=None),
+        "energy_ratio_scenarios": len(tracked),
+        "planned_ratio": {"least": float(planned.min()), "largest": float(planned.max())},
+        "energy_elements_j": [asdict(element) for element in energy_totals(results)],
+        "relief_opened": _by_controller(relief),
+        "goals_refused": [reason for result in results for reason in result.refused],
+    }
+
+
+def _compare_overshoot(overshoot: FloatArray) -> dict[str, Any]:
+    """Compare the supply overshoot of both controllers.
+
+    Args:
+        overshoot: Overshoot in each scenario (row) by each controller (column) [MPa]; negative
+            values count as 0.
+
+    Returns:
+        The keys `overshoot_…` of `compare`.
+    """
+    overshoot = overshoot.clip(0.0)
+    largest, mean = overshoot.max(axis=0), overshoot.mean(axis=0)
+    both = overshoot[overshoot[:, 1] > 0.0]
+    return {
+        "overshoot_max_mpa": _by_controller(largest.tolist()),
+        "overshoot_mean_mpa": _by_controller(mean.tolist()),
         "overshoot_ratio": {
             "of_largest": float(largest[0] / largest[1]) if len(both) else None,
             "of_mean": float(mean[0] / mean[1]) if len(both) else None,
             "worst_scenario": float((both[:, 0] / both[:, 1]).max()) if len(both) else None,
         },
-        "energy_ratio": max((_energy(a) / _energy(b) for a, b in tracked), default=None),
-        "energy_ratio_scenarios": len(tracked),
-        "planned_ratio": {"least": float(planned.min()), "largest": float(planned.max())},
-        "energy_elements_j": [asdict(element) for element in energy_totals(results)],
-        "relief_opened": {
-            "coordinated": sum(a.relief_opened for a, _ in pairs),
-            "independent": sum(b.relief_opened for _, b in pairs),
-        },
-        "goals_refused": [reason for result in results for reason in result.refused],
     }
+
+
+def _by_controller(values: Sequence[float]) -> dict[str, float]:
+    """Return the values of both controllers by their names."""
+    return dict(zip(COMPARED_CONTROLLERS, values, strict=True))
 
 
 def as_text(results: Sequence[ScenarioResult], comparison: dict[str, Any]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,96 +39,126 @@ class LimitedFigure:
         return self.least <= self.value <= self.most
 
 
+@dataclass(frozen=True)
+class CountedDraws:
+    """A number of draws that has a limit.
+
+    Attributes:
+        name: What is counted.
+        holds: Function from a record to a value that is true if the draw counts.
+        most: Upper limit; infinity if there is none.
+    """
+
+    name: str
+    holds: Callable[[DrawRecord], object]
+    most: float
+
+    def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
+        """Return the number of draws that count, in a list."""
+        count = sum(bool(self.holds(record)) for record in records)
+        return [LimitedFigure(f"{self.name} [draws]", count, self.most, runs=len(records))]
+
+
+@dataclass(frozen=True)
+class LimitedQuantity:
+    """A quantity of which quantiles over the draws have limits.
+
+    Attributes:
+        name: Name of the quantity with its unit.
+        of: Function from a record to the value, None if the record has none.
+        limits: Upper limit of each quantile, by quantile 0 … 1; infinity if there is none.
+    """
+
+    name: str
+    of: Callable[[DrawRecord], float | None]
+    limits: Mapping[float, float]
+
+    def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
+        """Return a figure for each quantile; none if no draw has a value."""
+        values = [value for record in records if (value := self.of(record)) is not None]
+        return [
+            LimitedFigure(
+                f"{self.name}, {LEVEL_NAMES[q]}",
+                float(np.quantile(values, q)),
+                most,
+                runs=len(values),
+            )
+            for q, most in self.limits.items()
+            if values
+        ]
+
+
+@dataclass(frozen=True)
+class PayloadShare:
+    """The share of draws whose 95 % interval contains the true payload."""
+
+    def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
+        """Return the share [%] in a list, which is empty if no draw has an interval."""
+        holds = [record.payload_holds for record in records if record.payload_holds is not None]
+        if not holds:
+            return []
+        share = float(100.0 * np.mean(holds))
+        return [LimitedFigure("95 % interval holds it [% of draws]", share, 98.0, 92.0, len(holds))]
+
+
+DRAW_LIMITS = (
+    CountedDraws("failed", lambda r: r.failure, 0),
+    LimitedQuantity("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST_LEVEL: 20.0}),
+    LimitedQuantity(
+        "tip error, RMS [mm]",
+        lambda r: r.tip_error_rms_mm,
+        {MEDIAN_LEVEL: np.inf, HIGH_LEVEL: 2, WORST_LEVEL: 5},
+    ),
+    LimitedQuantity(
+        "largest error over largest speed [s]",
+        lambda r: r.rho_s,
+        {MEDIAN_LEVEL: 0.01, HIGH_LEVEL: 0.03},
+    ),
+    LimitedQuantity(
+        "supply overshoot [MPa]",
+        lambda r: r.supply_overshoot_mpa,
+        {HIGH_LEVEL: 0.3, WORST_LEVEL: 1.0},
+    ),
+    CountedDraws("relief valve opened", lambda r: r.relief_opened, 0),
+    LimitedQuantity(
+        "arrival later, where flow suffices [%]",
+        lambda r: r.later_percent if r.flow_suffices else None,
+        {MEDIAN_LEVEL: 2.0, HIGH_LEVEL: 15.0},
+    ),
+    LimitedQuantity(
+        "arrival later, all [%]",
+        lambda r: r.later_percent,
+        {HIGH_LEVEL: np.inf, WORST_LEVEL: np.inf},
+    ),
+    LimitedQuantity(
+        "spool at rest [% of stroke]",
+        lambda r: r.spool_deviation_percent,
+        {HIGH_LEVEL: 1, WORST_LEVEL: 1},
+    ),
+    LimitedQuantity("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {HIGH_LEVEL: 1.0}),
+    LimitedQuantity(
+        "payload after 5 s both ways [% off]",
+        lambda r: r.payload_error_percent,
+        {MEDIAN_LEVEL: 5.0, HIGH_LEVEL: 10.0},
+    ),
+    PayloadShare(),
+    CountedDraws("plan held until stopped", lambda r: r.held, np.inf),
+    CountedDraws("guard acted", lambda r: r.interventions, np.inf),
+)
+"""The limits that the suite sets itself, in the order in which they are printed."""
+
+
 def figures_of(records: Sequence[DrawRecord]) -> list[LimitedFigure]:
     """Compute counts and quantiles over the draws of one controller, each with its limits.
-
-    Counts of draws: failed, relief valve opened, plan held until stopped, guard acted. Quantiles
-    (median, 95 %, worst): tip error, supply overshoot, later arrival, spool and tip at rest,
-    payload error. One share: draws whose 95 % interval contains the true payload.
 
     Args:
         records: The controller's records, one for each draw.
 
     Returns:
-        The numbers; each name ends with its unit. A quantile or share is left out if no draw has a
-        value.
+        The numbers in the order of `DRAW_LIMITS`; each name ends with its unit. A quantile or share
+        is left out if no draw has a value.
     """
-    found = [
-        LimitedFigure("failed [draws]", sum(bool(r.failure) for r in records), 0, runs=len(records))
-    ]
-
-    def add_quantiles(
-        name: str, of: Callable[[DrawRecord], float | None], limits: dict[float, float]
-    ) -> None:
-        """Append quantiles over the draws of one quantity, each with its upper limit.
-
-        Takes `records` from the enclosing function and extends the list `found` there in place.
-        Draws without a value do not count; nothing is appended if no draw has one.
-
-        Args:
-            name: Name of the quantity with its unit.
-            of: Function from a record to the value, None if the record has none.
-            limits: Upper limit of each quantile, by quantile 0 … 1.
-        """
-        values = [value for record in records if (value := of(record)) is not None]
-        found.extend(
-            LimitedFigure(
-                f"{name}, {LEVEL_NAMES[q]}", float(np.quantile(values, q)), most, runs=len(values)
-            )
-            for q, most in limits.items()
-            if values
-        )
-
-    add_quantiles("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST_LEVEL: 20.0})
-    add_quantiles(
-        "tip error, RMS [mm]",
-        lambda r: r.tip_error_rms_mm,
-        {MEDIAN_LEVEL: np.inf, HIGH_LEVEL: 2, WORST_LEVEL: 5},
-    )
-    add_quantiles(
-        "largest error over largest speed [s]",
-        lambda r: r.rho_s,
-        {MEDIAN_LEVEL: 0.01, HIGH_LEVEL: 0.03},
-    )
-    add_quantiles(
-        "supply overshoot [MPa]",
-        lambda r: r.supply_overshoot_mpa,
-        {HIGH_LEVEL: 0.3, WORST_LEVEL: 1.0},
-    )
-    relief = sum(bool(record.relief_opened) for record in records)
-    found.append(LimitedFigure("relief valve opened [draws]", relief, 0, runs=len(records)))
-    add_quantiles(
-        "arrival later, where flow suffices [%]",
-        lambda r: r.later_percent if r.flow_suffices else None,
-        {MEDIAN_LEVEL: 2.0, HIGH_LEVEL: 15.0},
-    )
-    add_quantiles(
-        "arrival later, all [%]",
-        lambda r: r.later_percent,
-        {HIGH_LEVEL: np.inf, WORST_LEVEL: np.inf},
-    )
-    add_quantiles(
-        "spool at rest [% of stroke]",
-        lambda r: r.spool_deviation_percent,
-        {HIGH_LEVEL: 1, WORST_LEVEL: 1},
-    )
-    add_quantiles("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {HIGH_LEVEL: 1.0})
-    add_quantiles(
-        "payload after 5 s both ways [% off]",
-        lambda r: r.payload_error_percent,
-        {MEDIAN_LEVEL: 5.0, HIGH_LEVEL: 10.0},
-    )
-    holds = [record.payload_holds for record in records if record.payload_holds is not None]
-    if holds:
-        share = float(100.0 * np.mean(holds))
-        found.append(
-            LimitedFigure("95 % interval holds it [% of draws]", share, 98.0, 92.0, len(holds))
-        )
-    held = sum(bool(record.held) for record in records)
-    found.append(LimitedFigure("plan held until stopped [draws]", held, np.inf, runs=len(records)))
-    guarded = sum(bool(record.interventions) for record in records)
-    found.append(LimitedFigure("guard acted [draws]", guarded, np.inf, runs=len(records)))
-    return found
+    return [figure for limit in DRAW_LIMITS for figure in limit.figures(records)]
 
 
 def as_text(records: Sequence[DrawRecord]) -> list[str]:

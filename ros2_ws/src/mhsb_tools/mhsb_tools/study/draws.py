@@ -7,7 +7,7 @@ processes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -369,32 +369,19 @@ def compute_time_lost(commands: Sequence[Command], run: Replay) -> float:
 
 
 def run_draws(
-    machine: Machine,
-    variations: Variations,
-    count: int,
-    seed: int,
-    jobs: Jobs = None,
-    plant: Machine | None = None,
-    goals: int = GOAL_COUNT,
-    controllers: Sequence[str] = tuple(REGISTERED_CONTROLLERS),
+    make_study: Callable[[], DrawStudy], count: int, jobs: Jobs = None
 ) -> Iterator[list[DrawRecord]]:
     """Run draws 0 … count − 1 in parallel processes.
 
     Args:
-        machine: The machine that planner and servo know.
-        variations: Variations by name.
+        make_study: Function that makes the study in each process; it can be pickled.
         count: Number of draws.
-        seed: Seed of all draws.
         jobs: Number of processes or a cluster; None takes one process for each processor.
-        plant: Machine that is varied; None varies `machine`.
-        goals: Number of goals in each draw.
-        controllers: Names of the controllers that run.
 
     Yields:
         The records of all controllers in one draw; draws come as they are ready, in any order.
     """
-    task = machine, variations, seed, plant, goals, tuple(controllers)
-    with Prepared(jobs, DrawStudy, *task) as pool:
+    with Prepared(jobs, make_study) as pool:
         yield from results_of(pool.submit(DrawStudy.run_draw, draw) for draw in range(count))
 
 

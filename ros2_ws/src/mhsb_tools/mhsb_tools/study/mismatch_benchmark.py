@@ -12,20 +12,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.files.schema_problems import describe_validation_errors
-from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Duration, Section, Weight
 from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.workers import Jobs, Prepared, results_of
-from mhsb_tools.errors import ScenarioError
 from mhsb_tools.study.draws import DrawRecord, DrawStudy, PlannedSequence
 from mhsb_tools.study.headless import TimedGoal
+from mhsb_tools.study.scenarios import read_study_file
 from mhsb_tools.study.variations import Variations, draw_machine, validate_variations
 
 BENCHMARK_FILE = "mismatch_benchmark.yaml"
@@ -95,14 +93,7 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
         VariationError: The variations are invalid.
     """
     path = path or find_config_file(BENCHMARK_FILE)
-    try:
-        file = ProtocolFile.model_validate(read_yaml(path))
-    except YamlFileError as error:
-        raise ScenarioError(str(error)) from None
-    except ValidationError as error:
-        raise ScenarioError(
-            f"{path}: {'; '.join(describe_validation_errors(error, ProtocolFile))}"
-        ) from error
+    file = read_study_file(path, ProtocolFile)
     return Protocol(file, validate_variations(machine, file.variations, str(path)))
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from pydantic import Field, ValidationError
 
@@ -95,6 +95,31 @@ class Scenario:
         return Machine.from_config(config.model_copy(update={"circuit": circuit}))
 
 
+Content = TypeVar("Content", bound=Section)
+
+
+def read_study_file(file: Path, kind: type[Content]) -> Content:
+    """Read and check a YAML file of a study.
+
+    Args:
+        file: The file.
+        kind: What the file contains.
+
+    Returns:
+        The content.
+
+    Raises:
+        ScenarioError: The file cannot be read or is invalid.
+    """
+    try:
+        return kind.model_validate(read_yaml(file))
+    except YamlFileError as error:
+        raise ScenarioError(str(error)) from None
+    except ValidationError as error:
+        problems = "; ".join(describe_validation_errors(error, kind))
+        raise ScenarioError(f"{file}: {problems}") from error
+
+
 def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> list[Scenario]:
     """Load all scenarios of a file.
 
@@ -110,14 +135,7 @@ def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> 
             not fit the machine.
     """
     file = file or find_machine_config_file(SCENARIOS_FILE, machine.name if machine else None)
-    try:
-        config = StudyConfig.model_validate(read_yaml(file))
-    except YamlFileError as error:
-        raise ScenarioError(str(error)) from None
-    except ValidationError as error:
-        raise ScenarioError(
-            f"{file}: {'; '.join(describe_validation_errors(error, StudyConfig))}"
-        ) from error
+    config = read_study_file(file, StudyConfig)
     scenarios = scenarios_of(config)
     unknown = set(config.training) - {scenario.name for scenario in scenarios}
     if unknown:

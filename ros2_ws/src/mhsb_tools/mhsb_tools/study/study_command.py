@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -18,19 +19,19 @@ from tqdm import tqdm
 
 from mhsb_control import REGISTERED_CONTROLLERS, get_controller_class
 from mhsb_model import command_line
-from mhsb_model.command_line import JobCount, NumberRange
+from mhsb_model.command_line import JsonFlag, NumberRange, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
-from mhsb_planner.work_arguments import Scheduler, parse_jobs
+from mhsb_planner.work_arguments import WorkArguments
 from mhsb_planner.workers import Jobs
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_tools.study.controller_comparison import COMPARED_CONTROLLERS, as_text, compare
 from mhsb_tools.study.draw_limits import as_text as draws_as_text
-from mhsb_tools.study.draws import GOAL_COUNT, DrawRecord, run_draws
+from mhsb_tools.study.draws import GOAL_COUNT, DrawRecord, DrawStudy, run_draws
 from mhsb_tools.study.draws import as_dicts as draws_as_dicts
 from mhsb_tools.study.fault_figures import draw_faults
 from mhsb_tools.study.fault_study import STUDIED_FAULTS, run_faults
@@ -51,21 +52,52 @@ DEFAULT_DRAWS = 100
 """Number of draws when --draws is left out but --variations is given."""
 
 
+@dataclass(frozen=True)
+class KindArguments:
+    """Options for the kind of study; without any of them, it runs the suite's scenarios.
+
+    Attributes:
+        scenarios: Scenario file (YAML). When left out, the suite's config/study_scenarios_NAME.yaml
+            if there is one for the machine's name, else its config/study_scenarios.yaml.
+        faults: Parts that fail, as in the simulator's parameter `fault`; all kinds if none is
+            named.
+        benchmark: Run the mismatch benchmark.
+    """
+
+    scenarios: OptionalFile = None
+    faults: Annotated[list[str] | None, tyro.conf.arg(metavar="FAULT")] = None
+    benchmark: bool = False
+
+
+@dataclass(frozen=True)
+class DrawArguments:
+    """Options for draws.
+
+    Attributes:
+        variations: File (YAML) of how plants may differ; the suite's own when left out.
+        draws: Number of draws; when left out 100 with --variations, the file's with --benchmark.
+        seed: Seed of the draws; 0 when left out.
+        goals: Number of random goals of each draw; six when left out.
+        plant: Plant file (YAML) of the machine that is varied, if it is not the machine itself.
+        controllers: Controllers that draws are given to; all when left out.
+    """
+
+    variations: OptionalFile = None
+    draws: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(0, 10**6)] = None
+    seed: Annotated[int | None, NumberRange(0, 2**63 - 1)] = None
+    goals: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(0, 10**6)] = None
+    plant: OptionalFile = None
+    controllers: Annotated[list[str] | None, tyro.conf.arg(metavar="NAME")] = None
+
+
 def study(
+    *,
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/study"),
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    draws: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(0, 10**6)] = None,
-    seed: Annotated[int | None, NumberRange(0, 2**63 - 1)] = None,
-    goals: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(0, 10**6)] = None,
-    plant: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    controllers: Annotated[list[str] | None, tyro.conf.arg(metavar="NAME")] = None,
-    jobs: JobCount = None,
-    scheduler: Scheduler = None,
-    faults: Annotated[list[str] | None, tyro.conf.arg(metavar="FAULT")] = None,
-    benchmark: bool = False,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    machine: OptionalFile = None,
+    kind: KindArguments,
+    draws: DrawArguments,
+    work: WorkArguments,
+    json_: JsonFlag = False,
 ) -> None:
     """Run every servo controller through every scenario and compare them.
 
@@ -81,19 +113,9 @@ def study(
     Args:
         output: Folder for summary, comparison and figures.
         machine: Machine file (YAML); the suite's own arm when left out.
-        scenarios: Scenario file (YAML). When left out, the suite's config/study_scenarios_NAME.yaml
-            if there is one for the machine's name, else its config/study_scenarios.yaml.
-        variations: File (YAML) of how plants may differ; the suite's own when left out.
-        draws: Number of draws; when left out 100 with --variations, the file's with --benchmark.
-        seed: Seed of the draws; 0 when left out.
-        goals: Number of random goals of each draw; six when left out.
-        plant: Plant file (YAML) of the machine that is varied, if it is not the machine itself.
-        controllers: Controllers that draws are given to; all when left out.
-        jobs: Processes; as many as there are processors when left out.
-        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
-        faults: Parts that fail, as in the simulator's parameter `fault`; all kinds if none is
-            named.
-        benchmark: Run the mismatch benchmark.
+        kind: Scenarios, faults or benchmark.
+        draws: Number and kind of draws.
+        work: Who does the work.
         json_: Print DIR/summary.json instead of text; without --draws, --faults and --benchmark
             DIR/comparison.json.
 
@@ -101,54 +123,39 @@ def study(
         UsageError: `jobs` is below 1, or an option has no effect in this kind of study. The
             benchmark uses only `draws`, for example, so that it does not take `seed`.
     """
-    if jobs is not None and jobs < 1:
-        raise command_line.UsageError(f"--jobs: {jobs} is below 1")
-    kind = _kind(benchmark, faults is not None, draws is not None or variations is not None)
-    given = {
-        "scenarios": scenarios,
-        "variations": variations,
-        "draws": draws,
-        "seed": seed,
-        "goals": goals,
-        "plant": plant,
-        "controllers": controllers,
-        "faults": faults,
-    }
-    _check_options_have_effect(kind, [name for name, value in given.items() if value is not None])
-    workers = parse_jobs(jobs, scheduler)
+    asked = _kind(kind, draws)
+    _check_options_have_effect(asked, kind, draws)
+    workers = work.connect()
     arm = load_machine(machine)
-    if benchmark:
-        lines = study_benchmark(arm, load_protocol(arm), draws, workers, output)
-        _print_result(lines, output / "summary.json", json_)
-        return
-    if faults is not None:
-        lines = study_faults(arm, faults or STUDIED_FAULTS, workers, output)
-        _print_result(lines, output / "summary.json", json_)
-        return
-    if kind == "draws":
-        real = load_plant(arm, plant) if plant else arm
-        count = DEFAULT_DRAWS if draws is None else draws
-        each = GOAL_COUNT if goals is None else goals
-        names = controllers or list(REGISTERED_CONTROLLERS)
-        lines = study_draws(arm, real, variations, count, seed or 0, workers, output, each, names)
-        _print_result(lines, output / "summary.json", json_)
-        return
-    lines = study_scenarios(arm, load_scenarios(scenarios, arm), workers, output)
-    _print_result(lines, output / "comparison.json", json_)
+    if asked == "benchmark":
+        lines = study_benchmark(arm, load_protocol(arm), draws.draws, workers, output)
+    elif asked == "faults":
+        lines = study_faults(arm, kind.faults or STUDIED_FAULTS, workers, output)
+    elif asked == "draws":
+        lines = study_draws(arm, draws, workers, output)
+    else:
+        lines = study_scenarios(arm, load_scenarios(kind.scenarios, arm), workers, output)
+    if json_:
+        file = "comparison.json" if asked == "scenarios" else "summary.json"
+        print((output / file).read_text(encoding="utf-8"))
+    else:
+        print("\n".join(lines))
 
 
-def _kind(benchmark: bool, faults: bool, draws: bool) -> str:
+def _kind(kind: KindArguments, draws: DrawArguments) -> str:
     """Return the kind of study that the options ask for: a key of `OPTIONS_BY_KIND`.
 
     Benchmark comes before faults, faults before draws; `scenarios` if none is asked for.
 
     Args:
-        benchmark: Whether the benchmark is asked for.
-        faults: Whether faults are asked for.
-        draws: Whether draws are asked for.
+        kind: Options for the kind of study.
+        draws: Options for draws.
     """
-    kinds = {"benchmark": benchmark, "faults": faults, "draws": draws}
-    return next((name for name, asked in kinds.items() if asked), "scenarios")
+    if kind.benchmark:
+        return "benchmark"
+    if kind.faults is not None:
+        return "faults"
+    return "scenarios" if draws.draws is None and draws.variations is None else "draws"
 
 
 OPTIONS_BY_KIND = {
@@ -168,25 +175,25 @@ FIXED_PROTOCOLS = {
 """Why each kind of study does not use the other options, for error messages."""
 
 
-def _check_options_have_effect(kind: str, given: Sequence[str]) -> None:
+def _check_options_have_effect(asked: str, kind: KindArguments, draws: DrawArguments) -> None:
     """Raise UsageError if an option was given that this kind of study does not use.
 
     Args:
-        kind: Kind of the study.
-        given: Names of the options that were given.
+        asked: Kind of the study, as `_kind` returns it.
+        kind: Options for the kind of study.
+        draws: Options for draws.
     """
-    idle = [f"--{name}" for name in given if name not in OPTIONS_BY_KIND[kind]]
-    if not idle:
+    given = {"scenarios": kind.scenarios, **vars(draws), "faults": kind.faults}
+    names = ", ".join(
+        f"--{name}"
+        for name, value in given.items()
+        if value is not None and name not in OPTIONS_BY_KIND[asked]
+    )
+    if not names:
         return
-    names = ", ".join(idle)
-    if kind == "scenarios":
-        raise command_line.UsageError(f"{names}: goes with --draws; {FIXED_PROTOCOLS[kind]}")
-    raise command_line.UsageError(f"--{kind}: {FIXED_PROTOCOLS[kind]}; leave out {names}")
-
-
-def _print_result(lines: Sequence[str], file: Path, as_json: bool) -> None:
-    """Print a file's content as JSON, or lines of text."""
-    print(file.read_text(encoding="utf-8") if as_json else "\n".join(lines))
+    if asked == "scenarios":
+        raise command_line.UsageError(f"{names}: goes with --draws; {FIXED_PROTOCOLS[asked]}")
+    raise command_line.UsageError(f"--{asked}: {FIXED_PROTOCOLS[asked]}; leave out {names}")
 
 
 def study_scenarios(
@@ -215,31 +222,16 @@ def study_scenarios(
     return as_text(results, comparison)
 
 
-def study_draws(
-    machine: Machine,
-    plant: Machine,
-    variations: Path | None,
-    count: int,
-    seed: int,
-    jobs: Jobs,
-    output: Path,
-    goals: int = GOAL_COUNT,
-    controllers: Sequence[str] = tuple(REGISTERED_CONTROLLERS),
-) -> list[str]:
+def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path) -> list[str]:
     """Run all draws and write summary.json.
 
     Draws that have been run are written even if an error or an interrupt ends the study.
 
     Args:
         machine: The machine that planner and servo know.
-        plant: The machine that is varied.
-        variations: File of variations; None takes the suite's own.
-        count: Number of draws.
-        seed: Seed of the draws.
+        asked: Number of draws, and how plants, goals and controllers are chosen.
         jobs: Number of processes or a cluster.
         output: Folder to write to; made if it does not exist.
-        goals: Number of goals of each draw.
-        controllers: Names of the controllers that run.
 
     Returns:
         Lines of text: each count and quantile of `figures_of` beside its limit, and what failed.
@@ -248,20 +240,26 @@ def study_draws(
         UnknownControllerError: A controller does not exist.
         UsageError: A number is too small.
     """
+    controllers = tuple(asked.controllers or REGISTERED_CONTROLLERS)
     for name in controllers:
         get_controller_class(name)
+    count = DEFAULT_DRAWS if asked.draws is None else asked.draws
+    seed, goals = asked.seed or 0, GOAL_COUNT if asked.goals is None else asked.goals
     for name, value, lowest in (("draws", count, 1), ("seed", seed, 0), ("goals", goals, 1)):
         if value < lowest:
             raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
-    wanted = load_variations(plant, variations)
+    plant = load_plant(machine, asked.plant) if asked.plant else machine
+    variations = load_variations(plant, asked.variations)
     make_output_folder(output, "the study")
     compile_planner()
     compile_simulator()  # so that the processes find compiled kernels
     load_or_build_table(machine)  # so that the processes find the table
-    runs = run_draws(machine, wanted, count, seed, jobs, plant, goals, controllers)
+    make_study = partial(DrawStudy, machine, variations, seed, plant, goals, controllers)
     records: list[DrawRecord] = []
     try:
-        for each in tqdm(runs, total=count, unit="draw", disable=None):
+        for each in tqdm(
+            run_draws(make_study, count, jobs), total=count, unit="draw", disable=None
+        ):
             records += each
     finally:  # draws that were run are kept after an error or interrupt
         if records:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Annotated
 
 import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, JobCount, Seed
+from mhsb_model.command_line import Count, JsonFlag, OptionalFile, Seed
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
-from mhsb_planner.work_arguments import Scheduler, parse_jobs
+from mhsb_planner.work_arguments import WorkArguments
 from mhsb_tools.study.scenarios import load_scenarios
 from mhsb_tools.study.servo_study import plan_scenario
 from mhsb_tools.study.tuning import (
@@ -33,17 +32,32 @@ DEFAULT_DRAWS = 24
 """Number of draws when the option is left out."""
 
 
+@dataclass(frozen=True)
+class TrainingArguments:
+    """Options for the scenarios and draws by which gains are judged.
+
+    Attributes:
+        scenarios: Scenario file (YAML); the suite's own when left out, as for `study`.
+        draws: Number of draws; with 0 the scenarios alone count.
+        variations: File (YAML) of how plants may differ; the suite's own when left out. Not with
+            --draws 0.
+        seed: Seed of the search and of the draws.
+    """
+
+    scenarios: OptionalFile = None
+    draws: Annotated[Count, tyro.conf.arg(metavar="N")] = DEFAULT_DRAWS
+    variations: OptionalFile = None
+    seed: Seed = 0
+
+
 def tune_servo(
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    *,
+    machine: OptionalFile = None,
     budget: Count = 96,
-    draws: Annotated[Count, tyro.conf.arg(metavar="N")] = DEFAULT_DRAWS,
-    variations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    seed: Seed = 0,
-    jobs: JobCount = None,
-    scheduler: Scheduler = None,
-    scenarios: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    training: TrainingArguments,
+    work: WorkArguments,
     dry_run: bool = False,
-    json_: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    json_: JsonFlag = False,
 ) -> None:
     """Tune the gains of both servo controllers with equal effort, and write them into the file.
 
@@ -57,30 +71,16 @@ def tune_servo(
     Args:
         machine: Machine file (YAML) to tune and to change; the suite's own arm when left out.
         budget: Trials of each controller, each of them on all scenarios and draws.
-        draws: Number of draws; with 0 the scenarios alone count.
-        variations: File (YAML) of how plants may differ; the suite's own when left out. Not with
-            --draws 0.
-        seed: Seed of the search and of the draws.
-        jobs: Processes; as many as there are processors when left out.
-        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
-        scenarios: Scenario file (YAML); the suite's own when left out, as for `study`.
+        training: Scenarios and draws by which gains are judged.
+        work: Who does the work.
         dry_run: Leave the machine file as it is.
         json_: Print one JSON object instead of text: cost and gains of each controller.
     """
-    for name, value, lowest in (("budget", budget, 1), ("draws", draws, 0), ("seed", seed, 0)):
-        if value < lowest:
-            raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
-    if draws == 0 and variations is not None:
-        raise command_line.UsageError(
-            f"--variations {variations} has no effect: with --draws 0 nothing is varied; leave out "
-            "one of the two"
-        )
-    if jobs is not None and jobs < 1:
-        raise command_line.UsageError(f"--jobs: {jobs} is below 1")
-    workers = parse_jobs(jobs, scheduler)
+    _check_arguments(budget, training)
+    workers = work.connect()
     file = machine or find_config_file(MACHINE_FILE)
     arm = load_machine(file)
-    training = _build_training(arm, scenarios, variations, draws, seed)
+    plans = _build_training(arm, training)
     best: dict[str, Trial] = {}
     for controller in GAIN_RANGES:
         with tqdm(total=budget, desc=controller, leave=False, disable=None) as bar:
@@ -95,7 +95,7 @@ def tune_servo(
                 bar.set_postfix(cost=f"{best.cost:.3f}", refresh=False)
                 bar.update()
 
-            found = tune(arm, training, controller, budget, seed, workers, show_best)
+            found = tune(arm, plans, controller, budget, training.seed, workers, show_best)
         best[controller] = found
         if not json_:
             gains = ", ".join(f"{name} {value:g}" for name, value in found.gains.items())
@@ -109,27 +109,40 @@ def tune_servo(
         print(json.dumps({name: asdict(trial) for name, trial in best.items()}))
 
 
-def _build_training(
-    arm: Machine, scenarios: Path | None, variations: Path | None, draws: int, seed: int
-) -> Training:
+def _check_arguments(budget: int, training: TrainingArguments) -> None:
+    """Raise UsageError if a number is too small or a file of variations has no effect.
+
+    Args:
+        budget: Trials of each controller.
+        training: Scenarios and draws.
+    """
+    draws, seed = training.draws, training.seed
+    for name, value, lowest in (("budget", budget, 1), ("draws", draws, 0), ("seed", seed, 0)):
+        if value < lowest:
+            raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
+    if draws == 0 and training.variations is not None:
+        raise command_line.UsageError(
+            f"--variations {training.variations} has no effect: with --draws 0 nothing is varied; "
+            "leave out one of the two"
+        )
+
+
+def _build_training(arm: Machine, asked: TrainingArguments) -> Training:
     """Plan the motions of all training scenarios and of all draws, with progress bars.
 
     Args:
         arm: The machine to tune.
-        scenarios: Scenario file; None takes the suite's own.
-        variations: File of variations; None takes the suite's own.
-        draws: Number of draws.
-        seed: Seed of the draws.
+        asked: Scenarios and draws.
 
     Returns:
         Scenarios that are not held out, and draws.
     """
-    wanted = [each for each in load_scenarios(scenarios, arm) if not each.held_out]
+    wanted = [each for each in load_scenarios(asked.scenarios, arm) if not each.held_out]
     scripts = [
         plan_scenario(arm, each) for each in tqdm(wanted, "plans", leave=False, disable=None)
     ]
-    drawn = draws_of(arm, load_variations(arm, variations), draws, seed)
-    return Training(scripts, list(tqdm(drawn, "draws", draws, leave=False, disable=None)))
+    drawn = draws_of(arm, load_variations(arm, asked.variations), asked.draws, asked.seed)
+    return Training(scripts, list(tqdm(drawn, "draws", asked.draws, leave=False, disable=None)))
 
 
 def main() -> int:

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from mhsb_model import command_line
-from mhsb_model.command_line import NumberRange
+from mhsb_model.command_line import NumberRange, OptionalFile
 from mhsb_model.machine import load_machine
 from mhsb_tools.recording.bag_reader import read_recording
 
@@ -19,7 +19,7 @@ HIGHEST_PORT = 65535
 
 def viewer(
     bag: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[BAG]")] = None,
-    machine: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    machine: OptionalFile = None,
     port: Annotated[int, NumberRange(0, 65535)] = DEFAULT_PORT,
     host: str = "127.0.0.1",
 ) -> int:

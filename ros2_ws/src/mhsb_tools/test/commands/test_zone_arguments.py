@@ -8,13 +8,7 @@ from mhsb_model.command_line import UsageError, run
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
-from mhsb_tools.commands.zone_arguments import (
-    ZoneBoxes,
-    ZoneCircles,
-    ZoneCylinders,
-    ZoneSpheres,
-    add_zones,
-)
+from mhsb_tools.commands.zone_arguments import ZoneArguments, add_zones
 
 BOX = (-1.0, 1.5, -0.5, 0.5, 2.0, 0.0)
 CYLINDER, SPHERE = (-1.5, -0.5, -1.0, 1.0, 0.1), (1.0, -1.0, 0.5, 0.2)
@@ -28,14 +22,9 @@ def excavator():
 def test_zones_are_read_in_their_order_with_negative_numbers():
     found = {}
 
-    def command(
-        zone_box: ZoneBoxes = (),
-        zone_circle: ZoneCircles = (),
-        zone_cylinder: ZoneCylinders = (),
-        zone_sphere: ZoneSpheres = (),
-    ) -> None:
+    def command(zones: ZoneArguments) -> None:
         """Take zones."""
-        found.update(box=zone_box, circle=zone_circle, cylinder=zone_cylinder, sphere=zone_sphere)
+        found.update(vars(zones))
 
     words = (
         "--zone-box -1 1.5 -0.5 0.5 2 0 --zone-cylinder -1.5 -0.5 -1 1 0.1 --zone-box -1 -2 3 4 "
@@ -43,10 +32,10 @@ def test_zones_are_read_in_their_order_with_negative_numbers():
     )
     assert run(command, words.split(), name="command") == 0
     assert found == {
-        "box": (BOX, (-1.0, -2.0, 3.0, 4.0)),
-        "circle": (),
-        "cylinder": (CYLINDER,),
-        "sphere": (SPHERE,),
+        "zone_box": (BOX, (-1.0, -2.0, 3.0, 4.0)),
+        "zone_circle": (),
+        "zone_cylinder": (CYLINDER,),
+        "zone_sphere": (SPHERE,),
     }
 
 

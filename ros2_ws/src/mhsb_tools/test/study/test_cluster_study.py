@@ -4,6 +4,7 @@ import logging
 import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 from distributed import Client, LocalCluster
@@ -12,7 +13,7 @@ from mhsb_planner.cluster import Cluster
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_sim.simulation.kernel_parts import compile_simulator
-from mhsb_tools.study.draws import as_dicts, run_draws
+from mhsb_tools.study.draws import DrawStudy, as_dicts, run_draws
 from mhsb_tools.study.variations import load_variations
 
 
@@ -45,9 +46,8 @@ def process_of_a_worker(local) -> int:
 def of_draws(machine, count, goals, jobs, half_way=lambda: None):
     """Records of all draws in their order; half_way is called when half of them are there."""
     found = []
-    for number, records in enumerate(
-        run_draws(machine, load_variations(machine), count, 11, jobs, goals=goals), start=1
-    ):
+    make_study = partial(DrawStudy, machine, load_variations(machine), 11, goals=goals)
+    for number, records in enumerate(run_draws(make_study, count, jobs), start=1):
         found += records
         if number == count // 2:
             half_way()

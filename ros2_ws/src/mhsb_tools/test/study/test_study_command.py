@@ -1,5 +1,6 @@
 import json
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -8,16 +9,28 @@ import pytest
 from mhsb_control.errors import UnknownControllerError
 from mhsb_model.command_line import UsageError
 from mhsb_model.machine import Machine
+from mhsb_planner.work_arguments import WorkArguments
 from mhsb_tools.commands.simulate_command import build_plant
 from mhsb_tools.study import study_command
 from mhsb_tools.study.draws import DrawRecord
-from mhsb_tools.study.study_command import study
+from mhsb_tools.study.study_command import DrawArguments, KindArguments, study
+
+
+def run_study(output: Path, json_: bool = False, **options: Any) -> None:
+    """Run the command with options by name, each put into its group."""
+    groups = {"kind": KindArguments, "draws": DrawArguments, "work": WorkArguments}
+    given = {
+        group: kind(**{f.name: options.pop(f.name) for f in fields(kind) if f.name in options})
+        for group, kind in groups.items()
+    }
+    assert not options
+    study(output=output, json_=json_, **given)
 
 
 def test_draws_are_written_and_printed_as_a_list_of_records(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, json_=True)
+    run_study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, json_=True)
     printed = json.loads(capsys.readouterr().out)
     records = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert [record["controller"] for record in records] == ["coordinated", "independent"]
@@ -50,7 +63,7 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(
     tmp_path: Path, options: dict[str, Any], sentence: str
 ) -> None:
     with pytest.raises(UsageError, match=sentence):
-        study(output=tmp_path, **options)
+        run_study(output=tmp_path, **options)
 
 
 def test_draws_that_were_run_are_kept_when_the_study_is_interrupted(
@@ -62,7 +75,7 @@ def test_draws_that_were_run_are_kept_when_the_study_is_interrupted(
 
     monkeypatch.setattr(study_command, "run_draws", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        study_command.study_draws(machine, machine, None, 5, 7, 1, tmp_path)
+        study_command.study_draws(machine, DrawArguments(draws=5, seed=7), 1, tmp_path)
     [record] = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert record["draw"] == 0
 
@@ -70,12 +83,12 @@ def test_draws_that_were_run_are_kept_when_the_study_is_interrupted(
 def test_draws_are_given_to_the_controllers_that_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, controllers=["independent"])
+    run_study(output=tmp_path, draws=1, seed=7, goals=1, jobs=1, controllers=["independent"])
     [record] = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert record["controller"] == "independent"
     assert "coordinated" not in capsys.readouterr().out
     with pytest.raises(UnknownControllerError, match="there is no controller 'magic'"):
-        study(output=tmp_path, draws=1, controllers=["magic"])
+        run_study(output=tmp_path, draws=1, controllers=["magic"])
 
 
 def test_a_plant_is_a_file_times_factors(machine: Machine) -> None:
