@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_control.speed_scaling import build_full_speed_scaling
-from mhsb_model.circuit.records import Records
+from mhsb_control.speed_scaling import SpeedScaling, build_full_speed_scaling
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import (
-    SECOND_NS,
-    MotionState,
-    Trajectory,
-    quintic_hermite,
-    standstill,
-)
+from mhsb_model.records import Records
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite, standstill
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 
 PREVIEW_POINT = 2
@@ -32,7 +26,7 @@ class ReferencePreview:
     Attributes:
         trajectory: The trajectory that is followed.
         schedule: Its mode schedule.
-        speed_scaling: State of the speed scaling, RATE_DTYPE[1].
+        speed_scaling: State of the speed scaling, SpeedScaling[1].
         full_speed_velocity: Velocity that the trajectory has now at full speed, float64[n], [rad/s
             or m/s].
     """
@@ -177,7 +171,7 @@ def evaluate_reference(
     mode_offset_ns: IntArray,
     values: FloatArray,
     rows: IntArray,
-    speed_scaling: Records,
+    speed_scaling: Records[SpeedScaling],
     full_speed_velocity: FloatArray,
     spacing_ns: int,
     since_ns: int,
@@ -202,8 +196,8 @@ def evaluate_reference(
         values: Positions, velocities and accelerations, float64[points, 3, n]. Written in place.
         rows: Rows of the mode schedule now and at point `PREVIEW_POINT`, int64[2]. Written in
             place; row 0 before the first time.
-        speed_scaling: RATE_DTYPE[1] with rate, its change and the delay. Writes `rests` in place: 1
-            if the trajectory has ended, else 0.
+        speed_scaling: State of the speed scaling, [1]. Writes `rests` in place: 1 if the trajectory
+            has ended, else 0.
         full_speed_velocity: Present velocity without speed scaling, float64[n], [rad/s or m/s].
             Written in place.
         spacing_ns: Time between two reference points at full speed [ns].
