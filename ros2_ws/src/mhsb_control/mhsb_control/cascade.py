@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.controller import ServoSignals
+from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.load_estimate import (
     MAX_INERTIA_SHARE,
     LoadEstimate,
@@ -47,7 +47,12 @@ from mhsb_control.load_estimate import MIN_MOVING_SPEED as STEADY
 from mhsb_control.natural_frequency import find_lowest_joint_frequencies
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.circuit.elements import chamber_volumes, friction_force
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import (
+    ActuatorState,
+    CircuitConstants,
+    CylinderConstants,
+    ModuleState,
+)
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     compute_pressure_without_margin,
@@ -58,6 +63,7 @@ from mhsb_model.kinematics import add_extension
 from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.machine import Machine
 from mhsb_model.modes import RAIL_MODES
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.schema import CascadeGains
 from mhsb_model.statics import (
     INERTIA_WORK,
@@ -69,19 +75,21 @@ from mhsb_model.statics import (
 )
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 
-CASCADE_GAINS_DTYPE = np.dtype(
-    [
-        (name, "f8")
-        for name in (
-            "step",  # [s] control period
-            "valve_lag",  # [s] lag of a spool behind its command
-            "supply_margin",  # [Pa] boost margin of the plan plus that of the servo
-            "spared",  # [Pa] part of the margin that inertia forces may use up
-            "max_boost_pressure",  # [Pa] highest pressure that boost may supply
-        )
-    ]
-)
-"""Quantities that all axes share."""
+
+class SharedGains(Record):
+    """Quantities that all axes share."""
+
+    step: float
+    """Control period [s]."""
+    valve_lag: float
+    """Lag of a spool behind its command [s]."""
+    supply_margin: float
+    """Boost margin of the plan plus that of the servo [Pa]."""
+    spared: float
+    """Part of the margin that inertia forces may use up [Pa]."""
+    max_boost_pressure: float
+    """Highest pressure that boost may supply [Pa]."""
+
 
 SCRATCH_ROWS = MOTION_WORK + 2
 """Rows of working memory: MOTION_WORK for the dynamics, one of torques, one of gravity torques."""
@@ -111,48 +119,78 @@ the force loop corrects."""
 INTEGRAL_LIMIT_RATIO = 6.0
 """Ratio of the speed limit V_max to the largest |w|."""
 
-AXIS_DTYPE = np.dtype(
-    [
-        ("position_gain", "f8"),  # [1/s] k_p
-        ("force_bandwidth", "f8"),  # [rad/s] ω_F
-        ("fastest_force", "f8"),  # [rad/s] ω_F if commands acted without delay
-        ("fastest_position", "f8"),  # [1/s] k_p if commands acted without delay
-        ("bias_time", "f8"),  # [s] τ, time constant of the bias d
-        ("length", "f8"),  # [m] length of the cylinder in the present reference
-        ("radian", "f8"),  # [rad or m] joint travel that counts as one radian
-        ("arm", "f8"),  # [m] moment arm in the present reference
-        ("speed", "f8"),  # [m/s] piston speed in the present reference
-        ("fastest", "f8"),  # [m/s] largest |u| at rest; inf while the reference moves
-        # [N] torque of the present reference over its moment arm, without friction
-        ("force", "f8"),
-        ("hold", "f8"),  # [N] force that a closed valve would have to carry now
-        ("speed_ahead", "f8"),  # [m/s] piston speed at point PREVIEW_POINT of the reference
-        ("force_ahead", "f8"),  # [N] force at that point, without friction
-        ("hold_ahead", "f8"),  # [N] force that a closed valve would have to carry there
-        ("arm_ahead", "f8"),  # [m] moment arm there
-        ("arm_slope_ahead", "f8"),  # [m/rad] derivative of that moment arm by the joint angle
-        ("bias", "f8"),  # [N] d, unmodelled force; NaN before the first step
-        ("integral_gain", "f8"),  # [1/s²] k_i
-        ("integral", "f8"),  # [m/s] w
-        ("largest_integral", "f8"),  # [m/s] limit of |w|
-        ("friction", "f8"),  # [N] friction at the reference speed, by the machine file
-        # [1] factor on it that the feedforward contained in the last step
-        ("friction_share", "f8"),
-        ("bound", "f8"),  # 1 if the valve cannot produce the demanded speed, else 0
-        ("stiffness", "f8"),  # [N/m] k_h
-        ("cap_stiffness", "f8"),  # [Pa/m³] β/V_A
-        ("rod_stiffness", "f8"),  # [Pa/m³] β/V_B
-        # [m/s] largest |u| that the servo pumps can supply; inf without boost
-        ("deliverable", "f8"),
-        ("demand", "f8"),  # [m/s] u
-        ("supply_target", "f8"),  # [Pa] line pressure to be kept in boost
-        ("target_ahead", "f8"),  # [Pa] line pressure needed at point PREVIEW_POINT
-        ("leakage", "f8"),  # [m³/s] leakage of the valve at the line pressure, by the machine file
-        ("line_flow", "f8"),  # [m³/s] flow that the line is about to supply; 0 without boost
-        ("joined", "f8"),  # 1 if the line counts as joined to the rail, else 0
-    ]
-)
-"""State of the control loops of one cylinder; "reference" is that of its joint."""
+
+class ControlAxis(Record):
+    """State of the control loops of one cylinder; "reference" is that of its joint."""
+
+    position_gain: float
+    """Position gain k_p [1/s]."""
+    force_bandwidth: float
+    """Bandwidth ω_F of the force loop [rad/s]."""
+    fastest_force: float
+    """ω_F if commands acted without delay [rad/s]."""
+    fastest_position: float
+    """k_p if commands acted without delay [1/s]."""
+    bias_time: float
+    """Time constant τ of the bias d [s]."""
+    length: float
+    """Length of the cylinder in the present reference [m]."""
+    radian: float
+    """Joint travel that counts as one radian [rad or m]."""
+    arm: float
+    """Moment arm in the present reference [m]."""
+    speed: float
+    """Piston speed in the present reference [m/s]."""
+    fastest: float
+    """Largest |u| at rest [m/s]; inf while the reference moves."""
+    force: float
+    """Torque of the present reference over its moment arm, without friction [N]."""
+    hold: float
+    """Force that a closed valve would have to carry now [N]."""
+    speed_ahead: float
+    """Piston speed at point PREVIEW_POINT of the reference [m/s]."""
+    force_ahead: float
+    """Force at point PREVIEW_POINT, without friction [N]."""
+    hold_ahead: float
+    """Force that a closed valve would have to carry at point PREVIEW_POINT [N]."""
+    arm_ahead: float
+    """Moment arm at point PREVIEW_POINT [m]."""
+    arm_slope_ahead: float
+    """Derivative of that moment arm by the joint angle [m/rad]."""
+    bias: float
+    """Unmodelled force d [N]; NaN before the first step."""
+    integral_gain: float
+    """Integral gain k_i [1/s²]."""
+    integral: float
+    """Integral w [m/s]."""
+    largest_integral: float
+    """Limit of |w| [m/s]."""
+    friction: float
+    """Friction at the reference speed, by the machine file [N]."""
+    friction_share: float
+    """Factor on that friction which the feedforward contained in the last step."""
+    bound: float
+    """1 if the valve cannot produce the demanded speed, else 0."""
+    stiffness: float
+    """Stiffness k_h of the oil [N/m]."""
+    cap_stiffness: float
+    """Stiffness β/V_A of the oil on the cap side [Pa/m³]."""
+    rod_stiffness: float
+    """Stiffness β/V_B of the oil on the rod side [Pa/m³]."""
+    deliverable: float
+    """Largest |u| that the servo pumps can supply [m/s]; inf without boost."""
+    demand: float
+    """Demanded piston speed u [m/s]."""
+    supply_target: float
+    """Line pressure to be kept in boost [Pa]."""
+    target_ahead: float
+    """Line pressure needed at point PREVIEW_POINT [Pa]."""
+    leakage: float
+    """Leakage of the valve at the line pressure, by the machine file [m³/s]."""
+    line_flow: float
+    """Flow that the line is about to supply [m³/s]; 0 without boost."""
+    joined: float
+    """1 if the line counts as joined to the rail, else 0."""
 
 
 class ServoArguments(NamedTuple):
@@ -162,26 +200,30 @@ class ServoArguments(NamedTuple):
     """
 
     reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
-    sensors: Records  # SENSOR_DTYPE[n]
+    sensors: Records[ActuatorReadings]  # [n]
     rail_pressure: FloatArray  # [1] Pa, measured
     modes: ModeArray  # [n] prepared modes
     modes_ahead: ModeArray  # [n] modes in force at point PREVIEW_POINT
     serves: IntArray  # [m] actuator that each booster module serves, −1 if idle
-    cylinders: Records  # [n] cylinders of the circuit
-    constants: Records  # [1] constants of the circuit, such as pressures and coefficients
+    cylinders: Records[CylinderConstants]  # [n] cylinders of the circuit
+    constants: Records[
+        CircuitConstants
+    ]  # [1] constants of the circuit, such as pressures and coefficients
     # [m] actuator to whose line each booster module belongs; negative for a spare
     module_home: IntArray
-    actuators: Records  # [n] valves and join valves of the circuit, with their commands
-    modules: Records  # [m] booster modules of the circuit, with their commands
+    actuators: Records[
+        ActuatorState
+    ]  # [n] valves and join valves of the circuit, with their commands
+    modules: Records[ModuleState]  # [m] booster modules of the circuit, with their commands
     linkage: FloatArray  # [n, LINKAGE_WIDTH] parameters of the linkages
     chain: Chain  # links and payload by the machine file
     load: LoadEstimate  # estimates of payload and friction
-    gains: Records  # CASCADE_GAINS_DTYPE[1]
-    axes: Records  # AXIS_DTYPE[n]
+    gains: Records[SharedGains]  # [1]
+    axes: Records[ControlAxis]  # [n]
     scratch: FloatArray  # [SCRATCH_ROWS, n] working memory
 
 
-def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
+def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records[SharedGains]:
     """Build the record of the five quantities that all axes of the cascade share.
 
     They are the control period [s], the lag of a spool behind its command [s], and the boost margin
@@ -194,10 +236,10 @@ def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
             file [Pa].
 
     Returns:
-        One record, CASCADE_GAINS_DTYPE[1].
+        One record, SharedGains[1].
     """
     config, arrays = machine.config, machine.arrays
-    gains = np.zeros(1, CASCADE_GAINS_DTYPE)
+    gains = create_records(SharedGains, 1)
     gains["step"] = config.simulation.step
     gains["valve_lag"] = config.circuit.valve_damping / (math.pi * config.circuit.valve_frequency)
     gains["supply_margin"] = arrays.boost_margin + supply_margin
@@ -206,7 +248,7 @@ def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records:
     return gains
 
 
-def build_axis_records(machine: Machine, gains: CascadeGains) -> Records:
+def build_axis_records(machine: Machine, gains: CascadeGains) -> Records[ControlAxis]:
     """Build the initial records of all axes, with gains set from natural frequencies.
 
     ω_valve is the valve's natural frequency, ω the lowest natural frequency of each joint [rad/s],
@@ -225,13 +267,13 @@ def build_axis_records(machine: Machine, gains: CascadeGains) -> Records:
         gains: Gains of the controller, relative to the natural frequencies.
 
     Returns:
-        One record for each cylinder, AXIS_DTYPE[n]. The bias d is NaN until the first step measures
-        it. Lengths, speeds and forces of the reference are 0.
+        One record for each cylinder, [n]. The bias d is NaN until the first step measures it.
+        Lengths, speeds and forces of the reference are 0.
     """
     config = machine.config
     frequency = find_lowest_joint_frequencies(machine)
     valve = 2.0 * math.pi * config.circuit.valve_frequency
-    axes = np.zeros(machine.joint_count, AXIS_DTYPE)
+    axes = create_records(ControlAxis, machine.joint_count)
     axes["force_bandwidth"] = np.minimum(
         gains.force_bandwidth * valve, 2.0 * gains.force_damping * frequency
     )
@@ -394,7 +436,12 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
 
 
 @kernel(inline="always")
-def update_oil_stiffness(axis: Record, cylinder: Record, sensor: Record, constants: Record) -> None:
+def update_oil_stiffness(
+    axis: ControlAxis,
+    cylinder: CylinderConstants,
+    sensor: ActuatorReadings,
+    constants: CircuitConstants,
+) -> None:
     """Compute the stiffness of the oil in a cylinder at the measured length.
 
     The chambers have the volumes V_A (cap side) and V_B (rod side), dead volumes included:
@@ -402,10 +449,10 @@ def update_oil_stiffness(axis: Record, cylinder: Record, sensor: Record, constan
         k_h = β (A²/V_A + a²/V_B)
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `cap_stiffness`
+        axis: State of the cylinder's control axis. Writes `cap_stiffness`
             (β/V_A) and `rod_stiffness` (β/V_B) [Pa/m³], and `stiffness` (k_h) [N/m], in place.
         cylinder: Areas, dead volumes and stroke limits of the cylinder.
-        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        sensor: Measured length [m] and pressures [Pa] of the actuator.
         constants: Constants of the circuit with the bulk modulus β [Pa].
     """
     cap, rod = cylinder.cap_area, cylinder.rod_area
@@ -416,7 +463,9 @@ def update_oil_stiffness(axis: Record, cylinder: Record, sensor: Record, constan
 
 
 @kernel(inline="always")
-def demand_speed(axis: Record, known: float, force: float, error: float, gains: Record) -> None:
+def demand_speed(
+    axis: ControlAxis, known: float, force: float, error: float, gains: SharedGains
+) -> None:
     """Compute the demanded piston speed u of one axis by the position and the force loop.
 
         u = v_ref + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
@@ -426,12 +475,12 @@ def demand_speed(axis: Record, known: float, force: float, error: float, gains: 
     reference rests, w changes only if the joint error is between MIN_REST_ERROR and MAX_REST_ERROR.
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `integral` (w) and
+        axis: State of the cylinder's control axis. Writes `integral` (w) and
             `demand` (u) in place.
         known: F_known, feedforward force without the bias d [N].
         force: F, measured cylinder force [N].
         error: e, reference length less measured length [m].
-        gains: Quantities that all axes share (record of CASCADE_GAINS_DTYPE), with the control
+        gains: Quantities that all axes share, with the control
             period.
     """
     pull = axis.force_bandwidth / axis.stiffness
@@ -448,7 +497,12 @@ def demand_speed(axis: Record, known: float, force: float, error: float, gains: 
 
 @kernel(borrows=True)
 def compute_supply_need(
-    hold: float, force: float, speed: float, cylinder: Record, constants: Records, gains: Records
+    hold: float,
+    force: float,
+    speed: float,
+    cylinder: CylinderConstants,
+    constants: Records[CircuitConstants],
+    gains: Records[SharedGains],
 ) -> float:
     """Compute the supply pressure that an actuator needs in boost.
 
@@ -469,7 +523,7 @@ def compute_supply_need(
         speed: v, piston speed, positive in extension [m/s].
         cylinder: Areas and flow coefficient of the cylinder's valve.
         constants: Constants of the circuit with supply and tank pressure.
-        gains: Quantities that all axes share (record of CASCADE_GAINS_DTYPE), with margins and the
+        gains: Quantities that all axes share, with margins and the
             maximum boost pressure.
 
     Returns:
@@ -486,7 +540,12 @@ def compute_supply_need(
 
 
 @kernel(borrows=True)
-def set_supply_targets(axis: Record, cylinder: Record, constants: Records, gains: Records) -> None:
+def set_supply_targets(
+    axis: ControlAxis,
+    cylinder: CylinderConstants,
+    constants: Records[CircuitConstants],
+    gains: Records[SharedGains],
+) -> None:
     """Compute the supply pressures that an actuator needs now and at the preview point.
 
     `compute_supply_need` gives both pressures, with the bias d added to all forces. The present
@@ -495,11 +554,11 @@ def set_supply_targets(axis: Record, cylinder: Record, constants: Records, gains
     The pump takes over that force when the motion turns.
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `supply_target`
+        axis: State of the cylinder's control axis. Writes `supply_target`
             and `target_ahead` [Pa] in place.
         cylinder: Areas and flow coefficient of the cylinder's valve.
         constants: Constants of the circuit, one record.
-        gains: Quantities that all axes share, CASCADE_GAINS_DTYPE[1].
+        gains: Quantities that all axes share, SharedGains[1].
     """
     d = axis.bias
     now = compute_supply_need(axis.hold + d, axis.force + d, axis.speed, cylinder, constants, gains)

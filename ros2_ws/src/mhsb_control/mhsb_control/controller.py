@@ -5,23 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.circuit.components import Components
-from mhsb_model.circuit.records import Records
 from mhsb_model.machine import Machine
+from mhsb_model.records import Record, Records
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 
-SENSOR_DTYPE = np.dtype(
-    [
-        ("length", "f8"),  # [m] distance between the cylinder's pins
-        ("cap_pressure", "f8"),  # [Pa] pressure on the cap side
-        ("rod_pressure", "f8"),  # [Pa] pressure on the rod side
-        ("line_pressure", "f8"),  # [Pa] pressure of the actuator's supply line
-    ]
-)
-"""Readings of one actuator's sensors."""
+
+class ActuatorReadings(Record):
+    """Readings of one actuator's sensors."""
+
+    length: float
+    """Distance between the cylinder's pins [m]."""
+    cap_pressure: float
+    """Pressure on the cap side [Pa]."""
+    rod_pressure: float
+    """Pressure on the rod side [Pa]."""
+    line_pressure: float
+    """Pressure of the actuator's supply line [Pa]."""
+
 
 REFERENCE_POINTS = 6
 """Number of reference points that a controller sees; the first one is the present."""
@@ -37,7 +39,7 @@ class ServoSignals:
         reference: Joint positions q [rad or m], velocities q̇ and accelerations q̈,
             float64[REFERENCE_POINTS, 3, n]. The points are evenly spaced in time. Point 0 is now;
             point `PREVIEW_POINT` of `mhsb_control.reference` is the controller's `preview` later.
-        sensors: Measured cylinder lengths and pressures, SENSOR_DTYPE[n].
+        sensors: Measured cylinder lengths and pressures, ActuatorReadings[n].
         rail_pressure: Measured pressure of the shared rail, float64[1], [Pa].
         modes: Prepared modes, uint8[n]: the mode in force of each actuator, or already the boosted
             mode that comes within `preview`, if modules are free for it.
@@ -50,7 +52,7 @@ class ServoSignals:
     """
 
     reference: FloatArray
-    sensors: Records
+    sensors: Records[ActuatorReadings]
     rail_pressure: FloatArray
     modes: ModeArray
     modes_ahead: ModeArray

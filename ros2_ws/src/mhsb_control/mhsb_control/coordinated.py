@@ -17,13 +17,15 @@ import math
 
 from mhsb_control.cascade import (
     MAX_POSITION_GAIN_RATIO,
+    ControlAxis,
     ServoArguments,
+    SharedGains,
     build_servo_arguments,
     compute_piston_demands,
     joins_rail,
     set_supply_targets,
 )
-from mhsb_control.controller import ServoSignals
+from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.estimates import collect_estimates
 from mhsb_control.line_estimate import SHUT_OPENING, update_line_estimates
 from mhsb_control.servo_pumps import (
@@ -36,6 +38,7 @@ from mhsb_control.servo_pumps import (
     predict_line_volumes,
 )
 from mhsb_control.valve_estimate import (
+    EstimatedValve,
     ValveEstimates,
     accumulate_valve_window,
     build_valve_estimates,
@@ -43,12 +46,13 @@ from mhsb_control.valve_estimate import (
 )
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.circuit.elements import compute_orifice_flow
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, CylinderConstants
 from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
+from mhsb_model.records import Records
 from mhsb_model.types import IntArray
 
 MIN_PRESSURE_DROP = 2e4
@@ -181,12 +185,12 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState) -> None:
 
 @kernel(borrows=True)
 def compute_valve_command(
-    axis: Record,
-    sensor: Record,
-    cylinder: Record,
-    constants: Records,
-    actuator: Record,
-    valve: Record,
+    axis: ControlAxis,
+    sensor: ActuatorReadings,
+    cylinder: CylinderConstants,
+    constants: Records[CircuitConstants],
+    actuator: ActuatorState,
+    valve: EstimatedValve,
 ) -> None:
     """Compute the valve command that produces the demanded piston speed at the measured pressures.
 
@@ -205,15 +209,15 @@ def compute_valve_command(
     than the line; this does not shut the valve.
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE), with u and stiffnesses.
+        axis: State of the cylinder's control axis, with u and stiffnesses.
             Writes `bound` in place: 1 if the valve is shut by the load, fully open, or its demand
             is limited by the pumps.
-        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient K of the cylinder's valve.
         constants: Constants of the circuit, one record.
-        actuator: Record of the circuit's actuator. Writes `valve_command`, −1 … 1, in place;
+        actuator: ActuatorState of the circuit's actuator. Writes `valve_command`, −1 … 1, in place;
             positive extends.
-        valve: Estimates and window of the valve (record of VALVE_DTYPE). Writes `speed_gain` (G)
+        valve: Estimates and window of the valve. Writes `speed_gain` (G)
             [m/s] and `opening` (x) in place. `opening` is 0 if the load keeps the valve partly or
             fully shut, so that the estimator does not use it.
     """
@@ -245,11 +249,11 @@ def compute_valve_command(
 
 @kernel(borrows=True)
 def select_supply_targets(
-    axis: Record,
-    sensor: Record,
-    cylinder: Record,
-    constants: Records,
-    gains: Records,
+    axis: ControlAxis,
+    sensor: ActuatorReadings,
+    cylinder: CylinderConstants,
+    constants: Records[CircuitConstants],
+    gains: Records[SharedGains],
     mode: int,
 ) -> None:
     """Set the pressure targets of a line according to its mode.
@@ -258,12 +262,12 @@ def select_supply_targets(
     mode N both are the measured line pressure, but at least P_S.
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `supply_target`
+        axis: State of the cylinder's control axis. Writes `supply_target`
             and `target_ahead` [Pa] in place.
-        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient of the cylinder's valve.
         constants: Constants of the circuit, one record.
-        gains: Quantities that all axes share, CASCADE_GAINS_DTYPE[1].
+        gains: Quantities that all axes share, SharedGains[1].
         mode: Prepared mode of the actuator.
     """
     if BOOSTED_MODES[mode]:
@@ -313,11 +317,11 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState) -> None:
 
 
 @kernel
-def compute_reference_flow(axis: Record, cylinder: Record) -> float:
+def compute_reference_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that the reference's piston speed takes from its line.
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE), with the speed of the
+        axis: State of the cylinder's control axis, with the speed of the
             reference.
         cylinder: Areas of the cylinder.
 

@@ -19,10 +19,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
-from mhsb_model.circuit.records import Record, Records
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Record, Records, create_records
 
 OBSERVATION_DELAY = 0.02
 """Time constant τ [s]: longer than the delay of commands, shorter than a piston takes to start."""
@@ -30,14 +28,16 @@ OBSERVATION_DELAY = 0.02
 PRESSURE_SHORTFALL_SCALE = 2e5
 """Pressure below its target [Pa] over which the weight of a line's shortfall falls from 1 to 0."""
 
-DRAW_DTYPE = np.dtype(
-    [
-        ("pressure", "f8"),  # [Pa] pressure in the last step
-        ("told", "f8"),  # [m³/s] commanded flow, delayed as it acts
-        ("more", "f8"),  # [m³/s] d, drawn flow less commanded flow
-    ]
-)
-"""Observer of one line, or of the rail."""
+
+class DrawObserver(Record):
+    """Observer of one line, or of the rail."""
+
+    pressure: float
+    """Pressure in the last step [Pa]."""
+    told: float
+    """Commanded flow, delayed as it acts [m³/s]."""
+    more: float
+    """Drawn flow less commanded flow, d [m³/s]."""
 
 
 class MeasuredLine(NamedTuple):
@@ -54,8 +54,8 @@ class MeasuredLine(NamedTuple):
     fed_by_pumps_only: bool
 
 
-def build_draw_observers(count: int) -> Records:
-    """Return zeroed observers, DRAW_DTYPE[n + 1].
+def build_draw_observers(count: int) -> Records[DrawObserver]:
+    """Return zeroed observers, DrawObserver[n + 1].
 
     Args:
         count: Number n of lines. The rail's observer follows them as the last record.
@@ -63,12 +63,12 @@ def build_draw_observers(count: int) -> Records:
     Returns:
         One record per line, and one for the rail.
     """
-    return np.zeros(count + 1, DRAW_DTYPE)
+    return create_records(DrawObserver, count + 1)
 
 
 @kernel
 def update_draw_observer(
-    draw: Record,
+    draw: DrawObserver,
     line: MeasuredLine,
     commanded: float,
     capacity: float,
@@ -83,7 +83,7 @@ def update_draw_observer(
     If anything but pumps may feed the line, d is set to 0.
 
     Args:
-        draw: Observer of the line (record of DRAW_DTYPE). Writes d and Q_c [m³/s] and the pressure
+        draw: Observer of the line. Writes d and Q_c [m³/s] and the pressure
             [Pa] in place.
         line: Pressure of the line and flow that it is supplied with.
         commanded: Flow A_dir |u| that the piston is commanded to take [m³/s].
@@ -101,14 +101,14 @@ def update_draw_observer(
 
 
 @kernel
-def compute_draw_shortfall(draw: Record, target: float) -> float:
+def compute_draw_shortfall(draw: DrawObserver, target: float) -> float:
     """Compute the flow by which a line draws less than commanded.
 
     The observed shortfall −d is weighted by the line pressure. The weight is 1 at or above the
     target, and falls linearly to 0 at PRESSURE_SHORTFALL_SCALE below the target.
 
     Args:
-        draw: Observer of the line (record of DRAW_DTYPE).
+        draw: Observer of the line.
         target: Target of the line pressure [Pa].
 
     Returns:

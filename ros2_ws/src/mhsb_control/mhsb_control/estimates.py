@@ -44,8 +44,10 @@ def collect_estimates(
     """
     spread, oil = np.sqrt(np.diag(load.covariance)), np.sqrt(np.diag(lines.covariance))
     first = PAYLOAD_DEVIATION * float(load.file_payload[0])
-    drive, squeeze = drives.record[0], lines.estimate[0]
-    late = (drive["latest"] - drive["delay"]) * drive["step"]
+    lag, deviation, delay, latest, step = (
+        drives.record[name][0] for name in ("lag", "deviation", "delay", "latest", "step")
+    )
+    squeeze = lines.estimate[0]
     of_bulk = oil[0] / squeeze**2
     found = [
         _build_estimate("payload", "", load.estimate[0], spread[0], first),
@@ -55,16 +57,16 @@ def collect_estimates(
         _build_estimate(
             "pump_lag",
             "",
-            drive["lag"],
-            drive["deviation"] * drive["lag"],
-            pump_estimate.INITIAL_DEVIATION * drive["lag"],
+            lag,
+            deviation * lag,
+            pump_estimate.INITIAL_DEVIATION * lag,
         ),
         _build_estimate(
             "delay",
             "",
-            drive["delay"] * drive["step"],
-            late,
-            pump_estimate.MAX_DELAY_STEPS * drive["step"],
+            delay * step,
+            (latest - delay) * step,
+            pump_estimate.MAX_DELAY_STEPS * step,
         ),
     ]
     for j, name in enumerate(names):

@@ -22,22 +22,23 @@ from mhsb_control.cascade import (
 )
 from mhsb_control.controller import ServoSignals
 from mhsb_model.arm_reports import Estimate
-from mhsb_model.circuit.records import Records
 from mhsb_model.hydraulics import inlet_area
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 
-INDEPENDENT_GAINS_DTYPE = np.dtype(
-    [
-        # [Pa] pressure drop over an edge for which the valve's gain is computed
-        ("nominal_valve_drop", "f8"),
-        ("pressure_gain", "f8"),  # [1/s] proportional gain of the pump's pressure loop
-        ("pressure_integral_gain", "f8"),  # [1/s²] integral gain of the pump's pressure loop
-    ]
-)
-"""Gains of the independent controller in SI units."""
+
+class IndependentGains(Record):
+    """Gains of the independent controller in SI units."""
+
+    nominal_valve_drop: float
+    """Pressure drop over an edge for which the valve's gain is computed [Pa]."""
+    pressure_gain: float
+    """Proportional gain of the pump's pressure loop [1/s]."""
+    pressure_integral_gain: float
+    """Integral gain of the pump's pressure loop [1/s²]."""
 
 
 class IndependentController:
@@ -57,7 +58,7 @@ class IndependentController:
         """
         self.preview = 0.0
         servo = machine.config.servo.independent
-        own_gains = np.zeros(1, INDEPENDENT_GAINS_DTYPE)
+        own_gains = create_records(IndependentGains, 1)
         own_gains["nominal_valve_drop"] = servo.nominal_valve_drop * machine.arrays.supply_pressure
         own_gains["pressure_gain"] = servo.pressure_gain
         own_gains["pressure_integral_gain"] = servo.pressure_integral_gain
@@ -76,7 +77,9 @@ class IndependentController:
 
 
 @kernel(borrows=True)
-def run_independent_step(s: ServoArguments, own_gains: Records, integrals: FloatArray) -> None:
+def run_independent_step(
+    s: ServoArguments, own_gains: Records[IndependentGains], integrals: FloatArray
+) -> None:
     """Run one step of the independent controller.
 
     The valve command is u A_dir/(K √Δp_nominal), limited to −1 … 1, with u the demanded piston
@@ -92,7 +95,7 @@ def run_independent_step(s: ServoArguments, own_gains: Records, integrals: Float
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of
             `actuators` and `modules` in place.
-        own_gains: Δp_nominal, k_P and k_I, INDEPENDENT_GAINS_DTYPE[1].
+        own_gains: Δp_nominal, k_P and k_I, IndependentGains[1].
         integrals: Integral parts of the pumps' pressure loops, float64[m], [m³/s]. Written in
             place.
     """
@@ -114,7 +117,8 @@ def run_independent_step(s: ServoArguments, own_gains: Records, integrals: Float
         if axis.joined > 0.0:
             rail_need = max(rail_need, axis.supply_target)
     for k in range(len(modules)):
-        module, user = modules[k], serves[k]
+        module = modules[k]
+        user: int = serves[k]
         if user < 0:
             module.flow_command, module.lend, integrals[k] = 0.0, 0.0, 0.0
             continue

@@ -24,10 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.cascade import ServoArguments
+from mhsb_control.cascade import ControlAxis, ServoArguments
+from mhsb_control.controller import ActuatorReadings
 from mhsb_model.circuit.elements import compute_orifice_flow
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import CircuitConstants, CylinderConstants, ModuleState
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray, IntArray
 
 WINDOW_STEPS = 8
@@ -57,19 +59,26 @@ CHECK_VALVE_MARGIN = 1e5
 JOINED_DROP = 1e5
 """Pressure difference [Pa] up to which a line and the rail count as one volume."""
 
-BALANCE_DTYPE = np.dtype(
-    [
-        ("steps", "i8"),  # number of steps in the present window
-        ("members", "i8"),  # bit j is set if line j belongs to the balance
-        ("open", "i8"),  # 1 if the manifold may feed the lines as well
-        ("supplied", "f8"),  # [m³] oil delivered by pumps
-        ("moved", "f8"),  # [m³] oil taken by pistons
-        ("moving", "f8"),  # 1 if any piston moved
-        ("flow", "f8"),  # [m³/s] flow of the pumps in the last step
-        ("rail", "f8"),  # 1 for the rail's balance
-    ]
-)
-"""Oil balance of one line, or of the rail with the lines joined to it, in the present window."""
+
+class OilBalance(Record):
+    """Oil balance of one line, or of the rail with its joined lines, in the present window."""
+
+    steps: int
+    """Number of steps in the present window."""
+    members: int
+    """Bit j is set if line j belongs to the balance."""
+    open: int
+    """1 if the manifold may feed the lines as well."""
+    supplied: float
+    """Oil delivered by pumps [m³]."""
+    moved: float
+    """Oil taken by pistons [m³]."""
+    moving: float
+    """1 if any piston moved."""
+    flow: float
+    """Flow of the pumps in the last step [m³/s]."""
+    rail: float
+    """1 for the rail's balance."""
 
 
 class LineEstimates(NamedTuple):
@@ -80,7 +89,7 @@ class LineEstimates(NamedTuple):
 
     estimate: FloatArray  # [1 + n] c, then λ of each valve
     covariance: FloatArray  # [1 + n, 1 + n] covariance of c and λ
-    balances: Records  # BALANCE_DTYPE[n + 1]
+    balances: Records[OilBalance]  # [n + 1]
     row: FloatArray  # [n + 1, 1 + n] m³, coefficients of c and λ in each balance
     # [n + 1, 4] line, cap and rod pressure [Pa] and length [m] in the last step; last row: rail
     before: FloatArray
@@ -102,7 +111,7 @@ def build_line_estimates(count: int) -> LineEstimates:
     """
     deviation = np.full(1 + count, LEAKAGE_DEVIATION)
     deviation[0] = COMPRESSIBILITY_DEVIATION
-    balances = np.zeros(count + 1, BALANCE_DTYPE)
+    balances = create_records(OilBalance, count + 1)
     balances["rail"][count] = 1.0
     return LineEstimates(
         estimate=np.ones(1 + count),
@@ -176,7 +185,7 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates) -> None:
 
 @kernel(borrows=True)
 def compute_fed_flows(
-    modules: Records, module_home: IntArray, serves: IntArray, fed: FloatArray
+    modules: Records[ModuleState], module_home: IntArray, serves: IntArray, fed: FloatArray
 ) -> None:
     """Compute the flows that the pumps feed into each line alone and into the rail.
 
@@ -204,7 +213,7 @@ def compute_fed_flows(
 
 @kernel(borrows=True)
 def accumulate_balance(
-    oil_balance: Record,
+    oil_balance: OilBalance,
     row: FloatArray,
     taken: FloatArray,
     members: int,
@@ -219,7 +228,7 @@ def accumulate_balance(
     the balance of the rail.
 
     Args:
-        oil_balance: Oil balance of a line or of the rail (record of BALANCE_DTYPE), updated in
+        oil_balance: Oil balance of a line or of the rail, updated in
             place.
         row: Coefficients of c and λ, float64[1 + n], [m³], accumulated in place: oil taken by
             compression, then leakage of each valve, both by the machine file.
@@ -262,10 +271,10 @@ def accumulate_balance(
 
 @kernel(borrows=True)
 def compute_line_intake(
-    axis: Record,
-    cylinder: Record,
-    sensor: Record,
-    c: Record,
+    axis: ControlAxis,
+    cylinder: CylinderConstants,
+    sensor: ActuatorReadings,
+    c: CircuitConstants,
     step: float,
     before: FloatArray,
     taken: FloatArray,
@@ -277,10 +286,10 @@ def compute_line_intake(
     fills. This chamber is the cap side if the reference extends, and the rod side if it retracts.
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE). Writes `leakage` [m³/s],
+        axis: State of the cylinder's control axis. Writes `leakage` [m³/s],
             as the machine file gives it at the present line pressure, in place.
         cylinder: Areas of the cylinder.
-        sensor: Measured length [m] and pressures [Pa] of the actuator (record of SENSOR_DTYPE).
+        sensor: Measured length [m] and pressures [Pa] of the actuator.
         c: Constants of the circuit.
         step: Control period [s].
         before: Line, cap-side and rod-side pressure [Pa] and cylinder length [m] in the last step,

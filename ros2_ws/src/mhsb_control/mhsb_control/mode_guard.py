@@ -125,8 +125,8 @@ class ModeGuard:
     @property
     def interventions(self) -> Interventions:
         """Counts of interventions so far."""
-        overall = self._state.totals[0]
-        return Interventions(self._boosts, int(overall["slowings"]), float(overall["slowed"]))
+        totals = self._state.totals
+        return Interventions(self._boosts, int(totals["slowings"][0]), float(totals["slowed"][0]))
 
     @property
     def held(self) -> float:
@@ -143,16 +143,16 @@ class ModeGuard:
         It can have three parts, separated by semicolons. They are: modes that differ from the
         plan, the reduced rate and its cause, and the delay of the arm behind the plan.
         """
-        overall, pace = self._state.totals[0], self._state.speed_scaling[0]
+        scaling = self._state.speed_scaling
+        rate, delay = scaling["rate"][0], scaling["delay"][0]
         sentences = [self._deviation_text] if self._deviation_text else []
-        if pace["rate"] < 1.0:
+        if rate < 1.0:
             lacking = int(np.argmin(self._state.actuators["share"]))
-            why = f"the tip is {1e3 * overall['error']:.0f} mm off its reference"
+            why = f"the tip is {1e3 * self._state.totals['error'][0]:.0f} mm off its reference"
             if self._state.actuators["share"][lacking] < 1.0:
                 left = self._state.actuators["reserve"][lacking] / 1e6
                 why = f"{self._names[lacking]} has {left:.2f} MPa in reserve"
-            sentences.append(f"the plan runs at {pace['rate']:.2f} of its pace: {why}")
-        if pace["delay"] > 0.0:
-            late = pace["delay"] / SECOND_NS
-            sentences.append(f"the arm is {late:.2f} s later than planned")
+            sentences.append(f"the plan runs at {rate:.2f} of its pace: {why}")
+        if delay > 0.0:
+            sentences.append(f"the arm is {delay / SECOND_NS:.2f} s later than planned")
         return "; ".join(sentences)

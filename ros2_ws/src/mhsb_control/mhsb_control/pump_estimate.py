@@ -21,8 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import ModuleState
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 
 WINDOW_STEPS = 10
@@ -54,27 +55,36 @@ PLAUSIBLE_EXCESS = 9.0
 MIN_LAG_DEVIATION = 0.03
 """Smallest standard deviation of the lag, as a share of it, however much data there is."""
 
-DRIVE_DTYPE = np.dtype(
-    [
-        ("step", "f8"),  # [s] h
-        ("full_flow", "f8"),  # [m³/s] largest flow of a pump
-        ("largest_change", "f8"),  # [m³/s] largest change of flow in a step
-        ("file", "f8"),  # θ by the machine file
-        ("theta", "f8"),  # θ
-        ("lag", "f8"),  # [s] τ
-        ("deviation", "f8"),  # standard deviation of τ, as a share of it
-        ("delay", "i8"),  # estimated delay, in steps
-        ("latest", "i8"),  # longest plausible delay, in steps
-        ("steps", "i8"),  # number of steps in the present window
-    ]
-)
-"""Estimates of lag and delay that all servo pumps share."""
+
+class PumpDynamics(Record):
+    """Estimates of lag and delay that all servo pumps share."""
+
+    step: float
+    """Control period h [s]."""
+    full_flow: float
+    """Largest flow of a pump [m³/s]."""
+    largest_change: float
+    """Largest change of flow in a step [m³/s]."""
+    file: float
+    """θ by the machine file."""
+    theta: float
+    """Estimate of θ."""
+    lag: float
+    """Estimate of the lag τ [s]."""
+    deviation: float
+    """Standard deviation of τ, as a share of it."""
+    delay: int
+    """Estimated delay, in steps."""
+    latest: int
+    """Longest plausible delay, in steps."""
+    steps: int
+    """Number of steps in the present window."""
 
 
 class DriveEstimates(NamedTuple):
     """Estimates of how m servo pumps follow their commands."""
 
-    record: Records  # DRIVE_DTYPE[1]
+    record: Records[PumpDynamics]  # [1]
     sent: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, commands of the last steps, the newest first
     before: FloatArray  # [m, 2] m³/s, flow in the last step, and at the start of the window
     driven: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
@@ -99,7 +109,7 @@ def build_drive_estimates(
     Returns:
         The estimates: lag of the file, delay 0, longest plausible delay MAX_DELAY_STEPS.
     """
-    record = np.zeros(1, DRIVE_DTYPE)
+    record = create_records(PumpDynamics, 1)
     record["step"], record["full_flow"], record["largest_change"] = step, full_flow, slew * step
     record["file"] = record["theta"] = -math.expm1(-step / lag)
     record["lag"], record["deviation"], record["latest"] = lag, INITIAL_DEVIATION, MAX_DELAY_STEPS
@@ -115,7 +125,7 @@ def build_drive_estimates(
 
 
 @kernel(borrows=True)
-def update_drive_estimates(d: DriveEstimates, modules: Records) -> bool:
+def update_drive_estimates(d: DriveEstimates, modules: Records[ModuleState]) -> bool:
     """Add one step of all pumps to the window, and predict each pump's flow.
 
     The flow is predicted for the instant when the next command begins to act, see
@@ -159,7 +169,7 @@ def update_drive_estimates(d: DriveEstimates, modules: Records) -> bool:
 
 @kernel(borrows=True)
 def accumulate_pump_window(
-    squares: FloatArray, driven: FloatArray, rise: float, own: Record
+    squares: FloatArray, driven: FloatArray, rise: float, own: PumpDynamics
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is discarded.
 
@@ -172,7 +182,7 @@ def accumulate_pump_window(
             MAX_DELAY_STEPS + 1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both in full flows.
         driven: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS + 1].
         rise: ΔQ of the window, in full flows.
-        own: Estimates of the pumps' dynamics (record of DRIVE_DTYPE). Reads `delay`, `full_flow`
+        own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow`
             and `file`.
 
     Returns:
@@ -196,7 +206,7 @@ def accumulate_pump_window(
 
 
 @kernel(borrows=True)
-def estimate_lag_and_delay(own: Record, squares: FloatArray) -> None:
+def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray) -> None:
     """Estimate delay, θ and lag of the pumps by least squares with a prior, for each delay.
 
     Each window gives x = Σ (Q_cmd − Q) and y = ΔQ, both in full flows. θ_file is the prior, w its
@@ -209,7 +219,7 @@ def estimate_lag_and_delay(own: Record, squares: FloatArray) -> None:
     exceeds the least one by less than PLAUSIBLE_EXCESS · FLOW_DEVIATION².
 
     Args:
-        own: Estimates of the pumps' dynamics (record of DRIVE_DTYPE). Writes in place `delay` and
+        own: Estimates of the pumps' dynamics. Writes in place `delay` and
             `latest` [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard
             deviation of τ as a share of τ, at least MIN_LAG_DEVIATION.
         squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, MAX_DELAY_STEPS + 1]. The
@@ -233,14 +243,14 @@ def estimate_lag_and_delay(own: Record, squares: FloatArray) -> None:
 
 
 @kernel(borrows=True)
-def predict_pump_flow(own: Record, flow: float, sent: FloatArray) -> tuple[float, float]:
+def predict_pump_flow(own: PumpDynamics, flow: float, sent: FloatArray) -> tuple[float, float]:
     """Predict a pump's flow at the instant when the next command begins to act.
 
     That instant is the estimated delay ahead of now. The commands that have been sent but do not
     act yet change the flow through the lag and the slew limit.
 
     Args:
-        own: Estimates of the pumps' dynamics (record of DRIVE_DTYPE).
+        own: Estimates of the pumps' dynamics.
         flow: Present flow [m³/s].
         sent: Commands of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1], [m³/s].
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.speed_scaling import build_full_speed_scaling
-from mhsb_model.circuit.records import Records
+from mhsb_control.speed_scaling import SpeedScaling, build_full_speed_scaling
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.records import Records
 from mhsb_model.trajectory import (
     SECOND_NS,
     JointMotion,
@@ -50,7 +50,7 @@ class ReferencePreview:
     Attributes:
         trajectory: The trajectory that is followed.
         schedule: Its mode schedule.
-        speed_scaling: State of the speed scaling, RATE_DTYPE[1].
+        speed_scaling: State of the speed scaling, SpeedScaling[1].
         full_speed_velocity: Velocity that the trajectory has now at full speed, float64[n], [rad/s
             or m/s].
     """
@@ -188,7 +188,7 @@ def evaluate_reference(
     points: JointMotion,
     mode_offset_ns: IntArray,
     reference: EvaluatedReference,
-    speed_scaling: Records,
+    speed_scaling: Records[SpeedScaling],
     spacing_ns: int,
     since_ns: int,
 ) -> None:
@@ -208,7 +208,7 @@ def evaluate_reference(
         mode_offset_ns: Times after the stamp from which each row of the mode schedule applies,
             int64[rows], [ns].
         reference: Reference and its modes. Written in place.
-        speed_scaling: RATE_DTYPE[1] with rate, its change and the delay. Writes `rests` in place: 1
+        speed_scaling: State of the speed scaling, [1]. Writes `rests` in place: 1
             if the trajectory has ended, else 0.
         spacing_ns: Time between two reference points at full speed [ns].
         since_ns: Present time after the stamp [ns], before the delay is subtracted.

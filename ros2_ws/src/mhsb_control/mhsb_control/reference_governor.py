@@ -18,18 +18,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
-from mhsb_control.controller import ServoSignals
+from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.reference import ReferencePreview
-from mhsb_control.speed_scaling import update_rate
-from mhsb_model.circuit.records import Record, Records
+from mhsb_control.speed_scaling import SpeedScaling, update_rate
+from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, CylinderConstants
 from mhsb_model.hydraulics import compute_pressure_without_margin
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import add_extension, get_turn_angle
 from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, Mode
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.statics import Chain, chain_of
 from mhsb_model.types import FloatArray, ModeArray
 
@@ -100,55 +99,71 @@ START_PREVIEW_POINT = 1
 MOVING_SPEED, STARTING_SPEED = 1e-5, 1e-3
 """Piston speeds [m/s] above which an actuator counts as moving: at present, and ahead."""
 
-GOVERNED_AXIS_DTYPE = np.dtype(
-    [
-        ("line", "f8"),  # [Pa] filtered line pressure
-        ("force", "f8"),  # [N] filtered cylinder force
-        ("off", "f8"),  # [rad or m] deviation of the joint from its reference
-        ("opening", "f8"),  # filtered |valve command|
-        ("reserve", "f8"),  # [Pa] reserve of the line as it is supplied
-        ("share", "f8"),  # rate of the speed scaling that this actuator allows, 0 … 1
-        ("unboosted", "f8"),  # [Pa] reserve that it has, or would have, in mode N
-        # [s] time for which the condition for a change of the request has lasted
-        ("lasting", "f8"),
-        ("wanted", "i8"),  # mode that the governor requests: N or DB
-    ]
-)
-"""State of the governor for one actuator."""
 
-GOVERNOR_DTYPE = np.dtype(
-    [
-        ("step", "f8"),  # [s] control period
-        ("usual_error", "f8"),  # [m] normal distance of the tip from its reference
-        ("supply", "f8"),  # [Pa] filtered pressure that the main pump leaves at the lines in mode N
-        ("supply_rate", "f8"),  # [Pa/s] its rate of change
-        ("error", "f8"),  # [m] distance of the tip from its reference
-        ("behind", "f8"),  # [m] that distance without the part by which the tip is ahead
-        ("awake", "f8"),  # 0 until the filters are initialised, then 1
-        ("slowings", "f8"),  # number of times that the rate began to fall
-        ("slowed", "f8"),  # [s] total time at a reduced rate
-        ("held", "f8"),  # [s] time for which the rate has been below HELD_RATE without a break
-    ]
-)
-"""State of the governor for the whole arm."""
+class GovernedActuator(Record):
+    """State of the governor for one actuator."""
+
+    line: float
+    """Filtered line pressure [Pa]."""
+    force: float
+    """Filtered cylinder force [N]."""
+    off: float
+    """Deviation of the joint from its reference [rad or m]."""
+    opening: float
+    """Filtered |valve command|."""
+    reserve: float
+    """Reserve of the line as it is supplied [Pa]."""
+    share: float
+    """Rate of the speed scaling that this actuator allows, 0 … 1."""
+    unboosted: float
+    """Reserve that it has, or would have, in mode N [Pa]."""
+    lasting: float
+    """Time for which the condition for a change of the request has lasted [s]."""
+    wanted: int
+    """Mode that the governor requests: N or DB."""
+
+
+class GovernorTotals(Record):
+    """State of the governor for the whole arm."""
+
+    step: float
+    """Control period [s]."""
+    usual_error: float
+    """Normal distance of the tip from its reference [m]."""
+    supply: float
+    """Filtered pressure that the main pump leaves at the lines in mode N [Pa]."""
+    supply_rate: float
+    """Rate of change of `supply` [Pa/s]."""
+    error: float
+    """Distance of the tip from its reference [m]."""
+    behind: float
+    """That distance without the part by which the tip is ahead [m]."""
+    awake: float
+    """0 until the filters are initialised, then 1."""
+    slowings: float
+    """Number of times that the rate began to fall."""
+    slowed: float
+    """Total time at a reduced rate [s]."""
+    held: float
+    """Time for which the rate has been below HELD_RATE without a break [s]."""
 
 
 class GovernorState(NamedTuple):
     """Arrays that the kernels of the reference governor work on."""
 
-    sensors: Records  # SENSOR_DTYPE[n], measured
+    sensors: Records[ActuatorReadings]  # [n], measured
     modes: ModeArray  # [n] prepared modes of the servo
     scheduled: ModeArray  # [n] modes that the plan has at present, or prepares
     reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
-    speed_scaling: Records  # RATE_DTYPE[1] speed scaling of the reference
+    speed_scaling: Records[SpeedScaling]  # [1] speed scaling of the reference
     full_speed_velocity: FloatArray  # [n] rad/s, velocity of the reference at full speed
-    cylinders: Records  # [n] cylinders of the circuit as the servo knows it
-    constants: Records  # [1] constants of that circuit
-    commands: Records  # [n] actuators of that circuit, with their valve commands
+    cylinders: Records[CylinderConstants]  # [n] cylinders of the circuit as the servo knows it
+    constants: Records[CircuitConstants]  # [1] constants of that circuit
+    commands: Records[ActuatorState]  # [n] actuators of that circuit, with their valve commands
     linkage: FloatArray  # [n, LINKAGE_WIDTH] parameters of the linkages
     chain: Chain  # links of the arm
-    actuators: Records  # GOVERNED_AXIS_DTYPE[n]
-    totals: Records  # GOVERNOR_DTYPE[1]
+    actuators: Records[GovernedActuator]  # [n]
+    totals: Records[GovernorTotals]  # [1]
 
 
 def build_governor_state(
@@ -166,7 +181,7 @@ def build_governor_state(
     Returns:
         The state.
     """
-    overall = np.zeros(1, GOVERNOR_DTYPE)
+    overall = create_records(GovernorTotals, 1)
     overall["step"] = machine.config.simulation.step
     overall["usual_error"] = machine.relative_size * usual_error
     return GovernorState(
@@ -181,7 +196,7 @@ def build_governor_state(
         commands=signals.circuit.actuators,
         linkage=machine.arrays.linkage,
         chain=chain_of(machine.arrays),
-        actuators=np.zeros(machine.joint_count, GOVERNED_AXIS_DTYPE),
+        actuators=create_records(GovernedActuator, machine.joint_count),
         totals=overall,
     )
 
@@ -311,7 +326,7 @@ def update_alpha_beta_filter(
 
 
 @kernel
-def update_boost_request(actuator: Record, scheduled: bool, step: float) -> bool:
+def update_boost_request(actuator: GovernedActuator, scheduled: bool, step: float) -> bool:
     """Request boost for an actuator or end the request, according to its reserve in mode N.
 
     The reserve in mode N is `actuator.unboosted`. Boost is requested (mode DB) after the reserve
@@ -321,7 +336,7 @@ def update_boost_request(actuator: Record, scheduled: bool, step: float) -> bool
     a motion is then no reason to keep a boost.
 
     Args:
-        actuator: State of the governor for one actuator (record of GOVERNED_AXIS_DTYPE). Writes
+        actuator: State of the governor for one actuator. Writes
             `wanted` (the requested mode) and `lasting` [s] in place.
         scheduled: Whether the plan boosts this actuator at present, or prepares to.
         step: Control period [s].
@@ -345,7 +360,7 @@ def update_boost_request(actuator: Record, scheduled: bool, step: float) -> bool
 
 
 @kernel
-def compute_allowed_rate(actuator: Record, boosted: bool) -> float:
+def compute_allowed_rate(actuator: GovernedActuator, boosted: bool) -> float:
     """Compute the rate of the speed scaling that an actuator's reserve and valve opening allow.
 
     By the reserve, the rate is 1 above FULL_RATE_RESERVE and 0 below ZERO_RATE_RESERVE, linear in
@@ -354,7 +369,7 @@ def compute_allowed_rate(actuator: Record, boosted: bool) -> float:
     ZERO_RATE_OPENING.
 
     Args:
-        actuator: State of the governor for one actuator (record of GOVERNED_AXIS_DTYPE). Reads
+        actuator: State of the governor for one actuator. Reads
             `reserve` and `opening`.
         boosted: Whether the actuator is in DB or SB.
 
@@ -370,7 +385,7 @@ def compute_allowed_rate(actuator: Record, boosted: bool) -> float:
 
 @kernel(borrows=True)
 def compute_tip_errors(
-    c: Chain, q: FloatArray, speed: FloatArray, actuators: Records
+    c: Chain, q: FloatArray, speed: FloatArray, actuators: Records[GovernedActuator]
 ) -> tuple[float, float]:
     """Compute the distance of the tip from its reference, in total and without the tip's lead.
 
@@ -383,7 +398,7 @@ def compute_tip_errors(
         c: Links of the arm.
         q: Joint positions of the reference, float64[n], [rad or m].
         speed: Joint velocities of the reference at full speed, float64[n], [rad/s or m/s].
-        actuators: GOVERNED_AXIS_DTYPE[n]. Reads `off`, the deviation Δq of each joint [rad or m].
+        actuators: GovernedActuator[n]. Reads `off`, the deviation Δq of each joint [rad or m].
 
     Returns:
         Total distance [m], and distance without the lead [m]. Both are equal if the tip is not

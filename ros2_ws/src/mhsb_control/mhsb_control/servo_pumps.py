@@ -21,10 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.cascade import ServoArguments
+from mhsb_control.cascade import ControlAxis, ServoArguments
 from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, compute_coasting_volumes
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_control.draw_estimate import (
+    DrawObserver,
     MeasuredLine,
     build_draw_observers,
     compute_draw_shortfall,
@@ -39,11 +40,12 @@ from mhsb_control.line_estimate import (
 from mhsb_control.pump_estimate import DriveEstimates, build_drive_estimates, update_drive_estimates
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.circuit.elements import compute_orifice_flow
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import CylinderConstants, ModuleState
 from mhsb_model.hydraulics import compute_pressure_without_margin, inlet_area
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray, IntArray
 
 MIN_CHARGE_SHARE = 0.15
@@ -52,19 +54,23 @@ MIN_CHARGE_SHARE = 0.15
 CAUTION_SIGMAS = 1.5
 """Standard deviations by which charging assumes less leakage, stiffer oil and slower pumps."""
 
-PUMP_GAINS_DTYPE = np.dtype(
-    [
-        ("preview", "f8"),  # [s] time to point PREVIEW_POINT of the reference
-        ("bandwidth", "f8"),  # [1/s] λ/τ, desired bandwidth of a pump
-        ("pressure_gain", "f8"),  # [1/s] k
-        # share of the flow's rise to the next point that is commanded in advance
-        ("pump_rise", "f8"),
-        ("allowed_rise", "f8"),  # [Pa] rise above the target that is allowed while a pump coasts
-        # [Pa] line pressure below which the manifold may feed the line as well
-        ("fed_below", "f8"),
-    ]
-)
-"""Gains and limits of the servo pumps' control in SI units."""
+
+class PumpGains(Record):
+    """Gains and limits of the servo pumps' control in SI units."""
+
+    preview: float
+    """Time to point PREVIEW_POINT of the reference [s]."""
+    bandwidth: float
+    """Desired bandwidth λ/τ of a pump [1/s]."""
+    pressure_gain: float
+    """Gain k of the pressure [1/s]."""
+    pump_rise: float
+    """Share of the flow's rise to the next point that is commanded in advance."""
+    allowed_rise: float
+    """Rise above the target that is allowed while a pump coasts [Pa]."""
+    fed_below: float
+    """Line pressure below which the manifold may feed the line as well [Pa]."""
+
 
 MIN_CAPACITY_FACTOR = 0.3
 """Smallest factor on a line's capacity that charging assumes for stiffer oil."""
@@ -84,7 +90,7 @@ MIN_DIVERTED_SHARE = 0.9
 class PumpState(NamedTuple):
     """State by which the servo pumps are driven, beside the cascade."""
 
-    gains: Records  # PUMP_GAINS_DTYPE[1]
+    gains: Records[PumpGains]  # [1]
     rail_target: FloatArray  # [2] Pa, pressure targets of the rail, now and at the preview point
     rail_before: FloatArray  # [1] Pa, rail pressure before the last line began to leave
     volume: FloatArray  # [n + 1, REFERENCE_POINTS] m³, see `predict_line_volumes`; last row: rail
@@ -98,7 +104,7 @@ class PumpState(NamedTuple):
         FloatArray  # [n + 1] m³/s, uncertainty of the leakage; the last one is the rail's
     )
     drives: DriveEstimates  # estimates of pump lag and command delay
-    draws: Records  # DRAW_DTYPE[n + 1]; the last row is the rail's
+    draws: Records[DrawObserver]  # [n + 1]; the last row is the rail's
     coasting_times: FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, times of `coasting`
 
 
@@ -115,7 +121,7 @@ def build_pump_state(machine: Machine, signals: ServoSignals) -> PumpState:
     """
     servo, oil, n = machine.config.servo.coordinated, machine.config.circuit, machine.joint_count
     lag, preview = oil.servo_pump_lag, servo.preview
-    gains = np.zeros(1, PUMP_GAINS_DTYPE)
+    gains = create_records(PumpGains, 1)
     gains["preview"] = preview
     spin_up = signals.circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
     gains["bandwidth"] = 1.0 / (servo.pump_response * spin_up)
@@ -293,7 +299,7 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
 
 
 @kernel
-def compute_commanded_flow(axis: Record, cylinder: Record) -> float:
+def compute_commanded_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that a piston is commanded to take from its line.
 
     u is the demanded piston speed. A demand against the direction of the reference at the preview
@@ -301,7 +307,7 @@ def compute_commanded_flow(axis: Record, cylinder: Record) -> float:
     usually comes from a piston that lags because the valve's overlap is not known yet.
 
     Args:
-        axis: State of the cylinder's control axis (record of AXIS_DTYPE), with demand and speeds.
+        axis: State of the cylinder's control axis, with demand and speeds.
         cylinder: Areas of the cylinder.
 
     Returns:
@@ -418,7 +424,7 @@ def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
 
 
 @kernel(borrows=True)
-def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
+def feeds_rail(module: ModuleState, home: int, user: int, axes: Records[ControlAxis]) -> bool:
     """Return whether a module in use feeds the shared rail.
 
     A module that serves its own line feeds the rail if that line is joined to the rail. A lent
@@ -426,10 +432,10 @@ def feeds_rail(module: Record, home: int, user: int, axes: Records) -> bool:
     goes to the rail.
 
     Args:
-        module: Record of the circuit's module.
+        module: ModuleState of the circuit's module.
         home: Actuator to whose line the module belongs; −1 for a spare.
         user: Actuator that the module serves; not negative.
-        axes: AXIS_DTYPE[n].
+        axes: ControlAxis[n].
 
     Returns:
         True if it feeds the rail.
@@ -518,7 +524,8 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
     lead = max(1.0, g.bandwidth * drives.record[0].lag)
     sharing, shared, reaching, pending = 0, 0.0, 0.0, 0.0
     for k in range(len(modules)):
-        module, user = modules[k], serves[k]
+        module = modules[k]
+        user: int = serves[k]
         if user < 0:
             reaching += drives.flow[k] * module.to_rail
             pending += drives.pending[k] * module.to_rail

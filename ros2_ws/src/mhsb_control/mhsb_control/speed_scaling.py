@@ -13,21 +13,23 @@ Source: path-velocity decomposition, Siciliano et al., Robotics, Section 4.3.
 
 from __future__ import annotations
 
-import numpy as np
-
-from mhsb_model.circuit.records import Record, Records
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.trajectory import SECOND_NS
 
-RATE_DTYPE = np.dtype(
-    [
-        ("rate", "f8"),  # s
-        ("change", "f8"),  # [1/s] ṡ
-        ("delay", "f8"),  # [ns] t − τ
-        ("rests", "f8"),  # 1 if the plan has ended, else 0
-    ]
-)
-"""State of the speed scaling."""
+
+class SpeedScaling(Record):
+    """State of the speed scaling."""
+
+    rate: float
+    """Rate s, 0 … 1."""
+    change: float
+    """Rate of change ṡ [1/s]."""
+    delay: float
+    """Delay t − τ [ns]."""
+    rests: float
+    """1 if the plan has ended, else 0."""
+
 
 RATE_BANDWIDTH = 40.0
 """Natural frequency ω with which the rate approaches the wanted one, without overshoot [rad/s]."""
@@ -45,19 +47,19 @@ NEARLY_FULL, NEARLY_NONE = 1e-3, 1e-4
 """Tolerances at which the rate is set exactly: 1 − s towards 1, and s towards 0."""
 
 
-def build_full_speed_scaling() -> Records:
+def build_full_speed_scaling() -> Records[SpeedScaling]:
     """Return the state of a speed scaling that nothing has slowed.
 
     Returns:
-        RATE_DTYPE[1] with rate 1 and no delay.
+        SpeedScaling[1] with rate 1 and no delay.
     """
-    pace = np.zeros(1, RATE_DTYPE)
+    pace = create_records(SpeedScaling, 1)
     pace["rate"] = 1.0
     return pace
 
 
 @kernel
-def update_rate(scaling: Record, wanted_rate: float, step: float) -> None:
+def update_rate(scaling: SpeedScaling, wanted_rate: float, step: float) -> None:
     """Move the rate towards the wanted one over a step, with continuous change.
 
         s̈ = ω² (s_wanted − s) − 2 ω ṡ
@@ -67,7 +69,7 @@ def update_rate(scaling: Record, wanted_rate: float, step: float) -> None:
     ended, the rate becomes 1 at once, and the delay decreases by the step, down to 0.
 
     Args:
-        scaling: State of the speed scaling (record of RATE_DTYPE). Writes `rate` (s), `change` (ṡ)
+        scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ)
             [1/s] and `delay` [ns] in place.
         wanted_rate: Wanted rate, 0 … 1.
         step: Control period [s].

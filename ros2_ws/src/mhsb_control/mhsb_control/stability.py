@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_control.cascade import build_axis_records
+from mhsb_control.cascade import ControlAxis, build_axis_records
 from mhsb_control.natural_frequency import compute_oil_stiffness
-from mhsb_model.circuit.records import Records
 from mhsb_model.machine import Machine
+from mhsb_model.records import Records
 from mhsb_model.schema import CascadeGains
 from mhsb_model.types import FloatArray
 
@@ -22,7 +22,9 @@ SLOWEST_DECAY = 0.0128
 It applies to every posture with every payload. The suite's own arm has 0.3 1/s."""
 
 
-def build_closed_loop_matrix(axes: Records, loaded: Machine, q: FloatArray) -> FloatArray:
+def build_closed_loop_matrix(
+    axes: Records[ControlAxis], loaded: Machine, q: FloatArray
+) -> FloatArray:
     """Build the system matrix of the cascade at a posture, linear, with ideal valves and supply.
 
     With the errors e of the cylinder lengths, excess forces f, biases d and integrals w,
@@ -36,7 +38,7 @@ def build_closed_loop_matrix(axes: Records, loaded: Machine, q: FloatArray) -> F
     in each cylinder. `mhsb_control.cascade` defines the gains k_p, ω_F, τ and k_i.
 
     Args:
-        axes: AXIS_DTYPE[n] with the gains.
+        axes: ControlAxis[n] with the gains.
         loaded: Machine with the actual payload.
         q: Joint positions, float64[n], [rad or m].
 

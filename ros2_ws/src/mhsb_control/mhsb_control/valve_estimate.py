@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.circuit.records import Record, Records
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 
 WINDOW_STEPS = 40
@@ -60,30 +60,40 @@ LARGEST_OVERLAP = 0.06
 OVERLAP_SPEED = 3e-4
 """u_s: demand [m/s] below which the overlap is crossed in part, so that noise does not cross it."""
 
-VALVE_DTYPE = np.dtype(
-    [
-        ("gain", "f8"),  # a, limited
-        ("overlap", "f8"),  # o, limited
-        ("opening", "f8"),  # x of the last step; 0 if the servo did not set it freely
-        ("speed_gain", "f8"),  # [m/s] G of the last step
-        ("steps", "i8"),  # number of steps in the present window
-        # sign of the motion in the window, or of the opening if the reference rests
-        ("sign", "f8"),
-        ("moves", "i8"),  # 1 if the reference moves in the window
-        ("opened", "f8"),  # [m] ∫ G |x| dt
-        ("open", "f8"),  # [m] ∫ G dt
-        ("wanted", "f8"),  # [m] ∫ |v_ref| dt
-        ("length", "f8"),  # [m] cylinder length at the start of the window
-        ("force", "f8"),  # [N] cylinder force at the start of the window
-    ]
-)
-"""Estimates of one valve that its inverse uses, and its present window."""
+
+class EstimatedValve(Record):
+    """Estimates of one valve that its inverse uses, and its present window."""
+
+    gain: float
+    """Estimate a, limited to GAIN_RANGE."""
+    overlap: float
+    """Overlap o, limited to 0 … LARGEST_OVERLAP."""
+    opening: float
+    """Opening x of the last step; 0 if the servo did not set it freely."""
+    speed_gain: float
+    """Speed G per opening in the last step [m/s]."""
+    steps: int
+    """Number of steps in the present window."""
+    sign: float
+    """Sign of the motion in the window, or of the opening if the reference rests."""
+    moves: int
+    """1 if the reference moves in the window."""
+    opened: float
+    """∫ G |x| dt [m]."""
+    open: float
+    """∫ G dt [m]."""
+    wanted: float
+    """∫ |v_ref| dt [m]."""
+    length: float
+    """Cylinder length at the start of the window [m]."""
+    force: float
+    """Cylinder force at the start of the window [N]."""
 
 
 class ValveEstimates(NamedTuple):
     """Estimates of n valves."""
 
-    records: Records  # VALVE_DTYPE[n]
+    records: Records[EstimatedValve]  # [n]
     estimate: FloatArray  # [n, 3] a, b, c
     covariance: FloatArray  # [n, 3, 3] covariance of a, b, c
 
@@ -97,20 +107,20 @@ def build_valve_estimates(count: int) -> ValveEstimates:
     Returns:
         The estimates.
     """
-    records = np.zeros(count, VALVE_DTYPE)
+    records = create_records(EstimatedValve, count)
     records["gain"] = 1.0
     covariance = np.tile(np.diag(np.square(INITIAL_DEVIATIONS)), (count, 1, 1))
     return ValveEstimates(records, np.tile(np.array([1.0, 0.0, 1.0]), (count, 1)), covariance)
 
 
 @kernel(inline="always")
-def compute_opening(valve: Record, demand: float) -> float:
+def compute_opening(valve: EstimatedValve, demand: float) -> float:
     """Return the valve opening that produces a demanded piston speed.
 
         x = u/(G a) + o clip(u/u_s, −1, 1)
 
     Args:
-        valve: Estimates and window of the valve (record of VALVE_DTYPE).
+        valve: Estimates and window of the valve.
         demand: u, piston speed [m/s].
 
     Returns:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +12,6 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ModeArray = NDArray[np.uint8]
-Records = NDArray[Any]
-"""An `np.recarray`: rows with named fields."""
 
 
 def frozen(array: NDArray) -> NDArray:

@@ -12,8 +12,14 @@ from mhsb_model.circuit.constants import (
     build_modules,
     compute_constants,
 )
-from mhsb_model.circuit.records import Records
+from mhsb_model.circuit.quantities import (
+    ActuatorState,
+    CircuitConstants,
+    CylinderConstants,
+    ModuleState,
+)
 from mhsb_model.machine import Machine
+from mhsb_model.records import Records
 from mhsb_model.types import IntArray
 
 
@@ -25,20 +31,20 @@ class Components(NamedTuple):
     `circuit.quantities` lists the fields of all records.
     """
 
-    cylinders: Records
-    """Cylinders and their valves, one record of CYLINDER_DTYPE for each of the n actuators."""
+    cylinders: Records[CylinderConstants]
+    """Cylinders and their valves, one record of CylinderConstants for each of the n actuators."""
 
-    constants: Records
-    """Constants of the whole circuit, a single record of CONSTANTS_DTYPE."""
+    constants: Records[CircuitConstants]
+    """Constants of the whole circuit, a single record of CircuitConstants."""
 
     module_home: IntArray
     """Index of the actuator whose line each module feeds, int64[m]; −1 for a spare module."""
 
-    actuators: Records
-    """State and commands of the actuators, ACTUATOR_DTYPE[n]."""
+    actuators: Records[ActuatorState]
+    """State and commands of the actuators, ActuatorState[n]."""
 
-    modules: Records
-    """State and commands of the booster modules, MODULE_DTYPE[m]."""
+    modules: Records[ModuleState]
+    """State and commands of the booster modules, ModuleState[m]."""
 
 
 def describe_components(machine: Machine, substep: float) -> Components:

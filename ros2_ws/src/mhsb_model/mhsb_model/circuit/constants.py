@@ -8,14 +8,14 @@ import numpy as np
 
 from mhsb_model.circuit.elements import spool_transition
 from mhsb_model.circuit.quantities import (
-    ACTUATOR_DTYPE,
-    CONSTANTS_DTYPE,
-    CYLINDER_DTYPE,
-    MODULE_DTYPE,
+    ActuatorState,
+    CircuitConstants,
+    CylinderConstants,
+    ModuleState,
 )
-from mhsb_model.circuit.records import Records
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
+from mhsb_model.records import Records, create_records
 from mhsb_model.schema import Linkage, Motor
 from mhsb_model.types import IntArray
 
@@ -34,7 +34,7 @@ BULK_MODULUS_SLOPE = 0.005
 """Exponential decrease k_β of a mineral oil's bulk modulus with temperature [1/K]."""
 
 
-def build_cylinders(machine: Machine) -> Records:
+def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
     """Build the records of a machine's cylinders and of the servo valve of each.
 
     The shortest and the longest cylinder length are those at the two joint limits. A rotary motor
@@ -45,10 +45,10 @@ def build_cylinders(machine: Machine) -> Records:
 
     Returns:
         Areas, lengths, dead volume, valve coefficient and friction factor of each cylinder,
-        CYLINDER_DTYPE[n].
+        CylinderConstants[n].
     """
     arrays = machine.arrays
-    cylinders = np.zeros(machine.joint_count, CYLINDER_DTYPE)
+    cylinders = create_records(CylinderConstants, machine.joint_count)
     cylinders["cap_area"] = arrays.cap_area
     cylinders["rod_area"] = arrays.rod_area
     for j in range(machine.joint_count):
@@ -56,7 +56,7 @@ def build_cylinders(machine: Machine) -> Records:
             cylinder_length(arrays.linkage[j], q)
             for q in (arrays.joint_min[j], arrays.joint_max[j])
         ]
-        cylinders[j]["min_length"], cylinders[j]["max_length"] = min(ends), max(ends)
+        cylinders["min_length"][j], cylinders["max_length"][j] = min(ends), max(ends)
     motors = [
         linkage if isinstance(linkage, Motor) else None for linkage in _list_linkages(machine)
     ]
@@ -73,22 +73,22 @@ def _list_linkages(machine: Machine) -> list[Linkage]:
     return [joint.linkage for joint in machine.config.joints]
 
 
-def build_actuators(machine: Machine) -> Records:
+def build_actuators(machine: Machine) -> Records[ActuatorState]:
     """Build the records of a machine's actuators at rest, healthy and with closed valves.
 
     Args:
         machine: Machine with n actuators.
 
     Returns:
-        ACTUATOR_DTYPE[n]; all fields are 0 except `relief` [Pa], `obeys` = 1 and `leakage` = 1.
+        ActuatorState[n]; all fields are 0 except `relief` [Pa], `obeys` = 1 and `leakage` = 1.
     """
-    actuators = np.zeros(machine.joint_count, ACTUATOR_DTYPE)
+    actuators = create_records(ActuatorState, machine.joint_count)
     actuators["relief"] = machine.chamber_reliefs
     actuators["obeys"] = actuators["leakage"] = 1.0
     return actuators
 
 
-def build_modules(module_home: IntArray) -> Records:
+def build_modules(module_home: IntArray) -> Records[ModuleState]:
     """Build the records of booster modules at rest and healthy.
 
     Spare modules feed the rail from the start (`to_rail` = 1).
@@ -98,16 +98,16 @@ def build_modules(module_home: IntArray) -> Records:
             module.
 
     Returns:
-        MODULE_DTYPE[m]: all fields are 0 except `strength` = 1, `slowness` = 1 and, for spare
+        ModuleState[m]: all fields are 0 except `strength` = 1, `slowness` = 1 and, for spare
         modules, `to_rail` = 1.
     """
-    modules = np.zeros(len(module_home), MODULE_DTYPE)
+    modules = create_records(ModuleState, len(module_home))
     modules["to_rail"] = module_home < 0
     modules["strength"] = modules["slowness"] = 1.0
     return modules
 
 
-def compute_constants(machine: Machine, substep: float) -> Records:
+def compute_constants(machine: Machine, substep: float) -> Records[CircuitConstants]:
     """Compute the constants of a machine's circuit.
 
     Flows at a rated pressure drop become coefficients: k = Q/√Δp of an orifice, Q/Δp of a linear
@@ -129,7 +129,7 @@ def compute_constants(machine: Machine, substep: float) -> Records:
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
-        CONSTANTS_DTYPE[1].
+        CircuitConstants[1].
 
     Source:
         H. E. Merritt, Hydraulic Control Systems (viscosity and bulk modulus over temperature).
@@ -192,7 +192,7 @@ def compute_constants(machine: Machine, substep: float) -> Records:
         "spool_10": spool[2],
         "spool_11": spool[3],
     }
-    constants = np.zeros(1, CONSTANTS_DTYPE)
+    constants = create_records(CircuitConstants, 1)
     for name, value in values.items():
         constants[name] = value
     return constants

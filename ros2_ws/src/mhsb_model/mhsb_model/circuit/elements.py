@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from mhsb_model.circuit.records import Record
+from mhsb_model.circuit.quantities import CylinderConstants
 from mhsb_model.kernels.kernel import kernel
 
 
@@ -354,7 +354,7 @@ def advance_first_order_lag(value: float, command: float, decay: float) -> float
 
 
 @kernel(inline="always")
-def chamber_volumes(cylinder: Record, length: float) -> tuple[float, float]:
+def chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, float]:
     """Compute the oil volumes on the cap side and on the rod side of a cylinder.
 
         V_A = V₀ + A s,   V_B = V₀ + a (s_max − s),   s = length − min_length
@@ -362,7 +362,7 @@ def chamber_volumes(cylinder: Record, length: float) -> tuple[float, float]:
     They give the capacity C = V/β in dp/dt = (ΣQ − A ds/dt)/C. For a rotary motor both are V₀.
 
     Args:
-        cylinder: One record of CYLINDER_DTYPE.
+        cylinder: Constants of the cylinder.
         length: Cylinder length between its pins [m].
 
     Returns:

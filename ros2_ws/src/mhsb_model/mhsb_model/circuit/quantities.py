@@ -2,112 +2,186 @@
 
 from __future__ import annotations
 
-import numpy as np
+from mhsb_model.records import Record
 
-CYLINDER_DTYPE = np.dtype(
-    [
-        ("cap_area", "f8"),  # m²
-        ("rod_area", "f8"),  # m²
-        ("min_length", "f8"),  # m, between the pins, fully retracted within the joint limits
-        ("max_length", "f8"),  # m, between the pins, fully extended within the joint limits
-        ("dead_volume", "f8"),  # m³, oil left in a chamber when the piston is at its end
-        ("valve_coefficient", "f8"),  # m³/(s √Pa), of one edge of the fully open servo valve
-        ("friction", "f8"),  # ratio of the cylinder's friction to that of CONSTANTS_DTYPE
-        ("swept", "f8"),  # 1; 0 of a rotary motor, whose oil volume does not depend on position
-    ]
-)
-"""Constants of a cylinder and its servo valve, one record for each actuator."""
 
-CONSTANTS_DTYPE = np.dtype(
-    [
-        (name, "f8")
-        for name in (
-            "tank_pressure",  # Pa
-            "supply_pressure",  # Pa
-            "main_pump_flow",  # m³/s
-            "main_pump_droop",  # Pa
-            "bulk_modulus",  # Pa
-            "line_capacity",  # m³/Pa
-            "rail_capacity",  # m³/Pa
-            "manifold_capacity",  # m³/Pa
-            "laminar_pressure",  # Pa
-            "leakage_coefficient",  # m³/(s √Pa)
-            "check_coefficient",  # m³/(s √Pa)
-            "switching_coefficient",  # m³/(s √Pa)
-            "bleed_conductance",  # m³/(s Pa)
-            "anti_cavitation_gain",  # m³/(s Pa)
-            "relief_gain",  # m³/(s Pa)
-            "line_relief",  # Pa
-            "manifold_relief",  # Pa
-            "vapour_pressure",  # Pa
-            "pump_filling",  # Pa above vapour pressure at which a servo pump is completely filled
-            "main_pump_efficiency",
-            "main_pump_drag",  # W
-            "servo_pump_drag",  # W
-            "servo_pump_flow",  # m³/s, largest flow of one pump
-            "servo_pump_decay",  # e^(−substep/τ) of a pump's lag τ
-            "servo_pump_slew",  # m³/s²
-            "servo_pump_power",  # W
-            "servo_pump_efficiency",
-            "switching_time",  # s
-            "switching_decay",  # e^(−substep/switching_time)
-            "coulomb_friction",  # N
-            "viscous_friction",  # N s/m
-            "friction_speed",  # m/s
-            "breakaway",  # ratio of static to Coulomb friction
-            "stribeck_speed",  # m/s
-            "bristle_stiffness",  # N/m, 0 for friction without memory
-            "bristle_damping",  # N s/m
-            "valve_overlap",  # share of the stroke
-            "valve_hysteresis",  # share of the stroke
-            "spool_rate",  # 1/s
-            "accumulator_volume",  # m³
-            "accumulator_precharge",  # Pa
-            "accumulator_exponent",
-            "substep",  # s
-            "spool_00",  # transition matrix of the spool over one substep, `spool_transition`
-            "spool_01",
-            "spool_10",
-            "spool_11",
-        )
-    ]
-)
-"""Constants of the whole circuit, a single record."""
+class CylinderConstants(Record):
+    """Constants of a cylinder and its servo valve."""
 
-ACTUATOR_DTYPE = np.dtype(
-    [
-        ("valve_command", "f8"),  # −1 … 1, commanded spool position, positive extends
-        ("join_command", "f8"),  # 0 … 1, commanded opening of the valve between rail and line
-        ("pilot", "f8"),  # −1 … 1, commanded spool position after the valve's hysteresis
-        ("spool", "f8"),  # −1 … 1, spool position
-        ("spool_speed", "f8"),  # 1/s
-        ("join", "f8"),  # 0 … 1, opening of the valve between rail and line
-        ("relief", "f8"),  # Pa, setting of the relief valves of its chambers
-        ("force", "f8"),  # N, p_A A − p_B a
-        ("friction", "f8"),  # N
-        ("bend", "f8"),  # m, bristle deflection of the LuGre friction model
-        ("supply_flow", "f8"),  # m³/s, line to chambers
-        ("return_flow", "f8"),  # m³/s, chambers to tank
-        ("isolated", "f8"),  # 0 … 1, closed share of the valve that isolates both chambers
-        ("isolating_command", "f8"),  # 0 … 1, command of that valve, 1 closes
-        ("obeys", "f8"),  # 1; 0 by a fault: the spool goes to `runaway`, whatever its command
-        ("runaway", "f8"),  # −1 … 1, spool position of that fault
-        ("seized", "f8"),  # 1 if the spool is stuck, else 0
-        ("leakage", "f8"),  # ratio of the line's leakage to that of a healthy one
-    ]
-)
-"""State, commands and faults of an actuator: servo valve, join valve, chambers, friction."""
+    cap_area: float
+    """Piston area on the cap side [m²]."""
+    rod_area: float
+    """Piston area on the rod side [m²]."""
+    min_length: float
+    """Length between the pins, fully retracted within the joint limits [m]."""
+    max_length: float
+    """Length between the pins, fully extended within the joint limits [m]."""
+    dead_volume: float
+    """Oil left in a chamber when the piston is at its end [m³]."""
+    valve_coefficient: float
+    """Coefficient of one edge of the fully open servo valve [m³/(s √Pa)]."""
+    friction: float
+    """Ratio of the cylinder's friction to that of `CircuitConstants`."""
+    swept: float
+    """1; 0 of a rotary motor, whose oil volume does not depend on position."""
 
-MODULE_DTYPE = np.dtype(
-    [
-        ("flow_command", "f8"),  # m³/s, commanded flow
-        ("lend", "f8"),  # command of the switching valve: 1 feeds the rail, 0 the own line
-        ("flow", "f8"),  # m³/s, displacement times speed
-        ("delivered", "f8"),  # m³/s, flow times the share that the inlet fills
-        ("to_rail", "f8"),  # 0 … 1, share of the flow that goes to the rail
-        ("slowness", "f8"),  # ratio of the pump's lag to that of a healthy one
-        ("strength", "f8"),  # ratio of the largest flow to that of a healthy pump
-        ("runs_on", "f8"),  # 1 by a fault: the pump gives its largest flow, whatever its command
-    ]
-)
-"""State, commands and faults of a booster module: servo pump and switching valve."""
+
+class CircuitConstants(Record):
+    """Constants of the whole circuit, a single record."""
+
+    tank_pressure: float
+    """Pressure of the tank [Pa]."""
+    supply_pressure: float
+    """Pressure P_S that the main pump keeps [Pa]."""
+    main_pump_flow: float
+    """Largest flow of the main pump [m³/s]."""
+    main_pump_droop: float
+    """Pressure drop of the main pump from no flow to its largest flow [Pa]."""
+    bulk_modulus: float
+    """Bulk modulus β of the oil [Pa]."""
+    line_capacity: float
+    """Capacity V/β of an actuator's line [m³/Pa]."""
+    rail_capacity: float
+    """Capacity V/β of the shared rail [m³/Pa]."""
+    manifold_capacity: float
+    """Capacity V/β of the main pump's manifold [m³/Pa]."""
+    laminar_pressure: float
+    """Pressure drop at which an orifice turns laminar [Pa]."""
+    leakage_coefficient: float
+    """Coefficient of a servo valve's leakage [m³/(s √Pa)]."""
+    check_coefficient: float
+    """Coefficient of an open check valve [m³/(s √Pa)]."""
+    switching_coefficient: float
+    """Coefficient of an open join valve [m³/(s √Pa)]."""
+    bleed_conductance: float
+    """Flow through the rail's bleed valve per pressure drop [m³/(s Pa)]."""
+    anti_cavitation_gain: float
+    """Flow through an anti-cavitation valve per pressure drop [m³/(s Pa)]."""
+    relief_gain: float
+    """Flow through a relief valve per pressure above its setting [m³/(s Pa)]."""
+    line_relief: float
+    """Setting of the relief valves of lines and rail [Pa]."""
+    manifold_relief: float
+    """Setting of the manifold's relief valve [Pa]."""
+    vapour_pressure: float
+    """Vapour pressure of the oil [Pa]."""
+    pump_filling: float
+    """Pressure above vapour pressure at which a servo pump is completely filled [Pa]."""
+    main_pump_efficiency: float
+    """Efficiency of the main pump, hydraulic over shaft power."""
+    main_pump_drag: float
+    """Drag power of the main pump [W]."""
+    servo_pump_drag: float
+    """Drag power of a servo pump at full speed [W]."""
+    servo_pump_flow: float
+    """Largest flow of one servo pump [m³/s]."""
+    servo_pump_decay: float
+    """Decay e^(−substep/τ) of a servo pump's lag τ."""
+    servo_pump_slew: float
+    """Largest rate of change of a servo pump's flow [m³/s²]."""
+    servo_pump_power: float
+    """Largest power of a servo pump's motor [W]."""
+    servo_pump_efficiency: float
+    """Efficiency of a servo pump, hydraulic over shaft power."""
+    switching_time: float
+    """Lag of join valves and diverters behind their commands [s]."""
+    switching_decay: float
+    """Decay e^(−substep/switching_time)."""
+    coulomb_friction: float
+    """Coulomb friction of a cylinder [N]."""
+    viscous_friction: float
+    """Viscous friction of a cylinder [N s/m]."""
+    friction_speed: float
+    """Piston speed at which 3/4 of the Coulomb friction acts [m/s]."""
+    breakaway: float
+    """Ratio of static to Coulomb friction."""
+    stribeck_speed: float
+    """Stribeck speed of the friction [m/s]."""
+    bristle_stiffness: float
+    """Stiffness of the bristles [N/m]; 0 for friction without memory."""
+    bristle_damping: float
+    """Damping of the bristles [N s/m]."""
+    valve_overlap: float
+    """Overlap of a servo valve, a share of its spool's stroke."""
+    valve_hysteresis: float
+    """Hysteresis of a servo valve, a share of its spool's stroke."""
+    spool_rate: float
+    """Largest speed of a spool [1/s]; inf without a limit."""
+    accumulator_volume: float
+    """Gas volume of the accumulator [m³]; 0 without one."""
+    accumulator_precharge: float
+    """Precharge pressure of the accumulator [Pa]; inf without one."""
+    accumulator_exponent: float
+    """Polytropic exponent of the accumulator's gas."""
+    substep: float
+    """Duration of a substep [s]."""
+    spool_00: float
+    """Entry of the spool's transition matrix over one substep in row 0, column 0."""
+    spool_01: float
+    """Entry of the spool's transition matrix in row 0, column 1 [s]."""
+    spool_10: float
+    """Entry of the spool's transition matrix in row 1, column 0 [1/s]."""
+    spool_11: float
+    """Entry of the spool's transition matrix in row 1, column 1."""
+
+
+class ActuatorState(Record):
+    """State, commands and faults of an actuator: servo valve, join valve, chambers, friction."""
+
+    valve_command: float
+    """Commanded spool position, −1 … 1; positive extends."""
+    join_command: float
+    """Commanded opening of the valve between rail and line, 0 … 1."""
+    pilot: float
+    """Commanded spool position after the valve's hysteresis, −1 … 1."""
+    spool: float
+    """Spool position, −1 … 1."""
+    spool_speed: float
+    """Speed of the spool [1/s]."""
+    join: float
+    """Opening of the valve between rail and line, 0 … 1."""
+    relief: float
+    """Setting of the relief valves of its chambers [Pa]."""
+    force: float
+    """Cylinder force p_A A − p_B a [N]."""
+    friction: float
+    """Friction of the cylinder [N]."""
+    bend: float
+    """Bristle deflection of the LuGre friction model [m]."""
+    supply_flow: float
+    """Flow from the line to the chambers [m³/s]."""
+    return_flow: float
+    """Flow from the chambers to the tank [m³/s]."""
+    isolated: float
+    """Closed share of the valve that isolates both chambers, 0 … 1."""
+    isolating_command: float
+    """Command of that valve, 0 … 1; 1 closes."""
+    obeys: float
+    """1; 0 by a fault: the spool goes to `runaway`, whatever its command."""
+    runaway: float
+    """Spool position of that fault, −1 … 1."""
+    seized: float
+    """1 if the spool is stuck, else 0."""
+    leakage: float
+    """Ratio of the line's leakage to that of a healthy one."""
+
+
+class ModuleState(Record):
+    """State, commands and faults of a booster module: servo pump and switching valve."""
+
+    flow_command: float
+    """Commanded flow [m³/s]."""
+    lend: float
+    """Command of the switching valve: 1 feeds the rail, 0 the own line."""
+    flow: float
+    """Displacement times speed [m³/s]."""
+    delivered: float
+    """Flow times the share that the inlet fills [m³/s]."""
+    to_rail: float
+    """Share of the flow that goes to the rail, 0 … 1."""
+    slowness: float
+    """Ratio of the pump's lag to that of a healthy one."""
+    strength: float
+    """Ratio of the largest flow to that of a healthy pump."""
+    runs_on: float
+    """1 by a fault: the pump gives its largest flow, whatever its command."""

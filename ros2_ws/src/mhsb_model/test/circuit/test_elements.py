@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mhsb_model.circuit import elements
-from mhsb_model.circuit.quantities import CYLINDER_DTYPE
+from mhsb_model.circuit.quantities import CylinderConstants
+from mhsb_model.records import create_records
 
 DP_LAMINAR = 5e4
 drops = st.floats(-2e7, 2e7)
@@ -219,7 +220,7 @@ def test_a_switching_valve_closes_the_gap_by_its_time_constant() -> None:
 
 @pytest.mark.parametrize("swept", [1.0, 0.0])
 def test_chambers_hold_their_dead_volume_and_the_swept_one_which_motors_have_not(swept) -> None:
-    cylinder = np.zeros(1, CYLINDER_DTYPE)[0]
+    cylinder = create_records(CylinderConstants, 1)[0]
     cylinder["cap_area"], cylinder["rod_area"] = 5e-4, 3e-4
     cylinder["min_length"], cylinder["max_length"] = 0.3, 0.4
     cylinder["dead_volume"], cylinder["swept"] = 1e-5, swept

@@ -1,8 +1,9 @@
 import numpy as np
 from numba import njit
 
-from mhsb_model.circuit.quantities import MODULE_DTYPE
+from mhsb_model.circuit.quantities import ModuleState
 from mhsb_model.kernels.bound_kernel import bind_kernel
+from mhsb_model.records import create_records
 
 
 @njit
@@ -14,7 +15,7 @@ def weighted_sum(values, modules, first, last):
 
 
 def test_a_bound_kernel_does_what_the_kernel_does_with_what_its_arrays_hold_then():
-    values, modules = np.arange(5.0), np.zeros(5, MODULE_DTYPE)
+    values, modules = np.arange(5.0), create_records(ModuleState, 5)
     bound = bind_kernel(weighted_sum, values, modules, integer_count=2)
     modules["flow"] = 2.0
     assert bound(1, 4) == weighted_sum(values, modules, 1, 4) == 12.0
@@ -23,6 +24,6 @@ def test_a_bound_kernel_does_what_the_kernel_does_with_what_its_arrays_hold_then
 
 
 def test_read_only_arrays_can_be_bound():
-    values, modules = np.arange(5.0), np.ones(5, MODULE_DTYPE)
+    values, modules = np.arange(5.0), np.ones(5, ModuleState)
     values.setflags(write=False)
     assert bind_kernel(weighted_sum, values, modules, integer_count=2)(0, 5) == values.sum()

@@ -443,7 +443,7 @@ def _relax_step(
     patterns = len(t.patterns)
     row, p = target // patterns, target % patterns
     if target < len(f.states) - 1:
-        best = known.best[row]
+        best: int = known.best[row]
         if best == NO_STATE:
             known.best[row] = target
         elif cost >= f.states[best].cost + t.weight[2] * t.switches[best % patterns, p]:
@@ -559,6 +559,7 @@ def expand(
     patterns, w_switch = len(t.patterns), t.weight[2]
     sink = len(f.states) - 1
     n = len(lattice.shape)
+    state: int
     at = np.empty(n, dtype=np.int64)
     none, after = np.zeros(patterns, dtype=np.int64), np.empty(patterns, dtype=np.int64)
     for _ in range(limit):
@@ -574,7 +575,7 @@ def expand(
             if state == sink:
                 return GOAL_FOUND
             here, own, so_far = state // patterns, state % patterns, f.states[state].cost
-            best = known.best[here]
+            best: int = known.best[here]
             if so_far > f.states[best].cost + w_switch * t.switches[best % patterns, own]:
                 continue
         origin = ExpandedState(state, own, so_far)

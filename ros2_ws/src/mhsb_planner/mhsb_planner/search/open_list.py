@@ -17,20 +17,21 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.types import IntArray, Records
+from mhsb_model.records import Int32, Record, Records, record_dtype
+from mhsb_model.types import IntArray
 
 NOT_IN_HEAP = -1
 """Value of `place` for a state that is not in the heap."""
 
 
 @kernel(inline="always")
-def _precedes(states: Records, a: int, b: int) -> bool:
+def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
     """Return whether state a precedes state b in the heap order.
 
     The order is by least estimated total cost, then fewest steps, then least state number.
 
     Args:
-        states: Records of all states, of `open_list.STATE_DTYPE`.
+        states: Records of all states.
         a: Number of a state, an index into `states`.
         b: Number of another state.
 
@@ -46,13 +47,13 @@ def _precedes(states: Records, a: int, b: int) -> bool:
 
 
 @kernel(inline="always")
-def sift_up(states: Records, heap: IntArray, i: int, state: int) -> None:
+def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) -> None:
     """Insert a state into the heap at position i, or move it up to its place.
 
     The state's estimate must be set already. If its estimate has decreased, i is its present place.
 
     Args:
-        states: Records of all states, of `open_list.STATE_DTYPE`. The field `place` is written.
+        states: Records of all states. The field `place` is written.
         heap: State numbers in heap order. Written in place.
         i: Free position in the heap from which the state moves up. For a new state this is the
             number of states in the heap; the caller counts the new one.
@@ -62,33 +63,34 @@ def sift_up(states: Records, heap: IntArray, i: int, state: int) -> None:
         above = (i - 1) // 2
         if not _precedes(states, state, heap[above]):
             break
-        heap[i] = heap[above]
-        states[heap[i]].place = i
+        moved: int = heap[above]
+        heap[i] = moved
+        states[moved].place = i
         i = above
     heap[i] = state
     states[state].place = i
 
 
 @kernel(inline="always")
-def pop(states: Records, heap: IntArray, size: int) -> int:
+def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
     """Remove the first state from the heap and restore the heap order.
 
     The caller decrements its own count of states in the heap.
 
     Args:
-        states: Records of all states, of `open_list.STATE_DTYPE`. The field `place` is written.
+        states: Records of all states. The field `place` is written.
         heap: State numbers in heap order. Written in place.
         size: Number of states in the heap before the call, at least 1.
 
     Returns:
         Number of the removed state, which has the least estimate.
     """
-    top = heap[0]
+    top: int = heap[0]
     states[top].place = NOT_IN_HEAP
     size -= 1
     if size == 0:
         return top
-    state = heap[size]
+    state: int = heap[size]
     i = 0
     while True:
         below = 2 * i + 1
@@ -98,8 +100,9 @@ def pop(states: Records, heap: IntArray, size: int) -> int:
             below += 1
         if not _precedes(states, heap[below], state):
             break
-        heap[i] = heap[below]
-        states[heap[i]].place = i
+        moved: int = heap[below]
+        heap[i] = moved
+        states[moved].place = i
         i = below
     heap[i] = state
     states[state].place = i
@@ -120,17 +123,21 @@ WAITING_COUNT, EXPANDED_COUNT, GENERATED_COUNT = 0, 1, 2
 """Indices into `OpenList.counts`: states in the heap, states expanded, steps generated."""
 
 
-STATE_DTYPE = np.dtype(
-    [
-        ("cost", np.float64),  # of the best path from the start so far
-        ("estimate", np.float64),  # cost so far plus lower bound on the cost to the goal
-        ("depth", np.int32),  # number of steps of that path
-        ("parent", np.int32),  # state before on that path; NO_STATE if that is the start
-        ("place", np.int32),  # position in the heap, or NOT_IN_HEAP
-        ("step", np.int32),  # number of the last step, if the search numbers steps
-    ]
-)
-"""Record of one state. It fills half a cache line, because a search accesses states at random."""
+class SearchState(Record):
+    """One state of a search. It fills half a cache line, because accesses are random."""
+
+    cost: float
+    """Cost of the best path from the start so far."""
+    estimate: float
+    """Cost so far plus lower bound on the cost to the goal."""
+    depth: Int32
+    """Number of steps of that path."""
+    parent: Int32
+    """State before on that path; NO_STATE if that is the start."""
+    place: Int32
+    """Position in the heap, or NOT_IN_HEAP."""
+    step: Int32
+    """Number of the last step, if the search numbers steps."""
 
 
 class OpenList(NamedTuple):
@@ -139,13 +146,13 @@ class OpenList(NamedTuple):
     The goal is one more state; it has the greatest number.
 
     Attributes:
-        states: Records of STATE_DTYPE, shape (states + 1,); the last one is the goal.
+        states: Records of SearchState, shape (states + 1,); the last one is the goal.
         heap: Numbers of the open states in heap order, shape (states + 1,). Only the first
             counts[WAITING_COUNT] entries are valid.
         counts: Counters WAITING, EXPANDED and GENERATED, shape (3,).
     """
 
-    states: Records
+    states: Records[SearchState]
     heap: IntArray
     counts: IntArray
 
@@ -166,10 +173,11 @@ def create_open_list(states: int) -> OpenList:
     Returns:
         An open list with states + 1 records; the last one is the goal.
     """
-    unknown = np.array([(np.inf, 0.0, 0, NO_STATE, NOT_IN_HEAP, 0)], dtype=STATE_DTYPE)
-    words = np.empty((states + 1, STATE_DTYPE.itemsize // 8), dtype=np.int64)
+    dtype = record_dtype(SearchState)
+    unknown = np.array([(np.inf, 0.0, 0, NO_STATE, NOT_IN_HEAP, 0)], dtype)
+    words = np.empty((states + 1, dtype.itemsize // 8), dtype=np.int64)
     words[:] = unknown.view(np.int64)  # NumPy copies words faster than records
-    rows = words.view(STATE_DTYPE)[:, 0].view(np.recarray)
+    rows = words.view(dtype)[:, 0].view(np.recarray)
     return OpenList(rows, np.empty(states + 1, np.int64), np.zeros(3, np.int64))
 
 
@@ -253,7 +261,7 @@ def trace_path_to_goal(f: OpenList) -> IntArray:
 
 
 @kernel
-def _trace_path_to(states: Records, state: int) -> IntArray:
+def _trace_path_to(states: Records[SearchState], state: int) -> IntArray:
     """Trace a state's chain of parents back to the start.
 
     Args:

@@ -29,6 +29,7 @@ from mhsb_planner.search.open_list import (
     SEARCH_PAUSED,
     WAITING_COUNT,
     OpenList,
+    SearchState,
     create_open_list,
     pop_first_state,
     record_path_to,
@@ -157,6 +158,8 @@ def expand(
     w_energy, w_time, w_switch = search_input.weight
     sink = len(states) - 1
     fresh = counts[EXPANDED_COUNT] == 0
+    state: int
+    other: SearchState
     for _ in range(limit):
         if fresh:
             state, posture, own, so, steps = NO_STATE, NO_STATE, 0, 0.0, 1
@@ -207,7 +210,7 @@ def expand(
                 cost = w_energy * goal_cost[e, column] + w_time * goal_cost[e, DURATION_COLUMN]
                 cost += w_switch * switches[own, goal_pattern[e]]
             cost += so
-            there = states[target]
+            there: SearchState = states[target]
             if cost > there.cost or (cost == there.cost and steps >= there.depth):
                 continue
             least = 0.0

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from mhsb_model.circuit.elements import shaft_power
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import CircuitConstants, ModuleState
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Records
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.quantities import (
     ANTI_CAVITATION,
@@ -14,6 +15,9 @@ from mhsb_sim.circuit.quantities import (
     RELIEF_VALVE,
     SERVO_PUMP,
     SERVO_VALVE,
+    CircuitElement,
+    CircuitEnergies,
+    CircuitVolumes,
 )
 
 UNBALANCED_ENERGIES = ("friction", "main_pump_shaft")
@@ -24,13 +28,13 @@ UNBALANCED_ENERGIES = ("friction", "main_pump_shaft")
 
 @kernel(borrows=True)
 def audit_elements(
-    net: Records,
+    net: Records[CircuitElement],
     count: int,
     pressure: FloatArray,
     change: FloatArray,
-    c: Record,
-    e: Record,
-    volume: Record,
+    c: CircuitConstants,
+    e: CircuitEnergies,
+    volume: CircuitVolumes,
 ) -> None:
     """Add the energy that each element of the circuit has turned over in a substep to its counter.
 
@@ -39,15 +43,15 @@ def audit_elements(
     is counted as well.
 
     Args:
-        net: Elements of this substep, ELEMENT_DTYPE, each with its two nodes, its flow [m³/s] and
+        net: Elements of this substep, CircuitElement, each with its two nodes, its flow [m³/s] and
             its slope dQ/dΔp [m³/(s Pa)].
         count: Number of elements in `net`.
         pressure: Pressure of each node before the substep, the tank's last [Pa].
         change: Change of each pressure in the substep [Pa].
-        c: Constants of the circuit, a record of CONSTANTS_DTYPE. Uses the length `substep` [s] and
+        c: Constants of the circuit, CircuitConstants. Uses the length `substep` [s] and
             the efficiency of the servo pumps.
-        e: Energy counters (record of ENERGY_DTYPE) [J], updated in place.
-        volume: Oil counters (record of VOLUME_DTYPE) [m³], updated in place.
+        e: Energy counters [J], updated in place.
+        volume: Oil counters [m³], updated in place.
     """
     tank, dt = len(pressure) - 1, c.substep
     for k in range(count):
@@ -81,16 +85,18 @@ def audit_elements(
 
 
 @kernel
-def audit_main_pump(flow: float, pressure: float, c: Record, e: Record, volume: Record) -> None:
+def audit_main_pump(
+    flow: float, pressure: float, c: CircuitConstants, e: CircuitEnergies, volume: CircuitVolumes
+) -> None:
     """Add the oil and the work that the main pump has delivered in a substep, and its shaft work.
 
     Args:
         flow: Mean flow of the pump in the substep [m³/s].
         pressure: Mean pressure behind the pump [Pa].
-        c: Constants of the circuit, a record of CONSTANTS_DTYPE. Uses the length `substep` [s] and
+        c: Constants of the circuit. Uses the length `substep` [s] and
             the pump's efficiency and drag power [W].
-        e: Energy counters (record of ENERGY_DTYPE) [J], updated in place.
-        volume: Oil counters (record of VOLUME_DTYPE) [m³], updated in place.
+        e: Energy counters [J], updated in place.
+        volume: Oil counters [m³], updated in place.
     """
     work = flow * pressure
     e.main_pump += work * c.substep
@@ -101,7 +107,7 @@ def audit_main_pump(flow: float, pressure: float, c: Record, e: Record, volume: 
 
 
 @kernel(borrows=True)
-def audit_drag(modules: Records, c: Record, e: Record) -> None:
+def audit_drag(modules: Records[ModuleState], c: CircuitConstants, e: CircuitEnergies) -> None:
     """Add the work that the drag of the servo pumps takes in a substep.
 
         W = Σ_k P_d (Q_k/Q_full) Δt
@@ -109,10 +115,10 @@ def audit_drag(modules: Records, c: Record, e: Record) -> None:
     Drag does not depend on the pressure.
 
     Args:
-        modules: Records of the booster modules, MODULE_DTYPE[m], with their flows Q_k [m³/s].
-        c: Constants of the circuit, a record of CONSTANTS_DTYPE. Uses `substep` Δt [s],
+        modules: Records of the booster modules, ModuleState[m], with their flows Q_k [m³/s].
+        c: Constants of the circuit. Uses `substep` Δt [s],
             `servo_pump_flow` Q_full [m³/s] and `servo_pump_drag` P_d [W].
-        e: Energy counters (record of ENERGY_DTYPE) [J]. Adds to `servo_pumps` and
+        e: Energy counters [J]. Adds to `servo_pumps` and
             `servo_pump_losses` in place.
     """
     for k in range(len(modules)):
@@ -129,8 +135,8 @@ def audit_node(
     change: float,
     before: float,
     after: float,
-    e: Record,
-    volume: Record,
+    e: CircuitEnergies,
+    volume: CircuitVolumes,
 ) -> None:
     """Add the energy and oil that a node has stored in a substep.
 
@@ -143,9 +149,9 @@ def audit_node(
         change: Pressure change by which the step computed this inflow [Pa].
         before: Pressure before the step [Pa].
         after: Pressure after the step [Pa]; it differs from before + change at the vapour pressure.
-        e: Energy counters (record of ENERGY_DTYPE) [J]. Adds to `compression` and `cavities` in
+        e: Energy counters [J]. Adds to `compression` and `cavities` in
             place.
-        volume: Oil counters (record of VOLUME_DTYPE) [m³]. Adds to `compression` and `cavities` in
+        volume: Oil counters [m³]. Adds to `compression` and `cavities` in
             place.
     """
     stored = capacity * (after - before)
@@ -163,7 +169,7 @@ def energy_gap(energies: dict[str, float]) -> float:
     that energy by the place to which it went.
 
     Args:
-        energies: Energies by the names of ENERGY_DTYPE [J].
+        energies: Energies by the names of CircuitEnergies [J].
 
     Returns:
         The difference [J]; zero apart from rounding.
@@ -181,7 +187,7 @@ def volume_gap(volumes: dict[str, float]) -> float:
     went.
 
     Args:
-        volumes: Volumes by the names of VOLUME_DTYPE [m³].
+        volumes: Volumes by the names of CircuitVolumes [m³].
 
     Returns:
         The difference [m³]; zero apart from rounding.
@@ -195,7 +201,7 @@ def energy_by_source(energies: dict[str, float]) -> dict[str, dict[str, float]]:
     Do not add hydraulic and shaft energies: the shaft energy includes the hydraulic one.
 
     Args:
-        energies: Energies by the names of ENERGY_DTYPE [J].
+        energies: Energies by the names of CircuitEnergies [J].
 
     Returns:
         For each of "main_pump" and "servo_pumps" two energies [J]: "hydraulic", given to the oil,

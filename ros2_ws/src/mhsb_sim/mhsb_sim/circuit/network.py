@@ -46,25 +46,31 @@ from mhsb_model.circuit.elements import (
     metered_opening,
     sliding_friction,
 )
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import (
+    ActuatorState,
+    CircuitConstants,
+    CylinderConstants,
+    ModuleState,
+)
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
+from mhsb_model.records import Records, create_records
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.audit import audit_drag, audit_elements, audit_main_pump, audit_node
 from mhsb_sim.circuit.quantities import (
     ANTI_CAVITATION,
     BLEED_VALVE,
     CHECK_VALVE,
-    ELEMENT_DTYPE,
-    ENERGY_DTYPE,
     JOIN_VALVE,
     LEAKAGE_PATH,
     RELIEF_VALVE,
     SERVO_PUMP,
     SERVO_VALVE,
-    VOLUME_DTYPE,
+    CircuitElement,
+    CircuitEnergies,
+    CircuitVolumes,
 )
 
 
@@ -128,16 +134,16 @@ CAVITY_REFILL_FACTOR = 2.0
 class Circuit(NamedTuple):
     """State of the circuit; `advance` writes into its arrays."""
 
-    cylinders: Records  # CYLINDER_DTYPE[n]
-    constants: Records  # CONSTANTS_DTYPE[1]
+    cylinders: Records[CylinderConstants]  # [n]
+    constants: Records[CircuitConstants]  # [1]
     module_home: IntArray  # [m] actuator whose line the module feeds, −1 for a spare
     pressure: FloatArray  # [3 n + 3] Pa, in the order of the nodes
     cavity: FloatArray  # [3 n + 3] m³ of vapour at each node
-    actuators: Records  # ACTUATOR_DTYPE[n]
-    modules: Records  # MODULE_DTYPE[m]
-    energy: Records  # ENERGY_DTYPE[1]
-    volume: Records  # VOLUME_DTYPE[1]
-    net: Records  # ELEMENT_DTYPE[…], working memory like the next two
+    actuators: Records[ActuatorState]  # [n]
+    modules: Records[ModuleState]  # [m]
+    energy: Records[CircuitEnergies]  # [1]
+    volume: Records[CircuitVolumes]  # [1]
+    net: Records[CircuitElement]  # […], working memory like the next two
     conductance: FloatArray  # [nodes, nodes]
     nodes: FloatArray  # [3, nodes]: inflow, capacity C, and C as used in the substep
 
@@ -187,9 +193,9 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         cavity=np.zeros(nodes),
         actuators=parts.actuators,
         modules=parts.modules,
-        energy=np.zeros(1, ENERGY_DTYPE),
-        volume=np.zeros(1, VOLUME_DTYPE),
-        net=np.zeros(4 + 2 * module_count + 10 * actuator_count, ELEMENT_DTYPE),
+        energy=create_records(CircuitEnergies, 1),
+        volume=create_records(CircuitVolumes, 1),
+        net=create_records(CircuitElement, 4 + 2 * module_count + 10 * actuator_count),
         conductance=np.zeros((nodes, nodes)),
         nodes=np.zeros((3, nodes)),
     )
@@ -240,12 +246,18 @@ def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes:
 
 @kernel(inline="always")
 def add_element(
-    net: Records, count: int, kind: int, start: int, end: int, flow: float, slope: float
+    net: Records[CircuitElement],
+    count: int,
+    kind: int,
+    start: int,
+    end: int,
+    flow: float,
+    slope: float,
 ) -> int:
     """Add an element to the list of this substep, if it has a flow or a slope.
 
     Args:
-        net: Elements, ELEMENT_DTYPE. Record `count` is written in place.
+        net: Elements, CircuitElement. Record `count` is written in place.
         count: Number of elements so far.
         kind: Kind of the element, such as CHECK_VALVE.
         start: Node from which the flow is counted.
@@ -265,7 +277,7 @@ def add_element(
 
 
 @kernel
-def move_spool(actuator: Record, c: Record) -> None:
+def move_spool(actuator: ActuatorState, c: CircuitConstants) -> None:
     """Advance the spool of a servo valve by one substep.
 
         ẍ + 2 ζ ω ẋ + ω² (x − u) = 0
@@ -275,9 +287,9 @@ def move_spool(actuator: Record, c: Record) -> None:
     not move. A spool that does not obey goes to `runaway` instead of the command.
 
     Args:
-        actuator: State of one servo valve and cylinder (record of ACTUATOR_DTYPE). Writes `pilot`,
+        actuator: State of one servo valve and cylinder. Writes `pilot`,
             `spool` and `spool_speed` in place.
-        c: Constants of the circuit, a record of CONSTANTS_DTYPE.
+        c: Constants of the circuit.
     """
     if actuator.seized > 0.0:
         actuator.spool_speed = 0.0
@@ -298,7 +310,9 @@ def move_spool(actuator: Record, c: Record) -> None:
 
 
 @kernel
-def update_friction(actuator: Record, speed: float, share: float, c: Record, dt: float) -> None:
+def update_friction(
+    actuator: ActuatorState, speed: float, share: float, c: CircuitConstants, dt: float
+) -> None:
     """Compute the friction of a cylinder after a time at constant speed.
 
     With bristles it is the LuGre model,
@@ -309,11 +323,11 @@ def update_friction(actuator: Record, speed: float, share: float, c: Record, dt:
     viscous friction [N s/m]. Without bristles it is `friction_force`, Coulomb and viscous friction.
 
     Args:
-        actuator: State of one servo valve and cylinder (record of ACTUATOR_DTYPE). Writes
+        actuator: State of one servo valve and cylinder. Writes
             `friction` [N] and, with bristles, `bend` [m] in place.
         speed: Piston speed v [m/s].
         share: Factor on the friction of this cylinder [-].
-        c: Constants of the circuit, a record of CONSTANTS_DTYPE.
+        c: Constants of the circuit.
         dt: Time that has passed [s].
     """
     if c.bristle_stiffness == 0.0:

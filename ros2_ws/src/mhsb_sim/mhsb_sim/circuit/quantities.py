@@ -2,46 +2,60 @@
 
 from __future__ import annotations
 
-import numpy as np
+from mhsb_model.records import Record
 
-ENERGY_DTYPE = np.dtype(
-    [
-        (name, "f8")
-        for name in (  # all in J since the start
-            "main_pump",  # hydraulic energy delivered by the main pump
-            "main_pump_shaft",  # work at its shaft, no term of the balance
-            "servo_pumps",  # work at the shafts of the servo pumps
-            "servo_pump_losses",  # part of that which does not reach the oil
-            "piston_work",
-            "compression",
-            "servo_valves",
-            "leakage",
-            "check_valves",
-            "join_valves",
-            "relief_valves",
-            "anti_cavitation",
-            "bleed",
-            "cavities",  # in vapour cavities
-            "return_oil",
-            "friction",  # part of piston_work, no term of the balance
-        )
-    ]
-)
-"""Counters of energy [J] since the start."""
 
-VOLUME_DTYPE = np.dtype(
-    [
-        (name, "f8")
-        for name in (  # all in m³ since the start
-            "main_pump",  # delivered by the main pump
-            "returned",  # returned to the tank, less what was drawn from it
-            "pistons",  # swept by the pistons, (A − a) times their stroke
-            "compression",  # ∫ C dp of all nodes
-            "cavities",  # oil missing in vapour cavities, negative
-        )
-    ]
-)
-"""Counters of oil volume [m³] since the start."""
+class CircuitEnergies(Record):
+    """Counters of energy [J] since the start."""
+
+    main_pump: float
+    """Hydraulic energy delivered by the main pump."""
+    main_pump_shaft: float
+    """Work at the main pump's shaft; no term of the balance."""
+    servo_pumps: float
+    """Work at the shafts of the servo pumps."""
+    servo_pump_losses: float
+    """Part of that work which does not reach the oil."""
+    piston_work: float
+    """Work of the oil on the pistons."""
+    compression: float
+    """Energy stored in compressed oil."""
+    servo_valves: float
+    """Loss in the servo valves."""
+    leakage: float
+    """Loss in the leakage of the servo valves."""
+    check_valves: float
+    """Loss in the check valves."""
+    join_valves: float
+    """Loss in the join valves."""
+    relief_valves: float
+    """Loss in the relief valves."""
+    anti_cavitation: float
+    """Loss in the anti-cavitation valves."""
+    bleed: float
+    """Loss in the bleed valve of the rail."""
+    cavities: float
+    """Energy in vapour cavities."""
+    return_oil: float
+    """Energy of the oil that returned to the tank at its pressure."""
+    friction: float
+    """Work against friction, part of `piston_work`; no term of the balance."""
+
+
+class CircuitVolumes(Record):
+    """Counters of oil volume [m³] since the start."""
+
+    main_pump: float
+    """Oil delivered by the main pump."""
+    returned: float
+    """Oil returned to the tank, less what was drawn from it."""
+    pistons: float
+    """Oil swept by the pistons, (A − a) times their stroke."""
+    compression: float
+    """Oil stored by compression, ∫ C dp of all nodes."""
+    cavities: float
+    """Oil missing in vapour cavities, negative."""
+
 
 (
     SERVO_VALVE,
@@ -54,13 +68,17 @@ VOLUME_DTYPE = np.dtype(
     BLEED_VALVE,
 ) = range(8)
 
-ELEMENT_DTYPE = np.dtype(
-    [
-        ("kind", "i8"),  # one of the kinds above, SERVO_VALVE …
-        ("start", "i8"),  # node from which the flow is counted
-        ("end", "i8"),  # node to which the flow is counted
-        ("flow", "f8"),  # [m³/s] from start to end
-        ("slope", "f8"),  # [m³/(s Pa)] dQ/dΔp by the pressure drop
-    ]
-)
-"""One element of the circuit between two nodes, in the present substep."""
+
+class CircuitElement(Record):
+    """One element of the circuit between two nodes, in the present substep."""
+
+    kind: int
+    """One of the kinds above, SERVO_VALVE …."""
+    start: int
+    """Node from which the flow is counted."""
+    end: int
+    """Node to which the flow is counted."""
+    flow: float
+    """Flow Q from start to end [m³/s]."""
+    slope: float
+    """Derivative dQ/dΔp of the flow by the pressure drop [m³/(s Pa)]."""

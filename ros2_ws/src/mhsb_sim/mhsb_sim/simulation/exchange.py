@@ -11,20 +11,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_control.controller import ActuatorReadings
 from mhsb_model.circuit.elements import advance_first_order_lag
-from mhsb_model.circuit.records import Record, Records
+from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, ModuleState
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import evaluate_linkage
+from mhsb_model.records import Records
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.circuit.network import Circuit, advance
+from mhsb_sim.simulation.sensors import SensorChannel
 
 
 class ServoCircuit(NamedTuple):
     """The circuit as the servo knows it: its commands, and valve positions computed from them."""
 
-    actuators: Records  # ACTUATOR_DTYPE[n]
-    modules: Records  # MODULE_DTYPE[m]
-    constants: Records  # CONSTANTS_DTYPE[1]; a substep is a step of the servo
+    actuators: Records[ActuatorState]  # [n]
+    modules: Records[ModuleState]  # [m]
+    constants: Records[CircuitConstants]  # [1]; a substep is a step of the servo
     module_home: IntArray  # [m] actuator whose line the module feeds, −1 for a spare
 
 
@@ -114,14 +117,14 @@ def round_to_resolution(value: float, resolution: float) -> float:
 
 
 @kernel(inline="always")
-def compute_reading(channel: Record, reading: float, before: float, step: float) -> float:
+def compute_reading(channel: SensorChannel, reading: float, before: float, step: float) -> float:
     """Compute the reading of a sensor, with its faults.
 
     A failing sensor adds `channel.error`. A frozen one repeats its last reading. A dead one gives
     no reading, and the reading before stays.
 
     Args:
-        channel: State of the sensor (record of CHANNEL_DTYPE). Writes the last reading, and
+        channel: State of the sensor. Writes the last reading, and
             `silent`, the time without a reading [s], in place.
         reading: Reading of a healthy sensor, in the unit of the sensor.
         before: Reading in the step before.
@@ -144,7 +147,7 @@ def read_sensors(
     noise_rows: FloatArray,
     plant: SensedPlant,
     readings: SensorReadings,
-    channels: Records,
+    channels: Records[SensorChannel],
     step: FloatArray,
     row: int,
 ) -> None:
@@ -159,7 +162,7 @@ def read_sensors(
             are added to row `row` in place.
         plant: True state of the plant.
         readings: Readings of the sensors. Written in place.
-        channels: State of the sensors, CHANNEL_DTYPE[4 n + 1 + m]. Updated in place.
+        channels: State of the sensors, SensorChannel[4 n + 1 + m]. Updated in place.
         step: Control period, float64[1], [s].
         row: Row of `noise_rows` for this step.
     """
@@ -196,12 +199,12 @@ def read_sensors(
 
 @kernel(borrows=True)
 def apply_forces(
-    actuators: Records, pressure: FloatArray, arm: FloatArray, joints: JointDrive
+    actuators: Records[ActuatorState], pressure: FloatArray, arm: FloatArray, joints: JointDrive
 ) -> bool:
     """Apply the torques of the cylinders, τ = r (F − friction), to the mechanics.
 
     Args:
-        actuators: Records of the actuators, ACTUATOR_DTYPE[n], with force F and friction [N].
+        actuators: Records of the actuators, ActuatorState[n], with force F and friction [N].
         pressure: Pressures of the nodes, float64[3 n + 3], [Pa].
         arm: Moment arm r of each cylinder, float64[n], [m].
         joints: Joints of the mechanics. Writes the controls τ in place.

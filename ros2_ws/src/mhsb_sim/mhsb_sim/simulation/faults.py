@@ -10,11 +10,13 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from mhsb_model.circuit.records import Records
+from mhsb_model.circuit.quantities import CircuitConstants
 from mhsb_model.machine import Machine
+from mhsb_model.records import Records
 from mhsb_model.schema import SupplySag
 from mhsb_sim.circuit.network import Circuit
 from mhsb_sim.errors import FaultError
+from mhsb_sim.simulation.sensors import SensorChannel
 
 
 def compute_sag_pressure(nominal: float, sag: SupplySag, time: float) -> float:
@@ -46,11 +48,11 @@ class FaultTarget(NamedTuple):
 
     Attributes:
         circuit: The circuit with all its components.
-        channels: Its sensors, CHANNEL_DTYPE[4 n + 1 + m]; see `sensors.build_channels`.
+        channels: Its sensors, SensorChannel[4 n + 1 + m]; see `sensors.build_channels`.
     """
 
     circuit: Circuit
-    channels: Records
+    channels: Records[SensorChannel]
 
 
 class Fault(NamedTuple):
@@ -157,13 +159,15 @@ def _parse_number(text: str) -> float:
         return math.nan
 
 
-def set_faults(faults: Sequence[Fault], plant: FaultTarget, constants: Records) -> None:
+def set_faults(
+    faults: Sequence[Fault], plant: FaultTarget, constants: Records[CircuitConstants]
+) -> None:
     """Set the faults of a plant, after all its parts have been made healthy.
 
     Args:
         faults: All faults that are to exist.
         plant: The plant, changed in place.
-        constants: Constants of the circuit without faults, CONSTANTS_DTYPE[1]. They replace those
+        constants: Constants of the circuit without faults, CircuitConstants[1]. They replace those
             in the circuit.
     """
     circuit, channels = plant

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.circuit.records import Records
 from mhsb_model.machine import Machine
+from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray, ModeArray
 
 
@@ -65,20 +65,27 @@ class Sensed:
     modes: ModeArray
 
 
-CHANNEL_DTYPE = np.dtype(
-    [
-        ("offset", "f8"),  # present offset, with accumulated drift
-        ("drift", "f8"),  # change of the offset in a step
-        ("resolution", "f8"),  # resolution; 0 if a reading is not rounded
-        ("error", "f8"),  # additional error of a failing sensor
-        ("error_rate", "f8"),  # change of that error in a second
-        ("frozen", "f8"),  # 1 if the reading always stays at `told`
-        ("dead", "f8"),  # 1 if there is no reading
-        ("told", "f8"),  # last reading
-        ("silent", "f8"),  # [s] time for which there has been no reading
-    ]
-)
-"""State of one sensor, in the unit of its reading."""
+class SensorChannel(Record):
+    """State of one sensor, in the unit of its reading."""
+
+    offset: float
+    """Present offset, with accumulated drift."""
+    drift: float
+    """Change of the offset in a step."""
+    resolution: float
+    """Resolution; 0 if a reading is not rounded."""
+    error: float
+    """Additional error of a failing sensor."""
+    error_rate: float
+    """Change of that error in a second."""
+    frozen: float
+    """1 if the reading always stays at `told`."""
+    dead: float
+    """1 if there is no reading."""
+    told: float
+    """Last reading."""
+    silent: float
+    """Time for which there has been no reading [s]."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +127,9 @@ PUMP_SPEED = {
 """Classes of pump speed sensors by the names of the machine file, in shares of full speed."""
 
 
-def build_channels(machine: Machine, random: np.random.Generator) -> tuple[Records, FloatArray]:
+def build_channels(
+    machine: Machine, random: np.random.Generator
+) -> tuple[Records[SensorChannel], FloatArray]:
     """Build the sensors of a machine, with offsets and drifts drawn at random.
 
     With n actuators and m servo pumps the order is: n lengths; cap, rod and line pressure of
@@ -133,7 +142,7 @@ def build_channels(machine: Machine, random: np.random.Generator) -> tuple[Recor
         random: Generator for offsets and drifts.
 
     Returns:
-        Sensors, CHANNEL_DTYPE[4 n + 1 + m], and standard deviation of the noise of each one [m, Pa
+        Sensors, SensorChannel[4 n + 1 + m], and standard deviation of the noise of each one [m, Pa
         or m³/s], of the same length.
     """
     n, m = machine.joint_count, machine.arrays.module_count
@@ -145,7 +154,11 @@ def build_channels(machine: Machine, random: np.random.Generator) -> tuple[Recor
         (3 * n + 1, PRESSURE_CLASSES[fitted.pressure], config.pressure_noise, 1.0),
         (m, PUMP_SPEED[fitted.pump_speed], 0.0, full),
     )
-    channels, noise, first = np.zeros(4 * n + 1 + m, CHANNEL_DTYPE), np.zeros(4 * n + 1 + m), 0
+    channels, noise, first = (
+        create_records(SensorChannel, 4 * n + 1 + m),
+        np.zeros(4 * n + 1 + m),
+        0,
+    )
     for count, kind, of_file, unit in kinds:
         own = slice(first, first + count)
         noise[own] = unit * (of_file if kind.noise is None else kind.noise)

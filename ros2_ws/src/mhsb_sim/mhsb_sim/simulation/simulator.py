@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 from mhsb_control import get_controller_class
-from mhsb_control.controller import REFERENCE_POINTS, SENSOR_DTYPE, ServoSignals
+from mhsb_control.controller import REFERENCE_POINTS, ActuatorReadings, ServoSignals
 from mhsb_control.mode_guard import ModeGuard
 from mhsb_control.reference import ReferencePreview
 from mhsb_model.arm_reports import Estimate
@@ -40,11 +40,11 @@ from mhsb_model.modes import (
     pattern_name,
     stronger,
 )
+from mhsb_model.records import create_records
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.circuit.audit import energy_gap
 from mhsb_sim.circuit.network import build_circuit, set_rest_pressures
-from mhsb_sim.circuit.quantities import ENERGY_DTYPE, VOLUME_DTYPE
 from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
 from mhsb_sim.simulation.exchange import (
@@ -222,7 +222,7 @@ class Simulator:
         circuit, servo_circuit = self._circuit, self._servo_circuit
         self._signals = ServoSignals(
             reference=np.zeros((REFERENCE_POINTS, 3, n)),
-            sensors=np.zeros(n, SENSOR_DTYPE),
+            sensors=create_records(ActuatorReadings, n),
             rail_pressure=np.zeros(1),
             modes=modes.copy(),
             modes_ahead=modes.copy(),
@@ -399,8 +399,8 @@ class Simulator:
         shares of that energy by the place to which it went, except `UNBALANCED_ENERGIES` of
         `circuit.audit`.
         """
-        record = self._circuit.energy[0]
-        return {name: float(record[name]) for name in ENERGY_DTYPE.names or ()}
+        energy = self._circuit.energy
+        return {name: float(energy[name][0]) for name in energy.dtype.names or ()}
 
     @property
     def energy_gap(self) -> float:
@@ -413,8 +413,8 @@ class Simulator:
 
         `main_pump` is delivered. All others are shares of that oil by the place to which it went.
         """
-        record = self._circuit.volume[0]
-        return {name: float(record[name]) for name in VOLUME_DTYPE.names or ()}
+        volume = self._circuit.volume
+        return {name: float(volume[name][0]) for name in volume.dtype.names or ()}
 
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
         """Follow a plan from now on, and open the valves if they are closed.

@@ -10,14 +10,15 @@ from mhsb_control.line_estimate import (
     update_line_estimates,
     update_line_filter,
 )
-from mhsb_model.circuit.records import Records
+from mhsb_model.circuit.quantities import CircuitConstants
 from mhsb_model.machine import Machine
+from mhsb_model.records import Records
 from mhsb_sim.simulation.simulator import Simulator
 
 STEP = 1e-3
 
 
-def leakage_at(constants: Records, pressure: float) -> float:
+def leakage_at(constants: Records[CircuitConstants], pressure: float) -> float:
     """By the orifice's law, written anew [m³/s]."""
     drop = pressure - constants["tank_pressure"]
     smooth = (drop**2 + constants["laminar_pressure"] ** 2) ** 0.25

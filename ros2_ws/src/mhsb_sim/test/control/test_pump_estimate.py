@@ -9,8 +9,8 @@ from mhsb_control.pump_estimate import (
     build_drive_estimates,
     update_drive_estimates,
 )
-from mhsb_model.circuit.records import Records
 from mhsb_model.machine import Machine
+from mhsb_model.records import Records
 from mhsb_sim.simulation.simulator import Simulator
 
 FILE, STEP, FULL, SLEW = 0.02, 1e-3, 5e-6, 4e-4

@@ -3,7 +3,7 @@ import pytest
 
 from mhsb_control import reference_governor
 from mhsb_control.reference_governor import (
-    GOVERNED_AXIS_DTYPE,
+    GovernedActuator,
     compute_allowed_rate,
     compute_tip_errors,
     update_alpha_beta_filter,
@@ -12,6 +12,7 @@ from mhsb_control.reference_governor import (
 from mhsb_model.hydraulics import compute_pressure_without_margin
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
+from mhsb_model.records import create_records
 from mhsb_model.statics import chain_of
 from mhsb_sim.simulation.simulator import Simulator
 
@@ -58,7 +59,7 @@ def test_a_piston_that_stalls_below_its_reference_with_all_pressure_there_is_get
 
 def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
     random = np.random.default_rng(1)
-    actuators = np.zeros(3, GOVERNED_AXIS_DTYPE)
+    actuators = create_records(GovernedActuator, 3)
     for _ in range(50):
         q = random.uniform(machine.arrays.joint_min, machine.arrays.joint_max)
         off = random.normal(0.0, 1e-4, 3)
@@ -82,7 +83,7 @@ def test_a_pressure_that_falls_steadily_is_followed_without_lag() -> None:
 
 def asked(reserves: list[tuple[float, float]], scheduled: bool = False) -> list[int]:
     """What is asked for after each of these reserves [Pa], that last so long [s]."""
-    actuators, modes = np.zeros(1, GOVERNED_AXIS_DTYPE), []
+    actuators, modes = create_records(GovernedActuator, 1), []
     for reserve, time in reserves:
         actuators["unboosted"] = reserve
         for _ in range(round(time / STEP)):
@@ -108,7 +109,7 @@ def test_where_the_plan_boosts_too_nothing_is_kept() -> None:
 
 
 def test_the_pace_falls_with_the_reserve() -> None:
-    actuators = np.zeros(1, GOVERNED_AXIS_DTYPE)
+    actuators = create_records(GovernedActuator, 1)
     for boosted in (False, True):
         shares = []
         for reserve in np.linspace(-5e5, 5e5, 101):
@@ -120,7 +121,7 @@ def test_the_pace_falls_with_the_reserve() -> None:
 
 
 def test_the_pace_falls_while_a_valve_stays_nearly_open() -> None:
-    actuators = np.zeros(1, GOVERNED_AXIS_DTYPE)
+    actuators = create_records(GovernedActuator, 1)
     actuators["reserve"] = 1e6
     shares = []
     for opening in np.linspace(0.0, 1.0, 51):

@@ -5,7 +5,7 @@ import pytest
 
 from mhsb_control import REGISTERED_CONTROLLERS, get_controller_class
 from mhsb_control.cascade import (
-    AXIS_DTYPE,
+    ControlAxis,
     build_gain_record,
     compute_supply_need,
     joins_rail,
@@ -14,6 +14,7 @@ from mhsb_control.cascade import (
 from mhsb_control.errors import UnknownControllerError
 from mhsb_model.hydraulics import MARGIN_SHARE_WITHOUT_INERTIA, required_pressure
 from mhsb_model.machine import Machine
+from mhsb_model.records import create_records
 from mhsb_sim.circuit.network import build_circuit
 
 
@@ -72,7 +73,7 @@ def test_the_supply_need_stays_between_the_main_pump_and_the_highest_boost(
 
 
 def test_the_target_of_now_covers_what_is_ahead(oil: tuple[Any, ...]) -> None:
-    axis = np.zeros(1, AXIS_DTYPE)
+    axis = create_records(ControlAxis, 1)
     axis["hold"], axis["hold_ahead"] = 2000.0, 3000.0
     set_supply_targets(axis[0], *oil)
     assert axis["supply_target"][0] == axis["target_ahead"][0]
@@ -84,7 +85,7 @@ def test_the_target_of_now_covers_what_is_ahead(oil: tuple[Any, ...]) -> None:
 def test_a_load_that_is_about_to_turn_round_is_charged_for_with_its_whole_force(
     machine: Machine, oil: tuple[Any, ...]
 ) -> None:
-    axis = np.zeros(1, AXIS_DTYPE)
+    axis = create_records(ControlAxis, 1)
     axis["hold"], axis["hold_ahead"], axis["force"] = 2000.0, 2000.0, 3500.0
     axis["speed"], axis["speed_ahead"] = -0.01, -0.005
     set_supply_targets(axis[0], *oil)
