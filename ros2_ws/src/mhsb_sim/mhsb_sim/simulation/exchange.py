@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.controller import ActuatorReadings
 from mhsb_model.circuit.elements import advance_first_order_lag
 from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, ModuleState
 from mhsb_model.kernels.kernel import kernel
