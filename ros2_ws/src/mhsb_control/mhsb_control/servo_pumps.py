@@ -17,9 +17,10 @@ rest.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from mhsb_control.cascade import ServoArguments
 from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, compute_coasting_volumes
@@ -43,6 +44,7 @@ from mhsb_model.hydraulics import compute_pressure_without_margin, inlet_area
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES
+from mhsb_model.schema import DEFAULT_PREVIEW, Gain, NonNegative, Preview, Section
 from mhsb_model.types import FloatArray, IntArray
 
 MIN_CHARGE_SHARE = 0.15
@@ -50,6 +52,40 @@ MIN_CHARGE_SHARE = 0.15
 
 CAUTION_SIGMAS = 1.5
 """Standard deviations by which charging assumes less leakage, stiffer oil and slower pumps."""
+
+
+class PumpGains(Section):
+    """Gains by which servo pumps are driven.
+
+    Attributes:
+        search_ranges: Range in which `tune` searches each gain, as in `CascadeGains`.
+    """
+
+    search_ranges: ClassVar[dict[str, tuple[float, float]]] = {
+        "pressure_gain": (0.3, 4.0),
+        "pump_response": (0.2, 3.0),
+        "preview": (0.06, 0.2),
+        "allowed_rise": (1e4, 1e6),
+    }
+
+    pressure_gain: float = Field(
+        default=3.37,
+        ge=1e-4,
+        le=1e8,
+        description="of the servo pumps' pressure loop, per lag of the pumps [-]",
+    )
+    preview: Preview = DEFAULT_PREVIEW
+    allowed_rise: NonNegative = Field(
+        default=4.03e4,
+        le=1e9,
+        description="above the needed pressure while a servo pump coasts [Pa]",
+    )
+    pump_response: Gain = Field(
+        default=0.337,
+        description="time constant to which a servo pump with a longer lag is driven, in times "
+        "that it takes to full flow at its slew [-]",
+    )
+
 
 PUMP_GAINS_DTYPE = np.dtype(
     [
@@ -101,28 +137,29 @@ class PumpState(NamedTuple):
     coasting_times: FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, times of `coasting`
 
 
-def build_pump_state(machine: Machine, signals: ServoSignals) -> PumpState:
+def build_pump_state(machine: Machine, signals: ServoSignals, settings: PumpGains) -> PumpState:
     """Build the state of a machine's servo pumps, at rest.
 
     Args:
         machine: The machine as its file describes it.
         signals: Signals of the controller. The present rail pressure becomes the first target of
             the rail.
+        settings: Gains of the controller, as its section of the machine file has them.
 
     Returns:
         The state, with the pump lag and the leakage of the machine file, and a command delay of 0.
     """
-    servo, oil, n = machine.config.servo.coordinated, machine.config.circuit, machine.joint_count
-    lag, preview = oil.servo_pump_lag, servo.preview
+    oil, n = machine.config.circuit, machine.joint_count
+    lag, preview = oil.servo_pump_lag, settings.preview
     gains = np.zeros(1, PUMP_GAINS_DTYPE)
     gains["preview"] = preview
     spin_up = signals.circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
-    gains["bandwidth"] = 1.0 / (servo.pump_response * spin_up)
+    gains["bandwidth"] = 1.0 / (settings.pump_response * spin_up)
     gains["pump_rise"] = np.minimum(
         1.0, PREVIEW_POINT / (np.maximum(1.0 / lag, gains["bandwidth"]) * preview)
     )
-    gains["pressure_gain"] = servo.pressure_gain / lag
-    gains["allowed_rise"] = servo.allowed_rise
+    gains["pressure_gain"] = settings.pressure_gain / lag
+    gains["allowed_rise"] = settings.allowed_rise
     gains["fed_below"] = signals.circuit.constants["supply_pressure"] + CHECK_VALVE_MARGIN
     points = np.concatenate(
         [np.arange(COASTING_SAMPLES) / COASTING_SAMPLES, np.arange(1, REFERENCE_POINTS)]

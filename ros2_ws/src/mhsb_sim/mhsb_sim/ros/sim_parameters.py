@@ -16,9 +16,9 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import REGISTERED_CONTROLLERS, load_machine
 from mhsb_model.errors import ArgumentError
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_sim.errors import FaultError
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.faults import FAULT_KINDS, NO_FAULT, parse_faults

@@ -7,26 +7,15 @@ manifold behind the main pump and the tank follow.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from mhsb_model.circuit.elements import advance_first_order_lag
+from mhsb_control.assumed_valves import update_assumed_valves
+from mhsb_model.circuit.components import Components
 from mhsb_model.circuit.records import Record, Records
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_sim.circuit.network import Circuit, advance
-
-
-class ServoCircuit(NamedTuple):
-    """The circuit as the servo knows it: its commands, and valve positions computed from them."""
-
-    actuators: Records  # ACTUATOR_DTYPE[n]
-    modules: Records  # MODULE_DTYPE[m]
-    constants: Records  # CONSTANTS_DTYPE[1]; a substep is a step of the servo
-    module_home: IntArray  # [m] actuator whose line the module feeds, −1 for a spare
-
 
 LARGEST_STATE = 1e6
 """Joint positions [rad or m] and velocities [rad/s or m/s] beyond this count as not finite."""
@@ -206,7 +195,7 @@ def apply_forces(
 
 @kernel(borrows=True)
 def send_commands(
-    servo_circuit: ServoCircuit, circuit: Circuit, queue: FloatArray, place: IntArray
+    servo_circuit: Components, circuit: Circuit, queue: FloatArray, place: IntArray
 ) -> None:
     """Pass the servo's commands to the circuit, with a delay of len(queue) − 1 servo steps.
 
@@ -239,30 +228,8 @@ def send_commands(
 
 
 @kernel(borrows=True)
-def update_assumed_valves(servo_circuit: ServoCircuit) -> None:
-    """Advance the assumed positions of join valves and diverters by one servo step.
-
-    The servo knows the positions from its commands alone. Join valves connect lines to the rail;
-    diverters lead a module's flow to the rail. Both follow their commands as first-order lags.
-    Diverters of modules without an actuator do not move.
-
-    Args:
-        servo_circuit: The circuit as the servo knows it. Writes `join` of the actuators and
-            `to_rail` of the modules in place, both from 0 (closed) to 1.
-    """
-    decay = servo_circuit.constants[0].switching_decay
-    for j in range(len(servo_circuit.actuators)):
-        actuator = servo_circuit.actuators[j]
-        actuator.join = advance_first_order_lag(actuator.join, actuator.join_command, decay)
-    for k in range(len(servo_circuit.modules)):
-        module = servo_circuit.modules[k]
-        if servo_circuit.module_home[k] >= 0:
-            module.to_rail = advance_first_order_lag(module.to_rail, module.lend, decay)
-
-
-@kernel(borrows=True)
 def advance_to_midstep(
-    servo_circuit: ServoCircuit,
+    servo_circuit: Components,
     queue: FloatArray,
     place: IntArray,
     circuit: Circuit,

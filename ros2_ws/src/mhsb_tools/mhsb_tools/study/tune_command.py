@@ -11,10 +11,11 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JobCount, Seed
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
+from mhsb_model.machine import MACHINE_FILE, Machine
 from mhsb_planner.work_arguments import Scheduler, parse_jobs
 from mhsb_tools.study.scenarios import load_scenarios
 from mhsb_tools.study.servo_study import plan_scenario
