@@ -23,6 +23,7 @@ from mhsb_tools.study.tuning import (
     GAIN_RANGES,
     Training,
     Trial,
+    check_gain_sections,
     draws_of,
     present_gains,
     tune,
@@ -81,6 +82,8 @@ def tune_servo(
     workers = parse_jobs(jobs, scheduler)
     file = machine or find_config_file(MACHINE_FILE)
     arm = load_machine(file)
+    if not dry_run:
+        check_gain_sections(file)
     training = _build_training(arm, scenarios, variations, draws, seed)
     best: dict[str, Trial] = {}
     for controller in GAIN_RANGES:

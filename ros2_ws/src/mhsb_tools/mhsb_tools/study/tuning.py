@@ -355,6 +355,20 @@ def _parallel_evaluator(
         yield costs_of
 
 
+def check_gain_sections(file: Path) -> None:
+    """Check that a machine file has a section for each controller that is tuned.
+
+    Args:
+        file: The machine file.
+
+    Raises:
+        TuningError: A section is missing. `write_gains` could not write into it.
+    """
+    text = file.read_text(encoding="utf-8")
+    for controller in GAIN_RANGES:
+        _split_section(text, controller)
+
+
 def write_gains(file: Path, controller: str, gains: Gains) -> None:
     """Write gains into the servo section of a machine file and leave all else as it is.
 
@@ -396,7 +410,10 @@ def _split_section(text: str, controller: str) -> tuple[str, str, str]:
     servo, own = r"^servo:\n(?:[ #].*\n|\n)*?", rf"  {controller}:.*\n(?P<own>(?:    .*\n)+)"
     found = re.search(servo + own, text, re.MULTILINE)
     if found is None:
-        raise TuningError(f"the machine file has no section servo.{controller}")
+        raise TuningError(
+            f"the machine file has no section servo.{controller} to write gains into; add one, "
+            "with a gain of any value"
+        )
     begin, end = found.span("own")
     return text[:begin], text[begin:end], text[end:]
 
