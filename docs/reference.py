@@ -16,6 +16,7 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 
+from mhsb_control.registry import MachineConfigWithGains
 from mhsb_model import schema
 from mhsb_msgs_py import parameters
 from mhsb_planner.ros import planner_parameters
@@ -90,7 +91,7 @@ def _parameter_row(node: Node, name: str) -> str:
 
 def machine_file_page() -> str:
     """Every key of a machine file, with range, unit and meaning."""
-    sections = "\n\n".join(dict.fromkeys(_sections("", schema.MachineConfig)))
+    sections = "\n\n".join(dict.fromkeys(_sections("", MachineConfigWithGains)))
     return f"""# The machine file
 
 {GENERATED}

@@ -32,9 +32,10 @@ Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.load_estimate import (
@@ -64,7 +65,7 @@ from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.machine import Machine
 from mhsb_model.modes import RAIL_MODES
 from mhsb_model.records import Record, Records, create_records
-from mhsb_model.schema import CascadeGains
+from mhsb_model.schema import Gain, NonNegative, Section
 from mhsb_model.statics import (
     INERTIA_WORK,
     MOTION_WORK,
@@ -89,6 +90,45 @@ class SharedGains(Record):
     """Part of the margin that inertia forces may use up [Pa]."""
     max_boost_pressure: float
     """Highest pressure that boost may supply [Pa]."""
+
+
+PositionGain = Annotated[
+    Gain,
+    Field(description="piston speed per position error, in the joint's natural frequencies [-]"),
+]
+ForceBandwidth = Annotated[
+    Gain,
+    Field(
+        description="of the cylinder force loop, at most, in natural frequencies of the servo "
+        "valve [-]"
+    ),
+]
+
+
+class CascadeGains(Section):
+    """Gains of the cascade, relative to the machine's own frequencies.
+
+    Attributes:
+        search_ranges: Range in which `tune` searches each gain, in the units of the machine file,
+            in the order in which they are drawn. An integral gain of 0 would be off.
+    """
+
+    search_ranges: ClassVar[dict[str, tuple[float, float]]] = {
+        "position_gain": (0.2, 2.0),
+        "integral_gain": (1e-3, 0.1),
+        "force_bandwidth": (0.02, 0.5),
+        "force_damping": (0.5, 4.0),
+    }
+
+    position_gain: PositionGain = 0.9
+    integral_gain: NonNegative = Field(
+        le=1e4, default=0.0, description="of the position loop, in squares of its gain [-]"
+    )
+    force_bandwidth: ForceBandwidth = 0.24
+    force_damping: Gain = Field(
+        default=4.0,
+        description="damping ratio that the force loop gives the joint on its oil, at most [-]",
+    )
 
 
 SCRATCH_ROWS = MOTION_WORK + 2

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, Self
+
+import numpy as np
 
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.circuit.components import Components
 from mhsb_model.machine import Machine
-from mhsb_model.records import Record, Records
+from mhsb_model.records import Record, Records, create_records
+from mhsb_model.schema import Section
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 
 
@@ -59,9 +62,36 @@ class ServoSignals:
     serves: IntArray
     circuit: Components
 
+    @classmethod
+    def at_rest(cls, circuit: Components, modes: ModeArray) -> Self:
+        """Build signals with zero readings, idle modules and a reference at zero.
+
+        Args:
+            circuit: Circuit as the controller knows it; it is shared, not copied.
+            modes: Modes in force, uint8[n].
+
+        Returns:
+            Signals with new arrays.
+        """
+        actuators, modules = len(circuit.actuators), len(circuit.modules)
+        return cls(
+            reference=np.zeros((REFERENCE_POINTS, 3, actuators)),
+            sensors=create_records(ActuatorReadings, actuators),
+            rail_pressure=np.zeros(1),
+            modes=modes.copy(),
+            modes_ahead=modes.copy(),
+            serves=np.full(modules, -1, dtype=np.int64),
+            circuit=circuit,
+        )
+
 
 class Controller(Protocol):
     """A servo: takes a position reference and commands valve openings and servo pump flows."""
+
+    gains_section: type[Section]
+    """Section of the machine file that declares its gains, each with range, unit and default.
+
+    `tune` searches the gains that its `search_ranges` has (`mhsb_control.cascade.CascadeGains`)."""
 
     usual_error: float
     """Distance of the tip from its reference that is normal for this controller [m]."""
@@ -69,8 +99,14 @@ class Controller(Protocol):
     preview: float
     """Time by which modes are prepared in advance [s]. The reference reaches further ahead."""
 
-    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
-        """Bind the controller to the signals that `update` will work on."""
+    def __init__(self, machine: Machine, signals: ServoSignals, gains: Any) -> None:
+        """Bind the controller to the signals that `update` will work on.
+
+        Args:
+            machine: The machine as its file describes it.
+            signals: Arrays that the controller reads and writes in each step.
+            gains: Instance of `gains_section` with the values of the machine file.
+        """
         ...
 
     @property

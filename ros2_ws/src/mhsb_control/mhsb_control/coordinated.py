@@ -14,9 +14,11 @@ measured pressures, so that no pressure margin is kept beyond the plan's.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from mhsb_control.cascade import (
     MAX_POSITION_GAIN_RATIO,
+    CascadeGains,
     ControlAxis,
     ServoArguments,
     SharedGains,
@@ -29,6 +31,7 @@ from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.estimates import collect_estimates
 from mhsb_control.line_estimate import SHUT_OPENING, update_line_estimates
 from mhsb_control.servo_pumps import (
+    PumpGains,
     PumpState,
     build_pump_state,
     command_pumps,
@@ -53,6 +56,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.records import Records
+from mhsb_model.schema import Section
 from mhsb_model.types import IntArray
 
 MIN_PRESSURE_DROP = 2e4
@@ -81,12 +85,22 @@ IDLE_FLOW_SHARE = 0.02
 """Share of a pump's flow below which its rail may be shut; the rest still flows into the rail."""
 
 
+class CoordinatedGains(PumpGains, CascadeGains):
+    """Gains of the `coordinated` controller."""
+
+    search_ranges: ClassVar[dict[str, tuple[float, float]]] = {
+        **CascadeGains.search_ranges,
+        **PumpGains.search_ranges,
+    }
+
+
 class CoordinatedController:
     """Controller that drives valves and servo pumps by one demanded piston speed per cylinder."""
 
+    gains_section: type[Section] = CoordinatedGains
     usual_error = 3e-3
 
-    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
+    def __init__(self, machine: Machine, signals: ServoSignals, gains: CoordinatedGains) -> None:
         """Build servo, pump and valve records, and bind the control kernel to them.
 
         A line whose join valve is open at the start counts as joined to the rail. The first
@@ -95,13 +109,13 @@ class CoordinatedController:
         Args:
             machine: The machine as its file describes it.
             signals: Arrays that the controller reads and writes in each step.
+            gains: Gains of its section of the machine file.
         """
-        servo = machine.config.servo.coordinated
-        self.preview: float = servo.preview
-        cascade = build_servo_arguments(machine, signals, servo, estimates_load=True)
+        self.preview: float = gains.preview
+        cascade = build_servo_arguments(machine, signals, gains, estimates_load=True)
         cascade.axes["joined"] = signals.circuit.actuators["join"]
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
-        pumps = build_pump_state(machine, signals)
+        pumps = build_pump_state(machine, signals, gains)
         valves = build_valve_estimates(machine.joint_count)
         self._learnt = machine.actuator_names, cascade.load, valves, pumps.lines, pumps.drives
         self._control = bind_kernel(run_coordinated_step, cascade, valves, pumps)

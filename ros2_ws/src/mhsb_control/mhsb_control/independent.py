@@ -10,10 +10,15 @@ Source: paper, Sections 2 and 4 (cascade based on pressure feedback).
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from mhsb_control.cascade import (
+    CascadeGains,
+    ForceBandwidth,
+    PositionGain,
     ServoArguments,
     build_servo_arguments,
     compute_piston_demands,
@@ -27,10 +32,11 @@ from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.records import Record, Records, create_records
+from mhsb_model.schema import Gain, NonNegative, Section
 from mhsb_model.types import FloatArray
 
 
-class IndependentGains(Record):
+class IndependentParameters(Record):
     """Gains of the independent controller in SI units."""
 
     nominal_valve_drop: float
@@ -41,12 +47,41 @@ class IndependentGains(Record):
     """Integral gain of the pump's pressure loop [1/s²]."""
 
 
+class IndependentGains(CascadeGains):
+    """Gains of the `independent` controller."""
+
+    search_ranges: ClassVar[dict[str, tuple[float, float]]] = {
+        **CascadeGains.search_ranges,
+        "nominal_valve_drop": (0.03, 1.0),
+        "pressure_gain": (10.0, 1000.0),
+        "pressure_integral_gain": (10.0, 20000.0),
+        "supply_margin": (1e4, 5e5),
+    }
+
+    position_gain: PositionGain = 1.22
+    force_bandwidth: ForceBandwidth = 0.368
+    nominal_valve_drop: Gain = Field(
+        default=0.18,
+        description="drop over an edge for which the valve's gain is taken, of P_S [-]",
+    )
+    pressure_gain: float = Field(
+        default=157.0, ge=1e-4, le=1e8, description="of the servo pumps' pressure loop [1/s]"
+    )
+    pressure_integral_gain: NonNegative = Field(
+        default=915.0, le=1e12, description="of the servo pumps' pressure loop [1/s²]"
+    )
+    supply_margin: NonNegative = Field(
+        default=1.32e5, le=1e9, description="boosted beyond what the plan needs [Pa]"
+    )
+
+
 class IndependentController:
     """Controller with separate loops for valves and servo pumps, as in the paper."""
 
+    gains_section: type[Section] = IndependentGains
     usual_error = 25e-3
 
-    def __init__(self, machine: Machine, signals: ServoSignals) -> None:
+    def __init__(self, machine: Machine, signals: ServoSignals, gains: IndependentGains) -> None:
         """Build the servo's records and bind the control kernel to them.
 
         The integrals of the pumps' pressure loops begin at 0. Modes are not prepared in advance:
@@ -55,15 +90,15 @@ class IndependentController:
         Args:
             machine: The machine as its file describes it.
             signals: Arrays that the controller reads and writes in each step.
+            gains: Gains of its section of the machine file.
         """
         self.preview = 0.0
-        servo = machine.config.servo.independent
-        own_gains = create_records(IndependentGains, 1)
-        own_gains["nominal_valve_drop"] = servo.nominal_valve_drop * machine.arrays.supply_pressure
-        own_gains["pressure_gain"] = servo.pressure_gain
-        own_gains["pressure_integral_gain"] = servo.pressure_integral_gain
+        own_gains = create_records(IndependentParameters, 1)
+        own_gains["nominal_valve_drop"] = gains.nominal_valve_drop * machine.arrays.supply_pressure
+        own_gains["pressure_gain"] = gains.pressure_gain
+        own_gains["pressure_integral_gain"] = gains.pressure_integral_gain
         integrals = np.zeros(len(signals.circuit.modules))
-        cascade = build_servo_arguments(machine, signals, servo, servo.supply_margin)
+        cascade = build_servo_arguments(machine, signals, gains, gains.supply_margin)
         self._control = bind_kernel(run_independent_step, cascade, own_gains, integrals)
 
     @property
@@ -78,7 +113,7 @@ class IndependentController:
 
 @kernel(borrows=True)
 def run_independent_step(
-    s: ServoArguments, own_gains: Records[IndependentGains], integrals: FloatArray
+    s: ServoArguments, own_gains: Records[IndependentParameters], integrals: FloatArray
 ) -> None:
     """Run one step of the independent controller.
 

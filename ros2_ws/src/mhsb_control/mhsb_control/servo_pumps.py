@@ -17,9 +17,10 @@ rest.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from mhsb_control.cascade import ControlAxis, ServoArguments
 from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, compute_coasting_volumes
@@ -46,6 +47,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.records import Record, Records, create_records
+from mhsb_model.schema import DEFAULT_PREVIEW, Gain, NonNegative, Preview, Section
 from mhsb_model.types import FloatArray, IntArray
 
 MIN_CHARGE_SHARE = 0.15
@@ -55,7 +57,7 @@ CAUTION_SIGMAS = 1.5
 """Standard deviations by which charging assumes less leakage, stiffer oil and slower pumps."""
 
 
-class PumpGains(Record):
+class PumpParameters(Record):
     """Gains and limits of the servo pumps' control in SI units."""
 
     preview: float
@@ -70,6 +72,39 @@ class PumpGains(Record):
     """Rise above the target that is allowed while a pump coasts [Pa]."""
     fed_below: float
     """Line pressure below which the manifold may feed the line as well [Pa]."""
+
+
+class PumpGains(Section):
+    """Gains by which servo pumps are driven.
+
+    Attributes:
+        search_ranges: Range in which `tune` searches each gain, as in `CascadeGains`.
+    """
+
+    search_ranges: ClassVar[dict[str, tuple[float, float]]] = {
+        "pressure_gain": (0.3, 4.0),
+        "pump_response": (0.2, 3.0),
+        "preview": (0.06, 0.2),
+        "allowed_rise": (1e4, 1e6),
+    }
+
+    pressure_gain: float = Field(
+        default=3.37,
+        ge=1e-4,
+        le=1e8,
+        description="of the servo pumps' pressure loop, per lag of the pumps [-]",
+    )
+    preview: Preview = DEFAULT_PREVIEW
+    allowed_rise: NonNegative = Field(
+        default=4.03e4,
+        le=1e9,
+        description="above the needed pressure while a servo pump coasts [Pa]",
+    )
+    pump_response: Gain = Field(
+        default=0.337,
+        description="time constant to which a servo pump with a longer lag is driven, in times "
+        "that it takes to full flow at its slew [-]",
+    )
 
 
 MIN_CAPACITY_FACTOR = 0.3
@@ -90,7 +125,7 @@ MIN_DIVERTED_SHARE = 0.9
 class PumpState(NamedTuple):
     """State by which the servo pumps are driven, beside the cascade."""
 
-    gains: Records[PumpGains]  # [1]
+    gains: Records[PumpParameters]  # [1]
     rail_target: FloatArray  # [2] Pa, pressure targets of the rail, now and at the preview point
     rail_before: FloatArray  # [1] Pa, rail pressure before the last line began to leave
     volume: FloatArray  # [n + 1, REFERENCE_POINTS] m³, see `predict_line_volumes`; last row: rail
@@ -108,28 +143,29 @@ class PumpState(NamedTuple):
     coasting_times: FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, times of `coasting`
 
 
-def build_pump_state(machine: Machine, signals: ServoSignals) -> PumpState:
+def build_pump_state(machine: Machine, signals: ServoSignals, settings: PumpGains) -> PumpState:
     """Build the state of a machine's servo pumps, at rest.
 
     Args:
         machine: The machine as its file describes it.
         signals: Signals of the controller. The present rail pressure becomes the first target of
             the rail.
+        settings: Gains of the controller, as its section of the machine file has them.
 
     Returns:
         The state, with the pump lag and the leakage of the machine file, and a command delay of 0.
     """
-    servo, oil, n = machine.config.servo.coordinated, machine.config.circuit, machine.joint_count
-    lag, preview = oil.servo_pump_lag, servo.preview
-    gains = create_records(PumpGains, 1)
+    oil, n = machine.config.circuit, machine.joint_count
+    lag, preview = oil.servo_pump_lag, settings.preview
+    gains = create_records(PumpParameters, 1)
     gains["preview"] = preview
     spin_up = signals.circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
-    gains["bandwidth"] = 1.0 / (servo.pump_response * spin_up)
+    gains["bandwidth"] = 1.0 / (settings.pump_response * spin_up)
     gains["pump_rise"] = np.minimum(
         1.0, PREVIEW_POINT / (np.maximum(1.0 / lag, gains["bandwidth"]) * preview)
     )
-    gains["pressure_gain"] = servo.pressure_gain / lag
-    gains["allowed_rise"] = servo.allowed_rise
+    gains["pressure_gain"] = settings.pressure_gain / lag
+    gains["allowed_rise"] = settings.allowed_rise
     gains["fed_below"] = signals.circuit.constants["supply_pressure"] + CHECK_VALVE_MARGIN
     points = np.concatenate(
         [np.arange(COASTING_SAMPLES) / COASTING_SAMPLES, np.arange(1, REFERENCE_POINTS)]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_control.cascade import ControlAxis, build_axis_records
+from mhsb_control.cascade import CascadeGains, ControlAxis, build_axis_records
 from mhsb_control.natural_frequency import compute_oil_stiffness
 from mhsb_model.machine import Machine
 from mhsb_model.records import Records
-from mhsb_model.schema import CascadeGains
 from mhsb_model.types import FloatArray
 
 POSTURE_SAMPLES = 200

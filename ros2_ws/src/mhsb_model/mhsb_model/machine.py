@@ -42,7 +42,7 @@ from mhsb_model.obstacles.zones import (
     Zones,
     build_obstacles,
 )
-from mhsb_model.schema import COMMON_PATHS, MachineConfig
+from mhsb_model.schema import COMMON_PATHS, DEFAULT_PREVIEW, MachineConfig
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
@@ -204,7 +204,7 @@ class Machine:
         content["motion"]["kept_joints"] = [joint - 1 for joint in kept]
         content["simulation"]["start_posture"] = content["simulation"]["start_posture"][1:]
         content["keep_out"] |= Zones().content()
-        plane = _make_validated_machine(content, f"{self.name} in its plane")
+        plane = self._make_similar_machine(content, f"{self.name} in its plane")
         return replace(plane, arrays=plane.arrays._replace(external_leakage=leakage))
 
     def make_planar_arm_with_shadows(self, first_slew: float, last_slew: float) -> Machine:
@@ -264,6 +264,17 @@ class Machine:
         Step sizes of searches and drawings are scaled by it.
         """
         return self.spacing / PAPER_NODE_SPACING
+
+    @cached_property
+    def servo_preview(self) -> float:
+        """Time by which the servo charges a line ahead of its boost [s].
+
+        It is the longest `preview` of all controllers in the machine file, or `DEFAULT_PREVIEW` if
+        none has one: a plan does not depend on which controller will follow it.
+        """
+        parts = self.config.servo.model_dump().values()
+        given = [part["preview"] for part in parts if isinstance(part, dict) and "preview" in part]
+        return max(given, default=DEFAULT_PREVIEW)
 
     @cached_property
     def kept_joints(self) -> tuple[int, ...]:
@@ -361,7 +372,7 @@ class Machine:
         if module_count is not None:
             content["hydraulics"]["modules"]["count"] = module_count
         return replace(
-            _make_validated_machine(content, f"{self.name} with changes"),
+            self._make_similar_machine(content, f"{self.name} with changes"),
             file_rating=self._own_file_rating,
         )
 
@@ -381,7 +392,22 @@ class Machine:
         content = self.config.model_dump(mode="json")
         for path, value in values.items():
             set_value(content, path, value)
-        return _make_validated_machine(content, f"{self.name} with changes")
+        return self._make_similar_machine(content, f"{self.name} with changes")
+
+    def _make_similar_machine(self, content: Any, source: str) -> Machine:
+        """Make a machine from other content by the schema of this machine's file.
+
+        Args:
+            content: Sections and values of a machine file.
+            source: Name for error messages.
+
+        Returns:
+            The machine, without shadows and rating.
+
+        Raises:
+            MachineFileError: The content breaks the schema or a rule across values.
+        """
+        return _make_validated_machine(content, source, type(self.config))
 
     def value(self, path: str) -> Any:
         """Return the value at a path in the machine file, for instance `circuit.bulk_modulus`.
@@ -416,7 +442,7 @@ class Machine:
 
         Keep-out zones, ground, base, self-collision and shadows are dropped. `file_rating` is kept.
         """
-        bare = _make_validated_machine(self.config.model_dump(exclude={"keep_out"}), self.name)
+        bare = self._make_similar_machine(self.config.model_dump(exclude={"keep_out"}), self.name)
         return replace(bare, file_rating=self.file_rating)
 
     def tip_position(self, q: FloatArray) -> FloatArray:
@@ -734,11 +760,15 @@ class Machine:
             )
 
 
-def load_machine(path: str | Path | None = None) -> Machine:
+def load_machine(
+    path: str | Path | None = None, schema: type[MachineConfig] = MachineConfig
+) -> Machine:
     """Load a machine from a YAML file and check that plans can be made for it.
 
     Args:
         path: The machine file; None or an empty text loads the suite's own arm.
+        schema: Schema of the file. `MachineConfig` leaves the gains of controllers to whoever uses
+            them; `mhsb_control.load_machine` checks them, too.
 
     Returns:
         The machine, exactly as in the file.
@@ -759,7 +789,7 @@ def load_machine(path: str | Path | None = None) -> Machine:
     if len(missing) > len(FILE_SECTIONS) / 2:  # another kind of file: do not quote it
         reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
         raise MachineFileError(str(file), [reason])
-    machine = _make_validated_machine(content, str(file))
+    machine = _make_validated_machine(content, str(file), schema)
     least, tip = (LEAST_JOINTS + 1, "three") if machine.slews else (LEAST_JOINTS, "two")
     if machine.joint_count < least:
         problem = (
@@ -791,12 +821,13 @@ def _restored(
     return replace(machine, arrays=arrays, shadows=shadows, file_rating=rating)
 
 
-def _make_validated_machine(content: Any, source: str) -> Machine:
+def _make_validated_machine(content: Any, source: str, schema: type[MachineConfig]) -> Machine:
     """Make a machine from nested content of a machine file.
 
     Args:
         content: Sections and values as read from YAML or dumped from a configuration.
         source: Name of the file, for error messages.
+        schema: Schema of the content.
 
     Returns:
         The machine, without shadows and rating.
@@ -805,9 +836,9 @@ def _make_validated_machine(content: Any, source: str) -> Machine:
         MachineFileError: The content breaks the schema or a rule across values.
     """
     try:
-        config = MachineConfig.model_validate(content)
+        config = schema.model_validate(content)
     except ValidationError as error:
-        raise MachineFileError(source, describe_validation_errors(error, MachineConfig)) from error
+        raise MachineFileError(source, describe_validation_errors(error, schema)) from error
     return Machine.from_config(config, source)
 
 

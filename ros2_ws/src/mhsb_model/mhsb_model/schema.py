@@ -9,7 +9,16 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    model_serializer,
+)
 
 MAX_COORDINATE, MAX_MASS, MAX_FLOW, MAX_PRESSURE = 1e4, 1e6, 1.0, 1e9
 """Largest coordinate of a zone [m], mass [kg], flow [m³/s] and pressure [Pa].
@@ -477,69 +486,41 @@ class CircuitDynamics(Section):
     )
 
 
-class CascadeGains(Section):
-    """Gains that every controller has, relative to the machine's own frequencies."""
+DEFAULT_PREVIEW = 0.08
+"""Time by which lines are charged ahead of a boost if the machine file does not say it [s]."""
 
-    position_gain: Gain = Field(
-        description="piston speed per position error, in the joint's natural frequencies [-]"
-    )
-    integral_gain: NonNegative = Field(
-        le=1e4, default=0.0, description="of the position loop, in squares of its gain [-]"
-    )
-    force_bandwidth: Gain = Field(
-        description="of the cylinder force loop, at most, in natural frequencies of the servo "
-        "valve [-]"
-    )
-    force_damping: Gain = Field(
-        description="damping ratio that the force loop gives the joint on its oil, at most [-]"
-    )
+Preview = Annotated[
+    float, Field(ge=1e-5, le=1, description="how long before a boost its line is charged [s]")
+]
 
 
-class CoordinatedServo(CascadeGains):
-    """Gains of the `coordinated` controller."""
+class ControllerSection(Section):
+    """Section of one controller, with the only key of it that plans depend on.
 
-    pressure_gain: float = Field(
-        ge=1e-4, le=1e8, description="of the servo pumps' pressure loop, per lag of the pumps [-]"
-    )
-    preview: float = Field(
-        ge=1e-5, le=1, description="how long before a boost its line is charged [s]"
-    )
-    allowed_rise: NonNegative = Field(
-        le=1e9, description="above the needed pressure while a servo pump coasts [Pa]"
-    )
-    pump_response: Gain = Field(
-        description="time constant to which a servo pump with a longer lag is driven, in times "
-        "that it takes to full flow at its slew [-]"
-    )
+    The controller declares all keys of its section itself, and `mhsb_control.registry` checks them.
+    """
 
+    model_config = ConfigDict(extra="allow")
 
-class IndependentServo(CascadeGains):
-    """Gains of the `independent` controller."""
+    preview: Preview = DEFAULT_PREVIEW
 
-    nominal_valve_drop: Gain = Field(
-        description="drop over an edge for which the valve's gain is taken, of P_S [-]"
-    )
-    pressure_gain: float = Field(
-        ge=1e-4, le=1e8, description="of the servo pumps' pressure loop [1/s]"
-    )
-    pressure_integral_gain: NonNegative = Field(
-        le=1e12, description="of the servo pumps' pressure loop [1/s²]"
-    )
-    supply_margin: NonNegative = Field(
-        le=1e9, description="boosted beyond what the plan needs [Pa]"
-    )
+    @model_serializer(mode="wrap")
+    def _dump_given_keys(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out `preview` if the file does not have it: not every controller knows this key."""
+        return {key: value for key, value in dump(self).items() if key in self.model_fields_set}
 
 
 class Servo(Section):
     """Gains of the controllers and noise of the sensors."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, ControllerSection]
 
     force_bias_time: Duration = Field(
         description="time in which unknown forces are taken over into the force reference [s]"
     )
     pressure_noise: NonNegative = Field(le=1e9, description="standard deviation of a sensor [Pa]")
     length_noise: NonNegative = Field(le=1.0, description="standard deviation of a sensor [m]")
-    coordinated: CoordinatedServo
-    independent: IndependentServo
 
 
 class Simulation(Section):

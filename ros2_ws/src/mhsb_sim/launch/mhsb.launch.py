@@ -11,7 +11,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
-from mhsb_model.machine import load_machine
+from mhsb_control import load_machine
 from mhsb_sim.mechanics.robot_description import build_robot_description
 
 ARGUMENTS = {  # name: (default, type, meaning)

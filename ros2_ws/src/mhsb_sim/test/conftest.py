@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mhsb_model.machine import Machine, load_machine
+from mhsb_control import load_machine
+from mhsb_model.machine import Machine
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 
 

@@ -24,8 +24,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from mhsb_control import load_machine
 from mhsb_model.files.config_files import find_config_file, find_machine_config_file
-from mhsb_model.machine import load_machine
 from mhsb_tools.commands.demo_command import GOALS_FILE, read_goals
 
 NODES = "mhsb.launch.py"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mhsb_model.machine import Machine, load_machine
+from mhsb_control import load_machine
+from mhsb_model.machine import Machine
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph

@@ -6,7 +6,7 @@ import difflib
 import inspect
 import re
 from collections.abc import Sequence
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -210,9 +210,10 @@ def _locate_field(
             at = tagged
             continue
         owners = [each for each in at if part in each.model_fields]
-        if not owners:
+        below = _find_models_below(at, part)
+        if not owners and not below:
             return at, None
-        field, at = owners[0].model_fields[part], _find_models_below(at, part)
+        field, at = owners[0].model_fields[part] if owners else None, below
     return at, field
 
 
@@ -224,12 +225,19 @@ def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> li
         part: Key, or a list index. For an index, `models` itself is returned.
 
     Returns:
-        Models; empty for plain values and unknown keys.
+        Models; empty for plain values and unknown keys. A key that is not declared belongs to the
+        sections that an open model allows.
     """
     if isinstance(part, int):
         return list(models)
     owners = [each for each in models if part in each.model_fields]
-    return [one for each in owners for one in _collect_models(each.model_fields[part].annotation)]
+    if owners:
+        return [
+            one for each in owners for one in _collect_models(each.model_fields[part].annotation)
+        ]
+    opened = [each for each in models if each.model_config.get("extra") == "allow"]
+    hints = [get_type_hints(each) for each in opened]
+    return [one for each in hints for one in _collect_models(each["__pydantic_extra__"])]
 
 
 def _select_models_of_kind(

@@ -50,7 +50,7 @@ def charging_energy(
         Shaft work of the servo pumps [J].
     """
     m, circuit = machine.arrays, machine.config.circuit
-    ahead = CHARGED_AHEAD * machine.config.servo.coordinated.preview
+    ahead = CHARGED_AHEAD * machine.servo_preview
     volumes = circuit.line_volume, circuit.rail_volume
     work = _compute_charging_work(m, volumes, circuit.bulk_modulus, ahead, speed, force, modes)
     return float(work / m.servo_pump_efficiency)

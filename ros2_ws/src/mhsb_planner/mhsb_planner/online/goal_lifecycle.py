@@ -146,7 +146,7 @@ class GoalLifecycle:
         sent_state = GoalState.REVOKED if sent and sent.is_void else GoalState.UNCONFIRMED
         for holder, state in (
             (self.execution, executing),
-            (sent and sent.request, sent_state),
+            (None if sent is None else sent.request, sent_state),
             (self._queue.request, GoalState.PLANNING),
         ):
             if holder is not None and holder.pending_goal is pending_goal:

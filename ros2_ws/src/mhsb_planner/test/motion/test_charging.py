@@ -26,7 +26,7 @@ def by_hand(machine, j, volume):
     rise = supply - m.supply_pressure
     share = (supply - m.tank_pressure) / (m.supply_pressure - m.tank_pressure)
     leakage = m.leakage_flow * np.sqrt(share)
-    waits = CHARGED_AHEAD * machine.config.servo.coordinated.preview
+    waits = CHARGED_AHEAD * machine.servo_preview
     compressed = volume * rise / oil.bulk_modulus  # m³ that the line takes, at half the rise
     return (compressed * rise / 2 + leakage * rise * waits) / m.servo_pump_efficiency
 

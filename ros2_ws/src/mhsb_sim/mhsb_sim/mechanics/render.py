@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from mhsb_model.machine import Machine, load_machine
+from mhsb_control import load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.mechanics.linkage_shapes import Bar, compute_linkage_bars
 

@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.circuit.elements import advance_first_order_lag
-from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, ModuleState
+from mhsb_control.assumed_valves import update_assumed_valves
+from mhsb_control.controller import ActuatorReadings
+from mhsb_model.circuit.components import Components
+from mhsb_model.circuit.quantities import ActuatorState, ModuleState
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.records import Records
@@ -21,29 +23,20 @@ from mhsb_sim.circuit.network import Circuit, advance
 from mhsb_sim.simulation.sensors import SensorChannel
 
 
-class ServoCircuit(NamedTuple):
-    """The circuit as the servo knows it: its commands, and valve positions computed from them."""
-
-    actuators: Records[ActuatorState]  # [n]
-    modules: Records[ModuleState]  # [m]
-    constants: Records[CircuitConstants]  # [1]; a substep is a step of the servo
-    module_home: IntArray  # [m] actuator whose line the module feeds, −1 for a spare
-
-
 class SensedPlant(NamedTuple):
     """True state of the plant that the sensors measure."""
 
     pistons: FloatArray  # [4, n] piston motion, see `move_pistons`
     pressure: FloatArray  # [3 n + 3] Pa, pressures of the nodes
-    modules: Records  # MODULE_DTYPE[m]
+    modules: Records[ModuleState]  # [m]
 
 
 class SensorReadings(NamedTuple):
     """Readings that the sensors give to the servo."""
 
-    actuators: Records  # SENSOR_DTYPE[n], length [m] and three pressures [Pa]
+    actuators: Records[ActuatorReadings]  # [n], length [m] and three pressures [Pa]
     rail_pressure: FloatArray  # [1] Pa
-    modules: Records  # MODULE_DTYPE[m], the servo's records; `flow` [m³/s] is the reading
+    modules: Records[ModuleState]  # [m], the servo's records; `flow` [m³/s] is the reading
 
 
 class CommandQueue(NamedTuple):
@@ -223,7 +216,7 @@ def apply_forces(
 
 
 @kernel(borrows=True)
-def send_commands(servo_circuit: ServoCircuit, circuit: Circuit, queue: CommandQueue) -> None:
+def send_commands(servo_circuit: Components, circuit: Circuit, queue: CommandQueue) -> None:
     """Pass the servo's commands to the circuit, with a delay of len(queue.rows) − 1 servo steps.
 
     A row of the queue holds n valve commands, n commands of join valves, m flows of servo pumps
@@ -254,30 +247,8 @@ def send_commands(servo_circuit: ServoCircuit, circuit: Circuit, queue: CommandQ
 
 
 @kernel(borrows=True)
-def update_assumed_valves(servo_circuit: ServoCircuit) -> None:
-    """Advance the assumed positions of join valves and diverters by one servo step.
-
-    The servo knows the positions from its commands alone. Join valves connect lines to the rail;
-    diverters lead a module's flow to the rail. Both follow their commands as first-order lags.
-    Diverters of modules without an actuator do not move.
-
-    Args:
-        servo_circuit: The circuit as the servo knows it. Writes `join` of the actuators and
-            `to_rail` of the modules in place, both from 0 (closed) to 1.
-    """
-    decay = servo_circuit.constants[0].switching_decay
-    for j in range(len(servo_circuit.actuators)):
-        actuator = servo_circuit.actuators[j]
-        actuator.join = advance_first_order_lag(actuator.join, actuator.join_command, decay)
-    for k in range(len(servo_circuit.modules)):
-        module = servo_circuit.modules[k]
-        if servo_circuit.module_home[k] >= 0:
-            module.to_rail = advance_first_order_lag(module.to_rail, module.lend, decay)
-
-
-@kernel(borrows=True)
 def advance_to_midstep(
-    servo_circuit: ServoCircuit,
+    servo_circuit: Components,
     queue: CommandQueue,
     circuit: Circuit,
     pistons: FloatArray,

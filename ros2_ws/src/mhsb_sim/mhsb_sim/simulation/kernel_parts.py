@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import REGISTERED_CONTROLLERS, load_machine
 from mhsb_model.kernels.pool import compile_ahead
-from mhsb_model.machine import load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_sim.mechanics.linkage_shapes import compute_linkage_bars

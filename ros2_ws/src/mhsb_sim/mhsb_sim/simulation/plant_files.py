@@ -10,9 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mhsb_control import load_machine
 from mhsb_model.errors import MachineFileError, MhsbError
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.schema import MachineConfig
 from mhsb_sim.errors import PlantError
 

@@ -21,10 +21,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mhsb_control import get_controller_class
-from mhsb_control.controller import REFERENCE_POINTS, ActuatorReadings, ServoSignals
-from mhsb_control.mode_guard import ModeGuard
-from mhsb_control.reference import ReferencePreview
+from mhsb_control.controller import ServoSignals
+from mhsb_control.servo_loop import ServoLoop
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.braking import brake_along
 from mhsb_model.circuit.components import describe_components
@@ -32,15 +30,7 @@ from mhsb_model.holding import choose_stop_modes, holding_modes
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import (
-    RAIL_MODES,
-    Mode,
-    assign_modules,
-    modules_in_use,
-    pattern_name,
-    stronger,
-)
-from mhsb_model.records import create_records
+from mhsb_model.modes import modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.circuit.audit import energy_gap
@@ -55,7 +45,6 @@ from mhsb_sim.simulation.exchange import (
     JointDrive,
     SensedPlant,
     SensorReadings,
-    ServoCircuit,
     advance_to_midstep,
     advance_to_step_end,
     apply_forces,
@@ -87,7 +76,6 @@ class Simulator:
         machine: Machine that servo, supervision and plan receiver assume.
         plant: Machine that is simulated.
         guard: Mode guard, which boosts and slows down beyond the plan; a new one after a reset.
-        lost_modules: Indices of booster modules that are not used.
     """
 
     _control: Callable[[], None]
@@ -116,6 +104,7 @@ class Simulator:
 
         Raises:
             UnknownControllerError: No controller has this name.
+            MachineFileError: The controller's gains in the machine's file are wrong.
             PlantError: Machine and plant have different numbers of joints or modules.
             HoldingError: The arm cannot be held in the start posture.
         """
@@ -124,7 +113,7 @@ class Simulator:
         self.machine = machine
         self.plant = plant or machine
         check_plant(machine, self.plant)
-        self._make_controller = get_controller_class(controller)
+        self._controller_name = controller
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
@@ -164,7 +153,6 @@ class Simulator:
         self._servo_circuit = describe_components(self.machine, self.machine.config.simulation.step)
         self._servo_circuit.actuators["join"] = self._circuit.actuators["join"]
         self._healthy = self._circuit.constants.copy()
-        self.lost_modules: tuple[int, ...] = ()
         self._reset_mechanics(q)
         self._reset_noise()
         self._reset_servo(q, modes)
@@ -186,16 +174,13 @@ class Simulator:
         self._pistons = np.empty((4, n))
         joints = linkage, position, velocity, np.full(1, 0.5 * self._model.opt.timestep)
         servo, circuit = self._servo_circuit, self._circuit
-        servo_circuit = ServoCircuit(
-            servo.actuators, servo.modules, servo.constants, servo.module_home
-        )
         late = round(self.plant.config.imperfections.computing_delay * SECOND_NS / self._step_ns)
         rows = np.zeros((1 + late, 2 * (n + len(circuit.modules))))
         rows[:, n : 2 * n] = servo.actuators["join"]
         queue = CommandQueue(rows, np.zeros(1, dtype=np.int64))
         drive = JointDrive(position, velocity, control)
         self._push = bind_kernel(
-            advance_to_midstep, servo_circuit, queue, circuit, self._pistons, drive, integer_count=2
+            advance_to_midstep, servo, queue, circuit, self._pistons, drive, integer_count=2
         )
         self._follow_pistons = bind_kernel(
             advance_to_step_end, circuit, *joints, self._pistons, integer_count=1
@@ -212,23 +197,14 @@ class Simulator:
         self._noise = np.zeros((NOISE_ROWS, len(self._channels)))
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
-        """Build the servo's signals, controller, reference and mode guard, and hold a posture.
+        """Build the sensors' kernel and the servo, and hold a posture.
 
         Args:
             q: Joint positions to be held, float64[n], [rad or m].
             modes: Modes in which it is held, uint8[n].
         """
-        n = self.machine.joint_count
         circuit, servo_circuit = self._circuit, self._servo_circuit
-        self._signals = ServoSignals(
-            reference=np.zeros((REFERENCE_POINTS, 3, n)),
-            sensors=create_records(ActuatorReadings, n),
-            rail_pressure=np.zeros(1),
-            modes=modes.copy(),
-            modes_ahead=modes.copy(),
-            serves=np.full(len(circuit.modules), -1, dtype=np.int64),
-            circuit=servo_circuit,
-        )
+        self._signals = ServoSignals.at_rest(servo_circuit, modes)
         self._measure = bind_kernel(
             read_sensors,
             self._noise,
@@ -241,11 +217,9 @@ class Simulator:
             integer_count=1,
         )
         self._measure(0)
+        self._servo = ServoLoop(self._controller_name, self.machine, self._signals)
+        self._reference, self.guard = self._servo.reference, self._servo.guard
         self._open_valves()
-        self._reference = ReferencePreview(self._signals.reference, self._controller.preview)
-        usual_error = self._controller.usual_error
-        self.guard = ModeGuard(self.machine, self._signals, self._reference, usual_error)
-        self._watch = self.guard.watch
         self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=TRAJECTORY_CAPACITY)
         self._hold(q, modes)
 
@@ -313,7 +287,12 @@ class Simulator:
     @property
     def modes(self) -> ModeArray:
         """Modes in force, uint8[n]."""
-        return self._in_force.copy()
+        return self._servo.modes.copy()
+
+    @property
+    def lost_modules(self) -> tuple[int, ...]:
+        """Indices of booster modules that are not used."""
+        return self._servo.lost_modules
 
     @property
     def plan_stamp_ns(self) -> int:
@@ -364,7 +343,7 @@ class Simulator:
         reference[:] = self._signals.reference[0]
         position[:] = self._pistons[ANGLE_ROW]
         pressure[:] = self._circuit.pressure
-        modes[:] = self._in_force
+        modes[:] = self._servo.modes
 
     @property
     def spools(self) -> FloatArray:
@@ -389,7 +368,7 @@ class Simulator:
     @property
     def estimates(self) -> list[Estimate]:
         """Estimates of the servo since its valves last opened."""
-        return self._controller.estimates
+        return self._servo.controller.estimates
 
     @property
     def energies(self) -> dict[str, float]:
@@ -431,6 +410,7 @@ class Simulator:
         """
         self._check_budget(schedule.modes)
         if self.valves_closed:
+            self._servo.restart()
             self._open_valves()
         self._follow(trajectory, schedule, planned=True)
 
@@ -459,7 +439,7 @@ class Simulator:
         modules["flow_command"] = modules["lend"] = 0.0
         self._circuit.actuators["isolating_command"] = 1.0  # hard-wired, without the servo's delay
         self.guard.reset()
-        self._prepare_modes()
+        self._servo.prepare_modes()
         self._control = _keep_commands
 
     @property
@@ -528,8 +508,8 @@ class Simulator:
         Args:
             lost: Indices of these modules, from 0; they replace those given before.
         """
-        self.lost_modules = tuple(sorted(lost))
-        self._prepare_modes()
+        self._servo.lost_modules = tuple(sorted(lost))
+        self._servo.prepare_modes()
 
     def advance(self, duration: float) -> None:
         """Run for a duration, rounded to whole steps.
@@ -561,7 +541,7 @@ class Simulator:
             self._follow_pistons(self._last_substeps)
         self._steps += 1
         self._time_ns += self._step_ns
-        self._update_reference()
+        self._servo.update_reference(self._time_ns)
 
     def step_hydraulics(self) -> None:
         """Run sensors, servo and circuit for one step while the arm does not move.
@@ -573,27 +553,23 @@ class Simulator:
         self._follow_pistons(self._last_substeps)
 
     def _control_valves(self) -> None:
-        """Read the sensors, let the mode guard react, and run the servo.
+        """Read the sensors and run the servo.
 
-        Noise is drawn for NOISE_ROWS steps at once. If the guard's requests have changed, the modes
-        are set anew. While the valves are closed (`valves_closed`), only the sensors are read: the
-        guard does not react, and the servo keeps its commands.
+        Noise is drawn for NOISE_ROWS steps at once. While the valves are closed (`valves_closed`),
+        only the sensors are read: the guard does not react, and the servo keeps its commands.
         """
         row = self._steps % NOISE_ROWS
         if row == 0:
             self._random.standard_normal(out=self._noise)
             self._noise *= self._noise_scale
         self._measure(row)
-        if not self.valves_closed and self._watch():
-            self._prepare_modes()
         self._control()
 
     def _open_valves(self) -> None:
-        """Start a new servo without memory, and restore the relief and isolating valves."""
+        """Let the servo act, and restore the relief and isolating valves."""
         self._circuit.actuators["relief"] = self.plant.chamber_reliefs
         self._circuit.actuators["isolating_command"] = 0.0
-        self._controller = self._make_controller(self.machine, self._signals)
-        self._control = self._controller.update
+        self._control = self._servo.step
 
     def _within_limits(self, q: FloatArray) -> FloatArray:
         return np.clip(q, self.machine.arrays.joint_min, self.machine.arrays.joint_max)
@@ -624,36 +600,7 @@ class Simulator:
                 `plan_stamp_ns` and a planned stop treat it as a plan being executed.
         """
         self._followed.append((self.plan_time_ns, trajectory))
-        self._reference.follow(trajectory, schedule, planned=planned)
-        self._update_reference()
-
-    def _update_reference(self) -> None:
-        if self._reference.update(self._time_ns):
-            self._prepare_modes()
-
-    def _prepare_modes(self) -> None:
-        """Set the modes in force and the prepared modes, and assign the booster modules.
-
-        The modes in force come from the schedule; the mode guard raises them if needed. The
-        prepared modes also contain the boost of the modes that come next, if enough modules are
-        free. An actuator does not join the shared rail early while another one is about to leave
-        it, since the rail's pressure would reach that one. The own pump of the joining actuator
-        charges its line until then (mode DB).
-        """
-        modules, lost = self.machine.config.hydraulics.modules, self.lost_modules
-        planned, planned_ahead = self._reference.modes, self._reference.modes_ahead
-        count = modules.count - len(lost)
-        now, ahead = (self.guard.select_modes(each, count) for each in (planned, planned_ahead))
-        self.guard.record_modes(planned, stronger(planned, planned_ahead), now)
-        self._in_force = now
-        prepared = stronger(now, ahead)
-        if np.any(RAIL_MODES[now] & ~RAIL_MODES[ahead]):
-            prepared[~RAIL_MODES[now] & RAIL_MODES[ahead]] = Mode.DB
-        if modules_in_use(prepared, modules.per_mode) > count:
-            prepared = now
-        self._signals.modes[:] = prepared
-        self._signals.modes_ahead[:] = ahead
-        self._signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode, lost)
+        self._servo.follow(self._time_ns, trajectory, schedule, planned=planned)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
         """Return the modes in which the arm comes to rest in a posture.

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from mhsb_control import read_gains
 from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -15,7 +16,7 @@ SLOW = np.array([-1.1, -0.3, 0.6])  # stretched out low, where J1's moment arm i
 def test_the_loop_is_stable_in_every_posture_with_any_of_the_payloads(
     machine: Machine, controller: str, payload: float
 ) -> None:
-    gains = getattr(machine.config.servo, controller)
+    gains = read_gains(machine, controller)
     assert compute_slowest_decay(machine, gains, payload) > SLOWEST_DECAY
 
 
@@ -24,7 +25,7 @@ def test_the_loop_is_stable_in_every_posture_with_any_of_the_payloads(
 def test_it_is_stable_as_well_where_the_servo_knows_of_the_payload(
     machine: Machine, controller: str, payload: float
 ) -> None:
-    gains = getattr(machine.config.servo, controller)
+    gains = read_gains(machine, controller)
     loaded = machine.changed(payload=payload)
     assert compute_slowest_decay(loaded, gains, payload) > SLOWEST_DECAY
 

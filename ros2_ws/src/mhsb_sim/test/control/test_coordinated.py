@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from mhsb_control import read_gains
 from mhsb_control.cascade import INTEGRAL_LIMIT_RATIO, MAX_POSITION_GAIN_RATIO
 from mhsb_control.coordinated import CoordinatedController, limit_gains_by_delay
 from mhsb_model.hydraulics import required_pressure
@@ -75,7 +76,7 @@ def test_a_piston_in_boost_is_told_no_speed_that_its_pump_cannot_keep_up_with(
     """An arm that is far behind its reference asks for more than the pump delivers."""
     m = machine.arrays
     signals = Simulator(machine)._signals
-    controller = CoordinatedController(machine, signals)
+    controller = CoordinatedController(machine, signals, read_gains(machine, "coordinated"))
     axes = controller._control.args[0].axes
     signals.modes[:] = [1, 0, 0]
     signals.serves[:] = [0, -1, -1, -1]
@@ -99,7 +100,7 @@ def test_the_integral_of_an_axis_goes_up_to_its_share_of_the_actuators_own_v_max
 ) -> None:
     slower = machine.with_values({"joints.1.actuator.max_piston_speed": 0.006})
     signals = Simulator(slower)._signals
-    controller = CoordinatedController(slower, signals)
+    controller = CoordinatedController(slower, signals, read_gains(slower, "coordinated"))
     axes = controller._control.args[0].axes
     axes["integral_gain"] = 1e4
     controller.update()
@@ -117,7 +118,8 @@ def test_a_force_loop_that_is_late_keeps_a_phase_margin_of_38_degrees(
     machine: Machine, late: int, softness: float
 ) -> None:
     """Of ω_F/(c s) with the spool's lag, a step and the delay as dead time, at its crossing."""
-    controller = CoordinatedController(machine, Simulator(machine)._signals)
+    signals, gains = Simulator(machine)._signals, read_gains(machine, "coordinated")
+    controller = CoordinatedController(machine, signals, gains)
     servo, _, pumps = controller._control.args
     pumps.drives.record["delay"], pumps.lines.estimate[0] = late, softness
     usual = servo.axes["force_bandwidth"].copy()

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from mhsb_control import read_gains
 from mhsb_control.cascade import build_servo_arguments
 from mhsb_control.line_estimate import (
     COMPRESSIBILITY_DEVIATION,
@@ -31,7 +32,7 @@ def weigh(
     """Lines after a second in which one line is fed alone, its pressure going up and down."""
     signals = Simulator(machine)._signals
     lines = build_line_estimates(machine.joint_count)
-    servo = build_servo_arguments(machine, signals, machine.config.servo.coordinated)
+    servo = build_servo_arguments(machine, signals, read_gains(machine, "coordinated"))
     constants, cylinder = servo.constants[0], servo.cylinders[0]
     servo.modules["flow"] = servo.modules["to_rail"] = 0.0
     servo.axes["cap_stiffness"] = servo.axes["rod_stiffness"] = np.inf
@@ -77,7 +78,7 @@ def test_a_line_that_stays_at_the_manifold_leaks_at_least_what_its_pump_delivers
 ) -> None:
     signals = Simulator(machine)._signals
     lines = build_line_estimates(machine.joint_count)
-    servo = build_servo_arguments(machine, signals, machine.config.servo.coordinated)
+    servo = build_servo_arguments(machine, signals, read_gains(machine, "coordinated"))
     servo.modules["flow"] = servo.modules["to_rail"] = 0.0
     servo.actuators["join"] = 0.0
     servo.axes["speed"] = 0.0

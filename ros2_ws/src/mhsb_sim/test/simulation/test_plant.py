@@ -75,7 +75,7 @@ def test_the_controller_sees_nothing_of_the_plant_but_its_sensors(
         second.rail_pressure[:] = first.rail_pressure
         second.circuit.modules["flow"] = first.circuit.modules["flow"]
         for simulator in simulators:
-            simulator._controller.update()
+            simulator._servo.controller.update()
         for name in ("valve_command", "join_command"):
             np.testing.assert_array_equal(
                 first.circuit.actuators[name], second.circuit.actuators[name]

@@ -11,11 +11,12 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, NumberRange, OptionalFile, UsageError
 from mhsb_model.files.output_folders import make_parent_folder
 from mhsb_model.goal import format_position
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.cases.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner

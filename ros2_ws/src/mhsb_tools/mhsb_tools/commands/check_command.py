@@ -11,10 +11,11 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from mhsb_control import load_machine
 from mhsb_model import command_line, hydraulics
 from mhsb_model.command_line import JsonFlag
 from mhsb_model.linkages import linkage
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 

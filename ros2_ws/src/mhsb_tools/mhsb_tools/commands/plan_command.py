@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_parent_folder
 from mhsb_model.goal import format_position
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, Position

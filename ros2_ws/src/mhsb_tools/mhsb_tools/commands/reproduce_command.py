@@ -11,10 +11,10 @@ from typing import Annotated, Any
 import tyro
 from tqdm import tqdm
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JobCount, JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
-from mhsb_model.machine import load_machine
 from mhsb_planner.errors import RequestError
 from mhsb_planner.result_files import write_json, write_rows
 from mhsb_planner.work_arguments import Scheduler, parse_jobs

@@ -15,12 +15,12 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from mhsb_control import get_controller_class
+from mhsb_control import get_controller_class, load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile, Seed
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.goal import format_position
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, energy_of_states

@@ -12,10 +12,11 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, NumberRange, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.cases.moves import case_moves, random_moves
 from mhsb_planner.errors import RequestError

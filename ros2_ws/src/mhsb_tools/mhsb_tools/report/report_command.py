@@ -10,10 +10,11 @@ from typing import Annotated, Any
 
 import tyro
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_tools.moves.operating_regions import operating_regions
 from mhsb_tools.recording.bag_reader import read_recording

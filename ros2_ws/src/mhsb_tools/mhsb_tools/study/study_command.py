@@ -17,11 +17,11 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
-from mhsb_control import REGISTERED_CONTROLLERS, get_controller_class
+from mhsb_control import REGISTERED_CONTROLLERS, get_controller_class, load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, NumberRange, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
-from mhsb_model.machine import Machine, load_machine
+from mhsb_model.machine import Machine
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json

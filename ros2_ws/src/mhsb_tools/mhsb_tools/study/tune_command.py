@@ -10,10 +10,11 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, OptionalFile, Seed
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
+from mhsb_model.machine import MACHINE_FILE, Machine
 from mhsb_planner.work_arguments import WorkArguments
 from mhsb_tools.study.scenarios import load_scenarios
 from mhsb_tools.study.servo_study import plan_scenario
@@ -21,6 +22,7 @@ from mhsb_tools.study.tuning import (
     GAIN_RANGES,
     Training,
     Trial,
+    check_gain_sections,
     draws_of,
     present_gains,
     tune,
@@ -80,6 +82,8 @@ def tune_servo(
     workers = work.connect()
     file = machine or find_config_file(MACHINE_FILE)
     arm = load_machine(file)
+    if not dry_run:
+        check_gain_sections(file)
     plans = _build_training(arm, training)
     best: dict[str, Trial] = {}
     for controller in GAIN_RANGES:

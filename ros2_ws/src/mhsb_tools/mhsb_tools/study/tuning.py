@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mhsb_control import REGISTERED_CONTROLLERS, read_gains
 from mhsb_control.natural_frequency import find_lowest_joint_frequencies
 from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
 from mhsb_model.errors import MhsbError
@@ -40,33 +41,11 @@ from mhsb_tools.study.variations import Variations
 
 Gains = dict[str, float]
 
-CASCADE_RANGES = {
-    "position_gain": (0.2, 2.0),
-    "integral_gain": (1e-3, 0.1),
-    "force_bandwidth": (0.02, 0.5),
-    "force_damping": (0.5, 4.0),
-}
-"""Search ranges of the gains that both controllers have."""
-
 GAIN_RANGES: dict[str, dict[str, tuple[float, float]]] = {
-    "coordinated": {
-        **CASCADE_RANGES,
-        "pressure_gain": (0.3, 4.0),
-        "pump_response": (0.2, 3.0),
-        "preview": (0.06, 0.2),
-        "allowed_rise": (1e4, 1e6),
-    },
-    "independent": {
-        **CASCADE_RANGES,
-        "nominal_valve_drop": (0.03, 1.0),
-        "pressure_gain": (10.0, 1000.0),
-        "pressure_integral_gain": (10.0, 20000.0),
-        "supply_margin": (1e4, 5e5),
-    },
+    name: getattr(controller.gains_section, "search_ranges", {})
+    for name, controller in REGISTERED_CONTROLLERS.items()
 }
-"""Search range of each gain by controller, in the units of the machine file. An integral gain of 0
-would be off.
-"""
+"""Search range of each gain by controller, in the units of the machine file."""
 
 COST_QUANTILE = 0.9
 """Quantile of the draws' costs that counts."""
@@ -248,7 +227,7 @@ def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Ga
     Returns:
         True if the slowest decay is fast enough for all payloads.
     """
-    own = getattr(with_gains(machine, controller, gains).config.servo, controller)
+    own = read_gains(with_gains(machine, controller, gains), controller)
     least = SLOWEST_DECAY * float(find_lowest_joint_frequencies(machine).min())
     return all(compute_slowest_decay(machine, own, payload) > least for payload in payloads)
 
@@ -263,16 +242,17 @@ def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:
 
     Returns:
         The changed machine.
+
+    Raises:
+        MachineFileError: A gain is out of its range, and the machine was loaded with a check of its
+            gains; otherwise `read_gains` raises it.
     """
-    servo = machine.config.servo
-    own = getattr(servo, controller).model_copy(update=gains)
-    changed = servo.model_copy(update={controller: own})
-    return Machine.from_config(machine.config.model_copy(update={"servo": changed}))
+    return machine.with_values({f"servo.{controller}.{name}": gains[name] for name in gains})
 
 
 def present_gains(machine: Machine, controller: str) -> Gains:
     """Return the machine file's values of the gains that are searched, by name."""
-    own = getattr(machine.config.servo, controller)
+    own = read_gains(machine, controller)
     return {name: getattr(own, name) for name in GAIN_RANGES[controller]}
 
 
@@ -375,6 +355,20 @@ def _parallel_evaluator(
         yield costs_of
 
 
+def check_gain_sections(file: Path) -> None:
+    """Check that a machine file has a section for each controller that is tuned.
+
+    Args:
+        file: The machine file.
+
+    Raises:
+        TuningError: A section is missing. `write_gains` could not write into it.
+    """
+    text = file.read_text(encoding="utf-8")
+    for controller in GAIN_RANGES:
+        _split_section(text, controller)
+
+
 def write_gains(file: Path, controller: str, gains: Gains) -> None:
     """Write gains into the servo section of a machine file and leave all else as it is.
 
@@ -416,7 +410,10 @@ def _split_section(text: str, controller: str) -> tuple[str, str, str]:
     servo, own = r"^servo:\n(?:[ #].*\n|\n)*?", rf"  {controller}:.*\n(?P<own>(?:    .*\n)+)"
     found = re.search(servo + own, text, re.MULTILINE)
     if found is None:
-        raise TuningError(f"the machine file has no section servo.{controller}")
+        raise TuningError(
+            f"the machine file has no section servo.{controller} to write gains into; add one, "
+            "with a gain of any value"
+        )
     begin, end = found.span("own")
     return text[:begin], text[begin:end], text[end:]
 

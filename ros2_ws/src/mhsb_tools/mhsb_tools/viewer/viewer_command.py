@@ -8,9 +8,9 @@ from typing import Annotated
 
 import tyro
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange, OptionalFile
-from mhsb_model.machine import load_machine
 from mhsb_tools.recording.bag_reader import read_recording
 
 DEFAULT_PORT = 8080

@@ -22,6 +22,7 @@ from mhsb_tools.study.tuning import (
     Training,
     Trial,
     TuningDraw,
+    check_gain_sections,
     compute_draw_cost,
     compute_scenario_cost,
     draws_of,
@@ -124,6 +125,8 @@ def test_a_file_without_the_gain_gets_a_line_and_without_the_section_is_an_error
     }
     with pytest.raises(TuningError, match=r"no section servo\.independent"):
         write_gains(file, "independent", {})
+    with pytest.raises(TuningError, match=r"no section servo\.independent"):
+        check_gain_sections(file)
 
 
 @pytest.fixture(scope="module")

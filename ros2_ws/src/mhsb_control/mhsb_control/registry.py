@@ -1,0 +1,142 @@
+"""Registered controllers, and the schema of a machine file with the sections of their gains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, ValidationError, create_model
+
+from mhsb_control.controller import Controller, ServoSignals
+from mhsb_control.coordinated import CoordinatedController
+from mhsb_control.errors import UnknownControllerError
+from mhsb_control.independent import IndependentController
+from mhsb_model import machine as machines
+from mhsb_model.errors import MachineFileError
+from mhsb_model.files.schema_problems import describe_validation_errors
+from mhsb_model.machine import Machine
+from mhsb_model.schema import MachineConfig, Servo
+
+REGISTERED_CONTROLLERS: dict[str, type[Controller]] = {
+    "coordinated": CoordinatedController,
+    "independent": IndependentController,
+}
+"""Controller class for each name that a user can select."""
+
+
+class _ServoWithoutOtherSections(Servo):
+    """Section `servo` that refuses keys and sections that are not declared."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+def build_schema(controllers: Mapping[str, type[Controller]]) -> type[MachineConfig]:
+    """Build the schema of a machine file with an optional section for each controller.
+
+    Args:
+        controllers: Controller classes by the names of their sections in `servo`.
+
+    Returns:
+        Subclass of `MachineConfig`. It can be pickled if this module has it by its name.
+    """
+    sections: dict[str, Any] = {
+        name: (controller.gains_section, controller.gains_section())
+        for name, controller in controllers.items()
+    }
+    servo = create_model(
+        "ServoWithGains",
+        __base__=_ServoWithoutOtherSections,
+        __doc__=Servo.__doc__,
+        __module__=__name__,
+        **sections,
+    )
+    return create_model(
+        "MachineConfigWithGains",
+        __base__=MachineConfig,
+        __doc__=MachineConfig.__doc__,
+        __module__=__name__,
+        servo=(servo, ...),
+    )
+
+
+MachineConfigWithGains = build_schema(REGISTERED_CONTROLLERS)
+"""Schema of a machine file with the gains of all registered controllers."""
+
+ServoWithGains = MachineConfigWithGains.model_fields["servo"].annotation
+"""Schema of its section `servo`, by which machines are pickled."""
+
+
+def get_controller_class(name: str) -> type[Controller]:
+    """Return the controller class that is registered under a name.
+
+    Args:
+        name: Key of `REGISTERED_CONTROLLERS`, for instance "coordinated".
+
+    Returns:
+        The class, not an instance.
+
+    Raises:
+        UnknownControllerError: No controller has this name. The error lists the valid names.
+    """
+    try:
+        return REGISTERED_CONTROLLERS[name]
+    except KeyError:
+        raise UnknownControllerError(name, REGISTERED_CONTROLLERS) from None
+
+
+def load_machine(path: str | Path | None = None) -> Machine:
+    """Load a machine from a YAML file and check the gains of all registered controllers as well.
+
+    Args:
+        path: The machine file; None or an empty text loads the suite's own arm.
+
+    Returns:
+        The machine. Copies of it with other values are checked in the same way.
+
+    Raises:
+        MachineFileError: The file cannot be read or breaks rules; see `mhsb_model.load_machine`.
+    """
+    return machines.load_machine(path, MachineConfigWithGains)
+
+
+def read_gains(machine: Machine, name: str) -> Any:
+    """Return the gains of a controller from the machine's file.
+
+    Args:
+        machine: The machine, loaded with or without a check of its gains.
+        name: Name of a registered controller, which is also that of its section in `servo`.
+
+    Returns:
+        Instance of the controller's `gains_section`. Keys that the file leaves out have their
+        defaults.
+
+    Raises:
+        UnknownControllerError: No controller has this name.
+        MachineFileError: The section has a wrong value or an unknown key.
+    """
+    schema = get_controller_class(name).gains_section
+    content = machine.config.servo.model_dump(include={name}).get(name, {})
+    try:
+        return schema.model_validate(content)
+    except ValidationError as error:
+        problems = describe_validation_errors(error, schema, f"servo.{name}")
+        raise MachineFileError(machine.name, problems) from error
+
+
+def make_controller(name: str, machine: Machine, signals: ServoSignals) -> Controller:
+    """Make a controller without memory, with the gains of the machine's file.
+
+    Args:
+        name: Name of a registered controller.
+        machine: The machine as its file describes it.
+        signals: Arrays that the controller reads and writes in each step, with present readings.
+
+    Returns:
+        The controller.
+
+    Raises:
+        UnknownControllerError: No controller has this name.
+        MachineFileError: The gains in the machine's file are wrong.
+    """
+    return get_controller_class(name)(machine, signals, read_gains(machine, name))

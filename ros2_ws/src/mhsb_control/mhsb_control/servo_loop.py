@@ -1,0 +1,134 @@
+"""The servo of an arm: a controller with its reference, its mode guard and its booster modules.
+
+It knows neither simulator nor ROS. The caller writes sensor readings into the signals and takes the
+commands from them.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from mhsb_control.assumed_valves import update_assumed_valves
+from mhsb_control.controller import Controller, ServoSignals
+from mhsb_control.mode_guard import ModeGuard
+from mhsb_control.reference import ReferencePreview
+from mhsb_control.registry import make_controller
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import RAIL_MODES, Mode, assign_modules, modules_in_use, stronger
+from mhsb_model.trajectory import Trajectory
+from mhsb_model.types import ModeArray
+
+
+class ServoLoop:
+    """Servo of an arm that follows trajectories with their mode schedules.
+
+    Attributes:
+        signals: Arrays that the servo reads and writes in each step.
+        controller: The controller; a new one after `restart`.
+        reference: The reference that is followed.
+        guard: Mode guard, which boosts and slows down beyond the plan.
+        modes: Modes in force, uint8[n]; available after `follow`.
+        lost_modules: Indices of booster modules that are not used.
+    """
+
+    controller: Controller
+    modes: ModeArray
+
+    def __init__(self, controller: str, machine: Machine, signals: ServoSignals) -> None:
+        """Make the controller, the reference and the mode guard; call `follow` before `step`.
+
+        Args:
+            controller: Name of a registered controller.
+            machine: The machine as its file describes it.
+            signals: Signals with the present sensor readings.
+
+        Raises:
+            UnknownControllerError: No controller has this name.
+            MachineFileError: The controller's gains in the machine's file are wrong.
+        """
+        self.signals = signals
+        self.lost_modules: tuple[int, ...] = ()
+        self._modules = machine.config.hydraulics.modules
+        self._make_controller = partial(make_controller, controller, machine, signals)
+        self.restart()
+        self.reference = ReferencePreview(signals.reference, self.controller.preview)
+        self.guard = ModeGuard(machine, signals, self.reference, self.controller.usual_error)
+        self._watch = self.guard.watch
+
+    def restart(self) -> None:
+        """Replace the controller by a new one without memory."""
+        self.controller = self._make_controller()
+        self._control = self.controller.update
+
+    def follow(
+        self, time_ns: int, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool = True
+    ) -> None:
+        """Follow a trajectory from now on; reference and modes are updated at once.
+
+        Whether the trajectory continues the present reference is not checked.
+
+        Args:
+            time_ns: Present time of the servo [ns].
+            trajectory: The trajectory.
+            schedule: Its mode schedule.
+            planned: Whether it belongs to a plan, not to a stop or a hold.
+        """
+        self.reference.follow(trajectory, schedule, planned=planned)
+        self.update_reference(time_ns)
+
+    def update_reference(self, time_ns: int) -> None:
+        """Evaluate the reference at a time, and prepare the modes if they have changed.
+
+        Args:
+            time_ns: Time of the servo [ns].
+        """
+        if self.reference.update(time_ns):
+            self.prepare_modes()
+
+    def step(self) -> None:
+        """Let the mode guard react, and write the commands for the present sensor readings.
+
+        If the guard's requests have changed, the modes are set anew.
+        """
+        if self._watch():
+            self.prepare_modes()
+        self._control()
+
+    def run_period(self, time_ns: int) -> None:
+        """Run a control period of a machine whose join valves and diverters are not measured.
+
+        Their positions are advanced by one period, as the commands just written will move them.
+
+        Args:
+            time_ns: Time of the sensor readings [ns].
+        """
+        self.update_reference(time_ns)
+        self.step()
+        update_assumed_valves(self.signals.circuit)
+
+    def prepare_modes(self) -> None:
+        """Set the modes in force and the prepared modes, and assign the booster modules.
+
+        The modes in force come from the schedule; the mode guard raises them if needed. The
+        prepared modes also contain the boost of the modes that come next, if enough modules are
+        free. An actuator does not join the shared rail early while another one is about to leave
+        it, since the rail's pressure would reach that one. The own pump of the joining actuator
+        charges its line until then (mode DB).
+        """
+        modules, lost, signals = self._modules, self.lost_modules, self.signals
+        planned, planned_ahead = self.reference.modes, self.reference.modes_ahead
+        count = modules.count - len(lost)
+        now, ahead = (self.guard.select_modes(each, count) for each in (planned, planned_ahead))
+        self.guard.record_modes(planned, stronger(planned, planned_ahead), now)
+        self.modes = now
+        prepared = stronger(now, ahead)
+        if np.any(RAIL_MODES[now] & ~RAIL_MODES[ahead]):
+            prepared[~RAIL_MODES[now] & RAIL_MODES[ahead]] = Mode.DB
+        if modules_in_use(prepared, modules.per_mode) > count:
+            prepared = now
+        signals.modes[:] = prepared
+        signals.modes_ahead[:] = ahead
+        signals.serves[:] = assign_modules(prepared, modules.count, modules.per_mode, lost)
