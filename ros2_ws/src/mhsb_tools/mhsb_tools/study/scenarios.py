@@ -6,6 +6,7 @@ A machine may have its own file beside it, study_scenarios_NAME.yaml.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -179,20 +180,20 @@ def scenarios_of(config: StudyConfig) -> list[Scenario]:
         The scenarios in the file's order; payload varies fastest.
     """
     scenarios = []
-    for sequence_name, sequence in config.sequences.items():
-        for lag in config.pump_lags:
-            for payload in config.payloads:
-                name = f"{sequence_name}-{1e3 * lag:g}ms-{payload:g}kg"
-                scenarios.append(
-                    Scenario(
-                        name=name,
-                        goals=sequence.goals,
-                        interval=sequence.interval,
-                        tail=config.tail,
-                        weights=Weights(*sequence.weights),
-                        pump_lag=lag,
-                        payload=payload,
-                        held_out=name not in config.training,
-                    )
-                )
+    for (name, sequence), lag, payload in product(
+        config.sequences.items(), config.pump_lags, config.payloads
+    ):
+        full_name = f"{name}-{1e3 * lag:g}ms-{payload:g}kg"
+        scenarios.append(
+            Scenario(
+                name=full_name,
+                goals=sequence.goals,
+                interval=sequence.interval,
+                tail=config.tail,
+                weights=Weights(*sequence.weights),
+                pump_lag=lag,
+                payload=payload,
+                held_out=full_name not in config.training,
+            )
+        )
     return scenarios
