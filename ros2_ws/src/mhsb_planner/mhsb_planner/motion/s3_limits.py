@@ -597,7 +597,7 @@ def _find_unproven_intervals(
     Returns:
         Indices of the intervals in ascending order.
     """
-    beyond = _joint_bound(m, time, points)
+    beyond = _joint_bound(m, time, points.position, points.velocity, points.acceleration)
     rows, count = np.empty(len(beyond), dtype=np.int64), 0
     for k in range(len(beyond)):
         bounded = _bound_parabola(begin.outside[k], middle.outside[k], end.outside[k]) < 0.0
@@ -647,7 +647,13 @@ def _has_reserve(d: Demand, k: int) -> bool:
 
 
 @kernel
-def _joint_bound(m: MachineArrays, time: FloatArray, points: JointMotion) -> FloatArray:
+def _joint_bound(
+    m: MachineArrays,
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+) -> FloatArray:
     """Bound how far joints get beyond their limits within each interval of a trajectory.
 
     A quintic stays within the hull of its six control points. Three of them belong to each end:
@@ -656,13 +662,14 @@ def _joint_bound(m: MachineArrays, time: FloatArray, points: JointMotion) -> Flo
     Args:
         m: Arrays of the machine.
         time: Times of the points, shape (k,) [s].
-        points: Motion of the joints at the points.
+        position: Joint positions at the points, shape (k, n) [rad or m].
+        velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
 
     Returns:
         Upper bound on the excess of the worst joint beyond its limits, shape (k - 1,) [rad or m];
         negative if all joints stay within them.
     """
-    position, velocity, acceleration = points
     rows, n = position.shape
     bound = np.empty(rows - 1)
     for i in range(rows - 1):
