@@ -1,4 +1,4 @@
-"""Writes the pages that follow from the code: the nodes' parameters, and the machine file.
+"""Writes the pages that follow from the code: parameters, machine file, states of a goal.
 
     python docs/reference.py
 
@@ -19,6 +19,7 @@ from rclpy.node import Node
 from mhsb_control.registry import MachineConfigWithGains
 from mhsb_model import schema
 from mhsb_msgs_py import parameters
+from mhsb_planner.online.goal_states import GOAL_TRANSITIONS, GoalState, Transition
 from mhsb_planner.ros import planner_parameters
 from mhsb_sim.ros import sim_parameters
 
@@ -167,6 +168,48 @@ def _values(field: dict[str, Any]) -> str:
     return f"{kind} {', '.join(bounds)}".strip()
 
 
+# --- States of a goal ----------------------------------------------------------------------------
+
+
+def goal_states_page() -> str:
+    """Return the page with the states of a goal and what each event does in each of them."""
+    states = "\n".join(f"| {each.name.lower()} | {each.value} |" for each in GoalState)
+    places = [each for each in GoalState if each is not GoalState.ENDED]
+    rows = "\n".join(
+        f"| {event} | {' | '.join(_transition(effects.get(each)) for each in places)} |"
+        for event, effects in GOAL_TRANSITIONS.items()
+    )
+    header = f"| event | {' | '.join(each.name.lower() for each in places)} |"
+    return f"""# The states of a goal
+
+{GENERATED}
+A goal is in one of these states. If the arm executes a plan for it while a further plan for it is
+made, the state is *executing*. [contracts.md](contracts.md#the-life-of-a-goal) says it in full.
+
+| state | meaning |
+|---|---|
+{states}
+
+Each cell says which report the goal gets, the state that follows, and what else happens. Codes in
+capitals are verdicts, the others execution reports. An empty cell means that the goal keeps its
+state and gets no report. `mhsb_planner.online.goal_states` has the table; a test brings a goal into
+each state, lets each event happen, and compares.
+
+{header}
+|{"---|" * (len(places) + 1)}
+{rows}
+"""
+
+
+def _transition(transition: Transition | None) -> str:
+    """Return the text of a cell; empty for None."""
+    if transition is None:
+        return ""
+    report = f"`{transition.report}`" if transition.report else ""
+    state = f"→ {transition.next_state.name.lower()}"
+    return ", ".join(filter(None, (report, state, transition.action)))
+
+
 # --- Text ----------------------------------------------------------------------------------------
 
 
@@ -191,7 +234,11 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-PAGES = {"parameters.md": parameters_page, "machine_file.md": machine_file_page}
+PAGES = {
+    "parameters.md": parameters_page,
+    "machine_file.md": machine_file_page,
+    "goal_states.md": goal_states_page,
+}
 
 
 def main() -> None:

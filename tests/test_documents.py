@@ -80,7 +80,7 @@ def test_modules_that_pages_name_exist():
             assert exists(name) or name.endswith(".yaml"), f"{page.name}: {name}"
 
 
-@pytest.mark.parametrize("page", ["parameters.md", "machine_file.md"])
+@pytest.mark.parametrize("page", ["parameters.md", "machine_file.md", "goal_states.md"])
 def test_a_page_that_follows_from_the_code_is_what_the_code_says(page, ros_domain):
     written = script(DOCS / "reference.py").PAGES[page]()
     told = f"the page {page} is not what the code says; run: python docs/reference.py"

@@ -141,17 +141,16 @@ class GoalLifecycle:
 
     def get_state(self, pending_goal: PendingGoal) -> GoalState:
         """Return the state of a goal; the furthest one if further plans for it are made."""
-        sent, is_stopping = self._hand_over.unconfirmed, self._stop.is_under_way
-        executing = GoalState.STOPPING if is_stopping else GoalState.EXECUTING
-        sent_state = GoalState.REVOKED if sent and sent.is_void else GoalState.UNCONFIRMED
-        for holder, state in (
-            (self.execution, executing),
-            (None if sent is None else sent.request, sent_state),
-            (self._queue.request, GoalState.PLANNING),
-        ):
-            if holder is not None and holder.pending_goal is pending_goal:
-                return state
-        return GoalState.WAITING if self._queue.waiting is pending_goal else GoalState.ENDED
+        if pending_goal.has_ended:
+            return GoalState.ENDED
+        if self._is_being_executed(pending_goal):
+            return GoalState.STOPPING if self._stop.is_under_way else GoalState.EXECUTING
+        sent, request = self._hand_over.unconfirmed, self._queue.request
+        if request is not None and request.pending_goal is pending_goal:
+            return GoalState.PLANNING
+        if self._queue.waiting is pending_goal:
+            return GoalState.WAITING
+        return GoalState.REVOKED if sent is None or sent.is_void else GoalState.UNCONFIRMED
 
     # --- Goals -----------------------------------------------------------------------------------
 
