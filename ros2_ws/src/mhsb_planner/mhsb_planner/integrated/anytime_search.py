@@ -24,7 +24,12 @@ from mhsb_planner.integrated.lattice import (
     lattice_even_in_angles,
     lattice_even_in_lengths,
 )
-from mhsb_planner.integrated.refinement import remove_waypoints, sweep_waypoints
+from mhsb_planner.integrated.refinement import (
+    Strides,
+    SweptPath,
+    remove_waypoints,
+    sweep_waypoints,
+)
 from mhsb_planner.integrated.search_problem import CylinderPath, SearchProblem
 from mhsb_planner.search.s2_search import SEARCH_TASK
 from mhsb_planner.search.s2_step import Postures
@@ -536,14 +541,13 @@ def _sweep_with_stride(
     """
     t, w, until = task.cost_model, task.buffers, task.time.search_deadline
     rough = t._replace(max_piece_stroke=piece)
-    stroke, turn = stride * spacing, task.limits.goal_turn * stride * task.goals.free_units
-    via, free, tip = route.waypoints.copy(), route.free.copy(), _end_tip(task, route)
+    strides = Strides(stride * spacing, task.limits.goal_turn * stride * task.goals.free_units)
+    via, free = route.waypoints.copy(), route.free.copy()
+    path = SweptPath(via, task.start, _end_tip(task, route), route.elbow, free)
     cost = float(price_path(rough, w, via, task.start, math.inf))
     for _ in range(rounds):
         before = cost
-        cost = sweep_waypoints(
-            rough, w, via, task.start, cost, tip, route.elbow, free, stroke, turn, until
-        )
+        cost = sweep_waypoints(rough, w, path, cost, strides, until)
         counts = cost if piece == t.max_piece_stroke else task.price(via, route.cost)
         if counts < route.cost:
             route = replace(route, waypoints=via.copy(), free=free.copy(), cost=counts)

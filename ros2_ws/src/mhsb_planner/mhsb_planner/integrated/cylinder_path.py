@@ -38,6 +38,7 @@ from mhsb_planner.search.s2_step import (
     ENERGY_SERIES_COLUMN,
     STEP_INADMISSIBLE,
     HydraulicCoefficients,
+    NodeMoves,
     Postures,
     StepBuffers,
     compute_hydraulic_coefficients,
@@ -294,18 +295,8 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
     ):
         return STEP_INADMISSIBLE
     middle_forces(m, posture[here], posture, there, w.middle)
-    status = price_steps_to_node(
-        t.circuit,
-        t.patterns,
-        w.points,
-        here,
-        w.points,
-        there,
-        1,
-        w.owner[there],
-        w.middle,
-        w.scratch,
-    )
+    moves = NodeMoves(w.points, here, w.points, there, 1, w.owner[there], w.middle)
+    status = price_steps_to_node(t.circuit, t.patterns, moves, w.scratch)
     if t.area.weight > 0.0 and status != STEP_INADMISSIBLE:
         compute_step_area_loss(
             m,

@@ -38,6 +38,7 @@ from mhsb_planner.integrated.cylinder_path import (
     least_move_cost,
     price_piece,
 )
+from mhsb_planner.search.lower_bound import bound_cost_to_nearest
 from mhsb_planner.search.open_list import (
     ARRAYS_FULL,
     EXPANDED_COUNT,
@@ -46,6 +47,7 @@ from mhsb_planner.search.open_list import (
     NO_STATE,
     SEARCH_EXHAUSTED,
     SEARCH_PAUSED,
+    ExpandedState,
     OpenList,
     create_open_list,
     enlarge_open_list,
@@ -359,22 +361,25 @@ def _add_row(known: LatticePointData, point: int) -> int:
     return row
 
 
-@kernel(borrows=True)
-def _least_cost_to_goals(t: PathCostModel, length: FloatArray, goals: FloatArray) -> float:
-    """Return the least lower bound on the cost from cylinder lengths to any goal posture.
+@kernel(inline="always")
+def _find_neighbour(lattice: Lattice, at: IntArray, move: IntArray) -> int:
+    """Return the number of a neighbour of a lattice point.
 
     Args:
-        t: Cost model of the cylinder path.
-        length: Cylinder lengths, shape (n,) [m].
-        goals: Cylinder lengths of the goal postures, shape (goals, n) [m].
+        lattice: The lattice.
+        at: Lattice indices of the point, shape (n,).
+        move: Step to the neighbour in lattice indices, shape (n,).
 
     Returns:
-        The least of the bounds; inf if there is no goal.
+        Number of the neighbour; NO_STATE if there is none in this direction.
     """
-    least = math.inf
-    for k in range(len(goals)):
-        least = min(least, least_move_cost(t, length, goals[k]))
-    return least
+    point = 0
+    for j in range(len(at)):
+        index = at[j] + move[j]
+        if not 0 <= index < lattice.shape[j]:
+            return NO_STATE
+        point += index * lattice.stride[j]
+    return point
 
 
 @kernel(borrows=True)
@@ -397,19 +402,49 @@ def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
     return True
 
 
-class ExpandedState(NamedTuple):
-    """The state that is being expanded.
+class LatticeProblem(NamedTuple):
+    """What a lattice search looks for: the cheapest path over a lattice to a goal posture.
 
     Attributes:
-        state: Number of the state; NO_STATE for the start.
-        pattern: Index of the mode combination of arrival; len(patterns) stands for the modes in
-            force.
-        cost: Cost from the start.
+        cost_model: Cost model of the cylinder path.
+        lattice: The lattice, which contains the start.
+        goals: Goal postures in which the path may end.
     """
 
-    state: int
-    pattern: int
-    cost: float
+    cost_model: PathCostModel
+    lattice: Lattice
+    goals: Postures
+
+
+class SearchRule(NamedTuple):
+    """Which paths an A* search keeps, and in which order it expands their ends.
+
+    Attributes:
+        cost_limit: Paths of this cost or more are dropped.
+        heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
+            cheapest one; a larger w finds it earlier.
+        reachability_only: If true, points with a state are not looked at again. This answers
+            fastest whether there is any path, but not which is cheapest.
+    """
+
+    cost_limit: float
+    heuristic_weight: float
+    reachability_only: bool
+
+
+class StepTarget(NamedTuple):
+    """Lattice point or goal posture to which a step leads.
+
+    Attributes:
+        first_state: State reached in mode combination 0.
+        state_stride: Difference between the states of successive combinations: 1 for a lattice
+            point, 0 for a goal posture, since all reach the goal.
+        lower_bound: Lower bound on the cost from the target to the goal.
+    """
+
+    first_state: int
+    state_stride: int
+    lower_bound: float
 
 
 @kernel(borrows=True)
@@ -417,7 +452,7 @@ def _relax_step(
     t: PathCostModel,
     f: OpenList,
     known: LatticePointData,
-    state: int,
+    origin: ExpandedState,
     target: int,
     cost: float,
     least: float,
@@ -432,7 +467,7 @@ def _relax_step(
         t: Cost model of the cylinder path.
         f: Open list and state records, changed in place.
         known: Data of the lattice points reached; known.best is updated.
-        state: State from which the step leads; NO_STATE for the start.
+        origin: State from which the step leads.
         target: State that is reached; the last state is the goal.
         cost: Cost of the path to the target.
         least: Estimated cost from the target to the goal, heuristic weight included.
@@ -452,54 +487,41 @@ def _relax_step(
             known.best[row] = target
     if cost >= f.states[target].cost:
         return False
-    record_path_to(
-        f, target, state, 1 if state == NO_STATE else f.states[state].depth + 1, cost, least
-    )
+    record_path_to(f, target, origin.state, origin.depth + 1, cost, least)
     return True
 
 
 @kernel(borrows=True)
-def _relax_all_patterns(
+def _price_step_to(
     t: PathCostModel,
     w: PathCostBuffers,
     f: OpenList,
     known: LatticePointData,
     origin: ExpandedState,
-    admitted: int,
-    first: int,
-    state_stride: int,
-    holding_switches: IntArray,
-    least: float,
-    cost_limit: float,
-    heuristic_weight: float,
+    target: StepTarget,
+    rule: SearchRule,
 ) -> bool:
-    """Record the step that was priced last in every admissible mode combination.
+    """Price a step and record it in every admissible mode combination.
 
-    The priced step is in w.scratch and w.shortfall.
-
-    Steps whose cost and remaining lower bound reach `cost_limit` are dropped.
+    The step leads from w.points[0] to w.points[1]. To a goal posture it includes the switches to
+    the holding modes. It is dropped if its cost and the remaining lower bound reach the cost limit.
 
     Args:
         t: Cost model of the cylinder path.
-        w: Working memory with the priced step.
+        w: Working memory with both postures; the rest is overwritten.
         f: Open list and state records, changed in place.
         known: Data of the lattice points reached, changed in place.
         origin: State from which the step leads.
-        admitted: Value of w.scratch.status in the combinations that may be used, as `price_piece`
-            returns it.
-        first: State reached in combination 0.
-        state_stride: Difference between the states of successive combinations; 0 if all reach the
-            goal.
-        holding_switches: Additional switches after the step for each combination, shape
-            (patterns,).
-        least: Lower bound on the cost from the target to the goal.
-        cost_limit: Paths of this cost or more are dropped.
-        heuristic_weight: Heuristic weight.
+        target: Point or posture to which it leads.
+        rule: Cost limit and heuristic weight.
 
     Returns:
         True if the step was recorded in any combination.
     """
-    cost, gained = w.scratch.cost, False
+    admitted = price_piece(t, w, 0)
+    if admitted == STEP_INADMISSIBLE:
+        return False
+    cost, least, gained = w.scratch.cost, target.lower_bound, False
     for p in range(len(t.patterns)):
         if w.scratch.status[p] == admitted:
             there = (
@@ -507,26 +529,54 @@ def _relax_all_patterns(
                 + t.weight[0] * cost[p, t.energy_column]
                 + t.weight[1] * cost[p, DURATION_COLUMN]
             )
-            switches = t.switches[origin.pattern, p] + holding_switches[p]
+            switches = t.switches[origin.pattern, p]
+            if target.state_stride == 0:
+                switches += count_switches_to_hold(t.machine, w.points.force[1], t.patterns[p])
             there += t.weight[2] * switches + w.shortfall[p]
-            if there + least < cost_limit:
-                target = first + p * state_stride
-                left = heuristic_weight * least
-                gained = _relax_step(t, f, known, origin.state, target, there, left) or gained
+            if there + least < rule.cost_limit:
+                state = target.first_state + p * target.state_stride
+                left = rule.heuristic_weight * least
+                gained = _relax_step(t, f, known, origin, state, there, left) or gained
     return gained
+
+
+@kernel(borrows=True)
+def _step_to_goal(
+    problem: LatticeProblem,
+    w: PathCostBuffers,
+    f: OpenList,
+    known: LatticePointData,
+    origin: ExpandedState,
+    k: int,
+    rule: SearchRule,
+) -> None:
+    """Price and record the step from a lattice point to a goal posture next to it.
+
+    Args:
+        problem: Cost model, lattice and goals.
+        w: Working memory with the point in w.points[0]; the rest is overwritten.
+        f: Open list and state records, changed in place.
+        known: Data of the lattice points reached; known.reached is updated.
+        origin: State from which the step leads.
+        k: Index of the goal posture.
+        rule: Which steps are dropped.
+    """
+    goals, target = problem.goals, StepTarget(len(f.states) - 1, 0, 0.0)
+    for j in range(goals.length.shape[1]):
+        w.points.posture[1, j] = goals.posture[k, j]
+        w.points.length[1, j] = goals.length[k, j]
+        w.points.force[1, j] = goals.force[k, j]
+    if _price_step_to(problem.cost_model, w, f, known, origin, target, rule):
+        known.reached[0] = k
 
 
 @kernel
 def expand(
-    t: PathCostModel,
+    problem: LatticeProblem,
     w: PathCostBuffers,
     f: OpenList,
     known: LatticePointData,
-    lattice: Lattice,
-    goals: Postures,
-    cost_limit: float,
-    heuristic_weight: float,
-    reachability_only: bool,
+    rule: SearchRule,
     limit: int,
 ) -> int:
     """Expand up to `limit` states of the A* search; call again to continue.
@@ -537,115 +587,72 @@ def expand(
     Test oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
 
     Args:
-        t: Cost model of the cylinder path.
+        problem: Cost model, lattice and goals.
         w: Working memory of the thread, overwritten.
         f: Open list and state records, changed in place; the last state is the goal.
         known: Data of the lattice points reached, changed in place.
-        lattice: The lattice.
-        goals: Goal postures in which the path may end.
-        cost_limit: Paths of this cost or more are dropped.
-        heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
-            cheapest one; a larger w finds it earlier.
-        reachability_only: If true, points with a state are not looked at again. This answers
-            fastest whether there is any path, but not which is cheapest.
+        rule: Cost limit, heuristic weight, and whether any path will do.
         limit: Largest number of states to take from the open list in this call. States that another
             state of their point dominates are taken, but not expanded.
 
     Returns:
         SEARCH_PAUSED after `limit` states, GOAL_FOUND, SEARCH_EXHAUSTED if there is no path below
-        `cost_limit`. ARRAYS_FULL means that `known` has too few rows for the neighbours of the next
-        state: the caller must add rows and call again.
+        the cost limit. ARRAYS_FULL means that `known` has too few rows for the neighbours of the
+        next state: the caller must add rows and call again.
     """
-    patterns, w_switch = len(t.patterns), t.weight[2]
-    sink = len(f.states) - 1
-    n = len(lattice.shape)
-    state: int
+    t, lattice, goals = problem
+    patterns, n = len(t.patterns), len(lattice.shape)
     at = np.empty(n, dtype=np.int64)
-    none, after = np.zeros(patterns, dtype=np.int64), np.empty(patterns, dtype=np.int64)
     for _ in range(limit):
         if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
             return ARRAYS_FULL
         if f.counts[EXPANDED_COUNT] == 0:
-            state, own, so_far = NO_STATE, patterns, 0.0
-            here = _add_row(known, lattice.start)
+            row, origin = _add_row(known, lattice.start), ExpandedState(NO_STATE, patterns, 0.0, 0)
         else:
             state = pop_first_state(f)
             if state == NO_STATE:
                 return SEARCH_EXHAUSTED
-            if state == sink:
+            if state == len(f.states) - 1:
                 return GOAL_FOUND
-            here, own, so_far = state // patterns, state % patterns, f.states[state].cost
-            best: int = known.best[here]
-            if so_far > f.states[best].cost + w_switch * t.switches[best % patterns, own]:
+            row, own, cost = state // patterns, state % patterns, f.states[state].cost
+            best = known.best[row]
+            if cost > f.states[best].cost + t.weight[2] * t.switches[best % patterns, own]:
                 continue
-        origin = ExpandedState(state, own, so_far)
+            origin = ExpandedState(state, own, cost, np.int64(f.states[state].depth))
         f.counts[EXPANDED_COUNT] += 1
-        _load_point(known, lattice, here, w.points, 0)
-        _load_forces(t, known, here, w.points, 0)
-        rest = known.point[here]
+        _load_point(known, lattice, row, w.points, 0)
+        _load_forces(t, known, row, w.points, 0)
+        rest = known.point[row]
         for j in range(n):
             at[j] = rest // lattice.stride[j]
             rest -= at[j] * lattice.stride[j]
         for move in lattice.moves:
-            point = known.point[here]
-            inside = True
-            for j in range(n):
-                inside = inside and 0 <= at[j] + move[j] < lattice.shape[j]
-                point += move[j] * lattice.stride[j]
-            if not inside:
+            point = _find_neighbour(lattice, at, move)
+            if point == NO_STATE:
                 continue
-            target = known.row[point] - 1
-            if reachability_only and target != NO_STATE and known.best[target] != NO_STATE:
+            row = known.row[point] - 1
+            is_new = row == NO_STATE
+            if rule.reachability_only and not is_new and known.best[row] != NO_STATE:
                 continue
-            if target == NO_STATE:
-                target = _add_row(known, point)
-                _load_point(known, lattice, target, w.points, 1)
-                known.remaining[target] = _least_cost_to_goals(t, w.points.length[1], goals.length)
-            else:
-                _load_point(known, lattice, target, w.points, 1)
-            least = known.remaining[target]
-            there = so_far + least_move_cost(t, w.points.length[0], w.points.length[1])
-            if there + least >= cost_limit:
-                continue
-            best = known.best[target]
-            if best != NO_STATE and there >= f.states[best].cost + w_switch * n:
-                continue
-            _load_forces(t, known, target, w.points, 1)
-            f.counts[GENERATED_COUNT] += 1
-            admitted = price_piece(t, w, 0)
-            if admitted == STEP_INADMISSIBLE:
-                continue
-            first = target * patterns
-            _relax_all_patterns(
-                t,
-                w,
-                f,
-                known,
-                origin,
-                admitted,
-                first,
-                1,
-                none,
-                least,
-                cost_limit,
-                heuristic_weight,
-            )
-        for k in range(len(goals.length)):
-            if not _is_around(lattice, at, goals.length[k]):
-                continue
-            for j in range(n):
-                w.points.posture[1, j] = goals.posture[k, j]
-                w.points.length[1, j] = goals.length[k, j]
-                w.points.force[1, j] = goals.force[k, j]
-            admitted = price_piece(t, w, 0)
-            if admitted == STEP_INADMISSIBLE:
-                continue
-            for p in range(patterns):
-                after[p] = count_switches_to_hold(t.machine, w.points.force[1], t.patterns[p])
-            if _relax_all_patterns(
-                t, w, f, known, origin, admitted, sink, 0, after, 0.0, cost_limit, heuristic_weight
+            if is_new:
+                row = _add_row(known, point)
+            _load_point(known, lattice, row, w.points, 1)
+            if is_new:
+                known.remaining[row] = bound_cost_to_nearest(
+                    t.circuit, w.points.length[1], goals.length, t.weight
+                )
+            least, best = known.remaining[row], known.best[row]
+            cost = origin.cost + least_move_cost(t, w.points.length[0], w.points.length[1])
+            if cost + least >= rule.cost_limit or (
+                best != NO_STATE and cost >= f.states[best].cost + t.weight[2] * n
             ):
-                known.reached[0] = k
+                continue
+            _load_forces(t, known, row, w.points, 1)
+            f.counts[GENERATED_COUNT] += 1
+            _price_step_to(t, w, f, known, origin, StepTarget(row * patterns, 1, least), rule)
+        for k in range(len(goals.length)):
+            if _is_around(lattice, at, goals.length[k]):
+                _step_to_goal(problem, w, f, known, origin, k, rule)
     return SEARCH_PAUSED
 
 
@@ -673,10 +680,10 @@ class LatticeSearch:
             lattice: The lattice.
             goals: Goal postures in which the path may end.
         """
-        self._terms, self._memory, self._lattice, self._goals = t, memory, lattice, goals
-        rows = max(FIRST_ROWS, len(self._lattice.moves) + 1)
+        self._problem, self._memory = LatticeProblem(t, lattice, goals), memory
+        rows = max(FIRST_ROWS, len(lattice.moves) + 1)
         self._frontier = create_open_list(rows * len(t.patterns))
-        self._known = empty_labels(self._lattice, rows)
+        self._known = empty_labels(lattice, rows)
 
     @property
     def expanded_count(self) -> int:
@@ -724,18 +731,14 @@ class LatticeSearch:
             index of that goal posture. None if there is no path below `cost_limit`, or none was
             found within the limits.
         """
-        status = SEARCH_PAUSED
+        status, rule = SEARCH_PAUSED, SearchRule(cost_limit, heuristic_weight, reachability_only)
         for portion in deadline.portions(FIRST_EXPANSION_BATCH, MAX_EXPANSION_BATCH):
             status = expand(
-                self._terms,
+                self._problem,
                 self._memory,
                 self._frontier,
                 self._known,
-                self._lattice,
-                self._goals,
-                cost_limit,
-                heuristic_weight,
-                reachability_only,
+                rule,
                 min(portion, max_expansions - self.expanded_count),
             )
             if status == ARRAYS_FULL:
@@ -753,10 +756,10 @@ class LatticeSearch:
             Waypoints, shape (points, n) [m], the start first and the goal posture last, and the
             index of the goal posture.
         """
-        lattice, way = self._lattice, trace_path_to_goal(self._frontier)
-        rows = way[:-1] // len(self._terms.patterns)
+        lattice, way = self._problem.lattice, trace_path_to_goal(self._frontier)
+        rows = way[:-1] // len(self._problem.cost_model.patterns)
         points = np.append(lattice.start, self._known.point[rows])
         index = (points[:, None] // lattice.stride) % lattice.shape
         corners = lattice.length[np.arange(len(lattice.shape)), index]
         goal = int(self._known.reached[0])
-        return np.vstack([corners, self._goals.length[goal]]), goal
+        return np.vstack([corners, self._problem.goals.length[goal]]), goal

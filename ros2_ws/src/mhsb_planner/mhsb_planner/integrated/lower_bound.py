@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -137,33 +138,40 @@ def enclose_cell(
     return found
 
 
-@kernel
+class CostFromStart(NamedTuple):
+    """Data from which the cost from a start to any posture is bounded.
+
+    Attributes:
+        machine: Numeric description of the machine.
+        circuit: Hydraulic coefficients of the machine.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
+    """
+
+    machine: MachineArrays
+    circuit: HydraulicCoefficients
+    start: FloatArray
+    weight: FloatArray
+
+
+@kernel(borrows=True)
 def _compute_cell_bounds(
-    m: MachineArrays,
-    c: HydraulicCoefficients,
-    start: FloatArray,
-    tip: tuple[float, float],
-    elbow: int,
-    cell: FloatArray,
-    weight: FloatArray,
-    w: FloatArray,
+    cost: CostFromStart, tip: tuple[float, float], elbow: int, cell: FloatArray, w: FloatArray
 ) -> Interval:
     """Bound the cost from the start to all goal postures of a cell.
 
     Args:
-        m: Numeric description of the machine.
-        c: Hydraulic coefficients of the machine.
-        start: Cylinder lengths at the start, shape (n,) [m].
+        cost: Machine, start and weights.
         tip: Tip position (x, z) [m].
         elbow: Elbow branch, ∓1; with telescopes the side of `close_chain`.
         cell: Lower and upper ends of the free joint coordinates, shape (n - 2, 2) [rad or m].
-        weight: Weights of energy [1/J] and time [1/s].
         w: Working memory, shape (5, n).
 
     Returns:
         Lower bound on the cost to any posture of the cell, inf if it holds none. Lower bound on the
         cost to the posture in its middle, inf if that is not within the limits.
     """
+    m, c, start, weight = cost
     box, nearest, q, free = w[:2], w[2], w[3], w[4]
     if not enclose_cell(m, tip, elbow, cell, box):
         return math.inf, math.inf
@@ -181,13 +189,7 @@ def _compute_cell_bounds(
 
 @kernel
 def _branch_and_bound(
-    m: MachineArrays,
-    c: HydraulicCoefficients,
-    start: FloatArray,
-    tip: tuple[float, float],
-    psi: Interval,
-    weight: FloatArray,
-    best_sampled_bound: float,
+    cost: CostFromStart, tip: tuple[float, float], psi: Interval, best_sampled_bound: float
 ) -> Interval:
     """Bound the cost to any posture at one tip position, for an arm of three turning joints.
 
@@ -196,12 +198,9 @@ def _branch_and_bound(
     narrower than MIN_CELL_WIDTH.
 
     Args:
-        m: Numeric description of the machine.
-        c: Hydraulic coefficients of the machine.
-        start: Cylinder lengths at the start, shape (n,) [m].
+        cost: Machine, start and weights.
         tip: Tip position (x, z) [m].
         psi: Least and greatest ψ [rad].
-        weight: Weights of energy [1/J] and time [1/s].
         best_sampled_bound: Least bound for any single goal posture so far, at any tip position;
             inf: none.
 
@@ -209,7 +208,7 @@ def _branch_and_bound(
         Lower bound, inf if no posture reaches the tip position; and `best_sampled_bound`, updated
         with the postures evaluated here.
     """
-    work, cell = np.empty((5, len(start))), np.empty((1, 2))
+    work, cell = np.empty((5, len(cost.start))), np.empty((1, 2))
     cells = [(0, 0.0, 0.0)]
     cells.pop()
     for elbow in (-1, 1):
@@ -220,7 +219,7 @@ def _branch_and_bound(
     while len(cells) > 0:
         elbow, low, high = cells.pop()
         cell[0, 0], cell[0, 1] = low, high
-        bound, middle = _compute_cell_bounds(m, c, start, tip, elbow, cell, weight, work)
+        bound, middle = _compute_cell_bounds(cost, tip, elbow, cell, work)
         if bound == math.inf:
             continue
         best_sampled_bound = min(best_sampled_bound, middle)
@@ -238,12 +237,9 @@ def _branch_and_bound(
 
 @kernel
 def _branch_and_bound_of_chain(
-    m: MachineArrays,
-    c: HydraulicCoefficients,
-    start: FloatArray,
+    cost: CostFromStart,
     tip: tuple[float, float],
     ranges: FloatArray,
-    weight: FloatArray,
     best_sampled_bound: float,
     most_cells: int,
 ) -> Interval:
@@ -255,13 +251,10 @@ def _branch_and_bound_of_chain(
     more cells are allowed.
 
     Args:
-        m: Numeric description of the machine.
-        c: Hydraulic coefficients of the machine.
-        start: Cylinder lengths at the start, shape (n,) [m].
+        cost: Machine, start and weights.
         tip: Tip position (x, z) [m].
         ranges: Lower end, upper end and unit of each free joint coordinate, shape (n - 2, 3) [rad
             or m]. Widths are compared in these units (1 rad for an angle).
-        weight: Weights of energy [1/J] and time [1/s].
         best_sampled_bound: Least bound for any single goal posture so far, at any tip position;
             inf: none.
         most_cells: Largest number of cells beside the first ones.
@@ -270,7 +263,7 @@ def _branch_and_bound_of_chain(
         Lower bound, inf if no posture reaches the tip position; and `best_sampled_bound`, updated
         with the postures evaluated here.
     """
-    n = len(start)
+    n = len(cost.start)
     work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + most_cells, n - 2, 2))
     elbow = np.empty(len(cell), dtype=np.int64)
     for i in range(2 * FIRST_CELLS):
@@ -285,7 +278,7 @@ def _branch_and_bound_of_chain(
     begun, count = 0, 2 * FIRST_CELLS
     while True:
         for i in range(begun, count):
-            bound, middle = _compute_cell_bounds(m, c, start, tip, elbow[i], cell[i], weight, work)
+            bound, middle = _compute_cell_bounds(cost, tip, elbow[i], cell[i], work)
             best_sampled_bound = min(best_sampled_bound, middle)
             if bound < math.inf:
                 heapq.heappush(first, (bound, i))
@@ -337,15 +330,12 @@ def lower_bound_to_goals(
     ranges = np.empty((0, 3)) if three else _free_coordinate_ranges(machine, between)
     if not three:  # a known cost lets cells be closed earlier
         achieved = float(bound_costs_between(circuit, start, goals.postures.length, weight).min())
+    cost = CostFromStart(machine.arrays, circuit, start, weight)
     for tip in map(tuple, np.unique(goals.tips, axis=0).tolist()):
         if three:
-            here, achieved = _branch_and_bound(
-                machine.arrays, circuit, start, tip, between, weight, achieved
-            )
+            here, achieved = _branch_and_bound(cost, tip, between, achieved)
         else:
-            here, achieved = _branch_and_bound_of_chain(
-                machine.arrays, circuit, start, tip, ranges, weight, achieved, most_cells
-            )
+            here, achieved = _branch_and_bound_of_chain(cost, tip, ranges, achieved, most_cells)
         least = min(least, here)
     return least
 

@@ -7,6 +7,7 @@ the work can end after any change.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,37 @@ from mhsb_planner.integrated.cylinder_path import (
     continue_path,
     price_path,
 )
+
+
+class SweptPath(NamedTuple):
+    """A cylinder path that a compass search changes in place, with its end posture.
+
+    Attributes:
+        waypoints: Waypoints, shape (points, n) [m].
+        start: Joint positions at waypoints[0], shape (n,) [rad or m].
+        tip: Tip position (x, z) at the end [m].
+        elbow: Elbow branch of the posture at the end, ∓1.
+        free: Free joint coordinates of the posture at the end, shape (n - 2,) [rad or m].
+    """
+
+    waypoints: FloatArray
+    start: FloatArray
+    tip: tuple[float, float]
+    elbow: int
+    free: FloatArray
+
+
+class Strides(NamedTuple):
+    """Strides of one sweep of a compass search.
+
+    Attributes:
+        stroke: Stride of an inner waypoint along each cylinder [m].
+        turn: Stride of each free coordinate at the end, shape (n - 2,) [rad or m]; 0 keeps the
+            coordinate.
+    """
+
+    stroke: float
+    turn: FloatArray
 
 
 def remove_waypoints(
@@ -63,14 +95,9 @@ def remove_waypoints(
 def sweep_waypoints(
     t: PathCostModel,
     w: PathCostBuffers,
-    via: FloatArray,
-    start: FloatArray,
+    path: SweptPath,
     cost: float,
-    tip: tuple[float, float],
-    elbow: int,
-    free: FloatArray,
-    stroke: float,
-    turn: FloatArray,
+    strides: Strides,
     deadline: Deadline = NO_DEADLINE,
 ) -> float:
     """Run one sweep of a compass search over all waypoints after the start.
@@ -81,14 +108,9 @@ def sweep_waypoints(
     Args:
         t: Cost model of the cylinder path.
         w: Working memory of the thread, overwritten.
-        via: Waypoints, shape (points, n) [m]; changed in place.
-        start: Joint positions at via[0], shape (n,) [rad or m].
+        path: The path; its waypoints and free coordinates are changed in place.
         cost: Cost of the path.
-        tip: Tip position (x, z) at the end [m].
-        elbow: Elbow branch of the posture at the end, ∓1.
-        free: Free joint coordinates of the posture at the end, shape (n - 2,); changed in place.
-        stroke: Stride of a waypoint along each cylinder [m].
-        turn: Stride of each free coordinate, shape (n - 2,) [rad or m]; 0 keeps the coordinate.
+        strides: Strides of the sweep.
         deadline: Instant after which no more waypoints are tried.
 
     Returns:
@@ -96,11 +118,11 @@ def sweep_waypoints(
     """
     if cost == math.inf:
         return cost
-    ahead = compute_costs_to_go(t, w, via, start)
-    for i in range(1, len(via)):
+    ahead = compute_costs_to_go(t, w, path.waypoints, path.start)
+    for i in range(1, len(path.waypoints)):
         if deadline.has_passed:
             break
-        cost = sweep_waypoint(t, w, via, start, cost, tip, elbow, free, stroke, turn, i, ahead)
+        cost = sweep_waypoint(t, w, path, cost, strides, i, ahead)
     return cost
 
 
@@ -136,20 +158,15 @@ def compute_goal_lengths(
 def sweep_waypoint(
     t: PathCostModel,
     w: PathCostBuffers,
-    via: FloatArray,
-    start: FloatArray,
+    path: SweptPath,
     cost: float,
-    tip: tuple[float, float],
-    elbow: int,
-    free: FloatArray,
-    stroke: float,
-    turn: FloatArray,
+    strides: Strides,
     i: int,
     ahead: FloatArray,
 ) -> float:
     """Try to move one waypoint of a path in a compass search.
 
-    An inner waypoint is moved by `stroke` along each cylinder, both ways. The last waypoint is
+    An inner waypoint is moved by a stroke along each cylinder, both ways. The last waypoint is
     moved by changing each free joint coordinate of the goal posture, both ways. A cheaper path is
     kept at once. Call it for i = 1, 2, … in sequence: the working memory carries the costs up to
     the previous waypoint. The costs beyond the next waypoint come from `ahead`, which stays
@@ -158,26 +175,21 @@ def sweep_waypoint(
     Args:
         t: Cost model of the cylinder path.
         w: Working memory of the thread, left by the previous waypoint's call; changed in place.
-        via: Waypoints, shape (points, n) [m]; row i is changed in place.
-        start: Joint positions at via[0], shape (n,) [rad or m].
+        path: The path; waypoint i is changed in place, and for the last waypoint the free
+            coordinates, too.
         cost: Cost of the path.
-        tip: Tip position (x, z) at the end [m].
-        elbow: Elbow branch of the posture at the end, ∓1.
-        free: Free joint coordinates of the posture at the end, shape (n - 2,) [rad or m]; changed
-            in place if i is the last waypoint.
-        stroke: Stride of the waypoint along each cylinder [m].
-        turn: Stride of each free coordinate, shape (n - 2,) [rad or m]; 0 keeps the coordinate.
+        strides: Strides of the sweep.
         i: Index of the waypoint, at least 1.
         ahead: Result of `compute_costs_to_go` from before the sweep, shape (points, patterns).
 
     Returns:
         Cost of the changed path, at most `cost`.
     """
-    m, points = t.machine, w.points
+    points, via, free = w.points, path.waypoints, path.free
     n = via.shape[1]
     parent = np.empty((1, len(t.patterns)), dtype=np.int64)
     if i == 1:
-        begin_path(t, w, via[0], start)
+        begin_path(t, w, via[0], path.start)
     else:
         continue_path(t, w, via[i - 2 : i], math.inf, parent, False)
     # State of the dynamic programming at the previous waypoint, from which every trial begins.
@@ -190,10 +202,12 @@ def sweep_waypoint(
         for sign in (-1.0, 1.0):
             kept[:] = via[i]
             if last:
-                free[k] = before + sign * turn[k]
-                moved = turn[k] > 0.0 and compute_goal_lengths(t, tip, elbow, free, via[i])
+                free[k] = before + sign * strides.turn[k]
+                moved = strides.turn[k] > 0.0 and compute_goal_lengths(
+                    t, path.tip, path.elbow, free, via[i]
+                )
             else:
-                moved = _move_waypoint(m, via[i], k, sign * stroke)
+                moved = _move_waypoint(t.machine, via[i], k, sign * strides.stroke)
             if moved:
                 points.posture[0] = posture
                 points.length[0] = via[i - 1]

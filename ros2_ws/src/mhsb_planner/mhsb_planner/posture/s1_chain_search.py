@@ -55,14 +55,10 @@ other. The others also start from the best posture already found.
 MIN_START_DISTANCE = 0.35
 """Joint difference up to which two samples count as one start [rad]."""
 
-FIRST_STRIDE, LAST_STRIDE = 0.1, 1e-6
-"""First and last stride of the ascent [rad]."""
-
-NEAR_STRIDE = 0.025
-"""First stride of an ascent from another mode combination's posture [rad]."""
-
-ROUGH_STRIDE = 2e-3
-"""Last stride of the ascents from all starts [rad]; only the best one continues to LAST_STRIDE."""
+ROUGH_STRIDES, NEAR_STRIDES, FINE_STRIDES = (0.1, 2e-3), (0.025, 2e-3), (2e-3, 1e-6)
+"""First and last stride of an ascent [rad]: from a sample, from another mode combination's posture,
+and from the best of their ends.
+"""
 
 SAME_AREA = 1e-9
 """Relative gain in area that counts as none."""
@@ -156,16 +152,27 @@ def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) 
     return polytope_area_from_limits(w.cross, w.scale, w.limit, pattern, w.flow)
 
 
+class _JointTriple(NamedTuple):
+    """Three joints that move while the tip stays in place.
+
+    Attributes:
+        driver: Index of the joint that moves by a given stride.
+        first: Index of the first joint that closes the chain.
+        second: Index of the second joint that closes the chain, above `first`.
+    """
+
+    driver: int
+    first: int
+    second: int
+
+
 @kernel
 def _move_with_fixed_tip(
     m: MachineArrays,
-    x: float,
-    z: float,
+    tip: tuple[float, float],
     q: FloatArray,
     moved: FloatArray,
-    driver: int,
-    i: int,
-    j: int,
+    triple: _JointTriple,
     stride: float,
 ) -> bool:
     """Move one joint by a stride while two others keep the tip in place.
@@ -175,20 +182,18 @@ def _move_with_fixed_tip(
 
     Args:
         m: Numeric description of the machine.
-        x: Tip position forward [m].
-        z: Tip position upward [m].
+        tip: Tip position (x, z) [m].
         q: Posture, shape (n,) [rad or m].
         moved: New posture, written in place, shape (n,) [rad or m].
-        driver: Index of the joint that moves.
-        i: Index of the first closing joint.
-        j: Index of the second closing joint, above i.
+        triple: Driver and closing joints.
         stride: Signed stride of the driver [rad or m].
 
     Returns:
         False if there is no other posture within limits in this direction; `moved` is then
         undefined.
     """
-    n = len(q)
+    n, x, z = len(q), tip[0], tip[1]
+    driver, i, j = triple
     side = find_closure_side(m, q, i, j)
     moved[:] = q
     moved[driver] = min(m.joint_max[driver], max(m.joint_min[driver], q[driver] + stride))
@@ -214,14 +219,12 @@ def _move_with_fixed_tip(
 @kernel
 def _ascend_area(
     m: MachineArrays,
-    x: float,
-    z: float,
+    tip: tuple[float, float],
     pattern: ModeArray,
     w: _AreaBuffers,
     q: FloatArray,
     area: float,
-    stride: float,
-    last: float,
+    strides: tuple[float, float],
 ) -> float:
     """Ascend the polytope's area with the tip in place, by decreasing strides.
 
@@ -231,14 +234,13 @@ def _ascend_area(
 
     Args:
         m: Numeric description of the machine.
-        x: Tip position forward [m].
-        z: Tip position upward [m].
+        tip: Tip position (x, z) [m].
         pattern: Mode combination, shape (n,).
         w: Working memory, overwritten.
         q: Posture, changed in place, shape (n,) [rad or m].
         area: Area in the posture q [m²/s²].
-        stride: First stride [rad]; sliding joints move by as many of their units.
-        last: Stride below which the ascent ends [rad].
+        strides: First stride, and stride below which the ascent ends [rad]. Sliding joints move by
+            as many of their units.
 
     Returns:
         Area in the final posture [m²/s²].
@@ -246,6 +248,7 @@ def _ascend_area(
     n = len(q)
     moved, best = np.empty(n), np.empty(n)
     ahead, up, unit = np.empty(n), np.empty(n), w.unit
+    stride, last = strides
     while stride >= last:
         heading, tx, tz = 0.0, 0.0, 0.0
         for k in range(n):  # Jacobian columns turned by 90°: tip less joint
@@ -254,7 +257,7 @@ def _ascend_area(
             if m.slides[k]:
                 ahead[k], up[k] = across * unit[k], -along * unit[k]
             else:
-                ahead[k], up[k] = x - tx, z - tz
+                ahead[k], up[k] = tip[0] - tx, tip[1] - tz
             length = add_extension(m.slides, m.link_length, q, k)
             tx += length * along
             tz += length * across
@@ -266,15 +269,14 @@ def _ascend_area(
                     rb = abs(ahead[a] * up[c] - up[a] * ahead[c])
                     rc = abs(ahead[a] * up[b] - up[a] * ahead[b])
                     if ra >= rb and ra >= rc:
-                        driver, i, j = a, b, c
+                        triple = _JointTriple(a, b, c)
                     elif rb >= rc:
-                        driver, i, j = b, a, c
+                        triple = _JointTriple(b, a, c)
                     else:
-                        driver, i, j = c, a, b
+                        triple = _JointTriple(c, a, b)
                     for sign in (-1.0, 1.0):
-                        if _move_with_fixed_tip(
-                            m, x, z, q, moved, driver, i, j, sign * stride * unit[driver]
-                        ):
+                        turn = sign * stride * unit[triple.driver]
+                        if _move_with_fixed_tip(m, tip, q, moved, triple, turn):
                             there = _area(m, moved, pattern, w)
                             if there > gained * (1.0 + SAME_AREA):
                                 gained = there
@@ -389,14 +391,14 @@ def largest_polytopes_of_chain(
             value[s] = polytope_area_from_limits(cross[s], w.scale, limit[s], pattern, w.flow)
         best = _find_best_known(m, pattern, w, posture[:p], -1.0, posture[p])
         if p > 0:
-            best = _ascend_area(m, x, z, pattern, w, posture[p], best, NEAR_STRIDE, ROUGH_STRIDE)
+            best = _ascend_area(m, (x, z), pattern, w, posture[p], best, NEAR_STRIDES)
             _exclude_samples(sample, value, posture[p], w.unit)
         for _ in range(FIRST_PATTERN_STARTS if p == 0 else OTHER_PATTERN_STARTS):
             first = np.argmax(value)
             if value[first] < 0.0:
                 break
             q[:] = sample[first]
-            top = _ascend_area(m, x, z, pattern, w, q, value[first], FIRST_STRIDE, ROUGH_STRIDE)
+            top = _ascend_area(m, (x, z), pattern, w, q, value[first], ROUGH_STRIDES)
             _exclude_samples(sample, value, sample[first], w.unit)
             _exclude_samples(sample, value, q, w.unit)
             if top > best * (1.0 + SAME_AREA):
@@ -407,5 +409,5 @@ def largest_polytopes_of_chain(
         q[:] = posture[p]
         best = _find_best_known(m, patterns[p], w, posture, area[p], q)
         posture[p] = q
-        area[p] = _ascend_area(m, x, z, patterns[p], w, posture[p], best, ROUGH_STRIDE, LAST_STRIDE)
+        area[p] = _ascend_area(m, (x, z), patterns[p], w, posture[p], best, FINE_STRIDES)
     return True

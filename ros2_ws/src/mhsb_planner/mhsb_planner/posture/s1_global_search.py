@@ -17,13 +17,15 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_model.modes import MODE_COUNT
+from mhsb_model.types import BoolArray, FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import (
     EmptyTableError,
@@ -115,8 +117,7 @@ def _psi_at(lower: float, upper: float, t: float) -> float:
 @kernel
 def _compute_area_inputs(
     m: MachineArrays,
-    x: float,
-    z: float,
+    tip: tuple[float, float],
     psi: float,
     elbow: int,
     q: FloatArray,
@@ -127,8 +128,7 @@ def _compute_area_inputs(
 
     Args:
         m: Numeric description of the machine.
-        x: Tip position forward [m].
-        z: Tip position upward [m].
+        tip: Tip position (x, z) [m].
         psi: End-link angle [rad].
         elbow: Elbow branch, ∓1.
         q: Posture, written in place, shape (3,) [rad].
@@ -141,7 +141,7 @@ def _compute_area_inputs(
         False if the posture does not exist or is not within limits; `cross` and `limit` are then
         unchanged.
     """
-    if not solve_posture_at_psi(m, x, z, psi, elbow, q):
+    if not solve_posture_at_psi(m, tip[0], tip[1], psi, elbow, q):
         return False
     flow_limits(m, q, limit)
     cross_products(tip_columns(m, q), cross)
@@ -151,8 +151,7 @@ def _compute_area_inputs(
 @kernel
 def _maximise_in_interval(
     m: MachineArrays,
-    x: float,
-    z: float,
+    tip: tuple[float, float],
     interval: FloatArray,
     low: float,
     high: float,
@@ -163,8 +162,7 @@ def _maximise_in_interval(
 
     Args:
         m: Numeric description of the machine.
-        x: Tip position forward [m].
-        z: Tip position upward [m].
+        tip: Tip position (x, z) [m].
         interval: Elbow branch, lower and upper end of ψ [rad], shape (3,).
         low: Lower end of the parameter t.
         high: Upper end of the parameter t.
@@ -176,7 +174,7 @@ def _maximise_in_interval(
     """
     n = len(q)
     cross = np.empty((n, n))
-    limit = np.empty((n, 3, 2))
+    limit = np.empty((n, MODE_COUNT, 2))
     scale = flow_scale(m)
     flow = shared_flow(m)
     elbow = int(interval[0])
@@ -189,7 +187,7 @@ def _maximise_in_interval(
             if pending == side or pending == 2:
                 psi = _psi_at(interval[1], interval[2], t[side])
                 area[side] = -1.0
-                if _compute_area_inputs(m, x, z, psi, elbow, q, cross, limit):
+                if _compute_area_inputs(m, tip, psi, elbow, q, cross, limit):
                     area[side] = polytope_area_from_limits(cross, scale, limit, pattern, flow)
         if high - low < REFINED_TO:
             break
@@ -200,8 +198,117 @@ def _maximise_in_interval(
             low, t[0], area[0], pending = t[0], t[1], area[1], 1
             t[1] = low + ratio * (high - low)
     best = 0 if area[0] >= area[1] else 1
-    solve_posture_at_psi(m, x, z, _psi_at(interval[1], interval[2], t[best]), elbow, q)
+    psi = _psi_at(interval[1], interval[2], t[best])
+    solve_posture_at_psi(m, tip[0], tip[1], psi, elbow, q)
     return area[best]
+
+
+class _PsiSamples(NamedTuple):
+    """Samples of the end-link angle ψ in the feasible intervals at a tip position.
+
+    Attributes:
+        interval: Elbow branch (∓1), lower and upper end of ψ [rad] of each interval, shape
+            (intervals, 3).
+        first: Samples of interval i are first[i] to first[i + 1] - 1, shape (intervals + 1,).
+        posture: Posture of each sample, shape (samples, 3) [rad].
+        valid: Whether the posture exists and is within limits, shape (samples,).
+        cross: Cross products C_i × C_j of the tip velocities per piston speed, shape (samples, 3,
+            3) [-].
+        limit: Largest inlet flows by joint, mode and direction, shape (samples, 3, modes, 2)
+            [m³/s].
+    """
+
+    interval: FloatArray
+    first: IntArray
+    posture: FloatArray
+    valid: BoolArray
+    cross: FloatArray
+    limit: FloatArray
+
+
+@kernel
+def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
+    """Sample ψ in all feasible intervals at a tip position, their ends included.
+
+    Args:
+        m: Numeric description of the machine.
+        tip: Tip position (x, z) [m].
+
+    Returns:
+        The samples in the order of the intervals; none if no posture is within limits.
+    """
+    interval = np.empty((MAX_INTERVALS, 3))
+    intervals = find_feasible_intervals(m, tip[0], tip[1], interval)
+    first = np.empty(intervals + 1, dtype=np.int64)
+    first[0] = 0
+    for i in range(intervals):
+        turns = (interval[i, 2] - interval[i, 1]) / (2.0 * math.pi)
+        between = math.ceil(turns * SAMPLES_PER_TURN * 0.5 * math.pi)  # widest step at the middle
+        first[i + 1] = first[i] + max(LEAST_SAMPLES, between) + 1
+    samples, q = first[intervals], np.empty(3)
+    posture, valid = np.empty((samples, 3)), np.empty(samples, dtype=np.bool_)
+    cross, limit = np.empty((samples, 3, 3)), np.empty((samples, 3, MODE_COUNT, 2))
+    for i in range(intervals):
+        steps = first[i + 1] - first[i] - 1
+        for s in range(first[i], first[i + 1]):
+            t = math.pi * ((s - first[i]) / steps)
+            psi = _psi_at(interval[i, 1], interval[i, 2], t)
+            elbow = int(interval[i, 0])
+            valid[s] = _compute_area_inputs(m, tip, psi, elbow, q, cross[s], limit[s])
+            posture[s] = q
+    return _PsiSamples(interval[:intervals], first, posture, valid, cross, limit)
+
+
+@kernel
+def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray) -> float:
+    """Find the sample of largest area.
+
+    A later sample must be larger by SAME_AREA. The ends of the intervals come first.
+
+    Args:
+        samples: Samples of ψ.
+        value: Area of each sample, shape (samples,) [m²/s²]; −1 beyond limits.
+        q: Its posture, written in place, shape (3,) [rad].
+
+    Returns:
+        Its area [m²/s²].
+    """
+    best, first = -1.0, samples.first
+    for i in range(len(first) - 1):
+        for s in (first[i], first[i + 1] - 1):
+            if value[s] > best * (1.0 + SAME_AREA):
+                best = value[s]
+                q[:] = samples.posture[s]
+    for s in range(len(value)):
+        if value[s] > best * (1.0 + SAME_AREA):
+            best = value[s]
+            q[:] = samples.posture[s]
+    return best
+
+
+@kernel
+def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
+    """Compute by how much a local maximum of the samples exceeds its lower neighbour.
+
+    Args:
+        value: Area of each sample, shape (samples,) [m²/s²]; −1 beyond limits.
+        s: Index of the sample.
+        first: Index of the first sample of its interval.
+        last: Index of the last sample of its interval.
+
+    Returns:
+        The difference [m²/s²]; −inf if the sample is no local maximum.
+    """
+    before = value[s - 1] if s > first else -math.inf
+    after = value[s + 1] if s < last else -math.inf
+    if value[s] < 0.0 or value[s] < before or value[s] <= after:
+        return -math.inf
+    drop = 0.0
+    if s > first:
+        drop = value[s] - before
+    if s < last:
+        drop = max(drop, value[s] - after)
+    return drop
 
 
 @kernel
@@ -231,69 +338,30 @@ def largest_polytopes_3r(
     """
     posture[:] = np.nan
     area[:] = np.nan
-    interval = np.empty((MAX_INTERVALS, 3))
-    intervals = find_feasible_intervals(m, x, z, interval)
-    if intervals == 0:
+    samples = _sample_psi(m, (x, z))
+    if len(samples.valid) == 0:
         return False
-
-    first = np.empty(intervals + 1, dtype=np.int64)
-    first[0] = 0
-    for i in range(intervals):
-        turns = (interval[i, 2] - interval[i, 1]) / (2.0 * math.pi)
-        between = math.ceil(turns * SAMPLES_PER_TURN * 0.5 * math.pi)  # widest step at the middle
-        first[i + 1] = first[i] + max(LEAST_SAMPLES, between) + 1
-    samples = first[intervals]
-    q = np.empty(3)
-    q_at = np.empty((samples, 3))
-    valid = np.empty(samples, dtype=np.bool_)
-    cross = np.empty((samples, 3, 3))
-    limit = np.empty((samples, 3, 3, 2))
-    for i in range(intervals):
-        steps = first[i + 1] - first[i] - 1
-        for s in range(first[i], first[i + 1]):
-            t = math.pi * ((s - first[i]) / steps)
-            psi = _psi_at(interval[i, 1], interval[i, 2], t)
-            valid[s] = _compute_area_inputs(
-                m, x, z, psi, int(interval[i, 0]), q, cross[s], limit[s]
-            )
-            q_at[s] = q
-
-    scale = flow_scale(m)
-    flow = shared_flow(m)
-    value = np.empty(samples)
+    scale, flow, first = flow_scale(m), shared_flow(m), samples.first
+    q, value = np.empty(3), np.empty(len(samples.valid))
     for p in range(len(patterns)):
-        best = -1.0
-        for s in range(samples):
+        for s in range(len(value)):
             value[s] = -1.0
-            if valid[s]:
-                value[s] = polytope_area_from_limits(cross[s], scale, limit[s], patterns[p], flow)
-        for i in range(intervals):
-            for s in (first[i], first[i + 1] - 1):
-                if value[s] > best * (1.0 + SAME_AREA):
-                    best = value[s]
-                    posture[p] = q_at[s]
-        for s in range(samples):
-            if value[s] > best * (1.0 + SAME_AREA):
-                best = value[s]
-                posture[p] = q_at[s]
-        for i in range(intervals):
+            if samples.valid[s]:
+                value[s] = polytope_area_from_limits(
+                    samples.cross[s], scale, samples.limit[s], patterns[p], flow
+                )
+        best = _find_largest_sample(samples, value, posture[p])
+        for i in range(len(first) - 1):
             last = first[i + 1] - 1
+            step = math.pi / (last - first[i])
             for s in range(first[i], last + 1):
-                before = value[s - 1] if s > first[i] else -math.inf
-                after = value[s + 1] if s < last else -math.inf
-                if value[s] < 0.0 or value[s] < before or value[s] <= after:
+                if value[s] + RISE_BETWEEN * _compute_drop(value, s, first[i], last) <= best:
                     continue
-                drop = 0.0
-                if s > first[i]:
-                    drop = value[s] - before
-                if s < last:
-                    drop = max(drop, value[s] - after)
-                if value[s] + RISE_BETWEEN * drop <= best:
-                    continue
-                step = math.pi / (last - first[i])
                 low = step * max(s - first[i] - 1, 0)
                 high = step * min(s - first[i] + 1, last - first[i])
-                refined = _maximise_in_interval(m, x, z, interval[i], low, high, patterns[p], q)
+                refined = _maximise_in_interval(
+                    m, (x, z), samples.interval[i], low, high, patterns[p], q
+                )
                 if refined > best * (1.0 + SAME_AREA):
                     best = refined
                     posture[p] = q

@@ -184,10 +184,12 @@ def polytope_area_from_limits(
                             continue
                         lever = sj * cross[k, j] - si * cross[k, i]
                         d = 0 if (lever > 0.0) == upright else 1
-                        if _precedes_pair(cross, i, j, k, si, sj, scale[k, d], upright):
+                        sk = scale[k, d]
+                        jk, ki = sj * sk * cross[j, k], sk * si * cross[k, i]
+                        if _precedes_pair(i, j, k, weight, jk, ki):
                             used = limit[k, pattern[k], d]
                             rest -= used
-                            height += used * scale[k, d] * lever
+                            height += used * sk * lever
                     if rest > 0.0:
                         traded = min(limit[i, pattern[i], di], rest)
                         traded += min(limit[j, pattern[j], dj], rest) - rest
@@ -197,43 +199,32 @@ def polytope_area_from_limits(
 
 
 @kernel
-def _precedes_pair(
-    cross: FloatArray,
-    i: int,
-    j: int,
-    k: int,
-    si: float,
-    sj: float,
-    sk: float,
-    pair_is_positive: bool,
-) -> bool:
+def _precedes_pair(i: int, j: int, k: int, ij: float, jk: float, ki: float) -> bool:
     """Return whether joint k takes its flow before the pair of joints i and j.
 
     The pair has equal rank in the greedy order; the question is w_k > w_i = w_j. It is decided by
-    the orientation of the three points C s. The products are summed in index order, so that all
-    three pairs of a triple decide consistently.
+    the orientation of the three points C s, with s a joint's piston speed per inlet flow in its
+    direction. The products are summed in index order, so that all three pairs of a triple decide
+    consistently.
 
     Args:
-        cross: Cross products of the tip columns, shape (n, n).
         i: Index of the first joint of the pair.
         j: Index of the second joint of the pair, above i.
         k: Index of the joint to compare.
-        si: Piston speed per inlet flow of joint i in its direction [1/m²].
-        sj: Piston speed per inlet flow of joint j in its direction [1/m²].
-        sk: Piston speed per inlet flow of joint k in its direction [1/m²].
-        pair_is_positive: Whether si sj (C_i × C_j) is positive.
+        ij: Product s_i s_j (C_i × C_j) [1/m⁴].
+        jk: Product s_j s_k (C_j × C_k) [1/m⁴].
+        ki: Product s_k s_i (C_k × C_i) [1/m⁴].
 
     Returns:
         True if joint k comes first.
     """
-    ij, jk, ki = si * sj * cross[i, j], sj * sk * cross[j, k], sk * si * cross[k, i]
     if k > j:
         left_turn = (ij + jk) + ki >= 0.0
     elif k > i:
         left_turn = ((-ki) + (-jk)) + (-ij) < 0.0
     else:
         left_turn = (ki + ij) + jk >= 0.0
-    return left_turn != pair_is_positive
+    return left_turn != (ij > 0.0)
 
 
 @kernel

@@ -13,6 +13,8 @@ the search.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
@@ -30,18 +32,9 @@ ENERGY_ALONE = frozen(np.array([1.0, 0.0]))
 """Weights of energy [1/J] and time [1/s] that make the bound one on the energy alone."""
 
 
-@kernel(inline="always")
-def compute_lower_bound(
-    area: FloatArray,
-    inverse_speed_limit: FloatArray,
-    shared_flow: float,
-    leakage: float,
-    other_oil: float,
-    other_time: float,
-    start: FloatArray,
-    goal: FloatArray,
-    volume_weight: float,
-    time_weight: float,
+@kernel(borrows=True)
+def bound_cost_between(
+    c: HydraulicCoefficients, start: FloatArray, goal: FloatArray, weight: FloatArray
 ) -> float:
     """Compute a lower bound on the weighted cost between two sets of cylinder lengths.
 
@@ -49,41 +42,8 @@ def compute_lower_bound(
         T_lb = max( other_time, max_j |ΔL_j| / V_max,j, V / shared_flow )
         cost = w₁ P_S (V + leakage · T_lb) + w₂ T_lb
 
-    ΔL_j is the difference of cylinder length j. V_max,j is its speed limit in mode N, whose inverse
-    is given. Mode switches are not in the bound.
-
-    Args:
-        area: Piston areas A_dir, shape (n, 2): extension, retraction [m²].
-        inverse_speed_limit: Inverse of the largest piston speed, shape (n, modes, 2) [s/m]. Only
-            mode N is read.
-        shared_flow: Main pump flow less leakage, shared by all cylinders [m³/s].
-        leakage: Leakage of all valves together at P_S [m³/s].
-        other_oil: Oil for what moves beside these joints, such as a slew [m³].
-        other_time: Least time that what moves beside these joints takes [s].
-        start: Cylinder lengths at the start, shape (n,) [m].
-        goal: Cylinder lengths at the goal, shape (n,) [m].
-        volume_weight: Cost of oil, w₁ P_S [1/m³].
-        time_weight: Weight of time, w₂ [1/s].
-
-    Returns:
-        Lower bound on the cost [-].
-    """
-    duration = other_time
-    volume = other_oil
-    for j in range(len(start)):
-        delta = goal[j] - start[j]
-        d = 0 if delta > 0.0 else 1
-        duration = max(duration, abs(delta) * inverse_speed_limit[j, Mode.N, d])
-        volume += area[j, d] * abs(delta)
-    duration = max(duration, volume / shared_flow)
-    return volume_weight * (volume + leakage * duration) + time_weight * duration
-
-
-@kernel(borrows=True)
-def bound_cost_between(
-    c: HydraulicCoefficients, start: FloatArray, goal: FloatArray, weight: FloatArray
-) -> float:
-    """Compute a lower bound on the weighted cost between two sets of cylinder lengths.
+    ΔL_j is the difference of cylinder length j, V_max,j its speed limit in mode N, and the leakage
+    that of all valves together at P_S. Mode switches are not in the bound.
 
     Args:
         c: Hydraulic coefficients of the machine (areas, speed limits, flows, P_S). Their
@@ -95,18 +55,36 @@ def bound_cost_between(
     Returns:
         Lower bound on w₁ E + w₂ T [-].
     """
-    return compute_lower_bound(
-        c.area,
-        c.inverse_speed_limit,
-        c.shared_flow,
-        len(start) * c.leakage_flow + c.idle_leakage,
-        c.other_oil,
-        c.other_time,
-        start,
-        goal,
-        weight[0] * c.supply_pressure,
-        weight[1],
-    )
+    duration, volume = c.other_time, c.other_oil
+    for j in range(len(start)):
+        delta = goal[j] - start[j]
+        d = 0 if delta > 0.0 else 1
+        duration = max(duration, abs(delta) * c.inverse_speed_limit[j, Mode.N, d])
+        volume += c.area[j, d] * abs(delta)
+    duration = max(duration, volume / c.shared_flow)
+    leakage = len(start) * c.leakage_flow + c.idle_leakage
+    return weight[0] * c.supply_pressure * (volume + leakage * duration) + weight[1] * duration
+
+
+@kernel(borrows=True)
+def bound_cost_to_nearest(
+    c: HydraulicCoefficients, start: FloatArray, goals: FloatArray, weight: FloatArray
+) -> float:
+    """Compute a lower bound on the weighted cost from a start to the cheapest of several goals.
+
+    Args:
+        c: Hydraulic coefficients of the machine, see `bound_cost_between`.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        goals: Cylinder lengths at the goals, shape (goals, n) [m].
+        weight: Weights of energy [1/J] and time [1/s]. Further entries are ignored.
+
+    Returns:
+        Least of the lower bounds on w₁ E + w₂ T [-]; inf if there is no goal.
+    """
+    least = math.inf
+    for k in range(len(goals)):
+        least = min(least, bound_cost_between(c, start, goals[k], weight))
+    return least
 
 
 def add_other_motion(c: HydraulicCoefficients, oil: float, time: float) -> HydraulicCoefficients:

@@ -162,6 +162,23 @@ class OpenList(NamedTuple):
         return float(self.states[-1].cost)
 
 
+class ExpandedState(NamedTuple):
+    """The state that is being expanded.
+
+    Attributes:
+        state: Number of the state; NO_STATE for the start.
+        pattern: Index of the mode pattern of arrival. The number of patterns stands for the modes
+            in force at the start.
+        cost: Cost from the start.
+        depth: Number of steps from the start.
+    """
+
+    state: int
+    pattern: int
+    cost: float
+    depth: int | np.int64
+
+
 def create_open_list(states: int) -> OpenList:
     """Create the open list of a search that has not begun.
 

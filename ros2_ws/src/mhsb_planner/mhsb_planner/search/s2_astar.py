@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Records
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.search.lower_bound import compute_lower_bound
+from mhsb_planner.search.lower_bound import bound_cost_to_nearest
 from mhsb_planner.search.open_list import (
     ARRAYS_FULL,
     EXPANDED_COUNT,
@@ -28,6 +29,7 @@ from mhsb_planner.search.open_list import (
     SEARCH_EXHAUSTED,
     SEARCH_PAUSED,
     WAITING_COUNT,
+    ExpandedState,
     OpenList,
     SearchState,
     create_open_list,
@@ -44,7 +46,12 @@ from mhsb_planner.search.s2_edge_costs import (
 )
 from mhsb_planner.search.s2_query import Query
 from mhsb_planner.search.s2_start_goal_edges import JoiningSteps
-from mhsb_planner.search.s2_step import DURATION_COLUMN, create_step_buffers
+from mhsb_planner.search.s2_step import (
+    DURATION_COLUMN,
+    HydraulicCoefficients,
+    StepBuffers,
+    create_step_buffers,
+)
 
 
 class PostureLabels(NamedTuple):
@@ -66,29 +73,52 @@ class ExactSearchInput(NamedTuple):
 
     Attributes:
         from_start: Steps that leave the start. A reached state of NO_STATE means the goal.
-        start_switches: Number of actuators that change from the modes in force, shape (patterns,).
         to_goal: Steps to the goal, sorted by the posture that they leave.
         goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1,
             shape (postures + 1,).
+        circuit: Hydraulic coefficients of the machine, for lower bounds.
+        length: Cylinder lengths of the graph's postures, shape (postures, n) [m].
         goal_length: Cylinder lengths of the goal postures that steps lead to, shape (goals, n) [m].
-        switches: Number of actuators that change between two patterns, shape (patterns, patterns).
+        posture_of_state: Posture of each state of the graph, shape (states,).
+        switches: Number of actuators that change between two patterns, shape (patterns + 1,
+            patterns). The last row stands for the modes in force at the start.
         weight: Weights of energy [1/J], time [1/s] and switches [-], shape (3,).
         column: Column of the energy in step costs, ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN.
     """
 
     from_start: JoiningSteps
-    start_switches: IntArray
     to_goal: JoiningSteps
     goal_first: IntArray
+    circuit: HydraulicCoefficients
+    length: FloatArray
     goal_length: FloatArray
+    posture_of_state: IntArray
     switches: IntArray
     weight: FloatArray
     column: int
 
 
+class LeavingSteps(NamedTuple):
+    """Steps that leave the state that is being expanded: rows first to last - 1 of a list.
+
+    Attributes:
+        state: State that each step of the list reaches; NO_STATE means the goal.
+        pattern: Index of the mode pattern of each step.
+        cost: Cost of each step, shape (steps, 3): T [s], E paper [J], E series [J].
+        first: First row.
+        last: One after the last row.
+    """
+
+    state: IntArray
+    pattern: IntArray
+    cost: FloatArray
+    first: int
+    last: int
+
+
 @kernel(inline="always")
 def _is_dominated(
-    cost: float, steps: int, other_cost: float, other_steps: int, switching: float
+    cost: float, depth: int, states: Records[SearchState], other: int, switching: float
 ) -> bool:
     """Return whether another state of the same posture makes a state useless.
 
@@ -97,16 +127,17 @@ def _is_dominated(
 
     Args:
         cost: Cost of the path to the state.
-        steps: Number of steps of that path.
-        other_cost: Cost of the path to the other state.
-        other_steps: Number of steps of the path to the other state.
+        depth: Number of steps of that path.
+        states: Records of all states.
+        other: Number of the other state.
         switching: Cost of the mode switches from the other state's pattern to this state's pattern.
 
     Returns:
         True if the state need not be expanded.
     """
-    through = other_cost + switching
-    return other_cost < cost and (through < cost or (through == cost and other_steps <= steps))
+    known = states[other]
+    through = known.cost + switching
+    return known.cost < cost and (through < cost or (through == cost and known.depth <= depth))
 
 
 @kernel
@@ -130,7 +161,7 @@ def expand(
     Args:
         open_list: Open list and records of all states. Written in place.
         labels: Lower bounds and cheapest patterns per posture. Written in place.
-        cost_model: Data for pricing steps, and postures with their cylinder lengths.
+        cost_model: Data for pricing steps.
         edges: Steps priced so far. New steps are written in place if there is room.
         search_input: Start, goal, weights and mode switches.
         limit: Largest number of states to take from the open list, including the start.
@@ -141,110 +172,124 @@ def expand(
         steps of one posture may take. No state is lost then; the caller enlarges `edges` and calls
         again.
     """
-    states, heap, counts = open_list.states, open_list.heap, open_list.counts
-    remaining, cheapest = labels
-    edge_first, edge_last, edge_used, edge_state, edge_pattern, edge_cost = edges
-    start_state, start_pattern = search_input.from_start.state, search_input.from_start.pattern
-    start_cost, start_switches = search_input.from_start.cost, search_input.start_switches
-    goal_pattern, goal_cost = search_input.to_goal.pattern, search_input.to_goal.cost
-    goal_first, goal_length = search_input.goal_first, search_input.goal_length
-    switches, column = search_input.switches, search_input.column
-    owner, length = cost_model.layout.posture_of_state.ravel(), cost_model.postures.length
-    c = cost_model.circuit
-    area, pace = c.area, c.inverse_speed_limit
-    scratch = create_step_buffers(cost_model.patterns)
-    room = compute_max_step_count(cost_model.layout, cost_model.patterns)
-    leakage = len(area) * c.leakage_flow + c.idle_leakage
-    w_energy, w_time, w_switch = search_input.weight
-    sink = len(states) - 1
-    fresh = counts[EXPANDED_COUNT] == 0
-    state: int
-    other: SearchState
+    states, counts = open_list.states, open_list.counts
+    owner, patterns = search_input.posture_of_state, len(cost_model.patterns)
+    to_goal, goal_first = search_input.to_goal, search_input.goal_first
+    buffers = create_step_buffers(cost_model.patterns)
     for _ in range(limit):
-        if fresh:
-            state, posture, own, so, steps = NO_STATE, NO_STATE, 0, 0.0, 1
-            begin, grid_end = 0, len(start_pattern)
-            end = grid_end
-        else:
-            if counts[WAITING_COUNT] == 0:
-                return SEARCH_EXHAUSTED
-            state = heap[0]
-            own = state % len(switches)  # state = node · patterns + pattern
-            if state != sink:
-                pattern = cheapest[owner[state]]
-                here, other = states[state], states[state - own + pattern]
-                switching = w_switch * switches[pattern, own]
-                if _is_dominated(here.cost, here.depth, other.cost, other.depth, switching):
-                    pop_first_state(open_list)
-                    continue
-            if state != sink and edge_first[owner[state]] == NOT_PRICED:
-                posture, found = owner[state], edge_used[0]
-                if found + room > len(edge_state):
-                    return ARRAYS_FULL
-                edge_used[0] = price_steps(
-                    cost_model, posture, scratch, edge_state, edge_pattern, edge_cost, found
-                )
-                edge_first[posture], edge_last[posture] = found, edge_used[0]
-            state = pop_first_state(open_list)
-            if state == sink:
-                return GOAL_FOUND
-            posture = owner[state]
-            so, steps = states[state].cost, states[state].depth + 1
-            begin, grid_end = edge_first[posture], edge_last[posture]
-            end = grid_end + goal_first[posture + 1] - goal_first[posture]
+        if counts[EXPANDED_COUNT] == 0:
+            origin = ExpandedState(NO_STATE, patterns, 0.0, 0)
+            first = search_input.from_start
+            steps = LeavingSteps(first.state, first.pattern, first.cost, 0, len(first.state))
+            counts[EXPANDED_COUNT] += 1
+            _relax_steps(open_list, labels, search_input, origin, steps)
+            continue
+        if counts[WAITING_COUNT] == 0:
+            return SEARCH_EXHAUSTED
+        state = open_list.heap[0]
+        if state == len(states) - 1:
+            pop_first_state(open_list)
+            return GOAL_FOUND
+        posture, own = owner[state], state % patterns  # state = node · patterns + pattern
+        cheapest, here = labels.cheapest[posture], states[state]
+        switching = search_input.weight[2] * search_input.switches[cheapest, own]
+        if _is_dominated(here.cost, here.depth, states, state - own + cheapest, switching):
+            pop_first_state(open_list)
+            continue
+        if edges.first[posture] == NOT_PRICED and not _add_edges(
+            cost_model, edges, posture, buffers
+        ):
+            return ARRAYS_FULL
+        pop_first_state(open_list)
+        origin = ExpandedState(state, own, here.cost, np.int64(here.depth))
         counts[EXPANDED_COUNT] += 1
-        counts[GENERATED_COUNT] += end - begin
-        for i in range(begin, end):
-            if fresh:
-                e, target = i, start_state[i]
-                cost = w_energy * start_cost[e, column] + w_time * start_cost[e, DURATION_COLUMN]
-                cost += w_switch * start_switches[start_pattern[e]]
-                if target == NO_STATE:
-                    target = sink
-            elif i < grid_end:
-                e, target = i, edge_state[i]
-                cost = w_energy * edge_cost[e, column] + w_time * edge_cost[e, DURATION_COLUMN]
-                cost += w_switch * switches[own, edge_pattern[e]]
-            else:
-                e, target = goal_first[posture] + i - grid_end, sink
-                cost = w_energy * goal_cost[e, column] + w_time * goal_cost[e, DURATION_COLUMN]
-                cost += w_switch * switches[own, goal_pattern[e]]
-            cost += so
-            there: SearchState = states[target]
-            if cost > there.cost or (cost == there.cost and steps >= there.depth):
-                continue
-            least = 0.0
-            if target != sink:
-                at, arrival = owner[target], start_pattern[e] if fresh else edge_pattern[e]
-                pattern = cheapest[at]
-                other = states[target - arrival + pattern]
-                if pattern == NO_STATE or cost < other.cost:
-                    cheapest[at] = arrival
-                else:
-                    switching = w_switch * switches[pattern, arrival]
-                    if _is_dominated(cost, steps, other.cost, other.depth, switching):
-                        continue
-                if math.isnan(remaining[at]):
-                    remaining[at] = math.inf
-                    for k in range(len(goal_length)):
-                        bound = compute_lower_bound(
-                            area,
-                            pace,
-                            c.shared_flow,
-                            leakage,
-                            0.0,
-                            0.0,
-                            length[at],
-                            goal_length[k],
-                            w_energy * c.supply_pressure,
-                            w_time,
-                        )
-                        remaining[at] = min(remaining[at], bound)
-                least = remaining[at]
-            there.step = e
-            record_path_to(open_list, target, state, steps, cost, least)
-        fresh = False
+        begin, end = edges.first[posture], edges.last[posture]
+        steps = LeavingSteps(edges.state, edges.pattern, edges.cost, begin, end)
+        _relax_steps(open_list, labels, search_input, origin, steps)
+        begin, end = goal_first[posture], goal_first[posture + 1]
+        if begin < end:
+            steps = LeavingSteps(to_goal.state, to_goal.pattern, to_goal.cost, begin, end)
+            _relax_steps(open_list, labels, search_input, origin, steps)
     return SEARCH_PAUSED
+
+
+@kernel(borrows=True)
+def _add_edges(cost_model: StepCostModel, edges: Edges, posture: int, buffers: StepBuffers) -> bool:
+    """Price the steps that leave a posture and append them to the graph's edges.
+
+    Args:
+        cost_model: Data for pricing steps.
+        edges: Steps priced so far. Written in place.
+        posture: Number of the posture.
+        buffers: Working memory, overwritten.
+
+    Returns:
+        False if the edges have too little room; nothing is written then.
+    """
+    found = edges.used[0]
+    room = compute_max_step_count(cost_model.layout, cost_model.patterns)
+    if found + room > len(edges.state):
+        return False
+    edges.used[0] = price_steps(
+        cost_model, posture, buffers, edges.state, edges.pattern, edges.cost, found
+    )
+    edges.first[posture], edges.last[posture] = found, edges.used[0]
+    return True
+
+
+@kernel(borrows=True)
+def _relax_steps(
+    open_list: OpenList,
+    labels: PostureLabels,
+    search_input: ExactSearchInput,
+    origin: ExpandedState,
+    steps: LeavingSteps,
+) -> None:
+    """Record every step that leads to a state more cheaply than the path known so far.
+
+    At equal cost fewer steps count as cheaper. States that `_is_dominated` rules out are left out.
+
+    Args:
+        open_list: Open list and records of all states. Written in place.
+        labels: Lower bounds and cheapest patterns per posture. Written in place.
+        search_input: Goal, weights, mode switches, and data for lower bounds.
+        origin: State that the steps leave.
+        steps: The steps.
+    """
+    states, owner = open_list.states, search_input.posture_of_state
+    w_energy, w_time, w_switch = search_input.weight
+    switches, column = search_input.switches, search_input.column
+    sink, depth = len(states) - 1, origin.depth + 1
+    open_list.counts[GENERATED_COUNT] += steps.last - steps.first
+    for e in range(steps.first, steps.last):
+        target, arrival = steps.state[e], steps.pattern[e]
+        if target == NO_STATE:
+            target = sink
+        cost = w_energy * steps.cost[e, column] + w_time * steps.cost[e, DURATION_COLUMN]
+        cost += w_switch * switches[origin.pattern, arrival]
+        cost += origin.cost
+        there = states[target]
+        if cost > there.cost or (cost == there.cost and depth >= there.depth):
+            continue
+        least = 0.0
+        if target != sink:
+            posture = owner[target]
+            cheapest = labels.cheapest[posture]
+            other, switching = target - arrival + cheapest, w_switch * switches[cheapest, arrival]
+            if cheapest == NO_STATE or cost < states[other].cost:
+                labels.cheapest[posture] = arrival
+            elif _is_dominated(cost, depth, states, other, switching):
+                continue
+            if math.isnan(labels.remaining[posture]):
+                labels.remaining[posture] = bound_cost_to_nearest(
+                    search_input.circuit,
+                    search_input.length[posture],
+                    search_input.goal_length,
+                    search_input.weight,
+                )
+            least = labels.remaining[posture]
+        there.step = e
+        record_path_to(open_list, target, origin.state, depth, cost, least)
 
 
 class ExactSearch:
@@ -266,11 +311,13 @@ class ExactSearch:
         self._labels = PostureLabels(np.full(postures, np.nan), np.full(postures, NO_STATE))
         self._search_input = ExactSearchInput(
             from_start=query.from_start,
-            start_switches=query.start_switches,
             to_goal=query.to_goal,
             goal_first=query.goal_first,
+            circuit=query.graph.circuit,
+            length=query.graph.postures.length,
             goal_length=query.goal.postures.length[reached],
-            switches=query.graph.switches,
+            posture_of_state=layout.posture_of_state.ravel(),
+            switches=np.vstack([query.graph.switches, query.start_switches]),
             weight=query.weight,
             column=query.energy_column,
         )

@@ -28,6 +28,7 @@ from mhsb_planner.search.s2_layout import Layout
 from mhsb_planner.search.s2_step import (
     STEP_INADMISSIBLE,
     HydraulicCoefficients,
+    NodeMoves,
     Postures,
     StepBuffers,
     create_step_buffers,
@@ -149,19 +150,9 @@ def price_steps(
         if crowded:
             _mark_collisions(cost_model, i, first, count, middle)
         row += count
-        owner = layout.posture_of_state[node]
-        status = price_steps_to_node(
-            cost_model.circuit,
-            patterns,
-            cost_model.postures,
-            i,
-            cost_model.postures,
-            first,
-            count,
-            owner,
-            middle,
-            buffers,
-        )
+        owner, postures = layout.posture_of_state[node], cost_model.postures
+        moves = NodeMoves(postures, i, postures, first, count, owner, middle)
+        status = price_steps_to_node(cost_model.circuit, patterns, moves, buffers)
         if status == STEP_INADMISSIBLE:
             continue
         for p in range(len(patterns)):

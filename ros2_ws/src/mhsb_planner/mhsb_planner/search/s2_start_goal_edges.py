@@ -14,20 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.goal_region import Angle, angle_range
 from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_postures
 from mhsb_planner.search.open_list import NO_STATE
-from mhsb_planner.search.s2_edge_costs import Edges
+from mhsb_planner.search.s2_edge_costs import Edges, StepCostModel
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_layout import Layout
 from mhsb_planner.search.s2_step import (
     STEP_INADMISSIBLE,
-    HydraulicCoefficients,
+    NodeMoves,
     Postures,
     create_step_buffers,
     describe_postures,
@@ -239,14 +237,7 @@ def steps_from_start(
         One step for each reached node and admissible pattern, with duration [s] and energies [J].
     """
     to_grid = _price_steps_to_nodes(
-        graph.machine.arrays,
-        graph.machine.obstacles.path_rows,
-        graph.circuit,
-        graph.table.patterns,
-        start.postures,
-        graph.layout,
-        graph.postures,
-        graph.grid.cell_corners(*start.tip, rings),
+        graph.steps.cost_model, start.postures, graph.grid.cell_corners(*start.tip, rings)
     )
     if not graph.grid.share_cell(start.tip, goal.tip):
         return to_grid
@@ -387,28 +378,13 @@ def _compute_steps_to_goal(
         duration [s] and energies [J].
     """
     return _price_steps_to_goal(
-        graph.machine.arrays,
-        graph.machine.obstacles.path_rows,
-        graph.circuit,
-        graph.table.patterns,
-        start,
-        origins,
-        goal.postures,
-        goal.first,
-        goal.owner,
+        graph.steps.cost_model, start, origins, goal.postures, goal.first, goal.owner
     )
 
 
 @kernel
 def _price_steps_to_nodes(
-    m: MachineArrays,
-    obstacles: FloatArray,
-    c: HydraulicCoefficients,
-    patterns: ModeArray,
-    start: Postures,
-    layout: Layout,
-    postures: Postures,
-    nodes: IntArray,
+    cost_model: StepCostModel, start: Postures, nodes: IntArray
 ) -> JoiningSteps:
     """Compute the admissible steps from a start to nodes of the graph.
 
@@ -417,19 +393,16 @@ def _price_steps_to_nodes(
     pattern.
 
     Args:
-        m: Arrays of the machine.
-        obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
-        c: Hydraulic coefficients.
-        patterns: Mode patterns, shape (patterns, n).
+        cost_model: Machine, obstacles, postures and states of the graph.
         start: Description of the start; only its first posture counts.
-        layout: Postures and states of the graph.
-        postures: Descriptions of the graph's postures.
         nodes: Indices of the nodes to reach.
 
     Returns:
         One step for each node and admissible pattern: reached state, pattern, duration [s] and
         energies [J]. The fields `origin` and `end` are NO_STATE.
     """
+    m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
+    layout, postures = cost_model.layout, cost_model.postures
     scratch = create_step_buffers(patterns)
     count = len(patterns)
     state = np.empty(len(nodes) * count, dtype=np.int64)
@@ -443,18 +416,9 @@ def _price_steps_to_nodes(
         middle = np.empty((here, patterns.shape[1]))
         middle_forces(m, start.posture[0], postures.posture, first, middle)
         mark_collisions(m, obstacles, start.posture[0], postures.posture, first, middle)
-        status = price_steps_to_node(
-            c,
-            patterns,
-            start,
-            0,
-            postures,
-            first,
-            here,
-            layout.posture_of_state[node],
-            middle,
-            scratch,
-        )
+        owner = layout.posture_of_state[node]
+        moves = NodeMoves(start, 0, postures, first, here, owner, middle)
+        status = price_steps_to_node(cost_model.circuit, patterns, moves, scratch)
         if status == STEP_INADMISSIBLE:
             continue
         for p in range(count):
@@ -468,10 +432,7 @@ def _price_steps_to_nodes(
 
 @kernel
 def _price_steps_to_goal(
-    m: MachineArrays,
-    obstacles: FloatArray,
-    c: HydraulicCoefficients,
-    patterns: ModeArray,
+    cost_model: StepCostModel,
     start: Postures,
     origins: IntArray,
     goal: Postures,
@@ -485,10 +446,7 @@ def _price_steps_to_goal(
     pattern.
 
     Args:
-        m: Arrays of the machine.
-        obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
-        c: Hydraulic coefficients.
-        patterns: Mode patterns, shape (patterns, n).
+        cost_model: Machine, obstacles and mode patterns of the graph.
         start: Descriptions of the postures that steps may leave.
         origins: Rows of `start` whose steps are computed.
         goal: Descriptions of the goal postures.
@@ -501,6 +459,7 @@ def _price_steps_to_goal(
         left, goal posture reached, pattern, duration [s] and energies [J]. The field `state` is
         NO_STATE.
     """
+    m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     scratch = create_step_buffers(patterns)
     count = len(patterns)
     capacity = len(origins) * len(goal_owner) * count
@@ -516,9 +475,8 @@ def _price_steps_to_goal(
             middle = np.empty((here, patterns.shape[1]))
             middle_forces(m, start.posture[i], goal.posture, first, middle)
             mark_collisions(m, obstacles, start.posture[i], goal.posture, first, middle)
-            status = price_steps_to_node(
-                c, patterns, start, i, goal, first, here, goal_owner[g], middle, scratch
-            )
+            moves = NodeMoves(start, i, goal, first, here, goal_owner[g], middle)
+            status = price_steps_to_node(cost_model.circuit, patterns, moves, scratch)
             if status == STEP_INADMISSIBLE:
                 continue
             for p in range(count):

@@ -346,18 +346,33 @@ def create_step_buffers(patterns: ModeArray) -> StepBuffers:
     )
 
 
+class NodeMoves(NamedTuple):
+    """Moves from one posture to the postures of one node.
+
+    Attributes:
+        start: Descriptions that contain the posture to leave.
+        origin: Row of `start` that the moves leave.
+        end: Descriptions that contain the node's postures.
+        first: Row of `end` with the node's first posture.
+        posture_count: Number of postures of the node.
+        owner: Row of `end` in which a step ends, by pattern, shape (patterns,).
+        middle_force: Piston forces at the middle of each move, with `posture_count` rows or more,
+            shape (…, n) [N]. A move is inadmissible if its first entry is NaN. `middle_forces` and `mark_collisions` compute
+            this array.
+    """
+
+    start: Postures
+    origin: int
+    end: Postures
+    first: int
+    posture_count: int
+    owner: IntArray
+    middle_force: FloatArray
+
+
 @kernel(borrows=True)
 def price_steps_to_node(
-    c: HydraulicCoefficients,
-    patterns: ModeArray,
-    start: Postures,
-    i: int,
-    end: Postures,
-    first: int,
-    count: int,
-    owner: IntArray,
-    middle_force: FloatArray,
-    buffers: StepBuffers,
+    c: HydraulicCoefficients, patterns: ModeArray, moves: NodeMoves, buffers: StepBuffers
 ) -> int:
     """Compute the costs of all steps from one posture to one node.
 
@@ -369,15 +384,7 @@ def price_steps_to_node(
     Args:
         c: Hydraulic coefficients.
         patterns: Mode patterns, shape (patterns, n).
-        start: Descriptions that contain the posture to leave.
-        i: Row of `start` that the steps leave.
-        end: Descriptions that contain the node's postures.
-        first: Row of `end` with the node's first posture.
-        count: Number of postures of the node.
-        owner: Row of `end` in which a step ends, by pattern, shape (patterns,).
-        middle_force: Piston forces at the middle of each move, shape (count, n) [N]. A move is
-            inadmissible if its first entry is NaN. `middle_forces` and `mark_collisions` compute
-            this array.
+        moves: Posture to leave, and postures of the node with the forces on the way.
         buffers: Results `buffers.cost` and `buffers.status`, and working memory. Written in place.
 
     Returns:
@@ -385,130 +392,267 @@ def price_steps_to_node(
         `buffers.status` has this value may be taken; only their rows of `buffers.cost` are valid.
         STEP_INADMISSIBLE means that there is none.
     """
-    area, per_area, outlet, pace = c.area, c.per_area, c.outlet_pressure, c.inverse_speed_limit
-    valve, valve_at_top, boosted = c.valve_drop_factor, c.valve_drop_at_v_max, c.boosted
-    highest, margin, efficiency = c.max_boost_pressure, c.boost_margin, c.efficiency
-    start_length, start_force = start.length, start.force
-    end_length, end_force = end.length, end.force
-    cost, status, move, must, may, _ = buffers
-    n = patterns.shape[1]
-    for k in range(count):
-        must[k] = may[k] = 0
-        if math.isnan(middle_force[k, 0]):
-            must[k] = NO_PATTERN
-            continue
-        shortest = 0.0
-        if c.rest_speed > 0.0:
-            for j in range(n):
-                delta = end_length[first + k, j] - start_length[i, j]
-                shortest = max(shortest, abs(delta) * pace[j, Mode.N, 0 if delta > 0.0 else 1])
-        for j in range(n):
-            delta = end_length[first + k, j] - start_length[i, j]
-            d = 0 if delta > 0.0 else 1
-            sign = 1.0 - 2.0 * d
-            at_middle = sign * middle_force[k, j]
-            load = max(sign * start_force[i, j], at_middle, sign * end_force[first + k, j])
-            worst = -math.inf
-            if load > 0.0 and abs(delta) > MAX_HELD_STROKE:
-                worst = load * per_area[j, d] + outlet[j, d]
-                if worst + margin > c.supply_pressure:
-                    must[k] |= 1 << j
-                if worst + margin + valve_at_top[j, d] > c.supply_pressure:
-                    may[k] |= 1 << j
-            move[k, j, STROKE_COLUMN] = abs(delta)
-            move[k, j, DIRECTION_COLUMN] = d
-            move[k, j, OIL_COLUMN] = area[j, d] * abs(delta)
-            move[k, j, WORST_PRESSURE_COLUMN] = worst
-            move[k, j, MIDDLE_PRESSURE_COLUMN] = at_middle * per_area[j, d] + outlet[j, d]
-            move[k, j, VALVE_COLUMN] = valve[j, d]
-            move[k, j, LEAKAGE_COLUMN] = 0.0
-            if abs(delta) > MAX_HELD_STROKE:
-                need = move[k, j, MIDDLE_PRESSURE_COLUMN] + valve_at_top[j, d] + margin
-                move[k, j, LEAKAGE_COLUMN] = _compute_extra_leakage(c, need)
-            if shortest > 0.0 and abs(delta) <= c.rest_speed * shortest:
-                held = _hold_pressure(c, j, middle_force[k, j])
-                worst = max(held, _hold_pressure(c, j, start_force[i, j]))
-                worst = max(worst, _hold_pressure(c, j, end_force[first + k, j]))
-                if c.supply_pressure < worst + margin <= highest:
-                    must[k] |= 1 << j
-                    may[k] |= 1 << j
-                    move[k, j, WORST_PRESSURE_COLUMN] = worst
-                    move[k, j, MIDDLE_PRESSURE_COLUMN] = held
-                    move[k, j, VALVE_COLUMN] = 0.0
-                    move[k, j, LEAKAGE_COLUMN] = _compute_extra_leakage(c, held + margin)
+    must, may, boosted = buffers.must_boost, buffers.may_boost, c.boosted
+    cost, status = buffers.cost, buffers.status
+    for k in range(moves.posture_count):
+        _describe_move(c, moves, k, buffers)
     for wanted in (STEP_CONSISTENT, WITHOUT_NEED):
         best = STEP_INADMISSIBLE
         for p in range(len(patterns)):
             status[p] = STEP_INADMISSIBLE
-            k = owner[p] - first
+            k = moves.owner[p] - moves.first
             if must[k] & ~boosted[p] or (wanted == STEP_CONSISTENT and boosted[p] & ~may[k]):
                 continue
-            # Duration and energies of move k in pattern p.
-            duration = volume = rail_leak = 0.0
-            shared = c.shared_flow
-            for j in range(n):
-                d, mode = int(move[k, j, DIRECTION_COLUMN]), patterns[p, j]
-                duration = max(duration, move[k, j, STROKE_COLUMN] * pace[j, mode, d])
-                volume += move[k, j, OIL_COLUMN]
-                if RAIL_MODES[mode]:
-                    rail_leak = max(rail_leak, move[k, j, LEAKAGE_COLUMN])
-                elif BOOSTED_MODES[mode]:
-                    shared -= move[k, j, LEAKAGE_COLUMN]
-            if rail_leak > 0.0:
-                for j in range(n):
-                    if RAIL_MODES[patterns[p, j]] and _is_loaded(move[k, j]):
-                        shared -= rail_leak
-            if shared <= 0.0:
-                continue
-            duration = max(duration, volume / shared)
-            found = STEP_CONSISTENT
-            rail = 0.0
-            for j in range(n):
-                needed = False
-                if _is_loaded(move[k, j]):
-                    speed = move[k, j, STROKE_COLUMN] / duration
-                    reserve = move[k, j, VALVE_COLUMN] * speed * speed + margin
-                    worst = move[k, j, WORST_PRESSURE_COLUMN] + reserve
-                    if worst > highest:
-                        found = STEP_INADMISSIBLE
-                        break
-                    needed = worst > c.supply_pressure
-                    if RAIL_MODES[patterns[p, j]]:
-                        rail = max(rail, move[k, j, MIDDLE_PRESSURE_COLUMN] + reserve)
-                if needed and not BOOSTED_MODES[patterns[p, j]]:
-                    found = STEP_INADMISSIBLE
-                    break
-                if BOOSTED_MODES[patterns[p, j]] and not needed:
-                    found = WITHOUT_NEED
-            if found == STEP_INADMISSIBLE:
-                continue
-            paper_sum = series_sum = c.supply_pressure * c.idle_leakage * duration
-            for j in range(n):
-                paper = series = c.supply_pressure
-                more = 0.0
-                if BOOSTED_MODES[patterns[p, j]] and _is_loaded(move[k, j]):
-                    supply, more = rail, rail_leak
-                    if not RAIL_MODES[patterns[p, j]]:
-                        more = move[k, j, LEAKAGE_COLUMN]
-                        speed = move[k, j, STROKE_COLUMN] / duration
-                        supply = (
-                            move[k, j, MIDDLE_PRESSURE_COLUMN]
-                            + move[k, j, VALVE_COLUMN] * speed * speed
-                            + margin
-                        )
-                    paper = max(paper, move[k, j, MIDDLE_PRESSURE_COLUMN] / efficiency)
-                    series += max(0.0, supply - c.supply_pressure) / efficiency
-                oil = move[k, j, OIL_COLUMN] + c.leakage_flow * duration
-                paper_sum += paper * oil
-                series_sum += series * (oil + more * duration)
-            cost[p, DURATION_COLUMN] = duration
-            cost[p, ENERGY_PAPER_COLUMN] = paper_sum
-            cost[p, ENERGY_SERIES_COLUMN] = series_sum
-            status[p] = found
-            best = max(best, found)
+            status[p] = _price_move(c, patterns[p], buffers.move[k], cost[p])
+            best = max(best, status[p])
         if best == wanted:
             return best
     return STEP_INADMISSIBLE
+
+
+@kernel(inline="always")
+def _describe_move(
+    c: HydraulicCoefficients, moves: NodeMoves, k: int, buffers: StepBuffers
+) -> None:
+    """Compute the columns of a move, and which of its joints need boost.
+
+    Args:
+        c: Hydraulic coefficients.
+        moves: Moves to a node.
+        k: Number of the move among them.
+        buffers: Its `move[k]`, `must_boost[k]` and `may_boost[k]` are written in place. Without
+            forces at the middle, `must_boost[k]` is NO_PATTERN and `move[k]` is unchanged.
+    """
+    start, end, i, last = moves.start, moves.end, moves.origin, moves.first + k
+    n = moves.middle_force.shape[1]
+    buffers.must_boost[k] = buffers.may_boost[k] = 0
+    if math.isnan(moves.middle_force[k, 0]):
+        buffers.must_boost[k] = NO_PATTERN
+        return
+    duration = 0.0  # by the speed limits in mode N
+    if c.rest_speed > 0.0:
+        for j in range(n):
+            stroke = end.length[last, j] - start.length[i, j]
+            direction = 0 if stroke > 0.0 else 1
+            duration = max(duration, abs(stroke) * c.inverse_speed_limit[j, Mode.N, direction])
+    for j in range(n):
+        delta = end.length[last, j] - start.length[i, j]
+        forces = start.force[i, j], moves.middle_force[k, j], end.force[last, j]
+        _describe_stroke(c, j, delta, forces, buffers, k)
+        if duration > 0.0 and abs(delta) <= c.rest_speed * duration:
+            _describe_hold(c, j, forces, buffers, k)
+
+
+@kernel(inline="always")
+def _describe_stroke(
+    c: HydraulicCoefficients,
+    j: int,
+    delta: float,
+    forces: tuple[float, float, float],
+    buffers: StepBuffers,
+    k: int,
+) -> None:
+    """Compute the columns of one joint's stroke, and whether it needs boost.
+
+    Args:
+        c: Hydraulic coefficients.
+        j: Index of the joint.
+        delta: Change of the cylinder's length [m].
+        forces: Piston forces at start, middle and end, positive if they resist extension [N].
+        buffers: `move[k, j]` and bit j of `must_boost[k]` and `may_boost[k]` are written in place.
+        k: Number of the move.
+    """
+    move, stroke = buffers.move[k, j], abs(delta)
+    d = 0 if delta > 0.0 else 1
+    sign = 1.0 - 2.0 * d
+    at_middle = sign * forces[1]
+    load = max(sign * forces[0], at_middle, sign * forces[2])
+    worst = -math.inf
+    if load > 0.0 and stroke > MAX_HELD_STROKE:
+        worst = load * c.per_area[j, d] + c.outlet_pressure[j, d]
+        if worst + c.boost_margin > c.supply_pressure:
+            buffers.must_boost[k] |= 1 << j
+        if worst + c.boost_margin + c.valve_drop_at_v_max[j, d] > c.supply_pressure:
+            buffers.may_boost[k] |= 1 << j
+    move[STROKE_COLUMN] = stroke
+    move[DIRECTION_COLUMN] = d
+    move[OIL_COLUMN] = c.area[j, d] * stroke
+    move[WORST_PRESSURE_COLUMN] = worst
+    move[MIDDLE_PRESSURE_COLUMN] = at_middle * c.per_area[j, d] + c.outlet_pressure[j, d]
+    move[VALVE_COLUMN] = c.valve_drop_factor[j, d]
+    move[LEAKAGE_COLUMN] = 0.0
+    if stroke > MAX_HELD_STROKE:
+        need = move[MIDDLE_PRESSURE_COLUMN] + c.valve_drop_at_v_max[j, d] + c.boost_margin
+        move[LEAKAGE_COLUMN] = _compute_extra_leakage(c, need)
+
+
+@kernel(inline="always")
+def _describe_hold(
+    c: HydraulicCoefficients,
+    j: int,
+    forces: tuple[float, float, float],
+    buffers: StepBuffers,
+    k: int,
+) -> None:
+    """Replace the columns of a slow joint by those of a hold if it must be held in boost.
+
+    It must be if P_S cannot hold its load, but the highest boost pressure can.
+
+    Args:
+        c: Hydraulic coefficients.
+        j: Index of the joint.
+        forces: Piston forces at start, middle and end, positive if they resist extension [N].
+        buffers: `move[k, j]` and bit j of `must_boost[k]` and `may_boost[k]` are written in place.
+        k: Number of the move.
+    """
+    move = buffers.move[k, j]
+    held = _hold_pressure(c, j, forces[1])
+    worst = max(held, _hold_pressure(c, j, forces[0]))
+    worst = max(worst, _hold_pressure(c, j, forces[2]))
+    if c.supply_pressure < worst + c.boost_margin <= c.max_boost_pressure:
+        buffers.must_boost[k] |= 1 << j
+        buffers.may_boost[k] |= 1 << j
+        move[WORST_PRESSURE_COLUMN] = worst
+        move[MIDDLE_PRESSURE_COLUMN] = held
+        move[VALVE_COLUMN] = 0.0
+        move[LEAKAGE_COLUMN] = _compute_extra_leakage(c, held + c.boost_margin)
+
+
+@kernel(inline="always")
+def _price_move(
+    c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray, cost: FloatArray
+) -> int:
+    """Compute duration and energies of a move in one pattern.
+
+    Args:
+        c: Hydraulic coefficients.
+        pattern: Mode of each joint, shape (n,).
+        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
+        cost: T [s], E paper [J] and E series [J], shape (3,). Written in place unless the step is
+            inadmissible.
+
+    Returns:
+        STEP_INADMISSIBLE, WITHOUT_NEED or STEP_CONSISTENT.
+    """
+    duration, rail_leak = _compute_duration(c, pattern, move)
+    if duration == math.inf:
+        return STEP_INADMISSIBLE
+    status, rail = _check_pressures(c, pattern, move, duration)
+    if status != STEP_INADMISSIBLE:
+        paper, series = _compute_energies(c, pattern, move, duration, (rail, rail_leak))
+        cost[DURATION_COLUMN] = duration
+        cost[ENERGY_PAPER_COLUMN] = paper
+        cost[ENERGY_SERIES_COLUMN] = series
+    return status
+
+
+@kernel(inline="always")
+def _compute_duration(
+    c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray
+) -> tuple[float, float]:
+    """Compute the duration of a move in one pattern, and the leakage of a valve at the rail.
+
+    Args:
+        c: Hydraulic coefficients.
+        pattern: Mode of each joint, shape (n,).
+        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
+
+    Returns:
+        Duration [s], inf if leakage takes the whole flow. Additional leakage of each valve at the
+        shared rail [m³/s], 0 without one.
+    """
+    duration = volume = rail_leak = 0.0
+    shared = c.shared_flow
+    for j in range(len(pattern)):
+        d, mode = int(move[j, DIRECTION_COLUMN]), pattern[j]
+        duration = max(duration, move[j, STROKE_COLUMN] * c.inverse_speed_limit[j, mode, d])
+        volume += move[j, OIL_COLUMN]
+        if RAIL_MODES[mode]:
+            rail_leak = max(rail_leak, move[j, LEAKAGE_COLUMN])
+        elif BOOSTED_MODES[mode]:
+            shared -= move[j, LEAKAGE_COLUMN]
+    if rail_leak > 0.0:
+        for j in range(len(pattern)):
+            if RAIL_MODES[pattern[j]] and _is_loaded(move[j]):
+                shared -= rail_leak
+    if shared <= 0.0:
+        return math.inf, rail_leak
+    return max(duration, volume / shared), rail_leak
+
+
+@kernel(inline="always")
+def _check_pressures(
+    c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray, duration: float
+) -> tuple[int, float]:
+    """Check whether a pattern boosts the joints of a move that need boost.
+
+    Args:
+        c: Hydraulic coefficients.
+        pattern: Mode of each joint, shape (n,).
+        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
+        duration: Duration of the move [s].
+
+    Returns:
+        STEP_INADMISSIBLE, WITHOUT_NEED or STEP_CONSISTENT. Supply pressure of the shared rail at
+        the middle of the move [Pa], 0 without one.
+    """
+    status, rail = STEP_CONSISTENT, 0.0
+    for j in range(len(pattern)):
+        boosted, needed = BOOSTED_MODES[pattern[j]], False
+        if _is_loaded(move[j]):
+            speed = move[j, STROKE_COLUMN] / duration
+            reserve = move[j, VALVE_COLUMN] * speed * speed + c.boost_margin
+            worst = move[j, WORST_PRESSURE_COLUMN] + reserve
+            if worst > c.max_boost_pressure:
+                return STEP_INADMISSIBLE, rail
+            needed = worst > c.supply_pressure
+            if RAIL_MODES[pattern[j]]:
+                rail = max(rail, move[j, MIDDLE_PRESSURE_COLUMN] + reserve)
+        if needed and not boosted:
+            return STEP_INADMISSIBLE, rail
+        if boosted and not needed:
+            status = WITHOUT_NEED
+    return status, rail
+
+
+@kernel(inline="always")
+def _compute_energies(
+    c: HydraulicCoefficients,
+    pattern: ModeArray,
+    move: FloatArray,
+    duration: float,
+    rail: tuple[float, float],
+) -> tuple[float, float]:
+    """Compute the energies of an admissible move in one pattern.
+
+    Args:
+        c: Hydraulic coefficients.
+        pattern: Mode of each joint, shape (n,).
+        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
+        duration: Duration of the move [s].
+        rail: Supply pressure of the shared rail [Pa], and additional leakage of each valve at it
+            [m³/s].
+
+    Returns:
+        Energy in the readings `paper` and `series` [J].
+    """
+    paper_sum = series_sum = c.supply_pressure * c.idle_leakage * duration
+    for j in range(len(pattern)):
+        paper = series = c.supply_pressure
+        more = 0.0
+        if BOOSTED_MODES[pattern[j]] and _is_loaded(move[j]):
+            middle = move[j, MIDDLE_PRESSURE_COLUMN]
+            supply, more = rail
+            if not RAIL_MODES[pattern[j]]:
+                more = move[j, LEAKAGE_COLUMN]
+                speed = move[j, STROKE_COLUMN] / duration
+                supply = middle + move[j, VALVE_COLUMN] * speed * speed + c.boost_margin
+            paper = max(paper, middle / c.efficiency)
+            series += max(0.0, supply - c.supply_pressure) / c.efficiency
+        oil = move[j, OIL_COLUMN] + c.leakage_flow * duration
+        paper_sum += paper * oil
+        series_sum += series * (oil + more * duration)
+    return paper_sum, series_sum
 
 
 @kernel
@@ -610,9 +754,8 @@ def step_costs(
     owner = np.zeros(len(patterns), dtype=np.int64)
     scratch = create_step_buffers(patterns)
     circuit = compute_hydraulic_coefficients(arrays, patterns)._replace(rest_speed=rest_speed)
-    status = price_steps_to_node(
-        circuit, patterns, from_start, 0, to_end, 0, 1, owner, middle, scratch
-    )
+    moves = NodeMoves(from_start, 0, to_end, 0, 1, owner, middle)
+    status = price_steps_to_node(circuit, patterns, moves, scratch)
     admissible = (scratch.status == status) & (status != STEP_INADMISSIBLE)
     cost = np.where(admissible[:, None], scratch.cost, np.nan)
     return StepCosts(

@@ -19,6 +19,7 @@ quickest motion is also the cheapest.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,40 @@ If the number of parts is at its limit, the angle of each part is larger."""
 
 AT_ONCE = 5
 """Largest number of parts that the slew turns during one stretch of the path."""
+
+
+class PathStretches(NamedTuple):
+    """A path in the arm's plane, cut into stretches at corners.
+
+    Attributes:
+        posture: Postures of the path, float64[k + 1, n], [rad or m]. Column 0, the slew, is
+            ignored.
+        duration: Duration of each path step without the slew, float64[k], [s].
+        oil: Oil volume of each path step without the slew, float64[k], [m³].
+        corner: Indices of the postures between which the stretches lie, int64[corners]; first 0,
+            last k.
+    """
+
+    posture: FloatArray
+    duration: FloatArray
+    oil: FloatArray
+    corner: IntArray
+
+
+class SlewStroke(NamedTuple):
+    """Stroke of the slew's piston in one part, and what limits its speed.
+
+    Attributes:
+        part: Stroke in one part of the whole [m].
+        max_speed: Largest speed V_max [m/s].
+        flow: Flow Q that slew and path share [m³/s].
+        area: Piston area A [m²].
+    """
+
+    part: float
+    max_speed: float
+    flow: float
+    area: float
 
 
 def find_clear_turning(
@@ -96,11 +131,12 @@ def find_quickest_turning(
     oil = compute_path_oil(machine.planar_arm, path.posture)
     angle = np.linspace(start_angle, end_angle, parts + 1)
     flow = m.main_pump_flow - machine.joint_count * m.leakage_flow
-    slew = np.array([way, m.max_piston_speed[0], flow, m.cap_area[0]])
-    least, came = compute_least_times(m, rows, posture, path.duration, oil, corner, angle, slew)
+    slew = SlewStroke(way, float(m.max_piston_speed[0]), flow, float(m.cap_area[0]))
+    stretches = PathStretches(posture, path.duration, oil, corner)
+    least, came = compute_least_times(m, rows, stretches, angle, slew)
     if least[-1, -1] == math.inf:
         return None
-    return _reconstruct_turning(came, corner, angle, path.duration, oil, slew)
+    return _reconstruct_turning(came, stretches, angle, slew)
 
 
 def _list_rows_in_space(machine: Machine) -> FloatArray:
@@ -156,23 +192,19 @@ def is_way_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> boo
 
 
 @kernel
-def _compute_step_time(
-    duration: float, oil: float, stroke: float, slew_limits: FloatArray
-) -> float:
+def _compute_step_time(duration: float, oil: float, stroke: float, slew: SlewStroke) -> float:
     """Return the duration of a path step during which the slew also moves.
 
     Args:
         duration: Duration of the step without the slew [s].
         oil: Oil volume that the step takes without the slew [m³].
         stroke: Stroke of the slew's piston in this step [m].
-        slew_limits: Slew limits, float64[4]: element 1 is V_max of the slew's piston [m/s], 2 the
-            flow that slew and path share [m³/s], 3 the piston area [m²]. Element 0 is not used.
+        slew: Limits of the slew; its stroke in one part is not used.
 
     Returns:
         max(duration, stroke/V_max, (oil + area · stroke)/flow) [s].
     """
-    _, fastest, flow, area = slew_limits
-    return max(duration, max(stroke / fastest, (oil + area * stroke) / flow))
+    return max(duration, max(stroke / slew.max_speed, (oil + slew.area * stroke) / slew.flow))
 
 
 @kernel
@@ -196,37 +228,32 @@ def _compute_time_share(duration: FloatArray, first: int, last: int, s: int) -> 
 def _is_clear(
     m: MachineArrays,
     rows: FloatArray,
-    posture: FloatArray,
-    duration: FloatArray,
-    first: int,
-    last: int,
+    path: PathStretches,
+    i: int,
     begin: float,
     end: float,
 ) -> bool:
     """Return whether the arm keeps clear in a stretch while the slew turns between two angles.
 
-    A stretch is the part of the path from step `first` to before step `last`. The slew angle
-    changes in proportion to the time of the path steps.
+    The slew angle changes in proportion to the time of the path steps.
 
     Args:
         m: Whole arm.
         rows: Obstacles, float64[rows, ROW_WIDTH], each with its kind and shape [m].
-        posture: Postures of the path, float64[k + 1, n], [rad or m]. Column 0, the slew, is
-            ignored.
-        duration: Duration of each path step, float64[k], [s].
-        first: Index of the first step of the stretch.
-        last: Index after its last step.
+        path: The path.
+        i: Index of the stretch.
         begin: Slew angle at the start of the stretch [rad].
         end: Slew angle at its end [rad].
 
     Returns:
         True if all moves of the stretch are clear.
     """
+    posture, first, last = path.posture, path.corner[i], path.corner[i + 1]
     here, there = posture[first].copy(), posture[first].copy()
     here[0] = begin
     for s in range(first, last):
         there[:] = posture[s + 1]
-        there[0] = here[0] + _compute_time_share(duration, first, last, s) * (end - begin)
+        there[0] = here[0] + _compute_time_share(path.duration, first, last, s) * (end - begin)
         if not move_is_clear(m, rows, here, there, False):
             return False
         here[:] = there
@@ -237,12 +264,9 @@ def _is_clear(
 def compute_least_times(
     m: MachineArrays,
     rows: FloatArray,
-    posture: FloatArray,
-    duration: FloatArray,
-    oil: FloatArray,
-    corner: IntArray,
+    path: PathStretches,
     angle: FloatArray,
-    slew_limits: FloatArray,
+    slew: SlewStroke,
 ) -> tuple[FloatArray, IntArray]:
     """Compute the least time to each state of path and slew by dynamic programming.
 
@@ -256,26 +280,21 @@ def compute_least_times(
         m: Whole arm.
         rows: Obstacle rows of zones in space, float64[rows, ROW_WIDTH], each with kind and shape
             [m].
-        posture: Postures of the path, float64[k + 1, n], [rad or m]. Column 0, the slew, is
-            ignored.
-        duration: Duration of each path step without the slew, float64[k], [s].
-        oil: Oil volume of each path step without the slew, float64[k], [m³].
-        corner: Indices of the postures between which the stretches lie, int64[corners]; first 0,
-            last k.
+        path: The path, cut into stretches.
         angle: Slew angle after each number of parts, float64[parts + 1], [rad].
-        slew_limits: Slew limits, float64[4]: stroke of the piston in one part [m], V_max [m/s],
-            flow that slew and path share [m³/s], piston area [m²].
+        slew: Stroke and limits of the slew.
 
     Returns:
         Least time to each state, float64[corners, parts + 1], [s]; inf if it cannot be reached.
         Then the last step to each state, int64 of the same shape. It is the number of parts by
         which the slew turned during the stretch before, or REST_STEP if the slew turned alone.
     """
+    posture, duration, oil, corner = path
     corners, parts = len(corner), len(angle) - 1
     least = np.full((corners, parts + 1), math.inf)
     came = np.zeros((corners, parts + 1), dtype=np.int64)
     least[0, 0] = 0.0
-    alone = _compute_step_time(0.0, 0.0, slew_limits[0], slew_limits)
+    alone = _compute_step_time(0.0, 0.0, slew.part, slew)
     begin = np.empty(posture.shape[1])
     end = np.empty(posture.shape[1])
     for i in range(corners):
@@ -295,12 +314,11 @@ def compute_least_times(
             for more in range(min(AT_ONCE, parts - k) + 1):
                 there = least[i, k]
                 for s in range(first, last):
-                    way = more * slew_limits[0] * _compute_time_share(duration, first, last, s)
-                    there += _compute_step_time(duration[s], oil[s], way, slew_limits)
+                    way = more * slew.part * _compute_time_share(duration, first, last, s)
+                    there += _compute_step_time(duration[s], oil[s], way, slew)
                 if there >= least[i + 1, k + more]:
                     continue
-                ends = angle[k], angle[k + more]
-                if _is_clear(m, rows, posture, duration, first, last, ends[0], ends[1]):
+                if _is_clear(m, rows, path, i, angle[k], angle[k + more]):
                     least[i + 1, k + more] = there
                     came[i + 1, k + more] = more
     return least, came
@@ -308,44 +326,38 @@ def compute_least_times(
 
 def _reconstruct_turning(
     last_steps: IntArray,
-    corner: IntArray,
+    path: PathStretches,
     angle: FloatArray,
-    duration: FloatArray,
-    oil: FloatArray,
-    slew_limits: FloatArray,
+    slew: SlewStroke,
 ) -> SlewMotion:
     """Reconstruct the quickest slew motion by following the steps back from the last state.
 
     Args:
         last_steps: Last step to each state, second result of `compute_least_times`.
-        corner: Indices of the postures between which the stretches lie, int64[corners].
+        path: The path, cut into stretches.
         angle: Slew angle after each number of parts, float64[parts + 1], [rad].
-        duration: Duration of each path step without the slew, float64[k], [s].
-        oil: Oil volume of each path step without the slew, float64[k], [m³].
-        slew_limits: Slew limits, float64[4]: stroke of the piston in one part [m], V_max [m/s],
-            flow that slew and path share [m³/s], piston area [m²].
+        slew: Stroke and limits of the slew.
 
     Returns:
         Slew motion from the first to the last angle along the whole path: the path step, the slew
         angle [rad] and the duration [s] of each step of the whole arm.
     """
+    _, duration, oil, corner = path
     i, k = len(corner) - 1, len(angle) - 1
     # Path step or REST_STEP, slew angle at its end [rad], duration [s]; the last step first.
     steps: list[tuple[int, float, float]] = []
     while (i, k) != (0, 0):
         turned_by = last_steps[i, k]
         if turned_by == REST_STEP:
-            steps.append(
-                (REST_STEP, angle[k], _compute_step_time(0.0, 0.0, slew_limits[0], slew_limits))
-            )
+            steps.append((REST_STEP, angle[k], _compute_step_time(0.0, 0.0, slew.part, slew)))
             k -= 1
             continue
         first, last = corner[i - 1], corner[i]
         i, k, end = i - 1, k - turned_by, angle[k]
         for s in range(last - 1, first - 1, -1):
             share = _compute_time_share(duration, first, last, s)
-            way = turned_by * slew_limits[0] * share
-            steps.append((s, end, _compute_step_time(duration[s], oil[s], way, slew_limits)))
+            way = turned_by * slew.part * share
+            steps.append((s, end, _compute_step_time(duration[s], oil[s], way, slew)))
             end -= share * (angle[k + turned_by] - angle[k])
     step, ends, lasting = (np.array(each) for each in zip(*reversed(steps), strict=True))
     return SlewMotion(step, np.append(angle[0], ends), lasting)

@@ -13,6 +13,8 @@ from mhsb_planner.integrated.cylinder_path import (
     price_path,
 )
 from mhsb_planner.integrated.refinement import (
+    Strides,
+    SweptPath,
     compute_goal_lengths,
     remove_waypoints,
     sweep_waypoints,
@@ -48,9 +50,8 @@ def test_a_sweep_never_makes_a_route_dearer_and_tells_its_cost(
     tip = tuple(machine.tip_position(end))
     elbow, free = (1 if end[1] > 0 else -1), end.sum(keepdims=True)
     turn = np.array([0.05])
-    moved = sweep_waypoints(
-        t, new_path_cost_buffers(t), via, start, cost, tip, elbow, free, 2e-3, turn
-    )
+    path = SweptPath(via, start, tip, elbow, free)
+    moved = sweep_waypoints(t, new_path_cost_buffers(t), path, cost, Strides(2e-3, turn))
     assert moved <= cost
     assert moved == pytest.approx(
         price_path(t, new_path_cost_buffers(t), via, start, np.inf), rel=1e-12
@@ -81,9 +82,8 @@ def test_a_route_that_is_not_possible_stays_as_it_is(machine, terms_of, posture_
     start, via, end, _ = random_route(machine, t, posture_within, 0)
     tip, elbow = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1)
     free, turn, before = end.sum(keepdims=True), np.array([0.05]), via.copy()
-    cost = sweep_waypoints(
-        t, new_path_cost_buffers(t), via, start, np.inf, tip, elbow, free, 2e-3, turn
-    )
+    path = SweptPath(via, start, tip, elbow, free)
+    cost = sweep_waypoints(t, new_path_cost_buffers(t), path, np.inf, Strides(2e-3, turn))
     assert (cost, free[0]) == (np.inf, end.sum())
     assert np.array_equal(via, before)
 
@@ -109,11 +109,9 @@ def test_sweeps_lead_a_detour_in_n_back_to_the_lower_bound(machine, terms_of, po
         if straight > 0.99 * cost:
             continue
         tip, elbow = tuple(machine.tip_position(end)), (1 if end[1] > 0 else -1)
-        free, stay = end.sum(keepdims=True), np.zeros(1)
+        path, stay = SweptPath(via, start, tip, elbow, end.sum(keepdims=True)), np.zeros(1)
         for stroke in np.repeat([1e-3, 3e-4, 1e-4, 3e-5], 6):
-            cost = sweep_waypoints(
-                t, new_path_cost_buffers(t), via, start, cost, tip, elbow, free, stroke, stay
-            )
+            cost = sweep_waypoints(t, new_path_cost_buffers(t), path, cost, Strides(stroke, stay))
         assert cost <= 1.02 * straight
         return
     pytest.fail("no route with a detour was drawn")
