@@ -357,8 +357,8 @@ class NodeMoves(NamedTuple):
         posture_count: Number of postures of the node.
         owner: Row of `end` in which a step ends, by pattern, shape (patterns,).
         middle_force: Piston forces at the middle of each move, with `posture_count` rows or more,
-            shape (…, n) [N]. A move is inadmissible if its first entry is NaN. `middle_forces` and `mark_collisions` compute
-            this array.
+            shape (…, n) [N]. A move is inadmissible if its first entry is NaN. `middle_forces` and
+            `mark_collisions` compute this array.
     """
 
     start: Postures
