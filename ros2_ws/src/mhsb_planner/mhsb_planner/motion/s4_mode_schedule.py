@@ -107,20 +107,6 @@ class StartModes:
         return cls(schedule.modes_at(time_ns), age)
 
 
-class ModesAround(NamedTuple):
-    """Modes before the first and after the last instant of a motion, as kernels take them.
-
-    Attributes:
-        start: Modes in force before the first instant, shape (n,).
-        age: Age of these modes at the first instant, shape (n,) [s].
-        hold: Modes from the last instant on, shape (n,).
-    """
-
-    start: ModeArray
-    age: FloatArray
-    hold: ModeArray
-
-
 def mode_schedule(
     machine: Machine,
     trajectory: Trajectory,
@@ -197,7 +183,9 @@ def interval_modes(
         profile.force,
         profile.inertia,
         np.array(preferred, dtype=np.uint8),
-        ModesAround(start.modes, start.age, hold),
+        start.modes,
+        start.age,
+        hold,
         rules,
     )
 
@@ -222,8 +210,7 @@ def keeps_dwell(
         True if it is kept, including the time since the last switch before the first instant.
     """
     least = (rules or SwitchingRules()).min_dwell - _ROUNDING
-    around = ModesAround(start.modes, start.age, hold)
-    return bool(_compute_shortest_run(time, modes, around) >= least)
+    return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
 
 
 def schedule_of_intervals(
@@ -264,7 +251,7 @@ def _find_changes(modes: ModeArray) -> IntArray:
     return rows[:count]
 
 
-@kernel
+@kernel  # records would cost 3 %, for numba takes 1 µs to recognize one at a call
 def _interval_modes(
     m: MachineArrays,
     time: FloatArray,
@@ -272,7 +259,9 @@ def _interval_modes(
     force: FloatArray,
     inertia: FloatArray,
     preferred: ModeArray,
-    around: ModesAround,
+    start: ModeArray,
+    age: FloatArray,
+    hold: ModeArray,
     rules: SwitchingRules,
 ) -> ModeArray:
     """Compute the modes between the instants of a profile.
@@ -290,14 +279,15 @@ def _interval_modes(
         inertia: Piston forces from inertia, shape (k, n) [N].
         preferred: Modes that the search for the discrete path (S2) chose around each instant, shape
             (k, n). SB in them is kept during boost.
-        around: Modes before and after the motion.
+        start: Modes in force at the first instant, shape (n,).
+        age: Time since the last switch of each actuator, shape (n,) [s].
+        hold: Modes after the last instant, shape (n,).
         rules: Rules for switching.
 
     Returns:
         Mode codes, shape (k - 1, n).
     """
     lead, dwell = rules.lead, rules.min_dwell
-    start, hold = around.start, around.hold
     intervals, n = len(speed) - 1, speed.shape[1]
     modes = np.zeros((intervals, n), dtype=np.uint8)
     needed = np.zeros((intervals, n), dtype=np.bool_)
@@ -317,7 +307,7 @@ def _interval_modes(
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
 
-        free[j] = _find_first_free_interval(time, around.age[j], dwell)
+        free[j] = _find_first_free_interval(time, age[j], dwell)
         on[: free[j]] = BOOSTED_MODES[start[j]]
         boost_beside = (
             _ON if BOOSTED_MODES[start[j]] else _OFF,
@@ -700,7 +690,9 @@ def _keeps_dwell_after_change(
 
 
 @kernel
-def _compute_shortest_run(time: FloatArray, modes: ModeArray, around: ModesAround) -> float:
+def _compute_shortest_run(
+    time: FloatArray, modes: ModeArray, start: ModeArray, age: FloatArray, hold: ModeArray
+) -> float:
     """Compute the least time between two switches of an actuator.
 
     The time from the last switch before the first instant counts, too.
@@ -708,12 +700,13 @@ def _compute_shortest_run(time: FloatArray, modes: ModeArray, around: ModesAroun
     Args:
         time: Instants in ascending order, shape (k,) [s].
         modes: Mode codes between the instants, shape (k - 1, n).
-        around: Modes before the first and after the last instant.
+        start: Modes in force before the first instant, shape (n,).
+        age: Age of these modes at the first instant, shape (n,) [s].
+        hold: Modes from the last instant on, shape (n,).
 
     Returns:
         Least time over all actuators [s]; inf if none is switched.
     """
-    start, age, hold = around
     intervals, n = modes.shape
     shortest = math.inf
     for j in range(n):
