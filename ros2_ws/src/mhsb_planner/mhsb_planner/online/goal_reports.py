@@ -19,7 +19,7 @@ NEWER_GOAL = "a newer goal came before this one was planned"
 NEWER_GOAL_SENT = "a newer goal came before the arm had taken the plan"
 """Sentence on a goal that was superseded after a plan had been sent."""
 
-OUTCOMES = {Verdict.SUPERSEDED: Outcome.REPLACED, Verdict.STOPPED: Outcome.STOPPED}
+OUTCOME_OF_VERDICT = {Verdict.SUPERSEDED: Outcome.REPLACED, Verdict.STOPPED: Outcome.STOPPED}
 """Outcome of an accepted goal that ends for the reason of a verdict; any other is `ABORTED`."""
 
 
@@ -68,13 +68,13 @@ class GoalReports:
         Nothing happens if the goal has ended already.
 
         Args:
-            pending_goal: The goal. An accepted one ends with the outcome that `OUTCOMES` has for
-                the code; if aborted, with the code as reason.
+            pending_goal: The goal. An accepted one ends with the outcome in `OUTCOME_OF_VERDICT`;
+                if aborted, with the code as reason.
             code: Code of the verdict.
             sentence: Why it ends.
         """
         if pending_goal.has_verdict:
-            outcome = OUTCOMES.get(code, Outcome.ABORTED)
+            outcome = OUTCOME_OF_VERDICT.get(code, Outcome.ABORTED)
             reason = code if outcome is Outcome.ABORTED else None
             self.report_end(pending_goal, outcome, sentence, reason)
         elif not pending_goal.has_ended:
