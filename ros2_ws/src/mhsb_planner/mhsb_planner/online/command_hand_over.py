@@ -274,9 +274,10 @@ class HandOver:
         """Drop all commands and stamps after a clock jump.
 
         Returns:
-            Goal of the plan that was unconfirmed; empty without one.
+            Goal of the plan that was unconfirmed; empty without one, and if a stop has revoked it.
         """
-        goals = self.goals
+        revoked = self.unconfirmed is not None and self.unconfirmed.is_void
+        goals = [] if revoked else self.goals
         self.unconfirmed = None
         self._sent_commands.clear()
         self._last_stamp_ns = 0

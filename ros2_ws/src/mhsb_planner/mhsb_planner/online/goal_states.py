@@ -137,7 +137,6 @@ GOAL_TRANSITIONS: dict[str, dict[GoalState, Transition]] = {
     "the clock jumps": {
         GoalState.PLANNING: Transition(GoalState.PLANNING, action="the plan is made anew"),
         GoalState.UNCONFIRMED: Transition(GoalState.WAITING),
-        GoalState.REVOKED: Transition(GoalState.WAITING),
         GoalState.EXECUTING: _ABORTED,
         GoalState.STOPPING: _ABORTED,
     },

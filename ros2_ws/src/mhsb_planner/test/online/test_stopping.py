@@ -191,3 +191,17 @@ def test_an_arm_that_vibrates_rests_and_one_that_creeps_or_reverses_does_not():
 def moving(velocity, time):
     """State of joints that move with a constant velocity."""
     return MotionState(velocity * time, velocity, 0.0 * velocity)
+
+
+def test_a_goal_whose_plan_was_revoked_by_a_stop_moves_nothing_after_a_clock_jump(world):
+    world.lost = 1  # the plan is still unconfirmed when the clock jumps
+    stamp = world.send_goal(*UP)
+    world.pass_time_until(lambda: bool(world.sent))
+    answers = []
+    world.life.stop(lambda success, sentence: answers.append(success))
+    world.life.handle_clock_jump("the clock went back")
+    world.pass_time(5.0)
+    assert answers == [True]
+    assert world.execution_report(stamp).outcome is Outcome.STOPPED
+    assert len(world.sent) == 1
+    assert not world.arm.is_moving
