@@ -32,11 +32,11 @@ class Record:
     """
 
 
-R = TypeVar("R", bound=Record)
+RecordType = TypeVar("RecordType", bound=Record)
 
 
-class Records(Protocol[R]):
-    """Structured array of records R, an `np.ndarray` of the dtype `record_dtype(R)`."""
+class Records(Protocol[RecordType]):
+    """Structured array of records of one class: an `np.ndarray` with its `record_dtype`."""
 
     @property
     def dtype(self) -> np.dtype:
@@ -44,14 +44,14 @@ class Records(Protocol[R]):
         ...
 
     @overload
-    def __getitem__(self, key: SupportsIndex, /) -> R: ...
+    def __getitem__(self, key: SupportsIndex, /) -> RecordType: ...
     @overload
-    def __getitem__(self, key: slice, /) -> Records[R]: ...
+    def __getitem__(self, key: slice, /) -> Records[RecordType]: ...
     @overload
     def __getitem__(self, key: str, /) -> NDArray[Any]: ...
     def __setitem__(self, key: Any, value: Any, /) -> None: ...
     def __len__(self) -> int: ...
-    def copy(self) -> Records[R]:
+    def copy(self) -> Records[RecordType]:
         """Return a copy with its own memory."""
         ...
 
@@ -68,7 +68,7 @@ def record_dtype(kind: type[Record]) -> np.dtype[np.void]:
     return np.dtype([(name, FIELD_TYPES[text]) for name, text in kind.__annotations__.items()])
 
 
-def create_records(kind: type[R], count: int) -> Records[R]:
+def create_records(kind: type[RecordType], count: int) -> Records[RecordType]:
     """Create records whose fields are all 0.
 
     Args:

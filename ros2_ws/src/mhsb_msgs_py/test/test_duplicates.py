@@ -6,7 +6,7 @@ import pytest
 import rclpy
 from std_msgs.msg import String
 
-from mhsb_msgs_py.duplicates import describe_duplicates
+from mhsb_msgs_py.endpoints import describe_duplicates
 
 
 @pytest.fixture

@@ -603,6 +603,8 @@ def expand(
     t, lattice, goals = problem
     patterns, n = len(t.patterns), len(lattice.shape)
     at = np.empty(n, dtype=np.int64)
+    state: int
+    best: int
     for _ in range(limit):
         if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
             return ARRAYS_FULL

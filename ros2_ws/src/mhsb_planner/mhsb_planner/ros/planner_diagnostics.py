@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 from mhsb_model.machine import Machine
 from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
-from mhsb_msgs_py.duplicates import describe_duplicates
+from mhsb_msgs_py.endpoints import describe_duplicates
 from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.names import PLANNER_NODE
 from mhsb_planner.online.arm_state import NO_PLAN, ArmState

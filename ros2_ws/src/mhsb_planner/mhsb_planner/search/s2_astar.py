@@ -176,6 +176,8 @@ def expand(
     owner, patterns = search_input.posture_of_state, len(cost_model.patterns)
     to_goal, goal_first = search_input.to_goal, search_input.goal_first
     buffers = create_step_buffers(cost_model.patterns)
+    state: int
+    here: SearchState
     for _ in range(limit):
         if counts[EXPANDED_COUNT] == 0:
             origin = ExpandedState(NO_STATE, patterns, 0.0, 0)
@@ -260,6 +262,8 @@ def _relax_steps(
     w_energy, w_time, w_switch = search_input.weight
     switches, column = search_input.switches, search_input.column
     sink, depth = len(states) - 1, origin.depth + 1
+    there: SearchState
+    other: int
     open_list.counts[GENERATED_COUNT] += steps.last - steps.first
     for e in range(steps.first, steps.last):
         target, arrival = steps.state[e], steps.pattern[e]

@@ -26,7 +26,7 @@ class Health:
 
     Attributes:
         duplicates: Clause on publishers that exist twice on the ROS graph; empty if there are none.
-            See `mhsb_msgs_py.duplicates`.
+            See `mhsb_msgs_py.endpoints`.
     """
 
     def __init__(self, arm: SupervisedArm, pacer: Pacer, own_clock: bool, faults: Faults) -> None:

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from mhsb_model import command_line
 from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_msgs_py import mode_schedule, names, parameters, point_arrays, qos, topics, trajectory
-from mhsb_msgs_py.duplicates import describe_duplicates
+from mhsb_msgs_py.endpoints import describe_duplicates
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.faults import Faults
 from mhsb_msgs_py.node_process import spin_node
