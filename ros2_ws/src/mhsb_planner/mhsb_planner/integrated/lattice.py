@@ -487,7 +487,7 @@ def _relax_step(
             known.best[row] = target
     if cost >= f.states[target].cost:
         return False
-    record_path_to(f, target, origin.state, origin.depth + 1, cost, least)
+    record_path_to(f, target, origin.state, origin.next_depth, cost, least)
     return True
 
 
@@ -607,7 +607,7 @@ def expand(
         if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
             return ARRAYS_FULL
         if f.counts[EXPANDED_COUNT] == 0:
-            row, origin = _add_row(known, lattice.start), ExpandedState(NO_STATE, patterns, 0.0, 0)
+            row, origin = _add_row(known, lattice.start), ExpandedState(NO_STATE, patterns, 0.0, 1)
         else:
             state = pop_first_state(f)
             if state == NO_STATE:
@@ -618,7 +618,7 @@ def expand(
             best = known.best[row]
             if cost > f.states[best].cost + t.weight[2] * t.switches[best % patterns, own]:
                 continue
-            origin = ExpandedState(state, own, cost, np.int64(f.states[state].depth))
+            origin = ExpandedState(state, own, cost, f.states[state].depth + 1)
         f.counts[EXPANDED_COUNT] += 1
         _load_point(known, lattice, row, w.points, 0)
         _load_forces(t, known, row, w.points, 0)

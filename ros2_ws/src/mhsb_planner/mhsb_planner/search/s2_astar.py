@@ -174,7 +174,7 @@ def expand(
     buffers = create_step_buffers(cost_model.patterns)
     for _ in range(limit):
         if counts[EXPANDED_COUNT] == 0:
-            origin = ExpandedState(NO_STATE, patterns, 0.0, 0)
+            origin = ExpandedState(NO_STATE, patterns, 0.0, 1)
             first = search_input.from_start
             steps = LeavingSteps(first.state, first.pattern, first.cost, 0, len(first.state))
             counts[EXPANDED_COUNT] += 1
@@ -197,7 +197,7 @@ def expand(
         ):
             return ARRAYS_FULL
         pop_first_state(open_list)
-        origin = ExpandedState(state, own, here.cost, np.int64(here.depth))
+        origin = ExpandedState(state, own, here.cost, here.depth + 1)
         counts[EXPANDED_COUNT] += 1
         begin, end = edges.first[posture], edges.last[posture]
         steps = LeavingSteps(edges.state, edges.pattern, edges.cost, begin, end)
@@ -255,7 +255,7 @@ def _relax_steps(
     states, owner = open_list.states, search_input.posture_of_state
     w_energy, w_time, w_switch = search_input.weight
     switches, column = search_input.switches, search_input.column
-    sink, depth = len(states) - 1, origin.depth + 1
+    sink, depth = len(states) - 1, origin.next_depth
     open_list.counts[GENERATED_COUNT] += steps.last - steps.first
     for e in range(steps.first, steps.last):
         target, arrival = steps.state[e], steps.pattern[e]

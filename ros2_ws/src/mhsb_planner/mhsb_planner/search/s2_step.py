@@ -354,9 +354,9 @@ class NodeMoves(NamedTuple):
         origin: Row of `start` that the moves leave.
         end: Descriptions that contain the node's postures.
         first: Row of `end` with the node's first posture.
-        count: Number of postures of the node.
+        size: Number of postures of the node.
         owner: Row of `end` in which a step ends, by pattern, shape (patterns,).
-        middle_force: Piston forces at the middle of each move, shape (count or more, n) [N]. A move
+        middle_force: Piston forces at the middle of each move, shape (size or more, n) [N]. A move
             is inadmissible if its first entry is NaN. `middle_forces` and `mark_collisions` compute
             this array.
     """
@@ -365,7 +365,7 @@ class NodeMoves(NamedTuple):
     origin: int
     end: Postures
     first: int
-    count: int
+    size: int
     owner: IntArray
     middle_force: FloatArray
 
@@ -394,7 +394,7 @@ def price_steps_to_node(
     """
     must, may, boosted = buffers.must_boost, buffers.may_boost, c.boosted
     cost, status = buffers.cost, buffers.status
-    for k in range(moves.count):
+    for k in range(moves.size):
         _describe_move(c, moves, k, buffers)
     for wanted in (STEP_CONSISTENT, WITHOUT_NEED):
         best = STEP_INADMISSIBLE
