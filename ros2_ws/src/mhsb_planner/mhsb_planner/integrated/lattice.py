@@ -253,6 +253,7 @@ class LatticePointData(NamedTuple):
         force: Piston forces at each row's point, shape (rows, n) [N]; NaN until they are computed.
         best: Cheapest state of each row's point so far, NO_STATE if there is none.
         reached: Index of the goal posture at the end of the best path so far, shape (1,).
+        indices: Lattice indices of the point that is being expanded, shape (n,).
     """
 
     row: IntArray
@@ -262,6 +263,7 @@ class LatticePointData(NamedTuple):
     force: FloatArray
     best: IntArray
     reached: IntArray
+    indices: IntArray
 
 
 def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
@@ -282,6 +284,7 @@ def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
         force=np.full((rows, len(lattice.shape)), np.nan),
         best=np.full(rows, NO_STATE),
         reached=np.full(1, NO_STATE),
+        indices=np.empty(len(lattice.shape), dtype=np.int64),
     )
 
 
@@ -570,7 +573,7 @@ def _step_to_goal(
         known.reached[0] = k
 
 
-@kernel
+@kernel(borrows=True)
 def expand(
     problem: LatticeProblem,
     w: PathCostBuffers,
@@ -602,7 +605,7 @@ def expand(
     """
     t, lattice, goals = problem
     patterns, n = len(t.patterns), len(lattice.shape)
-    at = np.empty(n, dtype=np.int64)
+    at = known.indices
     for _ in range(limit):
         if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
             return ARRAYS_FULL

@@ -136,12 +136,13 @@ def _is_dominated(cost: float, depth: int, states: Records, other: int, switchin
     return known.cost < cost and (through < cost or (through == cost and known.depth <= depth))
 
 
-@kernel
+@kernel(borrows=True)
 def expand(
     open_list: OpenList,
     labels: PostureLabels,
     cost_model: StepCostModel,
     edges: Edges,
+    buffers: StepBuffers,
     search_input: ExactSearchInput,
     limit: int,
 ) -> int:
@@ -159,6 +160,7 @@ def expand(
         labels: Lower bounds and cheapest patterns per posture. Written in place.
         cost_model: Data for pricing steps.
         edges: Steps priced so far. New steps are written in place if there is room.
+        buffers: Working memory for pricing steps, overwritten.
         search_input: Start, goal, weights and mode switches.
         limit: Largest number of states to take from the open list, including the start.
 
@@ -171,7 +173,6 @@ def expand(
     states, counts = open_list.states, open_list.counts
     owner, patterns = search_input.posture_of_state, len(cost_model.patterns)
     to_goal, goal_first = search_input.to_goal, search_input.goal_first
-    buffers = create_step_buffers(cost_model.patterns)
     for _ in range(limit):
         if counts[EXPANDED_COUNT] == 0:
             origin = ExpandedState(NO_STATE, patterns, 0.0, 1)
@@ -304,6 +305,7 @@ class ExactSearch:
         self._open_list = create_open_list(layout.posture_of_state.size)
         postures, reached = len(layout.posture), np.zeros(len(query.goal.postures.length), bool)
         reached[query.to_goal.end] = True
+        self._buffers = create_step_buffers(query.graph.table.patterns)
         self._labels = PostureLabels(np.full(postures, np.nan), np.full(postures, NO_STATE))
         self._search_input = ExactSearchInput(
             from_start=query.from_start,
@@ -364,6 +366,7 @@ class ExactSearch:
                 self._labels,
                 steps.cost_model,
                 steps.edges,
+                self._buffers,
                 self._search_input,
                 limit,
             )
