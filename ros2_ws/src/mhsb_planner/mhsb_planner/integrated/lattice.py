@@ -494,7 +494,7 @@ def _relax_step(
     return True
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _price_step_to(
     t: PathCostModel,
     w: PathCostBuffers,
