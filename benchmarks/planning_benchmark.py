@@ -60,7 +60,7 @@ from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import search
+from mhsb_planner.search.s2_search import PathQuery, search
 from mhsb_planner.search.s2_step import DURATION_COLUMN, ENERGY_PAPER_COLUMN
 
 RUNS = 5
@@ -361,7 +361,9 @@ def _growth_figures(
         x, z = table.nodes[there] * spacing
         try:
             began = time.perf_counter()
-            path = search(graph, table.posture[here, 0], table.patterns[0], (x, z), ENERGY_OPTIMAL)
+            path = search(
+                graph, PathQuery(table.posture[here, 0], table.patterns[0], (x, z), ENERGY_OPTIMAL)
+            )
             times.append(MILLI * (time.perf_counter() - began))
         except MhsbError:
             continue

@@ -21,6 +21,7 @@ from mhsb_planner.errors import DeadlineError
 from mhsb_planner.integrated.integrated_search import search
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table
+from mhsb_planner.search.s2_search import PathQuery
 from mhsb_tools.comparison.ground_truth import ground_truth
 
 HEAVY_PAYLOAD, LOW_PRESSURE = 16.0, 2.5e6  # kg, Pa
@@ -118,12 +119,13 @@ def _measure_boosted(planner: Planner, moves: int, name: str) -> Figures:
     ratios, quick, seconds = [], [], []
     for move in tqdm(random_moves(planner, moves), f"ground truth, {name}", moves):
         machine, task = planner.machine, _search_arguments(planner.machine, move)
+        query = PathQuery(*task, ENERGY_OPTIMAL)
         truth = ground_truth(machine, *task, ENERGY_OPTIMAL).cost
         began = time.perf_counter()
-        ratios.append(search(machine, *task, ENERGY_OPTIMAL).cost / truth)
+        ratios.append(search(machine, query).cost / truth)
         seconds.append(time.perf_counter() - began)
         with suppress(DeadlineError):
-            soon = search(machine, *task, ENERGY_OPTIMAL, deadline=Deadline.after(SHORT))
+            soon = search(machine, query, deadline=Deadline.after(SHORT))
             quick.append(soon.cost / truth)
     return {
         "moves": moves,

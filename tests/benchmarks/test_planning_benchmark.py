@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from mhsb_model.command_line import UsageError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
-from mhsb_planner.search.s2_search import search
+from mhsb_planner.search.s2_search import PathQuery, search
 
 LITTLE = BenchmarkSize(
     moves=4,
@@ -159,6 +159,9 @@ def test_scipy_is_given_the_graph_that_is_searched(graph):
     reached = costs[there * patterns : (there + 1) * patterns].min()
     goal = tuple(graph.table.nodes[there] * graph.table.spacing)
     path = search(
-        graph, graph.table.posture[here, 0], np.zeros(3), goal, planning_benchmark.ENERGY_OPTIMAL
+        graph,
+        PathQuery(
+            graph.table.posture[here, 0], np.zeros(3), goal, planning_benchmark.ENERGY_OPTIMAL
+        ),
     )
     assert path.cost == pytest.approx(reached, rel=1e-9)

@@ -11,7 +11,7 @@ from benchmarks.search_benchmark import mirror_linkages
 from mhsb_planner.integrated import cylinder_path
 from mhsb_planner.integrated.integrated_search import search
 from mhsb_planner.planner import Planner
-from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_step import step_costs
 from mhsb_tools.comparison.least_cost import REST_SPEED, least_cost
 from mhsb_tools.comparison.least_cost import _Pricing as Pricing
@@ -68,7 +68,7 @@ def test_another_way_to_the_least_cost_comes_to_the_same(machine):
     light = machine.changed(payload=0.0)
     start = np.array([0.3, -1.4, -0.5])
     goal = tuple(light.tip_position(start + [0.15, 0.1, -0.1]))
-    path = search(light, start, NORMAL, goal, WEIGHTS)
+    path = search(light, PathQuery(start, NORMAL, goal, WEIGHTS))
     cost, via = least_cost(light, start, goal, WEIGHTS, 1.2 * path.cost)
     assert cost == pytest.approx(path.cost, rel=0.03)
     assert via[0] == pytest.approx(light.cylinder_lengths(start))

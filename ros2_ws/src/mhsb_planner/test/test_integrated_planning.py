@@ -12,7 +12,7 @@ from mhsb_planner.integrated.search_problem import SearchLimits
 from mhsb_planner.motion.s3_trajectory import FitError, FitRules
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions, fit_rules
-from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_search import PathQuery, Weights
 
 INTEGRATED = PlanOptions(planner="integrated")
 FOLLOWED = PlanOptions(trajectory="followed")
@@ -77,7 +77,7 @@ def test_no_motion_is_dearer_than_that_along_the_path_where_time_costs_a_little(
     for start, goal, _ in pairs(planner, 4, seed=3):
         plan = planner.plan(goal, MotionState.at_rest(start), options=INTEGRATED)
         effort = SearchLimits(max_expansions=4000)
-        path = search(planner.machine, start, normal, goal, hasty, effort=effort)
+        path = search(planner.machine, PathQuery(start, normal, goal, hasty), effort=effort)
         hurried = planner.follow(path, options=INTEGRATED)
         assert plan.cost(INTEGRATED) <= (1.0 + 1e-6) * hurried.cost(INTEGRATED)
 

@@ -19,7 +19,7 @@ from mhsb_planner.integrated import integrated_search
 from mhsb_model.trajectory import MotionState
 from mhsb_planner import planner as planning
 from mhsb_planner.deadline import Deadline
-from mhsb_planner.search.s2_search import Weights, search, warm_up
+from mhsb_planner.search.s2_search import PathQuery, Weights, search, warm_up
 
 def compiled():
     return {
@@ -39,16 +39,19 @@ before = compiled()
 q = table.posture[graph.grid.node_at(0.55, 0.2), 0]
 modes = np.array([0, 1, 0], dtype=np.uint8)
 psi = float(machine.postures(0.61, 0.31, np.linspace(-3, 3, 99))[0].sum())
-search(graph, q, modes, (0.60, 0.30), (1, 0, 2))
-search(graph, q, list(modes), [0.61, 0.31], (0.5, 0.0, 2.0), "series")
-search(graph, q - 0.01, modes, (0.61, 0.31), (0.5, 0.0, 2.0), goal_psi=psi)
-search(graph, q, modes, (0.56, 0.21), (0.5, 0.0, 2.0))
-search(graph.create_for(machine.changed(payload=2.0)), q, modes, (0.61, 0.31), (0.5, 0.0, 2.0))
+weights = Weights(0.5, 0.0, 2.0)
+search(graph, PathQuery(q, modes, (0.60, 0.30), Weights(1, 0, 2)))
+search(graph, PathQuery(q, list(modes), [0.61, 0.31], weights, "series"))
+search(graph, PathQuery(q - 0.01, modes, (0.61, 0.31), weights, goal_psi=psi))
+search(graph, PathQuery(q, modes, (0.56, 0.21), weights))
+changed = graph.create_for(machine.changed(payload=2.0))
+search(changed, PathQuery(q, modes, (0.61, 0.31), weights))
 for x, z in ((0.61, 0.31), (0.50, -0.20), (0.30, 0.60), (0.80, 0.10)):
     for weights in (Weights(0.5, 0, 2), Weights(0, 15, 2)):
         with suppress(MhsbError):
-            integrated_search.search(machine, q, modes, (x, z), weights)
-integrated_search.search(machine, q, modes, (0.61, 0.31), Weights(1, 0, 2), goal_psi=psi)
+            integrated_search.search(machine, PathQuery(q, modes, (x, z), weights))
+query = PathQuery(q, modes, (0.61, 0.31), Weights(1, 0, 2), goal_psi=psi)
+integrated_search.search(machine, query)
 by_searches = {name: count for name, count in compiled().items() if count != before.get(name)}
 planner = planning.Planner(machine, table)
 planning.warm_up(planner)

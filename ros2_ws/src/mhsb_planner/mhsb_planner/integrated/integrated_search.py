@@ -18,9 +18,9 @@ from time import perf_counter
 import numpy as np
 
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.types import FloatArray
 from mhsb_planner.deadline import NO_DEADLINE, Deadline, SearchTime
-from mhsb_planner.goal_region import Angle, Region, is_goal_met
+from mhsb_planner.goal_region import Region, is_goal_met
 from mhsb_planner.integrated import anytime_search, ik_near_start
 from mhsb_planner.integrated.anytime_search import SearchWork
 from mhsb_planner.integrated.cylinder_path import (
@@ -41,8 +41,8 @@ from mhsb_planner.integrated.search_problem import (
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm
-from mhsb_planner.search.s2_search import SAME_POINT, SEARCH_TASK, Weights
-from mhsb_planner.search.s2_step import ENERGY_COLUMN, EnergyReading
+from mhsb_planner.search.s2_search import SAME_POINT, SEARCH_TASK, PathQuery, Weights
+from mhsb_planner.search.s2_step import ENERGY_COLUMN
 
 __all__ = ["CylinderPath", "IntegratedSearch", "SearchLimits", "SearchProblem", "search"]
 
@@ -57,13 +57,8 @@ class IntegratedSearch:
     def __init__(
         self,
         machine: Machine,
-        start_posture: FloatArray,
-        start_modes: ModeArray,
-        goal_xz: tuple[float, float],
-        weights: Weights,
-        energy_reading: EnergyReading = "paper",
+        query: PathQuery,
         *,
-        goal_psi: Angle = None,
         goal_region: Region | None = None,
         bound_from: FloatArray | None = None,
         area: AreaTerm = WITHOUT_AREA,
@@ -76,13 +71,7 @@ class IntegratedSearch:
 
         Args:
             machine: The arm in its plane.
-            start_posture: Posture from which the path begins, shape (n,) [rad or m].
-            start_modes: Modes in force at the start, shape (n,).
-            goal_xz: Goal position of the tip (x, z) [m].
-            weights: Weights of energy, time and mode switches.
-            energy_reading: Formula by which energy is priced.
-            goal_psi: Admissible end-link angle or range of angles at the goal [rad]; None leaves it
-                free.
+            query: Start, goal and cost.
             goal_region: Other admissible tip positions; None: only the goal.
             bound_from: Posture from which the lower bound on the energy holds, shape (n,)
                 [rad or m]; None: the start.
@@ -105,21 +94,24 @@ class IntegratedSearch:
         limits = limits or (WITH_AREA if area.weight > 0.0 else SearchLimits())
         limits = limits.scaled(machine.relative_size)
         time.search_deadline.check(SEARCH_TASK)
-        posture = np.array(start_posture, dtype=np.float64)
-        self._modes = np.array(start_modes, dtype=np.uint8)
-        goals = sample_goal_postures(machine, *goal_xz, goal_psi, limits.psi_spacing, goal_region)
+        posture = np.array(query.start_posture, dtype=np.float64)
+        self._modes = np.array(query.start_modes, dtype=np.uint8)
+        goals = sample_goal_postures(
+            machine, *query.goal_xz, query.goal_psi, limits.psi_spacing, goal_region
+        )
         self._standing = is_goal_met(
-            goal_xz,
+            query.goal_xz,
             goal_region,
-            goal_psi,
+            query.goal_psi,
             machine.tip_position(posture),
             machine.end_link_angle(posture),
             SAME_POINT,
             SAME_POINT,
         )
         time.search_deadline.check(SEARCH_TASK)
+        weights, column = query.weights, ENERGY_COLUMN[query.energy_reading]
         weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
-        self._terms = cost_model(machine, self._modes, weight, ENERGY_COLUMN[energy_reading], area)
+        self._terms = cost_model(machine, self._modes, weight, column, area)
         priced_by = self._terms if counts_leakage else without_leakage_cost(self._terms)
         goals = ik_near_start.add_postures_near_start(
             machine, goals, posture, priced_by.circuit, weight
@@ -240,13 +232,8 @@ class IntegratedSearch:
 
 def search(
     machine: Machine,
-    start_posture: FloatArray,
-    start_modes: ModeArray,
-    goal_xz: tuple[float, float],
-    weights: Weights,
-    energy_reading: EnergyReading = "paper",
+    query: PathQuery,
     *,
-    goal_psi: Angle = None,
     goal_region: Region | None = None,
     area: AreaTerm = WITHOUT_AREA,
     deadline: Deadline = NO_DEADLINE,
@@ -256,13 +243,7 @@ def search(
 
     Args:
         machine: The arm in its plane.
-        start_posture: Posture from which the path begins, shape (n,) [rad or m].
-        start_modes: Modes in force at the start, shape (n,).
-        goal_xz: Goal position of the tip (x, z) [m].
-        weights: Weights of energy, time and mode switches.
-        energy_reading: Formula by which energy is priced.
-        goal_psi: Admissible end-link angle or range of angles at the goal [rad]; None leaves it
-            free.
+        query: Start, goal and cost.
         goal_region: Other admissible tip positions; None: only the goal.
         area: Weight of the area shortfall and the reference area.
         deadline: Instant at which the search ends with the cheapest path so far.
@@ -280,12 +261,7 @@ def search(
     """
     under_way = IntegratedSearch(
         machine,
-        start_posture,
-        start_modes,
-        goal_xz,
-        weights,
-        energy_reading,
-        goal_psi=goal_psi,
+        query,
         goal_region=goal_region,
         area=area,
         time=SearchTime(deadline),
@@ -296,11 +272,7 @@ def search(
 
 def improve_path(
     machine: Machine,
-    start_posture: FloatArray,
-    start_modes: ModeArray,
-    goal_xz: tuple[float, float],
-    weights: Weights,
-    energy_reading: EnergyReading = "paper",
+    query: PathQuery,
     *,
     via: FloatArray,
     spacings: tuple[float, ...],
@@ -310,11 +282,7 @@ def improve_path(
 
     Args:
         machine: The arm in its plane.
-        start_posture: Posture from which the path begins, shape (n,) [rad or m].
-        start_modes: Modes in force at the start, shape (n,).
-        goal_xz: Goal position of the tip (x, z) [m].
-        weights: Weights of energy, time and mode switches.
-        energy_reading: Formula by which energy is priced.
+        query: Start, goal and cost.
         via: Waypoints from the start to the goal, shape (points, n) [m]; the last has the cylinder
             lengths of a goal posture.
         spacings: Lattice spacings to which the changes are proportional, in the order of use [m].
@@ -324,10 +292,7 @@ def improve_path(
         The improved path, or the given one if nothing improves it; None if the given path is
         inadmissible.
     """
-    under_way = IntegratedSearch(
-        machine, start_posture, start_modes, goal_xz, weights, energy_reading, limits=effort
-    )
-    return under_way.improve_path(via, spacings)
+    return IntegratedSearch(machine, query, limits=effort).improve_path(via, spacings)
 
 
 def warm_up(machine: Machine) -> None:
@@ -340,7 +305,8 @@ def warm_up(machine: Machine) -> None:
     x, z = task.goals.tip
     modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
     psi = machine.end_link_angle(task.goals.postures.posture[0])
-    search(machine, task.start, modes, (x, z), weights, goal_psi=psi, effort=task.limits)
+    query = PathQuery(task.start, modes, (x, z), weights, goal_psi=psi)
+    search(machine, query, effort=task.limits)
     sample_goal_postures(machine, x, z, None, task.limits.psi_spacing)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
         part(machine)

@@ -253,6 +253,7 @@ class LatticePointData(NamedTuple):
         force: Piston forces at each row's point, shape (rows, n) [N]; NaN until they are computed.
         best: Cheapest state of each row's point so far, NO_STATE if there is none.
         reached: Index of the goal posture at the end of the best path so far, shape (1,).
+        indices: Lattice indices of the point that is being expanded, shape (n,).
     """
 
     row: IntArray
@@ -262,6 +263,7 @@ class LatticePointData(NamedTuple):
     force: FloatArray
     best: IntArray
     reached: IntArray
+    indices: IntArray
 
 
 def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
@@ -282,6 +284,7 @@ def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
         force=np.full((rows, len(lattice.shape)), np.nan),
         best=np.full(rows, NO_STATE),
         reached=np.full(1, NO_STATE),
+        indices=np.empty(len(lattice.shape), dtype=np.int64),
     )
 
 
@@ -487,11 +490,11 @@ def _relax_step(
             known.best[row] = target
     if cost >= f.states[target].cost:
         return False
-    record_path_to(f, target, origin.state, origin.depth + 1, cost, least)
+    record_path_to(f, target, origin.state, origin.next_depth, cost, least)
     return True
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _price_step_to(
     t: PathCostModel,
     w: PathCostBuffers,
@@ -570,7 +573,7 @@ def _step_to_goal(
         known.reached[0] = k
 
 
-@kernel
+@kernel(borrows=True)
 def expand(
     problem: LatticeProblem,
     w: PathCostBuffers,
@@ -602,14 +605,14 @@ def expand(
     """
     t, lattice, goals = problem
     patterns, n = len(t.patterns), len(lattice.shape)
-    at = np.empty(n, dtype=np.int64)
+    at = known.indices
     state: int
     best: int
     for _ in range(limit):
         if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
             return ARRAYS_FULL
         if f.counts[EXPANDED_COUNT] == 0:
-            row, origin = _add_row(known, lattice.start), ExpandedState(NO_STATE, patterns, 0.0, 0)
+            row, origin = _add_row(known, lattice.start), ExpandedState(NO_STATE, patterns, 0.0, 1)
         else:
             state = pop_first_state(f)
             if state == NO_STATE:
@@ -620,7 +623,7 @@ def expand(
             best = known.best[row]
             if cost > f.states[best].cost + t.weight[2] * t.switches[best % patterns, own]:
                 continue
-            origin = ExpandedState(state, own, cost, np.int64(f.states[state].depth))
+            origin = ExpandedState(state, own, cost, f.states[state].depth + 1)
         f.counts[EXPANDED_COUNT] += 1
         _load_point(known, lattice, row, w.points, 0)
         _load_forces(t, known, row, w.points, 0)

@@ -34,6 +34,7 @@ from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_search import PathQuery
 
 TIME_PRICE = 2.0
 """Power at which time is charged in an additional search [W].
@@ -223,14 +224,17 @@ def _create_search(
         The search, which has not begun.
     """
     options = task.options
-    return IntegratedSearch(
-        machine,
+    query = PathQuery(
         task.departure,
         task.modes.modes,
         task.planar_goal,
         options.weights,
         options.energy_reading,
-        goal_psi=options.goal_psi,
+        options.goal_psi,
+    )
+    return IntegratedSearch(
+        machine,
+        query,
         goal_region=options.goal_region,
         bound_from=task.start.position,
         area=area,

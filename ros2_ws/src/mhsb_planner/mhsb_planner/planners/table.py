@@ -136,16 +136,19 @@ def _search_path_to(
         MhsbError: There is no path, or none in time.
     """
     options = task.options
-    return s2_search.search(
-        graph,
+    query = s2_search.PathQuery(
         task.departure,
         task.modes.modes,
         tip,
         options.weights,
         options.energy_reading,
+        options.goal_psi,
+    )
+    return s2_search.search(
+        graph,
+        query,
         method=options.search,
         heuristic_scale=options.heuristic_scale,
-        goal_psi=options.goal_psi,
         deadline=time.search_deadline,
         max_expansions=options.max_expansions,
     )

@@ -170,13 +170,13 @@ class ExpandedState(NamedTuple):
         pattern: Index of the mode pattern of arrival. The number of patterns stands for the modes
             in force at the start.
         cost: Cost from the start.
-        depth: Number of steps from the start.
+        next_depth: Number of steps from the start to the states that it leads to.
     """
 
     state: int
     pattern: int
     cost: float
-    depth: int | np.int64
+    next_depth: int | np.int64
 
 
 def create_open_list(states: int) -> OpenList:

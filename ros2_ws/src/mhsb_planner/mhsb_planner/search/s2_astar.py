@@ -140,12 +140,13 @@ def _is_dominated(
     return known.cost < cost and (through < cost or (through == cost and known.depth <= depth))
 
 
-@kernel
+@kernel(borrows=True)
 def expand(
     open_list: OpenList,
     labels: PostureLabels,
     cost_model: StepCostModel,
     edges: Edges,
+    buffers: StepBuffers,
     search_input: ExactSearchInput,
     limit: int,
 ) -> int:
@@ -163,6 +164,7 @@ def expand(
         labels: Lower bounds and cheapest patterns per posture. Written in place.
         cost_model: Data for pricing steps.
         edges: Steps priced so far. New steps are written in place if there is room.
+        buffers: Working memory for pricing steps, overwritten.
         search_input: Start, goal, weights and mode switches.
         limit: Largest number of states to take from the open list, including the start.
 
@@ -175,12 +177,11 @@ def expand(
     states, counts = open_list.states, open_list.counts
     owner, patterns = search_input.posture_of_state, len(cost_model.patterns)
     to_goal, goal_first = search_input.to_goal, search_input.goal_first
-    buffers = create_step_buffers(cost_model.patterns)
     state: int
     here: SearchState
     for _ in range(limit):
         if counts[EXPANDED_COUNT] == 0:
-            origin = ExpandedState(NO_STATE, patterns, 0.0, 0)
+            origin = ExpandedState(NO_STATE, patterns, 0.0, 1)
             first = search_input.from_start
             steps = LeavingSteps(first.state, first.pattern, first.cost, 0, len(first.state))
             counts[EXPANDED_COUNT] += 1
@@ -203,7 +204,7 @@ def expand(
         ):
             return ARRAYS_FULL
         pop_first_state(open_list)
-        origin = ExpandedState(state, own, here.cost, np.int64(here.depth))
+        origin = ExpandedState(state, own, here.cost, here.depth + 1)
         counts[EXPANDED_COUNT] += 1
         begin, end = edges.first[posture], edges.last[posture]
         steps = LeavingSteps(edges.state, edges.pattern, edges.cost, begin, end)
@@ -261,7 +262,7 @@ def _relax_steps(
     states, owner = open_list.states, search_input.posture_of_state
     w_energy, w_time, w_switch = search_input.weight
     switches, column = search_input.switches, search_input.column
-    sink, depth = len(states) - 1, origin.depth + 1
+    sink, depth = len(states) - 1, origin.next_depth
     there: SearchState
     other: int
     open_list.counts[GENERATED_COUNT] += steps.last - steps.first
@@ -312,6 +313,7 @@ class ExactSearch:
         self._open_list = create_open_list(layout.posture_of_state.size)
         postures, reached = len(layout.posture), np.zeros(len(query.goal.postures.length), bool)
         reached[query.to_goal.end] = True
+        self._buffers = create_step_buffers(query.graph.table.patterns)
         self._labels = PostureLabels(np.full(postures, np.nan), np.full(postures, NO_STATE))
         self._search_input = ExactSearchInput(
             from_start=query.from_start,
@@ -372,6 +374,7 @@ class ExactSearch:
                 self._labels,
                 steps.cost_model,
                 steps.edges,
+                self._buffers,
                 self._search_input,
                 limit,
             )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
@@ -76,17 +76,33 @@ class Weights:
                 raise RequestError(f"weight of {name}", value, "must be finite and not negative")
 
 
+@dataclass(frozen=True, eq=False)
+class PathQuery:
+    """Start, goal and cost of the path that a search is to find.
+
+    Attributes:
+        start_posture: Joint positions of the start, shape (n,) [rad or m].
+        start_modes: Modes in force at the start, shape (n,).
+        goal_xz: Tip position of the goal, (x, z) [m].
+        weights: Weights of energy [1/J], time [1/s] and switches [-].
+        energy_reading: Energy model that the cost uses.
+        goal_psi: End-link angle at the goal [rad]. A pair is a range; None leaves it free.
+    """
+
+    start_posture: FloatArray
+    start_modes: ModeArray
+    goal_xz: tuple[float, float]
+    weights: Weights
+    energy_reading: EnergyReading = "paper"
+    goal_psi: Angle = None
+
+
 def search(
     graph: StepGraph,
-    start_posture: FloatArray,
-    start_modes: ModeArray,
-    goal_xz: tuple[float, float],
-    weights: Weights | Sequence[float],
-    energy_reading: EnergyReading = "paper",
+    query: PathQuery,
     *,
     method: SearchMethod = "exact",
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE,
-    goal_psi: Angle = None,
     deadline: Deadline = NO_DEADLINE,
     max_expansions: int | None = None,
     cancelled: Callable[[], bool] | None = None,
@@ -98,15 +114,9 @@ def search(
 
     Args:
         graph: Steps between the nodes.
-        start_posture: Joint positions of the start, shape (n,) [rad or m].
-        start_modes: Modes in force at the start, shape (n,).
-        goal_xz: Tip position of the goal, (x, z) [m].
-        weights: Weights of energy [1/J], time [1/s] and switches [-].
-        energy_reading: Energy model that the cost uses.
+        query: Start, goal and cost. Of a range of end-link angles samples are tried.
         method: `exact` finds the cheapest path; `published` keeps one label per node.
         heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
-        goal_psi: End-link angle at the goal [rad]. A pair is a range, of which samples are tried;
-            None leaves it free.
         deadline: Instant at which an unfinished search is given up.
         max_expansions: Number of expanded states after which the search is given up; None means no
             limit.
@@ -125,13 +135,12 @@ def search(
         PlanningCancelledError: `cancelled` returned True.
         RequestError: A weight, the posture or an option is invalid.
     """
-    began = time.perf_counter()
-    weights = weights if isinstance(weights, Weights) else Weights(*weights)
-    if energy_reading not in ENERGY_COLUMN:
-        raise RequestError("energy_reading", energy_reading, "must be paper or series")
-    posture = _check_posture(graph, start_posture)
-    modes = np.array(start_modes, dtype=np.uint8)
-    x, z = float(goal_xz[0]), float(goal_xz[1])
+    began, weights, goal_psi = time.perf_counter(), query.weights, query.goal_psi
+    if query.energy_reading not in ENERGY_COLUMN:
+        raise RequestError("energy_reading", query.energy_reading, "must be paper or series")
+    posture = _check_posture(graph, query.start_posture)
+    modes = np.array(query.start_modes, dtype=np.uint8)
+    x, z = float(query.goal_xz[0]), float(query.goal_xz[1])
     deadline.check(SEARCH_TASK)
     start, goal = create_start(graph, posture), create_goal(graph, x, z, goal_psi, deadline)
     angle = graph.machine.end_link_angle(posture)
@@ -139,14 +148,12 @@ def search(
         seconds = time.perf_counter() - began
         return DiscretePath.create_without_steps(np.array(start.tip), posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
-    expanded = 0
+    column, expanded = ENERGY_COLUMN[query.energy_reading], 0
     for rings in NODE_RINGS:
-        query = Query.join(
-            graph, start, modes, goal, weight, ENERGY_COLUMN[energy_reading], rings, deadline
-        )
-        under_way = _create_search(query, method, heuristic_scale, deadline)
+        joined = Query.join(graph, start, modes, goal, weight, column, rings, deadline)
+        under_way = _create_search(joined, method, heuristic_scale, deadline)
         if _run_to_goal(under_way, deadline, max_expansions, expanded, cancelled):
-            return query.assemble_path(under_way, time.perf_counter() - began)
+            return joined.assemble_path(under_way, time.perf_counter() - began)
         expanded += under_way.expanded
     raise NoPathError(start.tip, goal.tip, graph.machine.obstacles.names)
 
@@ -270,11 +277,11 @@ def warm_up(graph: StepGraph) -> None:
     machine, table = graph.machine, graph.table
     here, *_, there = np.flatnonzero(table.feasible)
     start = table.posture[here, 0]
-    x, z = table.nodes[there] * table.spacing
+    (x, z), weights = table.nodes[there] * table.spacing, Weights(1.0, 1.0, 1.0)
     # Without ψ the goal is a node of the graph; with ψ it must be joined to the graph.
     for psi in (None, machine.end_link_angle(table.posture[there, 0])):
         with suppress(NoPathError, InfeasibleGoalError):  # longer chains meet ψ by samples
-            search(graph, start, table.patterns[0], (x, z), (1.0, 1.0, 1.0), goal_psi=psi)
+            search(graph, PathQuery(start, table.patterns[0], (x, z), weights, goal_psi=psi))
     postures_at(machine, x, z)
     machine.postures(x, z, np.zeros(1))
     energy_lower_bound(machine, start, start[None, :])

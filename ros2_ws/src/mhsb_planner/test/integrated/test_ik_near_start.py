@@ -13,6 +13,7 @@ from mhsb_planner.integrated.ik_near_start import JOINT_SAMPLE_COUNT, add_postur
 from mhsb_planner.integrated.integrated_search import search
 from mhsb_planner.planner import ENERGY_OPTIMAL
 from mhsb_planner.search.lower_bound import energy_lower_bound
+from mhsb_planner.search.s2_search import PathQuery
 from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 
 WEIGHT = np.array([1.0, 0.0, 0.0])
@@ -117,5 +118,5 @@ def test_a_short_way_along_a_joints_limit_is_found(arm):
     """Where only postures with joint 4 at its limit are near, between the samples."""
     start = np.array([-1.01679317, -0.1312, -1.90352569, 0.524])
     modes = np.zeros(4, dtype=np.uint8)
-    path = search(arm, start, modes, (0.0, -1.05), ENERGY_OPTIMAL)
+    path = search(arm, PathQuery(start, modes, (0.0, -1.05), ENERGY_OPTIMAL))
     assert path.energy.sum() < 1.02 * path.lower_bound  # 1.33 times by the samples alone

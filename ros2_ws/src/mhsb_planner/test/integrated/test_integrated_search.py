@@ -14,7 +14,7 @@ from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
 from mhsb_planner.integrated.cylinder_path import REST_SPEED
 from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
 from mhsb_planner.search.lower_bound import energy_lower_bound
-from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_search import search as table_search
 from mhsb_planner.search.s2_step import step_costs
 
@@ -35,7 +35,7 @@ def tasks(machine, posture_within, count, seed=0):
         start, end = posture_within(machine, random), posture_within(machine, random)
         goal = tuple(machine.tip_position(end))
         try:
-            search(machine, start, NORMAL, goal, ENERGY, effort=QUICK)
+            search(machine, PathQuery(start, NORMAL, goal, ENERGY), effort=QUICK)
         except NoPathError:
             continue
         count -= 1
@@ -58,7 +58,7 @@ def check_possible(machine, path, start, goal):
 @pytest.mark.parametrize("weights", [ENERGY, TIME])
 def test_a_path_consists_of_possible_steps_and_costs_what_it_says(arm, posture_within, weights):
     for start, goal in tasks(arm, posture_within, 6):
-        path = search(arm, start, NORMAL, goal, weights, effort=QUICK)
+        path = search(arm, PathQuery(start, NORMAL, goal, weights), effort=QUICK)
         check_possible(arm, path, start, goal)
         cost = weights.energy * path.energy.sum() + weights.time * path.duration.sum()
         hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
@@ -69,7 +69,7 @@ def test_a_path_consists_of_possible_steps_and_costs_what_it_says(arm, posture_w
 def test_no_path_undercuts_its_lower_bound_nor_that_to_its_own_goal(arm, posture_within):
     for reading, energy in (("paper", "energy"), ("series", "energy_series")):
         for start, goal in tasks(arm, posture_within, 5, seed=1):
-            path = search(arm, start, NORMAL, goal, ENERGY, reading, effort=QUICK)
+            path = search(arm, PathQuery(start, NORMAL, goal, ENERGY, reading), effort=QUICK)
             own = energy_lower_bound(arm, start, path.posture[-1:])
             assert path.lower_bound <= own * (1 + 1e-9)
             assert path.lower_bound <= getattr(path, energy).sum()
@@ -79,8 +79,8 @@ def test_no_path_undercuts_its_lower_bound_nor_that_to_its_own_goal(arm, posture
 def test_a_quick_search_is_close_to_a_thorough_one(machine, posture_within, count):
     ratios = []
     for start, goal in tasks(machine, posture_within, count, seed=2):
-        quick = search(machine, start, NORMAL, goal, ENERGY)
-        thorough = search(machine, start, NORMAL, goal, ENERGY, effort=THOROUGH)
+        quick = search(machine, PathQuery(start, NORMAL, goal, ENERGY))
+        thorough = search(machine, PathQuery(start, NORMAL, goal, ENERGY), effort=THOROUGH)
         ratios.append(quick.cost / thorough.cost)
     assert np.mean(ratios) < 1.1
     assert max(ratios) < 1.25
@@ -94,17 +94,19 @@ def test_paths_cost_no_more_than_those_over_the_posture_table(machine, graph):
         here, there = random.choice(nodes, 2, replace=False)
         start, goal = table.posture[here, 0], tuple(table.nodes[there] * table.spacing)
         try:
-            other = table_search(graph, start, NORMAL, goal, ENERGY)
+            other = table_search(graph, PathQuery(start, NORMAL, goal, ENERGY))
         except NoPathError:
             continue
-        path = search(machine, start, NORMAL, goal, ENERGY)
+        path = search(machine, PathQuery(start, NORMAL, goal, ENERGY))
         assert path.cost <= 1.001 * other.cost
         compared += 1
 
 
 def test_the_same_question_has_the_same_answer(machine, posture_within):
     start, goal = next(tasks(machine, posture_within, 1, seed=4))
-    one, other = (search(machine, start, NORMAL, goal, ENERGY, effort=QUICK) for _ in range(2))
+    one, other = (
+        search(machine, PathQuery(start, NORMAL, goal, ENERGY), effort=QUICK) for _ in range(2)
+    )
     assert np.array_equal(one.posture, other.posture)
     assert np.array_equal(one.modes, other.modes)
     assert one.cost == other.cost
@@ -114,15 +116,15 @@ def test_an_angle_of_the_end_link_is_kept_when_asked_for(machine, posture_within
     random = np.random.default_rng(5)
     start, end = posture_within(machine, random), posture_within(machine, random)
     goal = tuple(machine.tip_position(end))
-    path = search(machine, start, NORMAL, goal, ENERGY, goal_psi=float(end.sum()))
+    path = search(machine, PathQuery(start, NORMAL, goal, ENERGY, goal_psi=float(end.sum())))
     assert np.cos(path.posture[-1].sum() - end.sum()) == pytest.approx(1.0, abs=1e-12)
-    assert search(machine, start, NORMAL, goal, ENERGY).cost <= path.cost * 1.01
+    assert search(machine, PathQuery(start, NORMAL, goal, ENERGY)).cost <= path.cost * 1.01
 
 
 def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture_within):
     several = 0
     for start, goal in tasks(machine, posture_within, 6, seed=6):
-        found = IntegratedSearch(machine, start, NORMAL, goal, ENERGY, limits=QUICK)
+        found = IntegratedSearch(machine, PathQuery(start, NORMAL, goal, ENERGY), limits=QUICK)
         paths = [path for path in found.paths() if path is not None]
         for path in paths:
             check_possible(machine, path, start, goal)
@@ -135,7 +137,7 @@ def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture
 def test_where_no_straight_line_is_possible_it_says_so_first(machine):
     barred = machine.changed(zones=Zones(tip_boxes=((0.45, 0.20, 0.90, 0.30),)))
     start = machine.postures(0.55, -0.05, np.linspace(-3.0, 3.0, 50))[0]
-    found = list(IntegratedSearch(barred, start, NORMAL, (0.55, 0.60), ENERGY).paths())
+    found = list(IntegratedSearch(barred, PathQuery(start, NORMAL, (0.55, 0.60), ENERGY)).paths())
     assert found[0] is None
     best = [path for path in found if path is not None][-1]
     check_possible(barred, best, start, (0.55, 0.60))
@@ -146,13 +148,15 @@ def test_when_time_is_up_the_best_so_far_is_taken_and_told(machine, posture_with
     told = 0
     for start, goal in tasks(machine, posture_within, count, seed=6):
         never = looks.deadline_after(math.inf)
-        free = search(machine, start, NORMAL, goal, ENERGY, deadline=never, effort=QUICK)
+        free = search(machine, PathQuery(start, NORMAL, goal, ENERGY), deadline=never, effort=QUICK)
         assert not free.statistics.out_of_time
         needed = looks.count
         for after in range(0, needed - 1, max(3, needed // 30)):
             try:
                 soon = looks.deadline_after(after)
-                hurried = search(machine, start, NORMAL, goal, ENERGY, deadline=soon, effort=QUICK)
+                hurried = search(
+                    machine, PathQuery(start, NORMAL, goal, ENERGY), deadline=soon, effort=QUICK
+                )
             except DeadlineError:
                 continue
             finally:
@@ -166,7 +170,7 @@ def test_when_time_is_up_the_best_so_far_is_taken_and_told(machine, posture_with
 def test_the_modes_in_force_count_as_switches(machine, posture_within):
     start, goal = next(tasks(machine, posture_within, 1, seed=7))
     boosted = np.array([1, 1, 1], dtype=np.uint8)
-    path = search(machine, start, boosted, goal, ENERGY)
+    path = search(machine, PathQuery(start, boosted, goal, ENERGY))
     first = np.count_nonzero(path.modes[0] != boosted)
     assert path.switches >= first
     assert np.array_equal(path.start_modes, boosted)
@@ -175,14 +179,14 @@ def test_the_modes_in_force_count_as_switches(machine, posture_within):
 def test_another_payload_is_planned_for_at_once(machine, posture_within):
     for start, goal in tasks(machine, posture_within, 3, seed=8):
         light = machine.changed(payload=0.0)
-        path = search(light, start, NORMAL, goal, ENERGY)
+        path = search(light, PathQuery(start, NORMAL, goal, ENERGY))
         check_possible(light, path, start, goal)
-        assert path.cost <= search(machine, start, NORMAL, goal, ENERGY).cost * 1.05
+        assert path.cost <= search(machine, PathQuery(start, NORMAL, goal, ENERGY)).cost * 1.05
 
 
 def test_a_start_at_the_goal_has_nothing_to_do(machine, posture_within):
     start = posture_within(machine, np.random.default_rng(9))
-    path = search(machine, start, NORMAL, tuple(machine.tip_position(start)), ENERGY)
+    path = search(machine, PathQuery(start, NORMAL, tuple(machine.tip_position(start)), ENERGY))
     assert path.steps == 0
     assert path.cost == 0.0
 
@@ -190,14 +194,14 @@ def test_a_start_at_the_goal_has_nothing_to_do(machine, posture_within):
 def test_impossible_goals_are_refused(machine, posture_within):
     start = posture_within(machine, np.random.default_rng(10))
     with pytest.raises(OutOfWorkspaceError):
-        search(machine, start, NORMAL, (2.0, 0.0), ENERGY)
+        search(machine, PathQuery(start, NORMAL, (2.0, 0.0), ENERGY))
     with pytest.raises(InfeasibleGoalError):
-        search(machine, start, NORMAL, (0.55, 0.2), ENERGY, goal_psi=3.1)
+        search(machine, PathQuery(start, NORMAL, (0.55, 0.2), ENERGY, goal_psi=3.1))
     heavy = replace(machine, arrays=machine.arrays._replace(max_boost_pressure=1e5))
     above = np.array(machine.tip_position(start)) + [0.0, 0.1]
     if above @ above < 1.0:
         with pytest.raises(NoPathError):
-            search(heavy, start, NORMAL, tuple(above), ENERGY)
+            search(heavy, PathQuery(start, NORMAL, tuple(above), ENERGY))
 
 
 @pytest.mark.parametrize(
@@ -219,8 +223,8 @@ def test_ways_between_obstacles_are_found_where_no_straight_line_is_possible(
     machine, zones, start, goal
 ):
     among = machine.changed(zones=zones)
-    found = IntegratedSearch(among, np.array(start), NORMAL, goal, ENERGY).paths()
+    found = IntegratedSearch(among, PathQuery(np.array(start), NORMAL, goal, ENERGY)).paths()
     assert next(found) is None
-    path = search(among, np.array(start), NORMAL, goal, ENERGY)
+    path = search(among, PathQuery(np.array(start), NORMAL, goal, ENERGY))
     check_possible(among, path, np.array(start), goal)
     assert min(among.clearance(q)[0] for q in path.posture) > 0.0

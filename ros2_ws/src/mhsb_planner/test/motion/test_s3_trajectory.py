@@ -24,7 +24,7 @@ from mhsb_planner.motion.s3_trajectory import (
     warm_up,
 )
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.search.s2_search import Weights, search
+from mhsb_planner.search.s2_search import PathQuery, Weights, search
 
 NORMAL = StartModes.create_settled([0, 0, 0])
 TOLERANCE = {"joint": 1e-7, "tip": 2e-6, "modules": 0.0}
@@ -102,7 +102,7 @@ def test_plans_of_the_search_become_motions_that_keep_every_limit(machine, graph
         if not 0.3 < np.hypot(*goal) < 1.0:
             continue
         try:
-            path = search(graph, posture, np.zeros(3, np.uint8), tuple(goal), weights)
+            path = search(graph, PathQuery(posture, np.zeros(3, np.uint8), tuple(goal), weights))
             motion = from_rest(machine, path)
         except InfeasibleGoalError:
             continue

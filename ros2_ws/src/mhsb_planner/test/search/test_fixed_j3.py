@@ -20,11 +20,11 @@ from mhsb_planner.search.fixed_j3 import (
     compute_fixed_j3_posture,
     find_elbow_side,
 )
-from mhsb_planner.search.s2_search import search
+from mhsb_planner.search.s2_search import PathQuery, Weights, search
 
 DEGREE = math.radians(1.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
-WEIGHTS = (0.5, 0.0, 2.0)
+WEIGHTS = Weights(0.5, 0.0, 2.0)
 
 
 def solutions(machine, x, z, j3):
@@ -120,7 +120,7 @@ def test_its_polytopes_are_smaller_than_those_of_the_posture_table(machine, tabl
 def test_a_path_keeps_joint_3_wherever_it_can(machine, table):
     start = compute_fixed_j3_posture(machine, 0.50, -0.15, -1.0)
     graph = build_fixed_j3_graph(machine, table, -1.0, find_elbow_side(machine, start))
-    path = search(graph, start, NORMAL, (0.65, 0.45), WEIGHTS)
+    path = search(graph, PathQuery(start, NORMAL, (0.65, 0.45), WEIGHTS))
     for tip, q in zip(path.tip, path.posture, strict=True):
         if solutions(machine, *tip, -1.0):
             assert q[2] == -1.0
@@ -129,7 +129,7 @@ def test_a_path_keeps_joint_3_wherever_it_can(machine, table):
 def test_a_goal_off_the_grid_is_reached_in_the_same_way(machine, table):
     start = compute_fixed_j3_posture(machine, 0.50, -0.15, -1.0)
     graph = build_fixed_j3_graph(machine, table, -1.0, find_elbow_side(machine, start))
-    path = search(graph, start, NORMAL, (0.673, 0.281), WEIGHTS)
+    path = search(graph, PathQuery(start, NORMAL, (0.673, 0.281), WEIGHTS))
     expected = compute_fixed_j3_posture(
         machine, 0.673, 0.281, -1.0, find_elbow_side(machine, start)
     )

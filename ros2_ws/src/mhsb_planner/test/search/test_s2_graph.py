@@ -5,7 +5,7 @@ import pytest
 
 from mhsb_planner.search.s2_edge_costs import PricedSteps
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import search
+from mhsb_planner.search.s2_search import PathQuery, Weights, search
 
 
 def edges_from(graph, posture):
@@ -67,12 +67,12 @@ def test_a_search_prices_no_more_steps_than_it_comes_by(graph, machine):
     assert not changed.steps.complete
     start = graph.table.posture[graph.grid.node_at(0.55, 0.20), 0]
     weights, normal = (0.5, 0.0, 2.0), np.zeros(3, dtype=np.uint8)
-    found = search(changed, start, normal, (0.68, 0.12), weights)
+    found = search(changed, PathQuery(start, normal, (0.68, 0.12), Weights(*weights)))
     priced = np.flatnonzero(changed.steps.edges.first >= 0)
     assert 0 < len(priced) < 0.9 * len(graph.layout.posture)
 
     fresh = StepGraph(arm, graph.table)
-    expected = search(fresh, start, normal, (0.68, 0.12), weights)
+    expected = search(fresh, PathQuery(start, normal, (0.68, 0.12), Weights(*weights)))
     assert found.cost == pytest.approx(expected.cost, rel=1e-9)
     assert found.modes.tolist() == expected.modes.tolist()
     for posture in priced[::10]:
@@ -98,7 +98,10 @@ def test_a_search_makes_room_for_the_steps_it_prices(graph, machine):
     changed.steps = PricedSteps(graph.steps.cost_model, jobs=1, room=0)
     start = graph.table.posture[graph.grid.node_at(0.55, 0.20), 0]
     goal, weights = (0.68, -0.32), (0.5, 0.0, 2.0)
-    paths = [search(each, start, np.zeros(3), goal, weights) for each in (graph, changed)]
+    paths = [
+        search(each, PathQuery(start, np.zeros(3), goal, Weights(*weights)))
+        for each in (graph, changed)
+    ]
     assert paths[0].posture.tobytes() == paths[1].posture.tobytes()
     assert paths[0].energy.tobytes() == paths[1].energy.tobytes()
     assert paths[0].statistics.expanded == paths[1].statistics.expanded

@@ -14,7 +14,7 @@ from mhsb_planner.errors import (
 )
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import search
+from mhsb_planner.search.s2_search import PathQuery, Weights, search
 
 NORMAL = np.zeros(3, dtype=np.uint8)
 ENERGY_OPTIMAL = (0.5, 0.0, 2.0)
@@ -94,10 +94,7 @@ def test_it_finds_what_the_same_search_finds_by_the_book(coarse, published_by_th
         start, goal = rng.choice(np.flatnonzero(table.feasible), 2, replace=False)
         path = search(
             coarse,
-            table.posture[start, 0],
-            NORMAL,
-            tip(table, goal),
-            weights,
+            PathQuery(table.posture[start, 0], NORMAL, tip(table, goal), Weights(*weights)),
             method="published",
             heuristic_scale=SCALE,
         )
@@ -119,7 +116,10 @@ def queries(graph, count, seed):
 def test_it_is_never_better_than_the_exact_search_and_sometimes_worse(graph, weights):
     costs = np.array(
         [
-            [search(graph, q, NORMAL, goal, weights, method=m).cost for m in ("exact", "published")]
+            [
+                search(graph, PathQuery(q, NORMAL, goal, Weights(*weights)), method=m).cost
+                for m in ("exact", "published")
+            ]
             for q, goal in queries(graph, 20, seed=32)
         ]
     )
@@ -129,7 +129,7 @@ def test_it_is_never_better_than_the_exact_search_and_sometimes_worse(graph, wei
 
 def test_its_path_costs_what_its_steps_cost(graph):
     for q, goal in queries(graph, 20, seed=33):
-        path = search(graph, q, NORMAL, goal, (0.5, 3.0, 2.0), method="published")
+        path = search(graph, PathQuery(q, NORMAL, goal, Weights(0.5, 3.0, 2.0)), method="published")
         total = 0.5 * path.energy.sum() + 3.0 * path.duration.sum() + 2.0 * path.switches
         assert path.cost == pytest.approx(total, rel=1e-9)
         assert path.steps > 0
@@ -137,7 +137,9 @@ def test_its_path_costs_what_its_steps_cost(graph):
 
 def test_with_weights_of_zero_it_follows_the_distance_alone(graph):
     start = graph.table.posture[graph.grid.node_at(0.55, -0.05), 0]
-    path = search(graph, start, NORMAL, (0.55, 0.60), (0.0, 0.0, 0.0), method="published")
+    path = search(
+        graph, PathQuery(start, NORMAL, (0.55, 0.60), Weights(0.0, 0.0, 0.0)), method="published"
+    )
     assert path.tip[:, 0] == pytest.approx(0.55)
     assert path.steps == path.statistics.expanded == 13
 
@@ -147,10 +149,7 @@ def test_a_larger_scale_expands_fewer_labels(graph):
     expanded = [
         search(
             graph,
-            start,
-            NORMAL,
-            (0.55, 0.60),
-            ENERGY_OPTIMAL,
+            PathQuery(start, NORMAL, (0.55, 0.60), Weights(*ENERGY_OPTIMAL)),
             method="published",
             heuristic_scale=scale,
         ).statistics.expanded
@@ -162,7 +161,9 @@ def test_a_larger_scale_expands_fewer_labels(graph):
 
 def test_start_and_goal_off_the_grid_are_joined_to_it(graph, machine):
     start = machine.postures(0.61, 0.31, np.linspace(-3, 3, 99))[0]
-    path = search(graph, start, NORMAL, (0.68, -0.22), ENERGY_OPTIMAL, method="published")
+    path = search(
+        graph, PathQuery(start, NORMAL, (0.68, -0.22), Weights(*ENERGY_OPTIMAL)), method="published"
+    )
     assert machine.tip_position(path.posture[-1]) == pytest.approx((0.68, -0.22))
     assert np.array_equal(path.posture[0], start)
 
@@ -173,11 +174,11 @@ METHODS = ("exact", "published")
 @pytest.mark.parametrize("method", METHODS)
 def test_both_searches_keep_a_limit_of_expansions(graph, method):
     start = graph.table.posture[graph.grid.node_at(0.55, -0.70), 0]
-    arguments = (graph, start, NORMAL, (0.55, 0.75), ENERGY_OPTIMAL)
-    needed = search(*arguments, method=method).statistics.expanded
-    assert search(*arguments, method=method, max_expansions=needed + 1).steps > 0
+    query = PathQuery(start, NORMAL, (0.55, 0.75), Weights(*ENERGY_OPTIMAL))
+    needed = search(graph, query, method=method).statistics.expanded
+    assert search(graph, query, method=method, max_expansions=needed + 1).steps > 0
     with pytest.raises(ExpansionLimitError, match="did not end within 5 expanded states"):
-        search(*arguments, method=method, max_expansions=5)
+        search(graph, query, method=method, max_expansions=5)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -186,8 +187,8 @@ def test_both_searches_end_with_the_first_look_that_finds_the_deadline_passed(gr
 
     def searched(after):
         deadline = looks.deadline_after(after)
-        arguments = (start, NORMAL, (0.55, 0.75), ENERGY_OPTIMAL)
-        return search(graph, *arguments, method=method, deadline=deadline)
+        query = PathQuery(start, NORMAL, (0.55, 0.75), Weights(*ENERGY_OPTIMAL))
+        return search(graph, query, method=method, deadline=deadline)
 
     assert searched(math.inf).steps > 0
     needed = looks.count
@@ -201,14 +202,13 @@ def test_both_searches_end_with_the_first_look_that_finds_the_deadline_passed(gr
 def test_what_it_cannot_work_with_is_refused(graph):
     start = graph.table.posture[graph.grid.node_at(0.55, 0.20), 0]
     with pytest.raises(RequestError, match="search method must be one of exact, published"):
-        search(graph, start, NORMAL, (0.6, 0.2), ENERGY_OPTIMAL, method="guess")
+        search(
+            graph, PathQuery(start, NORMAL, (0.6, 0.2), Weights(*ENERGY_OPTIMAL)), method="guess"
+        )
     with pytest.raises(RequestError, match="heuristic scale must be finite and not negative"):
         search(
             graph,
-            start,
-            NORMAL,
-            (0.6, 0.2),
-            ENERGY_OPTIMAL,
+            PathQuery(start, NORMAL, (0.6, 0.2), Weights(*ENERGY_OPTIMAL)),
             method="published",
             heuristic_scale=-1.0,
         )
@@ -218,7 +218,11 @@ def test_where_nothing_leads_it_says_so(graph, machine):
     heavy = graph.create_for(machine.changed(payload=200.0))
     start = graph.table.posture[graph.grid.node_at(0.8, -0.3), 0]
     with pytest.raises(NoPathError):
-        search(heavy, start, NORMAL, (0.8, 0.3), ENERGY_OPTIMAL, method="published")
+        search(
+            heavy,
+            PathQuery(start, NORMAL, (0.8, 0.3), Weights(*ENERGY_OPTIMAL)),
+            method="published",
+        )
 
 
 def test_cancelling_is_noticed(graph):
@@ -227,10 +231,7 @@ def test_cancelling_is_noticed(graph):
     with pytest.raises(PlanningCancelledError):
         search(
             heavy,
-            start,
-            NORMAL,
-            (0.8, 0.3),
-            ENERGY_OPTIMAL,
+            PathQuery(start, NORMAL, (0.8, 0.3), Weights(*ENERGY_OPTIMAL)),
             method="published",
             cancelled=lambda: True,
         )

@@ -21,7 +21,7 @@ from mhsb_planner.errors import (
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_planner.search.open_list import NO_STATE
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import Weights, search
+from mhsb_planner.search.s2_search import PathQuery, Weights, search
 from mhsb_planner.search.s2_start_goal_edges import (
     create_goal,
     create_start,
@@ -110,23 +110,23 @@ def test_the_cost_is_that_of_dijkstra(graph, weights, off_grid):
     for posture, modes, goal in random_queries(graph, 8, seed=11, off_grid=off_grid):
         expected = dijkstra_cost(graph, posture, modes, goal, weights)
         if np.isfinite(expected):
-            path = search(graph, posture, modes, goal, weights)
+            path = search(graph, PathQuery(posture, modes, goal, Weights(*weights)))
             assert path.cost == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_series_reading_can_be_optimised_too(graph):
     for posture, modes, goal in random_queries(graph, 8, seed=12, off_grid=True):
         expected = dijkstra_cost(graph, posture, modes, goal, ENERGY_OPTIMAL, column=2)
-        path = search(graph, posture, modes, goal, ENERGY_OPTIMAL, "series")
+        path = search(graph, PathQuery(posture, modes, goal, Weights(*ENERGY_OPTIMAL), "series"))
         assert path.cost == pytest.approx(expected, rel=1e-9)
-        paper = search(graph, posture, modes, goal, ENERGY_OPTIMAL, "paper")
+        paper = search(graph, PathQuery(posture, modes, goal, Weights(*ENERGY_OPTIMAL), "paper"))
         assert path.cost <= 0.5 * paper.energy_series.sum() + 2 * paper.switches + 1e-9
 
 
 @pytest.mark.parametrize("off_grid", [False, True])
 def test_a_path_costs_what_its_steps_cost(graph, machine, off_grid):
     for posture, modes, goal in random_queries(graph, 20, seed=13, off_grid=off_grid):
-        path = search(graph, posture, modes, goal, (0.5, 3.0, 2.0))
+        path = search(graph, PathQuery(posture, modes, goal, Weights(0.5, 3.0, 2.0)))
         for k in range(path.steps):
             costs = step_costs(machine, path.posture[k], path.posture[k + 1])
             p = int(np.flatnonzero(np.all(machine.patterns == path.modes[k], axis=1))[0])
@@ -142,7 +142,7 @@ def test_a_path_costs_what_its_steps_cost(graph, machine, off_grid):
 def test_a_path_leads_from_the_start_over_neighbouring_nodes_to_the_goal(graph, machine, off_grid):
     spacing = graph.table.spacing
     for posture, modes, goal in random_queries(graph, 20, seed=14, off_grid=off_grid):
-        path = search(graph, posture, modes, goal, ENERGY_OPTIMAL)
+        path = search(graph, PathQuery(posture, modes, goal, Weights(*ENERGY_OPTIMAL)))
         assert np.array_equal(path.posture[0], posture)
         assert np.array_equal(path.start_modes, modes)
         assert tuple(path.tip[-1]) == goal
@@ -157,7 +157,7 @@ def test_a_path_leads_from_the_start_over_neighbouring_nodes_to_the_goal(graph, 
 
 def test_strokes_add_up_to_the_distance_of_start_and_goal(graph, machine):
     for posture, modes, goal in random_queries(graph, 10, seed=15, off_grid=True):
-        path = search(graph, posture, modes, goal, ENERGY_OPTIMAL)
+        path = search(graph, PathQuery(posture, modes, goal, Weights(*ENERGY_OPTIMAL)))
         length = np.array([machine.cylinder_lengths(q) for q in path.posture])
         assert np.diff(length, axis=0).sum(axis=0) == pytest.approx(length[-1] - length[0])
         assert path.energy.sum() >= path.lower_bound
@@ -166,7 +166,7 @@ def test_strokes_add_up_to_the_distance_of_start_and_goal(graph, machine):
 
 def test_the_goal_posture_is_that_of_the_largest_polytope_for_the_last_mode(graph, machine):
     for posture, modes, goal in random_queries(graph, 10, seed=16, off_grid=True):
-        path = search(graph, posture, modes, goal, ENERGY_OPTIMAL)
+        path = search(graph, PathQuery(posture, modes, goal, Weights(*ENERGY_OPTIMAL)))
         best = postures_at(machine, *goal).posture
         p = int(np.flatnonzero(np.all(machine.patterns == path.modes[-1], axis=1))[0])
         assert np.array_equal(path.posture[-1], best[p])
@@ -191,21 +191,23 @@ def a_node(graph, x, z):
 def test_a_goal_with_an_end_link_angle_is_reached_with_it(graph):
     start = a_node(graph, 0.55, -0.05)
     wanted = float(postures_at(graph.machine, 0.62, 0.33).posture[0].sum()) - 0.02
-    path = search(graph, start, NORMAL, (0.62, 0.33), ENERGY_OPTIMAL, goal_psi=wanted)
+    path = search(
+        graph, PathQuery(start, NORMAL, (0.62, 0.33), Weights(*ENERGY_OPTIMAL), goal_psi=wanted)
+    )
     turns = (path.posture[-1].sum() - wanted) / (2 * np.pi)
     assert turns == pytest.approx(round(turns), abs=1e-9)
 
 
 def test_start_and_goal_in_one_cell_are_joined_by_a_single_step(graph, machine):
     start = postures_at(machine, 0.61, 0.31).posture[0]
-    path = search(graph, start, NORMAL, (0.63, 0.33), (1.0, 10.0, 50.0))
+    path = search(graph, PathQuery(start, NORMAL, (0.63, 0.33), Weights(1.0, 10.0, 50.0)))
     assert path.steps == 1
     assert path.tip == pytest.approx(np.array([[0.61, 0.31], [0.63, 0.33]]))
 
 
 def test_a_start_at_the_goal_needs_no_step(graph):
     start = a_node(graph, 0.55, 0.20)
-    path = search(graph, start, NORMAL, (0.55, 0.20), ENERGY_OPTIMAL)
+    path = search(graph, PathQuery(start, NORMAL, (0.55, 0.20), Weights(*ENERGY_OPTIMAL)))
     assert (path.steps, path.cost, path.switches, path.length) == (0, 0.0, 0, 0.0)
     assert np.array_equal(path.posture, [start])
 
@@ -215,14 +217,16 @@ def test_a_start_at_the_goal_with_another_end_link_angle_moves(graph, machine):
     other = start.sum() + 0.1
     if len(machine.postures(0.55, 0.20, np.array([other]))) == 0:
         other = start.sum() - 0.1
-    path = search(graph, start, NORMAL, (0.55, 0.20), ENERGY_OPTIMAL, goal_psi=other)
+    path = search(
+        graph, PathQuery(start, NORMAL, (0.55, 0.20), Weights(*ENERGY_OPTIMAL), goal_psi=other)
+    )
     assert path.steps >= 1
     assert path.posture[-1].sum() == pytest.approx(other)
 
 
 def test_with_weights_of_zero_the_path_has_the_fewest_steps(graph):
     start = a_node(graph, 0.55, -0.05)
-    path = search(graph, start, NORMAL, (0.55, 0.60), (0.0, 0.0, 0.0))
+    path = search(graph, PathQuery(start, NORMAL, (0.55, 0.60), Weights(0.0, 0.0, 0.0)))
     assert path.cost == 0.0
     assert path.steps == 13
 
@@ -230,7 +234,9 @@ def test_with_weights_of_zero_the_path_has_the_fewest_steps(graph):
 def test_more_weight_on_time_never_makes_a_path_slower(graph):
     start = a_node(graph, 0.55, -0.05)
     times = [
-        search(graph, start, NORMAL, (0.55, 0.60), (0.5, time, 2.0)).duration.sum()
+        search(
+            graph, PathQuery(start, NORMAL, (0.55, 0.60), Weights(0.5, time, 2.0))
+        ).duration.sum()
         for time in (0.0, 5.0, 20.0, 100.0)
     ]
     assert times == sorted(times, reverse=True)
@@ -238,7 +244,9 @@ def test_more_weight_on_time_never_makes_a_path_slower(graph):
 
 def test_the_same_question_has_the_same_answer_to_the_bit(graph):
     for posture, modes, goal in random_queries(graph, 5, seed=17, off_grid=True):
-        first, again = (search(graph, posture, modes, goal, TIME_OPTIMAL) for _ in range(2))
+        first, again = (
+            search(graph, PathQuery(posture, modes, goal, Weights(*TIME_OPTIMAL))) for _ in range(2)
+        )
         assert first.posture.tobytes() == again.posture.tobytes()
         assert first.modes.tobytes() == again.modes.tobytes()
         assert first.statistics.expanded == again.statistics.expanded
@@ -254,35 +262,46 @@ def test_a_start_among_nodes_out_of_reach_is_joined_to_those_around(graph, machi
         wider = graph.grid.cell_corners(x, z, 1)
         if not table.feasible[corners].any() and table.feasible[wider].any():
             with suppress(NoPathError):
-                assert search(graph, q, NORMAL, (0.6, 0.0), ENERGY_OPTIMAL).steps > 1
+                assert (
+                    search(graph, PathQuery(q, NORMAL, (0.6, 0.0), Weights(*ENERGY_OPTIMAL))).steps
+                    > 1
+                )
                 return
     pytest.skip("this machine has no such point")
 
 
 def test_a_goal_outside_the_workspace_is_refused(graph):
     with pytest.raises(OutOfWorkspaceError):
-        search(graph, a_node(graph, 0.55, 0.2), NORMAL, (1.2, 0.0), ENERGY_OPTIMAL)
+        search(
+            graph, PathQuery(a_node(graph, 0.55, 0.2), NORMAL, (1.2, 0.0), Weights(*ENERGY_OPTIMAL))
+        )
 
 
 def test_a_goal_without_posture_is_refused(graph, table):
     x, z = table.nodes[~table.feasible][0] * table.spacing
     start = a_node(graph, 0.55, 0.2)
     with pytest.raises(InfeasibleGoalError, match=r"puts the tip at"):
-        search(graph, start, NORMAL, (x, z), ENERGY_OPTIMAL)
+        search(graph, PathQuery(start, NORMAL, (x, z), Weights(*ENERGY_OPTIMAL)))
     with pytest.raises(InfeasibleGoalError, match="with the end link at 3 rad"):
-        search(graph, start, NORMAL, (0.9, 0.0), ENERGY_OPTIMAL, goal_psi=3.0)
+        search(graph, PathQuery(start, NORMAL, (0.9, 0.0), Weights(*ENERGY_OPTIMAL), goal_psi=3.0))
 
 
 def test_a_load_that_cannot_be_lifted_has_no_path(graph, machine):
     heavy = graph.create_for(machine.changed(payload=200.0))
     with pytest.raises(NoPathError, match="no sequence of admissible steps leads from"):
-        search(heavy, a_node(graph, 0.8, -0.3), NORMAL, (0.8, 0.3), ENERGY_OPTIMAL)
+        search(
+            heavy, PathQuery(a_node(graph, 0.8, -0.3), NORMAL, (0.8, 0.3), Weights(*ENERGY_OPTIMAL))
+        )
 
 
 def test_a_search_after_its_deadline_says_so(graph):
     over = Deadline.after(-1.0)
     with pytest.raises(DeadlineError, match="the search for a path did not end before"):
-        search(graph, a_node(graph, 0.55, -0.7), NORMAL, (0.55, 0.75), (0, 0, 0), deadline=over)
+        search(
+            graph,
+            PathQuery(a_node(graph, 0.55, -0.7), NORMAL, (0.55, 0.75), Weights(0, 0, 0)),
+            deadline=over,
+        )
 
 
 def test_a_goal_off_the_grid_is_given_up_when_the_deadline_has_passed(machine, looks):
@@ -310,10 +329,7 @@ def test_a_search_can_be_cancelled(graph):
     with pytest.raises(PlanningCancelledError, match="planning was cancelled"):
         search(
             graph,
-            a_node(graph, 0.55, -0.7),
-            NORMAL,
-            (0.55, 0.75),
-            (0, 0, 0),
+            PathQuery(a_node(graph, 0.55, -0.7), NORMAL, (0.55, 0.75), Weights(0, 0, 0)),
             cancelled=lambda: True,
         )
 
@@ -327,9 +343,14 @@ def test_useless_weights_are_refused(weights):
 @pytest.mark.parametrize("posture", [[0.0, 0.0], [0.0, 0.0, float("nan")]])
 def test_a_useless_start_is_refused(graph, posture):
     with pytest.raises(RequestError, match="start posture must be 3 finite angles"):
-        search(graph, posture, NORMAL, (0.55, 0.2), ENERGY_OPTIMAL)
+        search(graph, PathQuery(posture, NORMAL, (0.55, 0.2), Weights(*ENERGY_OPTIMAL)))
 
 
 def test_an_unknown_energy_reading_is_refused(graph):
     with pytest.raises(RequestError, match="energy_reading must be paper or series"):
-        search(graph, a_node(graph, 0.55, 0.2), NORMAL, (0.6, 0.2), ENERGY_OPTIMAL, "guess")
+        search(
+            graph,
+            PathQuery(
+                a_node(graph, 0.55, 0.2), NORMAL, (0.6, 0.2), Weights(*ENERGY_OPTIMAL), "guess"
+            ),
+        )

@@ -17,7 +17,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.integrated.integrated_search import SearchLimits, improve_path, search
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.s2_search import Weights
+from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_step import EnergyReading
 from mhsb_tools.comparison.least_cost import least_cost
 
@@ -74,8 +74,8 @@ def ground_truth(
     Raises:
         NoPathError: The planner's own search found none.
     """
-    task = machine, start, start_modes, goal, weights, energy_reading
-    best = min((search(*task), search(*task, effort=EXHAUSTIVE_LIMITS)), key=_cost)
+    query = PathQuery(start, start_modes, goal, weights, energy_reading)
+    best = min((search(machine, query, effort=e) for e in (None, EXHAUSTIVE_LIMITS)), key=_cost)
     if energy_reading != "paper" or np.any(start_modes) or len(machine.obstacles.path_rows) > 0:
         return best
     if weights.energy * best.lower_bound >= (1.0 - NEAR_THE_BOUND) * best.cost:
@@ -85,7 +85,9 @@ def ground_truth(
         _, via = least_cost(machine, start, goal, weights, known, holding)
         if via is not None:
             spacings = tuple(machine.relative_size * spacing for spacing in REFINEMENT_SPACINGS)
-            path = improve_path(*task, via=via, spacings=spacings, effort=EXHAUSTIVE_LIMITS)
+            path = improve_path(
+                machine, query, via=via, spacings=spacings, effort=EXHAUSTIVE_LIMITS
+            )
             best = best if path is None else min(best, path, key=_cost)
     return best
 

@@ -29,7 +29,7 @@ from mhsb_planner.search.fixed_j3 import build_fixed_j3_graph, find_elbow_side
 from mhsb_planner.search.manipulability_loss import area_term
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
-from mhsb_planner.search.s2_search import SearchMethod, Weights, search
+from mhsb_planner.search.s2_search import PathQuery, SearchMethod, Weights, search
 from mhsb_planner.search.s2_start_goal_edges import find_postures_by_rule
 from mhsb_planner.workers import Jobs, over_ranges
 
@@ -445,7 +445,8 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
         if case.planner == "integrated":
             start = find_postures_by_rule(graph, *begin)[0]
             area = area_term(setting.area_weight, graph.table)
-            path = integrated_search.search(machine, start, normal, goal, case.weights, area=area)
+            query = PathQuery(start, normal, goal, case.weights)
+            path = integrated_search.search(machine, query, area=area)
             return Run(setting, machine, path)
         if case.planner == "fixed":
             start = case.start_posture(machine)
@@ -457,10 +458,7 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
             start = find_postures_by_rule(graph, *begin)[0]
         path = search(
             graph,
-            start,
-            normal,
-            goal,
-            case.weights,
+            PathQuery(start, normal, goal, case.weights),
             method=setting.search,
             heuristic_scale=setting.heuristic_scale,
         )
