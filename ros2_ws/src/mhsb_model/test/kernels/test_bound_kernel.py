@@ -24,6 +24,7 @@ def test_a_bound_kernel_does_what_the_kernel_does_with_what_its_arrays_hold_then
 
 
 def test_read_only_arrays_can_be_bound():
-    values, modules = np.arange(5.0), np.ones(5, ModuleState)
+    values, modules = np.arange(5.0), create_records(ModuleState, 5)
+    modules["flow"] = 1.0
     values.setflags(write=False)
     assert bind_kernel(weighted_sum, values, modules, integer_count=2)(0, 5) == values.sum()
