@@ -30,7 +30,9 @@ CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 LOGGED_VARIABLE = "MHSB_KERNELS_ARE_NOT_KEPT"
 """Environment variable that is set once a process has logged that kernels cannot be kept."""
 
-DECORATOR_MODULES = frozenset({"mhsb_model.kernels.kernel", "mhsb_model.kernels.compiled"})
+DECORATOR_MODULES = frozenset(
+    f"mhsb_model.kernels.{name}" for name in ("kernel", "compiled", "machine_code", "shared_cache")
+)
 """Modules that determine how kernels are compiled."""
 
 KERNEL_PATTERN = re.compile(rb"^@kernel\b", re.MULTILINE)

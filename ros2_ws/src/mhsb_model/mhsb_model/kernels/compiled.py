@@ -1,19 +1,21 @@
 """Compilation of kernels by numba, imported when a kernel is first called.
 
-It corresponds to `numba.njit` with fixed options: kernels release the interpreter lock, divide as
-NumPy does, and are cached on disk. Checking each divisor for 0, as Python does, more than doubles
-the time of a loop that divides.
+It is `numba.njit` with fixed options: kernels release the interpreter lock, divide as NumPy does,
+and are cached on disk. Checking each divisor for 0, as Python does, more than doubles the time of a
+loop that divides.
 
 It also shortens compilation. Numba makes each kernel callable from Python and from C and optimizes
 it fully. Most kernels are only called by other kernels, into which they are linked and optimized
-again. So these calls use a lightly optimized version without the wrappers.
+again. So each kernel has two dispatchers. Calls by other kernels use the inner one, whose versions
+are lightly optimized and have no wrappers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cached_property
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from mhsb_model.kernels.cache_folder import set_kernel_cache_folder
@@ -21,66 +23,100 @@ from mhsb_model.kernels.cache_folder import set_kernel_cache_folder
 set_kernel_cache_folder()
 
 # Numba reads its settings when it is imported, hence the import here (E402).
-from numba import config, types  # noqa: E402
-from numba.core.registry import CPUDispatcher  # noqa: E402
+from numba import config, njit, types  # noqa: E402
+from numba.extending import models, register_model, typeof_impl  # noqa: E402
 
-from mhsb_model.kernels.shared_cache import SharedCache, SharedInnerCache  # noqa: E402
+from mhsb_model.kernels.machine_code import store_machine_code_alone  # noqa: E402
+from mhsb_model.kernels.shared_cache import SharedDispatcher  # noqa: E402
 
 
-class CompiledKernel(CPUDispatcher):
-    """Numba dispatcher of a kernel, with a second dispatcher for calls by other kernels."""
+class KernelType(types.Dispatcher):
+    """Numba type of a kernel that another kernel calls: that of its inner dispatcher."""
 
-    @cached_property
-    def _inner(self) -> CPUDispatcher:
-        """Dispatcher of the version that other kernels call, without a Python wrapper."""
-        options = self.targetoptions | {"no_cpython_wrapper": True}
-        inner = CPUDispatcher(self.py_func, targetoptions=options)
-        _enable_disk_cache(inner, SharedInnerCache)
-        return inner
+    def __init__(self, kernel: Any) -> None:
+        """Create the type.
 
-    def get_call_template(self, args: tuple, kws: dict) -> tuple:
-        """Resolve a call by another kernel to the inner, lightly optimized version (numba's hook).
+        Args:
+            kernel: Instance of `Kernel` that is called.
+        """
+        super().__init__(kernel.inner.dispatcher)
+        self._inner = kernel.inner
+
+    def get_call_type(self, context: Any, args: tuple, kws: dict) -> Any:
+        """Resolve a call, and compile the inner version for it if necessary (numba's hook).
 
         Constants among the arguments are replaced by their types, so that one compilation serves
         all values.
 
         Args:
+            context: Numba's typing context.
             args: Numba types of the positional arguments.
             kws: Numba types of the keyword arguments, by name.
 
         Returns:
-            Numba's call template, in the form that `CPUDispatcher.get_call_template` returns.
+            Numba signature of the version.
         """
-        plain = {name: types.unliteral(kind) for name, kind in kws.items()}
+        plain = tuple(map(types.unliteral, args))
+        named = {name: types.unliteral(kind) for name, kind in kws.items()}
+        resolve = super().get_call_type
+        if plain in self.dispatcher.signatures:
+            return resolve(context, plain, named)
         with _light_optimization():
-            return self._inner.get_call_template(tuple(map(types.unliteral, args)), plain)
-
-    def get_overload(self, signature: Any) -> Any:
-        """Return the entry point of the inner version that a call by another kernel resolves to."""
-        return self._inner.get_overload(signature)
-
-    def enable_caching(self) -> None:
-        """Cache compiled versions of this kernel on disk, if numba finds a folder."""
-        _enable_disk_cache(self, SharedCache)
+            return self._inner.run_locked(lambda: resolve(context, plain, named))
 
 
-def create_dispatcher(function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
-    """Create the numba dispatcher of a function, which compiles it at its first call.
+register_model(KernelType)(models.OpaqueModel)
+
+
+@cache
+def register_kernel_class(kind: type) -> None:
+    """Let numba use `KernelType` for the instances of a class and its subclasses.
+
+    Args:
+        kind: Class `Kernel`, whose module this one cannot import.
+    """
+    typeof_impl.register(kind)(lambda kernel, _: KernelType(kernel))
+
+
+def create_dispatcher(
+    function: Callable[..., Any], options: Mapping[str, Any], *, is_inner: bool
+) -> Any:
+    """Create the dispatcher of a function, which compiles it at its first call.
 
     Args:
         function: Python function.
         options: Options of `numba.njit` besides the fixed ones.
+        is_inner: Whether it compiles the versions that other kernels call.
 
     Returns:
-        Dispatcher; the function itself if NUMBA_DISABLE_JIT is set.
+        `SharedDispatcher`; the function itself if NUMBA_DISABLE_JIT is set.
     """
     if config.DISABLE_JIT:
         return function
     # Without `no_cfunc_wrapper`, numba would also compile a C function for each kernel.
-    fixed = {"nopython": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
-    made = CompiledKernel(function, targetoptions={**options, **fixed})
-    made.enable_caching()
-    return made
+    fixed = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    dispatcher = njit(**options, **fixed, no_cpython_wrapper=is_inner)(function)
+    name = f"{function.__module__}.{function.__qualname__}{'-inner' if is_inner else ''}"
+    with _cache_folder(name), suppress(RuntimeError):  # there is no folder that can be written
+        dispatcher.enable_caching()
+        if not is_inner:
+            store_machine_code_alone(dispatcher)
+    return SharedDispatcher(dispatcher)
+
+
+@contextmanager
+def _cache_folder(name: str) -> Iterator[None]:
+    """Context manager that lets numba choose a folder below one of a given name.
+
+    Args:
+        name: Name of a folder in the cache folder.
+    """
+    folder = config.CACHE_DIR
+    config.CACHE_DIR = str(Path(folder) / name)
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = folder
 
 
 @contextmanager
@@ -95,14 +131,3 @@ def _light_optimization() -> Iterator[None]:
         yield
     finally:
         config.OPT = full
-
-
-def _enable_disk_cache(dispatcher: Any, kind: type) -> None:
-    """Cache on disk what a dispatcher compiles, unless numba finds no folder for it.
-
-    Args:
-        dispatcher: Numba dispatcher, changed in place.
-        kind: Class of the cache, `SharedCache` or `SharedInnerCache`.
-    """
-    with suppress(RuntimeError):
-        dispatcher._cache = kind(dispatcher.py_func)

@@ -31,39 +31,68 @@ class Kernel:
         update_wrapper(self, function)
         self.py_func = function
         self.targetoptions = options
+        self._run: Callable[..., Any] = self._run_first
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call the compiled function, compiling it first if necessary."""
-        return self.compiled(*arguments, **named)
+        try:
+            return self._run(*arguments, **named)
+        except OSError as error:  # a further version is compiled, but could not be stored
+            self.compiled.log_failed_storing(error)
+            return self._run(*arguments, **named)
 
-    def __getattr__(self, name: str) -> Any:
-        """Return an attribute of the numba dispatcher, such as its numba type or its signatures.
-
-        Numba is imported for it, unless the name begins with two underscores.
-
-        Args:
-            name: Name of the attribute.
-
-        Returns:
-            Value of the attribute.
-
-        Raises:
-            AttributeError: The name begins with two underscores, or the dispatcher has no such
-                attribute.
-        """
-        if name.startswith("__"):  # Python's own attributes must not import numba
-            raise AttributeError(name)
-        return getattr(self.compiled, name)
+    def _run_first(self, *arguments: Any, **named: Any) -> Any:
+        """Run the first call; the next ones go to numba's dispatcher without a detour."""
+        compiled = self.compiled
+        if compiled is self.py_func:
+            self._run = self.py_func
+        else:
+            compiled.prepare_call(arguments)
+            self._run = compiled.dispatcher
+        return self._run(*arguments, **named)
 
     @cached_property
     def compiled(self) -> Any:
-        """Numba dispatcher of the function, created at the first access."""
-        from mhsb_model.kernels.compiled import create_dispatcher
+        """Dispatcher for calls from Python, created at the first access."""
+        return self._create_dispatcher("compiled")
 
+    @cached_property
+    def inner(self) -> Any:
+        """Dispatcher for calls by other kernels, created at the first access."""
+        return self._create_dispatcher("inner")
+
+    def _create_dispatcher(self, name: str) -> Any:
+        """Create one of the two dispatchers, unless another thread has done so.
+
+        Args:
+            name: Name of its property, `compiled` or `inner`.
+
+        Returns:
+            Dispatcher; the plain function if NUMBA_DISABLE_JIT is set.
+        """
+        from mhsb_model.kernels.compiled import create_dispatcher, register_kernel_class
+
+        register_kernel_class(Kernel)
         with _making:
-            return self.__dict__.get("compiled") or create_dispatcher(
-                self.py_func, self.targetoptions
+            return self.__dict__.get(name) or create_dispatcher(
+                self.py_func, self.targetoptions, is_inner=name == "inner"
             )
+
+    def compile(self, types: tuple) -> Any:
+        """Compile the kernel for calls from Python.
+
+        Args:
+            types: Numba types of all arguments.
+
+        Returns:
+            Entry point of the compiled version, callable from Python.
+        """
+        return self.compiled.compile(types)
+
+    @property
+    def signatures(self) -> list:
+        """Argument types for which the kernel can be called from Python without compilation."""
+        return self.compiled.dispatcher.signatures
 
 
 class PlainKernel(Kernel):
