@@ -5,8 +5,8 @@ import pytest
 from benchmarks.time_optimality import TIME_OPTIMAL, shortest_duration
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.plan_making import FASTER_RAMP_FACTORS
 from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.planning.motion_rules import FASTER_RAMP_FACTORS
 
 
 @pytest.fixture(scope="module")

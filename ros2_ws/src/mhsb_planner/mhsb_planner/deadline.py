@@ -4,7 +4,8 @@
     planner.plan(goal, start, deadline=deadline.earlier_by(0.005))
 
 A deadline is an absolute instant, so it is passed on unchanged. Every callee sees the time that is
-left, whatever was done before. `SearchTime` is the part of that time that a search may take.
+left, whatever was done before. `progress.Progress` is the
+part of that time that a search may take.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from mhsb_planner.errors import DeadlineError
 
@@ -111,37 +112,3 @@ class Deadline:
 
 NO_DEADLINE = Deadline(math.inf)
 """Deadline that never passes."""
-
-
-@dataclass
-class SearchTime:
-    """Time that the search may take out of the time for a whole plan.
-
-    The search reads it. The code that turns paths into motions updates it.
-
-    Attributes:
-        deadline: Deadline of the whole plan.
-        reserve: Time to keep for turning a path into a motion: the longest that one curve has taken
-            so far [s].
-        has_motion: True if a motion has been found already.
-    """
-
-    deadline: Deadline = NO_DEADLINE
-    reserve: float = 0.0
-    has_motion: bool = False
-    _began: float = field(default_factory=now, init=False)
-
-    @property
-    def has_deadline(self) -> bool:
-        """True if there is a deadline."""
-        return self.deadline != NO_DEADLINE
-
-    @property
-    def is_half_over(self) -> bool:
-        """True if less time is left until `search_deadline` than has passed since creation."""
-        return now() - self._began > self.search_deadline.remaining
-
-    @property
-    def search_deadline(self) -> Deadline:
-        """Deadline of the search: a path found later can no longer be made a motion in time."""
-        return self.deadline.earlier_by(self.reserve)

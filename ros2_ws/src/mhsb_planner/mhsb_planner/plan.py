@@ -11,6 +11,7 @@ from mhsb_model.feasibility.cavitation import Cavitation
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.motion.energy import Energy
 from mhsb_planner.motion.s3_trajectory import FittedMotion
+from mhsb_planner.plan_log import LogEntry
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.search.discrete_path import DiscretePath
 
@@ -35,6 +36,7 @@ class Plan:
             inlet, with the actuator.
         start_problems: Clause on joints beyond their limits and on an obstacle that the arm touches
             at the start; empty if there is neither.
+        log: What was proposed, and what became of it (`plan_log`).
     """
 
     path: DiscretePath
@@ -44,6 +46,7 @@ class Plan:
     area_shortfall: float = 0.0
     cavitations: tuple[Cavitation, ...] = ()
     start_problems: str = ""
+    log: tuple[LogEntry, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
-from mhsb_planner.first_moves import describe_start_problems, paths_from_anywhere
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
@@ -34,7 +32,7 @@ from mhsb_planner.motion.s3_limits import keeps_position_limits
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
-from mhsb_planner.plan_making import PlanBuilder, fit_rules
+from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.registry import (
@@ -46,6 +44,9 @@ from mhsb_planner.planners.registry import (
     planners_weighing_area,
 )
 from mhsb_planner.planners.via_paths import PathSource, PlanePaths
+from mhsb_planner.planning.first_moves import describe_start_problems, paths_from_anywhere
+from mhsb_planner.planning.loop import PlanningLoop
+from mhsb_planner.planning.motion_rules import fit_rules
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import goal_clearance, manipulability_loss
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -125,6 +126,7 @@ class Planner:
         options: PlanOptions | None = None,
         deadline: Deadline = NO_DEADLINE,
         rest: Trajectory | None = None,
+        log: PlanLog | None = None,
     ) -> Plan:
         """Plan a motion to a goal.
 
@@ -144,6 +146,7 @@ class Planner:
             rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it leads to
                 the goal, it stays unless another motion is cheaper by WORTH_LEAVING. If it is short
                 and ends near the goal, the motion steers there.
+            log: Log that is filled in place, also if there is no plan; None: only the plan has it.
 
         Returns:
             The cheapest plan found.
@@ -163,20 +166,20 @@ class Planner:
         planner = get_planner(options.planner)
         self._check(goal, start, options)
         deadline.check("planning")
-        began, refused = perf_counter(), None
+        log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
             source = SlewingPaths(self.machine, planner, self.graph)
         for stop in self._ways_to_rest(goal, start, brake, rest, options):
             task = self._create_request(goal, start, modes, stop, options)
-            making = PlanBuilder(self.machine, task, deadline, began)
+            loop = PlanningLoop(self.machine, task, deadline, log)
             if rest is not None and self._ends_at_goal(goal, rest, options):
-                making.start_with_rest(rest, source.bound(task))
+                loop.start_with_rest(rest, source.bound(task))
             try:
-                paths = paths_from_anywhere(
-                    self.machine, source, self.graph.table, task, making.time
+                proposals = paths_from_anywhere(
+                    self.machine, source, self.graph.table, task, loop.progress
                 )
-                plan = making.choose_best(paths)
+                plan = loop.choose_best(proposals)
                 return replace(
                     plan, start_problems=describe_start_problems(self.machine, start.position)
                 )
@@ -228,9 +231,8 @@ class Planner:
         goal = tuple(path.tip[-1].tolist())
         options = options or PlanOptions()
         task = self._create_request(goal, start, modes, None, options)
-        return PlanBuilder(self.machine, task, NO_DEADLINE, perf_counter()).choose_best(
-            [PathProposal(path)]
-        )
+        loop = PlanningLoop(self.machine, task, NO_DEADLINE, PlanLog())
+        return loop.choose_best([PathProposal(path, proposer="path")])
 
     def _check(self, goal: Position, start: MotionState, options: PlanOptions) -> None:
         """Check goal, start, via points and area weight of a request.

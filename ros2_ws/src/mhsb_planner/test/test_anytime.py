@@ -12,13 +12,14 @@ from mhsb_model.braking import brake_along
 from mhsb_model.errors import MhsbError
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
-from mhsb_planner import plan_making
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.motion.s3_trajectory import FitError, fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, fit_rules
 from mhsb_planner.planners.path_planner import PathProposal
+from mhsb_planner.planning import loop, motion_rules
 
 LOOKS_TO_END = 15
 """Looks at the clock that stages may take to see, one after the other, that time is up."""
@@ -63,7 +64,7 @@ def test_with_a_deadline_the_table_planners_motion_is_made_second_and_other_ramp
     for start, goal in moves(planner, 20):
         table = planner.plan(goal, start, options=PlanOptions(planner="table"))
         with monkeypatch.context() as patched:
-            patched.setattr(plan_making, "fit_trajectory", noted)
+            patched.setattr(loop, "fit_trajectory", noted)
             planner.plan(goal, start, options=options, deadline=deadline if ends else NO_DEADLINE)
         if table.path.tip.tobytes() in made:  # it may be too dear to be looked at
             break
@@ -182,11 +183,11 @@ def test_other_ramps_that_are_refused_are_not_told_of_the_motion_that_is_taken(
     planner, monkeypatch
 ):
     def without_faster_ones(machine, path, start, modes, brake, rules, deadline):
-        if rules.ramp_factors[0] in plan_making.FASTER_RAMP_FACTORS:
+        if rules.ramp_factors[0] in motion_rules.FASTER_RAMP_FACTORS:
             raise FitError(("too fast",))
         return fit_trajectory(machine, path, start, modes, brake, rules, deadline)
 
-    monkeypatch.setattr(plan_making, "fit_trajectory", without_faster_ones)
+    monkeypatch.setattr(loop, "fit_trajectory", without_faster_ones)
     for start, goal in moves(planner, 5):
         plan = planner.plan(goal, start, options=PlanOptions(planner="integrated"))
         assert "too fast" not in plan.motion.refused
@@ -202,14 +203,12 @@ def test_a_path_that_is_refused_is_no_verdict_on_the_goal_when_the_time_is_up(
     posture[-1] = planner.machine.arrays.joint_max + 0.1
     beyond = replace(path, posture=posture)
     task = planner._create_request(goal, start, None, None, PlanOptions())
-    making = plan_making.PlanBuilder(
-        planner.machine, task, Deadline.after(deadline), time.perf_counter()
-    )
+    under_way = loop.PlanningLoop(planner.machine, task, Deadline.after(deadline), PlanLog())
 
     def until_the_time_is_up():
         yield PathProposal(beyond)
-        while making.time.has_deadline and not making.time.search_deadline.has_passed:
+        while under_way.progress.has_deadline and not under_way.progress.search_deadline.has_passed:
             time.sleep(0.01)
 
     with pytest.raises(error):
-        making.choose_best(until_the_time_is_up())
+        under_way.choose_best(until_the_time_is_up())

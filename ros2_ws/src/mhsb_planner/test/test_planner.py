@@ -6,11 +6,11 @@ import pytest
 from mhsb_model.errors import MhsbError
 from mhsb_model.modes import modules_in_use
 from mhsb_model.trajectory import MotionState
-from mhsb_planner import plan_making
 from mhsb_planner.cases.moves import random_moves
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.motion.s3_limits import joint_excess
 from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.planning import motion_rules
 from mhsb_planner.search.s2_search import Weights
 
 BEYOND = 1e-3  # rad
@@ -107,7 +107,7 @@ def test_ramps_are_faster_where_nothing_else_needs_their_half_of_the_limits(
         return np.array([plan.cost(options) for plan in plans])
 
     with_faster = costs()
-    monkeypatch.setattr(plan_making, "FASTER_RAMP_FACTORS", ())
+    monkeypatch.setattr(motion_rules, "FASTER_RAMP_FACTORS", ())
     without = costs()
     assert np.all(with_faster <= without)
     assert with_faster.sum() < 0.9995 * without.sum()

@@ -139,7 +139,7 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
                 last_yielded = route
                 yield last_yielded
     if best is None:
-        if task.time.search_deadline.has_passed:
+        if task.progress.search_deadline.has_passed:
             raise DeadlineError(SEARCH_TASK)
         x, z = task.machine.tip_position(task.start)
         raise NoPathError((float(x), float(z)), task.goals.tip, task.machine.obstacles.names)
@@ -161,7 +161,7 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
         False if the gap is smaller or the time is up.
     """
     room = best is None or best.cost > (1.0 + share) * task.lower_bound
-    return room and not task.time.search_deadline.has_passed
+    return room and not task.progress.search_deadline.has_passed
 
 
 # --- Straight lines ------------------------------------------------------------------------------
@@ -227,7 +227,7 @@ def _yield_cheaper_lines(
     """
     for k in numbers.tolist():
         limit = math.inf if best is None else best.cost
-        if task.goal_lower_bounds[k] >= limit or task.time.search_deadline.has_passed:
+        if task.goal_lower_bounds[k] >= limit or task.progress.search_deadline.has_passed:
             break
         via = np.array([task.start_lengths, task.goals.postures.length[k]])
         cost = task.price(via, limit)
@@ -297,7 +297,7 @@ def yield_lattice_paths(
         time is gone. The caller can then try something else.
     """
     for number, spacing in enumerate(lattice_spacings(task, best)):
-        if number == QUICK_LATTICE_COUNT or task.time.is_half_over:
+        if number == QUICK_LATTICE_COUNT or task.progress.is_half_over:
             yield None
         if best is not None and may_be_improved(task, best, WORTH_A_LATTICE):
             best = refine(task, best, spacing)
@@ -367,16 +367,16 @@ def search_lattice(
         left = task.limits.max_expansions - work.expanded
         heuristic_weight = (
             DEADLINE_HEURISTIC_WEIGHT
-            if task.time.has_deadline and len(task.start_lengths) > 3
+            if task.progress.has_deadline and len(task.start_lengths) > 3
             else 1.0
         )
         found = search.search(
-            WORTH_FINDING * limit, left, task.time.search_deadline, heuristic_weight
+            WORTH_FINDING * limit, left, task.progress.search_deadline, heuristic_weight
         )
         work.add(search)
     else:
         found = search.search(
-            math.inf, FIRST_STATES, task.time.search_deadline, FIRST_HEURISTIC_WEIGHT
+            math.inf, FIRST_STATES, task.progress.search_deadline, FIRST_HEURISTIC_WEIGHT
         )
         work.add(search)
         if found is None and not search.exhausted:
@@ -384,7 +384,7 @@ def search_lattice(
             found = search.search(
                 math.inf,
                 sys.maxsize,
-                task.time.search_deadline,
+                task.progress.search_deadline,
                 FIRST_HEURISTIC_WEIGHT,
                 reachability_only=True,
             )
@@ -501,7 +501,7 @@ def refine(
         best.waypoints,
         task.start,
         best.cost,
-        task.time.search_deadline,
+        task.progress.search_deadline,
     )
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
@@ -539,7 +539,7 @@ def _sweep_with_stride(
     Returns:
         The path with the least real cost, the given one included.
     """
-    t, w, until = task.cost_model, task.buffers, task.time.search_deadline
+    t, w, until = task.cost_model, task.buffers, task.progress.search_deadline
     rough = t._replace(max_piece_stroke=piece)
     strides = Strides(stride * spacing, task.limits.goal_turn * stride * task.goals.free_units)
     via, free = route.waypoints.copy(), route.free.copy()

@@ -19,7 +19,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.deadline import NO_DEADLINE, Deadline, SearchTime
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.goal_region import Region, is_goal_met
 from mhsb_planner.integrated import anytime_search, ik_near_start
 from mhsb_planner.integrated.anytime_search import SearchWork
@@ -38,6 +38,7 @@ from mhsb_planner.integrated.search_problem import (
     SearchProblem,
     max_bound_cells,
 )
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm
@@ -64,7 +65,7 @@ class IntegratedSearch:
         area: AreaTerm = WITHOUT_AREA,
         slew_demand: tuple[float, float] = (0.0, 0.0),
         counts_leakage: bool = True,
-        time: SearchTime | None = None,
+        progress: Progress | None = None,
         limits: SearchLimits | None = None,
     ) -> None:
         """Prepare the search: sample the goal postures and compute the lower bounds.
@@ -80,7 +81,7 @@ class IntegratedSearch:
                 lower bound on the energy.
             counts_leakage: Whether leakage counts when paths are compared. The costs of the paths
                 yielded include it in any case.
-            time: Time limit, shared with the caller; None: no limit.
+            progress: Progress of the plan, with the time limit; None: no limit.
             limits: Limits on the effort for an arm of the paper's size; None: defaults, larger with
                 an area weight.
 
@@ -90,10 +91,10 @@ class IntegratedSearch:
             ZoneError: The arm would be too near to an obstacle in every goal posture.
             DeadlineError: The time was up before the search could begin.
         """
-        self._began, time = perf_counter(), time or SearchTime()
+        self._began, progress = perf_counter(), progress or Progress()
         limits = limits or (WITH_AREA if area.weight > 0.0 else SearchLimits())
         limits = limits.scaled(machine.relative_size)
-        time.search_deadline.check(SEARCH_TASK)
+        progress.search_deadline.check(SEARCH_TASK)
         posture = np.array(query.start_posture, dtype=np.float64)
         self._modes = np.array(query.start_modes, dtype=np.uint8)
         goals = sample_goal_postures(
@@ -108,7 +109,7 @@ class IntegratedSearch:
             SAME_POINT,
             SAME_POINT,
         )
-        time.search_deadline.check(SEARCH_TASK)
+        progress.search_deadline.check(SEARCH_TASK)
         weights, column = query.weights, ENERGY_COLUMN[query.energy_reading]
         weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
         self._terms = cost_model(machine, self._modes, weight, column, area)
@@ -116,8 +117,8 @@ class IntegratedSearch:
         goals = ik_near_start.add_postures_near_start(
             machine, goals, posture, priced_by.circuit, weight
         )
-        self._task = SearchProblem.create(machine, posture, priced_by, goals, time, limits)
-        time.search_deadline.check(SEARCH_TASK)
+        self._task = SearchProblem.create(machine, posture, priced_by, goals, progress, limits)
+        progress.search_deadline.check(SEARCH_TASK)
         origin = posture if bound_from is None else bound_from
         self.lower_bound = self._compute_lower_bound(origin, slew_demand)
 
@@ -140,7 +141,7 @@ class IntegratedSearch:
             return task.lower_bound / float(energy)
         origin = task.machine.cylinder_lengths(posture)
         circuit = add_other_motion(self._terms.circuit, *others)
-        cells = max_bound_cells(task.time)
+        cells = max_bound_cells(task.progress)
         return lower_bound_to_goals(task.machine, circuit, origin, task.goals, ENERGY_ALONE, cells)
 
     def paths(self) -> Iterator[DiscretePath | None]:
@@ -225,7 +226,7 @@ class IntegratedSearch:
             self._modes,
             self.lower_bound,
             SearchStatistics(
-                work.expanded, work.priced, self._elapsed, task.time.search_deadline.has_passed
+                work.expanded, work.priced, self._elapsed, task.progress.search_deadline.has_passed
             ),
         )
 
@@ -264,7 +265,7 @@ def search(
         query,
         goal_region=goal_region,
         area=area,
-        time=SearchTime(deadline),
+        progress=Progress(deadline),
         limits=effort,
     )
     return under_way.best_path()
@@ -382,4 +383,4 @@ def _example_problem(machine: Machine) -> SearchProblem:
     goals = sample_goal_postures(machine, float(x), float(z), psi, effort.psi_spacing)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)
     priced_by = cost_model(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
-    return SearchProblem.create(machine, start, priced_by, goals, SearchTime(), effort)
+    return SearchProblem.create(machine, start, priced_by, goals, Progress(), effort)

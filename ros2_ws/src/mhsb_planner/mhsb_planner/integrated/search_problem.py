@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.integrated.cylinder_path import (
     PathCostBuffers,
     PathCostModel,
@@ -16,6 +15,7 @@ from mhsb_planner.integrated.cylinder_path import (
 )
 from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures
 from mhsb_planner.integrated.lower_bound import MOST_CELLS, SOON_CELLS, lower_bound_to_goals
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.lower_bound import bound_costs_between
 
 
@@ -107,7 +107,7 @@ class SearchProblem:
         goals: Goal postures.
         lower_bound: Lower bound on the cost of every path from the start to a goal.
         goal_lower_bounds: Lower bound on the cost of a path to each goal posture, shape (goals,).
-        time: Time limit of the search.
+        progress: Progress of the plan, with the time limit of the search.
         limits: Limits on the effort.
     """
 
@@ -119,7 +119,7 @@ class SearchProblem:
     goals: GoalPostures
     lower_bound: float
     goal_lower_bounds: FloatArray
-    time: SearchTime
+    progress: Progress
     limits: SearchLimits
 
     @classmethod
@@ -129,7 +129,7 @@ class SearchProblem:
         posture: FloatArray,
         cost_model: PathCostModel,
         goals: GoalPostures,
-        time: SearchTime,
+        progress: Progress,
         effort: SearchLimits,
     ) -> SearchProblem:
         """Create the problem from a start posture to given goal postures.
@@ -141,14 +141,14 @@ class SearchProblem:
             posture: Start posture, shape (n,) [rad or m].
             cost_model: Cost model of the search.
             goals: Goal postures.
-            time: Time limit of the search; with a deadline the bound uses fewer cells.
+            progress: Progress of the plan. With a deadline the bound uses fewer cells.
             effort: Limits on the effort.
 
         Returns:
             The problem, with its own working memory.
         """
         lengths, reached = machine.cylinder_lengths(posture), goals.postures.length
-        weight, cells = cost_model.weight, max_bound_cells(time)
+        weight, cells = cost_model.weight, max_bound_cells(progress)
         return cls(
             machine=machine,
             cost_model=cost_model,
@@ -160,7 +160,7 @@ class SearchProblem:
                 machine, cost_model.circuit, lengths, goals, weight, cells
             ),
             goal_lower_bounds=bound_costs_between(cost_model.circuit, lengths, reached, weight),
-            time=time,
+            progress=progress,
             limits=effort,
         )
 
@@ -181,6 +181,6 @@ class SearchProblem:
         return CylinderPath(via, k, int(self.goals.elbow[k]), self.goals.free[k], cost)
 
 
-def max_bound_cells(time: SearchTime) -> int:
+def max_bound_cells(progress: Progress) -> int:
     """Return the largest number of cells for a lower bound; fewer if there is a deadline."""
-    return SOON_CELLS if time.has_deadline else MOST_CELLS
+    return SOON_CELLS if progress.has_deadline else MOST_CELLS

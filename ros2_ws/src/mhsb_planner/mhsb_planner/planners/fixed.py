@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.planners.table import yield_graph_paths
+from mhsb_planner.progress import Progress
 from mhsb_planner.search import fixed_j3
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -23,7 +23,7 @@ class FixedPlanner:
     takes: tuple[str, ...] = ("search", "heuristic_scale", "initial_j3")
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, time: SearchTime
+        self, graph: StepGraph, task: PathRequest, progress: Progress
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path over the fixed-joint graph, or the path of the published search.
 
@@ -34,7 +34,7 @@ class FixedPlanner:
         Args:
             graph: Step graph of the posture table; provides machine, table and grid.
             task: The request.
-            time: Time limit of the search.
+            progress: Progress of the plan, with the time limit of the search.
 
         Yields:
             The first path that is found, to the goal or else to another position of its region.
@@ -50,9 +50,9 @@ class FixedPlanner:
             kept if j3 is None else j3,
             fixed_j3.find_elbow_side(machine, task.departure),
             grid=graph.grid,
-            deadline=time.search_deadline,
+            deadline=progress.search_deadline,
         )
-        yield from map(PathProposal, yield_graph_paths(own, task, time))
+        yield from map(PathProposal, yield_graph_paths(own, task, progress))
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile the kernels of this planner."""

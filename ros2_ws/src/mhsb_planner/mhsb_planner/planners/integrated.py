@@ -11,14 +11,11 @@ for comparison, too:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain, islice
+from functools import partial
 
-from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch
 from mhsb_planner.integrated.search_problem import SearchLimits
@@ -30,8 +27,15 @@ from mhsb_planner.planners.path_planner import (
     PathRequest,
     propose_in_both_ways,
 )
+from mhsb_planner.planners.schedule import (
+    Proposer,
+    ProposerSet,
+    schedule_for_deadline,
+    schedule_without_deadline,
+    take_turns,
+)
 from mhsb_planner.planners.table import TablePlanner
-from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import PathQuery
@@ -43,7 +47,7 @@ Of two paths of nearly equal cost, the shorter usually makes the cheaper motion.
 for the energy of a motion's ramps and switches.
 """
 
-HURRIED_STATES = 4000
+MAX_TIME_PRICED_STATES = 4000
 """Largest number of lattice states that the additional search may expand."""
 
 
@@ -62,40 +66,97 @@ class IntegratedPlanner:
     takes: tuple[str, ...] = ()
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, time: SearchTime
+        self, graph: StepGraph, task: PathRequest, progress: Progress
     ) -> Iterator[PathProposal]:
         """Yield the planner's own paths and, in between, paths of the baselines for comparison.
 
-        With a deadline, but without an area weight or another motion that follows, the order of
-        work is that of `_schedule_for_deadline`. Otherwise it is that of
-        `_schedule_without_deadline`. Without an area weight, the path that is cheapest if time
-        costs TIME_PRICE more comes next. With a goal region, everything is repeated for the goal
-        alone, because the result must cost no more than without the region. All paths carry the
-        lower bound of the first search.
+        `planners.schedule` decides the order. All paths carry the lower bound of the own search.
 
         Args:
             graph: Step graph of the posture table; provides machine and table.
             task: The request.
-            time: Time limit; the consumer sets its `has_motion` once there is a motion.
+            progress: Progress of the plan.
 
         Yields:
             Path proposals; `for_comparison` marks all that are not from the planner's main search
             to the goal or region.
         """
-        own = _create_search(graph.machine, task, time, task.area)
-        if time.has_deadline and task.area.weight == 0.0 and task.options.period == 0.0:
-            yield from _schedule_for_deadline(own, graph, task, time)
+        search = _create_search(graph.machine, task, progress, task.area)
+        proposers = self._create_proposers(search, graph, task, progress)
+        streams, weighs_area = task.options.period > 0.0, task.area.weight > 0.0
+        if progress.has_deadline and not (weighs_area or streams):
+            schedule = schedule_for_deadline(proposers, progress)
         else:
-            yield from _schedule_without_deadline(own, graph, task, time)
-        if task.area.weight == 0.0:
-            for path in _path_with_time_price(graph.machine, task, time):
-                yield PathProposal(replace(path, lower_bound=own.lower_bound), True)
-        if task.options.goal_region is not None:  # must cost no more than to the goal itself
-            alone = replace(task, options=replace(task.options, goal_region=None))
-            with suppress(MhsbError):
-                for candidate in self.paths(graph, alone, time):
-                    path = replace(candidate.path, lower_bound=own.lower_bound)
-                    yield candidate._replace(path=path, for_comparison=True)
+            schedule = schedule_without_deadline(proposers, progress, all_at_once=weighs_area)
+        yield from take_turns(schedule, progress, proposers.own)
+
+    def _create_proposers(
+        self, search: IntegratedSearch, graph: StepGraph, task: PathRequest, progress: Progress
+    ) -> ProposerSet:
+        """Create the proposers for a request, which do nothing before their first turns.
+
+        The proposers of other searches are left out if the request does not call for them:
+
+        - The search with a price on time runs if energy has a weight and no motion is to follow.
+        - The search without area runs if the area has a weight.
+        - If there is a goal region, everything is repeated for the goal alone, because the plan
+          must cost no more than without the region.
+
+        Args:
+            search: The own search.
+            graph: Step graph of the posture table.
+            task: The request.
+            progress: Progress of the plan.
+
+        Returns:
+            The proposers.
+        """
+        machine, options = graph.machine, task.options
+        own = (path if path is None else PathProposal(path) for path in search.paths())
+        leak_free = _paths_without_leakage(machine, task, progress, search.lower_bound)
+        compare = partial(_for_comparison, machine, task, search.lower_bound)
+        baselines = [
+            Proposer(each.name, compare(_baseline_paths(each, graph, task, progress)))
+            for each in self.baselines
+        ]
+        later: list[Proposer] = []
+        if options.weights.energy > 0.0 and options.period == 0.0:
+            paths = compare(_path_with_time_price(machine, task, progress))
+            later.append(Proposer(f"{self.name} with a price on time", paths))
+        if task.area.weight > 0.0:
+            paths = compare(_path_without_area(machine, task, progress))
+            baselines = [Proposer(f"{self.name} without area", paths), *later, *baselines]
+            later = []
+        if options.goal_region is not None:
+            paths = self._paths_to_goal_alone(graph, task, progress, search.lower_bound)
+            later.append(Proposer(f"{self.name} to the goal alone", paths))
+        return ProposerSet(
+            Proposer(self.name, own),
+            Proposer(f"{self.name} without leakage", leak_free),
+            baselines,
+            later,
+            task.slew_demand.time,
+        )
+
+    def _paths_to_goal_alone(
+        self, graph: StepGraph, task: PathRequest, progress: Progress, lower_bound: float
+    ) -> Iterator[PathProposal]:
+        """Yield all paths for a request without its goal region, for comparison.
+
+        Args:
+            graph: Step graph of the posture table.
+            task: The request.
+            progress: Progress of the plan.
+            lower_bound: Lower bound on the energy that the paths are to carry [J].
+
+        Yields:
+            Path proposals.
+        """
+        alone = replace(task, options=replace(task.options, goal_region=None))
+        for proposal in self.paths(graph, alone, progress):
+            path = replace(proposal.path, lower_bound=lower_bound)
+            proposer = f"{proposal.proposer} to the goal alone"
+            yield proposal._replace(path=path, for_comparison=True, proposer=proposer)
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile the kernels of this planner and of its baselines.
@@ -108,103 +169,10 @@ class IntegratedPlanner:
             planner.warm_up(graph)
 
 
-def _schedule_without_deadline(
-    own: IntegratedSearch, graph: StepGraph, task: PathRequest, time: SearchTime
-) -> Iterator[PathProposal]:
-    """Yield own paths and the baselines' paths, without a tight schedule.
-
-    The paths of the next baseline come after an own path if there is no motion yet, or if half of
-    the time is gone. They also come before a long stage of the own search. With an area weight the
-    paths of all baselines come after the first own path, because lower bounds are weak then and the
-    search is long. After the first own path that is shorter than the slew's least time, paths that
-    ignore leakage follow. The remaining baselines come last.
-
-    Args:
-        own: The planner's own search.
-        graph: Step graph of the posture table.
-        task: The request.
-        time: Time limit; `has_motion` is True once the consumer has a motion.
-
-    Yields:
-        Path proposals.
-    """
-    waits, weighed = False, task.area.weight > 0.0
-    others = list(BASELINE_PLANNERS)
-    for path in own.paths():
-        if path is not None:
-            yield PathProposal(path)
-            if not waits and task.slew_demand.time > path.duration.sum():
-                waits = True
-                yield from _paths_ignoring_leakage(own, graph, task, time)
-        if others and (path is None or not time.has_motion or time.is_half_over or weighed):
-            now = others if weighed else others[:1]
-            others = others[len(now) :]
-            yield from _comparison_paths(graph, task, time, own.lower_bound, now)
-    yield from _comparison_paths(graph, task, time, own.lower_bound, others)
-
-
-def _schedule_for_deadline(
-    own: IntegratedSearch, graph: StepGraph, task: PathRequest, time: SearchTime
-) -> Iterator[PathProposal]:
-    """Yield own paths and the baselines' paths in the order for a deadline.
-
-    The table planner's first path comes right after the first own path, or before it if that takes
-    long. It takes a millisecond or two, and no plan may cost more than the table planner's. All
-    other baseline paths wait for the end of the own search. They come earlier if half of the time
-    is gone without a motion. The fixed-joint planner may take longer than there is time, and the
-    table's polynomial seldom keeps the limits. After the first own path that is shorter than the
-    slew's least time, paths that ignore leakage follow.
-
-    Args:
-        own: The planner's own search.
-        graph: Step graph of the posture table.
-        task: The request.
-        time: Time limit; `has_motion` is True once the consumer has a motion.
-
-    Yields:
-        Path proposals.
-    """
-    waits, looked = False, False
-    table, fixed = (
-        _comparison_paths(graph, task, time, own.lower_bound, [planner])
-        for planner in BASELINE_PLANNERS
-    )
-    for path in own.paths():
-        if path is not None:
-            yield PathProposal(path)
-        if not looked:
-            looked = True
-            yield from islice(table, 1)
-        elif not time.has_motion and time.is_half_over:
-            yield from _until_motion_found(chain(table, fixed), time)
-        if path is not None and not waits and task.slew_demand.time > path.duration.sum():
-            waits = True
-            yield from _paths_ignoring_leakage(own, graph, task, time)
-    yield from chain(table, fixed)
-
-
-def _until_motion_found(
-    candidates: Iterator[PathProposal], time: SearchTime
-) -> Iterator[PathProposal]:
-    """Yield proposals until the consumer has made a motion of one of them.
-
-    Args:
-        candidates: Path proposals.
-        time: Time limit; `has_motion` is True once the consumer has a motion.
-
-    Yields:
-        The proposals up to the first one that has given a motion; all if none has.
-    """
-    for candidate in candidates:
-        yield candidate
-        if time.has_motion:
-            return
-
-
 def _create_search(
     machine: Machine,
     task: PathRequest,
-    time: SearchTime,
+    progress: Progress,
     area: AreaTerm,
     effort: SearchLimits | None = None,
     *,
@@ -215,7 +183,7 @@ def _create_search(
     Args:
         machine: The arm in its plane.
         task: The request.
-        time: Time limit, shared with the caller.
+        progress: Progress of the plan.
         area: Area term to search with; it may differ from the request's.
         effort: Limits on the number of states that the search expands; None: defaults.
         leaks: Whether leakage counts when paths are compared.
@@ -240,117 +208,93 @@ def _create_search(
         area=area,
         slew_demand=task.slew_demand,
         counts_leakage=leaks,
-        time=time,
+        progress=progress,
         limits=effort,
     )
 
 
-def _paths_ignoring_leakage(
-    own: IntegratedSearch, graph: StepGraph, task: PathRequest, time: SearchTime
+def _paths_without_leakage(
+    machine: Machine, task: PathRequest, progress: Progress, lower_bound: float
 ) -> Iterator[PathProposal]:
     """Yield the paths of an own search that ignores leakage when it compares paths.
 
     If the slew determines the duration, leakage flows for that duration on every path. These paths
-    are then the cheapest. Errors of the search end the generator without a message.
-
-    Args:
-        own: The planner's own search, whose lower bound the paths carry.
-        graph: Step graph of the posture table.
-        task: The request.
-        time: Time limit of the search.
-
-    Yields:
-        Path proposals, with the cost that the search without leakage states.
-    """
-    with suppress(MhsbError):
-        search = _create_search(graph.machine, task, time, task.area, leaks=False)
-        for path in search.paths():
-            if path is not None:
-                yield PathProposal(replace(path, lower_bound=own.lower_bound))
-
-
-def _path_with_time_price(
-    machine: Machine, task: PathRequest, time: SearchTime
-) -> Iterator[DiscretePath]:
-    """Yield the path that is cheapest if each second costs as much as TIME_PRICE joules more.
-
-    The cost that the path states does not contain this surcharge. Nothing is yielded if energy has
-    no weight or another motion is to follow. The area is ignored. At most HURRIED_STATES states are
-    expanded. Errors of the search end the generator without a message.
+    are then the cheapest.
 
     Args:
         machine: The arm in its plane.
         task: The request.
-        time: Time limit of the search.
+        progress: Progress of the plan.
+        lower_bound: Lower bound on the energy that the paths are to carry [J].
 
     Yields:
-        At most one path.
+        Path proposals, with their cost including leakage.
+    """
+    search = _create_search(machine, task, progress, task.area, leaks=False)
+    for path in search.paths():
+        if path is not None:
+            yield PathProposal(replace(path, lower_bound=lower_bound))
+
+
+def _path_with_time_price(
+    machine: Machine, task: PathRequest, progress: Progress
+) -> Iterator[PathProposal]:
+    """Yield the path that is cheapest if each second costs as much as TIME_PRICE joules more.
+
+    The cost that the path states does not contain this surcharge. The area is ignored. At most
+    MAX_TIME_PRICED_STATES states are expanded.
+
+    Args:
+        machine: The arm in its plane.
+        task: The request.
+        progress: Progress of the plan.
+
+    Yields:
+        One path.
     """
     weights = task.options.weights
     time_price = TIME_PRICE * weights.energy
-    if time_price == 0.0 or task.options.period > 0.0:
-        return
     options = replace(task.options, weights=replace(weights, time=weights.time + time_price))
-    effort = SearchLimits(max_expansions=HURRIED_STATES)
-    with suppress(MhsbError):
-        path = _create_search(
-            machine, replace(task, options=options), time, WITHOUT_AREA, effort
-        ).best_path()
-        yield replace(path, cost=path.cost - time_price * float(path.duration.sum()))
+    limits = SearchLimits(max_expansions=MAX_TIME_PRICED_STATES)
+    priced = replace(task, options=options)
+    path = _create_search(machine, priced, progress, WITHOUT_AREA, limits).best_path()
+    yield PathProposal(replace(path, cost=path.cost - time_price * float(path.duration.sum())))
 
 
-def _comparison_paths(
-    graph: StepGraph,
-    task: PathRequest,
-    time: SearchTime,
-    lower_bound: float,
-    planners: Sequence[PathPlanner],
+def _path_without_area(
+    machine: Machine, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
-    """Yield paths for comparison, with the given lower bound.
+    """Yield the path that is cheapest if the area has no weight."""
+    yield PathProposal(_create_search(machine, task, progress, WITHOUT_AREA).best_path())
+
+
+def _baseline_paths(
+    baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: Progress
+) -> Iterator[PathProposal]:
+    """Yield a baseline's paths, each for both methods of S3 if the options leave them open."""
+    for proposal in baseline.paths(graph, task, progress):
+        yield from propose_in_both_ways(proposal, baseline, task)
+
+
+def _for_comparison(
+    machine: Machine, task: PathRequest, lower_bound: float, proposals: Iterator[PathProposal]
+) -> Iterator[PathProposal]:
+    """Yield proposals for comparison with the own search's, with its lower bound.
 
     If the area has a weight, each path's cost grows by that weight times the path's area shortfall.
 
     Args:
-        graph: Step graph of the posture table.
+        machine: The arm in its plane.
         task: The request.
-        time: Time limit of the searches.
         lower_bound: Lower bound on the energy that the paths are to carry [J].
-        planners: Baselines that propose paths.
+        proposals: Proposals whose costs do not contain the area.
 
     Yields:
         Path proposals, all with `for_comparison` set.
     """
-    for candidate in _unpriced_comparison_paths(graph, task, time, planners):
-        path = replace(candidate.path, lower_bound=lower_bound)
+    for proposal in proposals:
+        path = replace(proposal.path, lower_bound=lower_bound)
         if task.area.weight > 0.0:
-            shortfall = area_along_path(graph.machine, path).compute_area_loss(task.area.reference)
+            shortfall = area_along_path(machine, path).compute_area_loss(task.area.reference)
             path = replace(path, cost=path.cost + task.area.weight * shortfall)
-        yield PathProposal(path, True, candidate.trajectory)
-
-
-def _unpriced_comparison_paths(
-    graph: StepGraph, task: PathRequest, time: SearchTime, planners: Sequence[PathPlanner]
-) -> Iterator[PathProposal]:
-    """Yield paths for comparison, with costs and lower bounds as their searches state them.
-
-    With an area weight, two paths come first: the one found without the area, and the one for which
-    time costs TIME_PRICE more. The baselines' paths follow, each proposed twice if the options
-    leave S3's method open (`propose_in_both_ways`). Errors of one search do not prevent the next.
-
-    Args:
-        graph: Step graph of the posture table.
-        task: The request.
-        time: Time limit of the searches.
-        planners: Baselines that propose paths.
-
-    Yields:
-        Path proposals.
-    """
-    if task.area.weight > 0.0 and planners:
-        with suppress(MhsbError):
-            yield PathProposal(_create_search(graph.machine, task, time, WITHOUT_AREA).best_path())
-        yield from map(PathProposal, _path_with_time_price(graph.machine, task, time))
-    for planner in planners:
-        with suppress(MhsbError):
-            for candidate in planner.paths(graph, task, time):
-                yield from propose_in_both_ways(candidate, planner, task)
+        yield proposal._replace(path=path, for_comparison=True)

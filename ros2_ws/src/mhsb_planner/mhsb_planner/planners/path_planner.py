@@ -8,7 +8,6 @@ from typing import NamedTuple, Protocol
 
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
 from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
 from mhsb_planner.motion.s3_blend_in import Coasting
@@ -16,6 +15,7 @@ from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
 from mhsb_planner.search.manipulability_loss import AreaTerm
@@ -115,11 +115,16 @@ class PathProposal(NamedTuple):
             planner.
         trajectory: Method with which S3 begins on this path if the options leave it open. None: the
             one of the planner that the request names.
+        proposer: Name of the proposer in the log; empty: that of the planner.
+        via_step: Index of the path's step after a via point at which the slew may turn alone; None:
+            there is no such point.
     """
 
     path: DiscretePath
     for_comparison: bool = False
     trajectory: TrajectoryKind | None = None
+    proposer: str = ""
+    via_step: int | None = None
 
 
 class PathPlanner(Protocol):
@@ -143,7 +148,7 @@ class PathPlanner(Protocol):
     takes: tuple[str, ...]
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, time: SearchTime
+        self, graph: StepGraph, task: PathRequest, progress: Progress
     ) -> Iterator[PathProposal]:
         """Yield paths from the departure to the goal: the first early, then cheaper ones.
 
@@ -153,8 +158,8 @@ class PathPlanner(Protocol):
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
             task: The request.
-            time: Time limit. The planner looks at it about every millisecond; when it is over, the
-                planner yields what it has and ends.
+            progress: Progress of the plan. The planner looks at `search_deadline` about every
+                millisecond; when it has passed, the planner yields what it has and ends.
 
         Yields:
             Path proposals.

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from mhsb_model.errors import MhsbError
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.goal_region import is_goal_met, tip_positions
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
+from mhsb_planner.progress import Progress
 from mhsb_planner.search import s2_search
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
@@ -28,7 +28,7 @@ class TablePlanner:
     takes: tuple[str, ...] = ("search", "heuristic_scale")
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, time: SearchTime
+        self, graph: StepGraph, task: PathRequest, progress: Progress
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path over the posture table, or the path of the published search.
 
@@ -37,13 +37,13 @@ class TablePlanner:
         Args:
             graph: Step graph of the posture table.
             task: The request.
-            time: Time limit of the search.
+            progress: Progress of the plan, with the time limit of the search.
 
         Yields:
             The first path that is found, to the goal or else to another position of its region.
             Then perhaps the cheapest one to any position of the region.
         """
-        yield from map(PathProposal, yield_graph_paths(graph, task, time))
+        yield from map(PathProposal, yield_graph_paths(graph, task, progress))
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile the kernels of this planner."""
@@ -51,7 +51,7 @@ class TablePlanner:
 
 
 def yield_graph_paths(
-    graph: StepGraph, task: PathRequest, time: SearchTime
+    graph: StepGraph, task: PathRequest, progress: Progress
 ) -> Iterator[DiscretePath]:
     """Yield paths over a step graph, to the goal and to the cheapest position of its region.
 
@@ -62,7 +62,7 @@ def yield_graph_paths(
     Args:
         graph: Step graph.
         task: The request.
-        time: Time limit; after it no further position is tried.
+        progress: Progress of the plan, with the time limit; after it no further position is tried.
 
     Yields:
         One or two paths, with a lower bound on the energy [J] that includes the slew demand. The
@@ -80,7 +80,7 @@ def yield_graph_paths(
     refused: MhsbError | None = None
     for x, z in tip_positions(task.planar_goal, region).tolist():
         try:
-            path = _search_path_to((x, z), graph, task, time)
+            path = _search_path_to((x, z), graph, task, progress)
         except MhsbError as error:
             refused = refused or error
             if isinstance(error, DeadlineError):
@@ -119,7 +119,7 @@ def _is_in_goal_region(graph: StepGraph, task: PathRequest) -> bool:
 
 
 def _search_path_to(
-    tip: tuple[float, float], graph: StepGraph, task: PathRequest, time: SearchTime
+    tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: Progress
 ) -> DiscretePath:
     """Search the cheapest path to one tip position over a step graph, by the method in the options.
 
@@ -127,7 +127,7 @@ def _search_path_to(
         tip: Tip position (x, z) [m].
         graph: Step graph.
         task: The request.
-        time: Time limit of the search.
+        progress: Progress of the plan, with the time limit of the search.
 
     Returns:
         Path from the departure, with its cost and a lower bound on the energy [J].
@@ -149,6 +149,6 @@ def _search_path_to(
         query,
         method=options.search,
         heuristic_scale=options.heuristic_scale,
-        deadline=time.search_deadline,
+        deadline=progress.search_deadline,
         max_expansions=options.max_expansions,
     )

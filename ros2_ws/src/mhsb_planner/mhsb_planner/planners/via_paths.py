@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from mhsb_model.machine import Machine
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.planners.resting import insert_rests
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -26,7 +26,7 @@ class PathSource(Protocol):
     def bound(self, task: PathRequest) -> float:
         """Return a lower bound on the energy of every plan for a request [J]."""
 
-    def paths(self, task: PathRequest, time: SearchTime) -> Iterator[PathProposal]:
+    def paths(self, task: PathRequest, progress: Progress) -> Iterator[PathProposal]:
         """Yield paths from the departure to the goal, as `PathPlanner.paths` does."""
 
 
@@ -51,13 +51,13 @@ class PlanePaths:
         """Return a lower bound on the energy of every plan for a request [J]."""
         return task.energy_lower_bound(self.graph)
 
-    def paths(self, task: PathRequest, time: SearchTime) -> Iterator[PathProposal]:
+    def paths(self, task: PathRequest, progress: Progress) -> Iterator[PathProposal]:
         """Return the planner's paths."""
-        return self.planner.paths(self.graph, task, time)
+        return self.planner.paths(self.graph, task, progress)
 
 
 def paths_through_via_points(
-    source: PathSource, task: PathRequest, time: SearchTime
+    source: PathSource, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
     """Yield paths from the departure to the goal through all via points in their order.
 
@@ -69,7 +69,7 @@ def paths_through_via_points(
     Args:
         source: Source of the paths of each leg.
         task: The request; without via points the source's own paths are yielded.
-        time: Time limit of the searches.
+        progress: Progress of the plan, with the time limit of the searches.
 
     Yields:
         Path proposals, with the source's lower bound on the energy for the whole request [J].
@@ -78,17 +78,17 @@ def paths_through_via_points(
         MhsbError: The source's errors, if a leg has no path.
     """
     if not task.options.via:
-        yield from source.paths(task, time)
+        yield from source.paths(task, progress)
         return
     bound = source.bound(task)
     for thorough in (False, True):
         legs: list[DiscretePath] = []
         onward = replace(task, options=task.options.for_via_point)
         for point in task.options.via:
-            legs.append(plan_leg(source, replace(onward, goal=point), time, thorough))
+            legs.append(plan_leg(source, replace(onward, goal=point), progress, thorough))
             onward = onward.continued_from(legs[-1])
         last = replace(onward, goal=task.goal, options=task.options.for_last_leg)
-        for candidate in source.paths(last, time):
+        for candidate in source.paths(last, progress):
             whole = replace(join_paths([*legs, candidate.path]), lower_bound=bound)
             yield candidate._replace(path=whole)
             before = np.cumsum([leg.steps for leg in legs])
@@ -99,20 +99,20 @@ def paths_through_via_points(
 
 
 def plan_leg(
-    source: PathSource, task: PathRequest, time: SearchTime, cheapest: bool
+    source: PathSource, task: PathRequest, progress: Progress, cheapest: bool
 ) -> DiscretePath:
     """Return the path of a leg to a via point.
 
     Args:
         source: Source of paths.
         task: Request whose goal is the via point.
-        time: Time limit of the search.
+        progress: Progress of the plan, with the time limit of the search.
         cheapest: Whether to take the cheapest of all paths; otherwise the first is taken.
 
     Returns:
         Path from the departure to the via point.
     """
-    found = (candidate.path for candidate in source.paths(task, time))
+    found = (candidate.path for candidate in source.paths(task, progress))
     first = next(found)
     return min([first, *found], key=lambda path: path.cost) if cheapest else first
 

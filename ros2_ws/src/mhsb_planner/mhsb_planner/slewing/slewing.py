@@ -18,12 +18,9 @@ turn.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +29,6 @@ from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray, frozen
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.path_planner import (
@@ -44,7 +40,9 @@ from mhsb_planner.planners.path_planner import (
     propose_in_both_ways,
 )
 from mhsb_planner.planners.resting import insert_rests
+from mhsb_planner.planners.schedule import Proposer, schedule_in_turn, take_turns
 from mhsb_planner.planners.via_paths import PlanePaths, join_paths, plan_leg
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import check_tip_clearance
 from mhsb_planner.search.lower_bound import bound_costs_between
@@ -146,16 +144,6 @@ NEAR_CARRYING = 0.15
 """
 
 
-class PlanarPath(NamedTuple):
-    """Path in the arm's plane, and the position of its via point."""
-
-    proposal: PathProposal
-    """Path in the arm's plane."""
-
-    via_step: int | None = None
-    """Index of the path step after the via point; None if the path has no via point."""
-
-
 @dataclass(frozen=True, eq=False)
 class SlewingPaths:
     """Source of paths of the whole arm, for an arm that slews."""
@@ -182,7 +170,7 @@ class SlewingPaths:
         """
         return self._convert_to_plane(task)[0].energy_lower_bound(self.graph)
 
-    def paths(self, task: PathRequest, time: SearchTime) -> Iterator[PathProposal]:
+    def paths(self, task: PathRequest, progress: Progress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.
 
         Without zones in space each path of the planner is yielded with an even slew motion. With
@@ -190,7 +178,7 @@ class SlewingPaths:
 
         Args:
             task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
-            time: Time budget of the search.
+            progress: Progress of the plan, with the time limit of the search.
 
         Yields:
             Path proposals, with their cost and a lower bound on the energy [J].
@@ -201,11 +189,11 @@ class SlewingPaths:
         """
         in_plane, slew = self._convert_to_plane(task)
         if not self.machine.obstacles.is_in_space.any():
-            for candidate in self.planner.paths(self.graph, in_plane, time):
+            for candidate in self.planner.paths(self.graph, in_plane, progress):
                 yield candidate._replace(path=self._turn_evenly(task, candidate.path, slew))
             return
         check_tip_clearance(self.machine, task.goal)
-        yield from self._yield_paths_among_zones(task, in_plane, slew, time)
+        yield from self._yield_paths_among_zones(task, in_plane, slew, progress)
 
     def _turn_evenly(self, task: PathRequest, path: DiscretePath, end_angle: float) -> DiscretePath:
         """Return the path of the whole arm with an even slew motion, ignoring zones.
@@ -224,7 +212,7 @@ class SlewingPaths:
         )
 
     def _yield_paths_among_zones(
-        self, task: PathRequest, in_plane: PathRequest, slew: float, time: SearchTime
+        self, task: PathRequest, in_plane: PathRequest, slew: float, progress: Progress
     ) -> Iterator[PathProposal]:
         """Yield clear paths of the whole arm among zones in space, by all methods in turn.
 
@@ -239,8 +227,7 @@ class SlewingPaths:
             task: Path request of the whole arm.
             in_plane: Path request in the arm's plane.
             slew: Slew angle at the goal [rad].
-            time: Time budget of the search; `has_motion` says whether the caller already has a
-                motion.
+            progress: Progress of the plan.
 
         Yields:
             Paths of the whole arm.
@@ -249,62 +236,52 @@ class SlewingPaths:
             MhsbError: No method has given a clear path; `_create_error` chooses the error.
         """
         began, bound = float(task.departure[0]), in_plane.energy_lower_bound(self.graph)
-        direct: Iterator[PlanarPath] = map(
-            PlanarPath, self.planner.paths(self.graph, in_plane, time)
-        )
+        direct = Proposer(self.planner.name, self.planner.paths(self.graph, in_plane, progress))
         baselines, turn = self.planner.baselines, (began, slew)
         others = [
-            way(planner, in_plane, turn, time)
+            Proposer(f"{planner.name}, {name}", find_paths(planner, in_plane, turn, progress))
             for planner in (*baselines[:1], self.planner, *baselines[1:])
-            for way in (self._yield_paths_past_shadows, self._yield_carried_paths)
+            for name, find_paths in (
+                ("past shadows", self._yield_paths_past_shadows),
+                ("carried", self._yield_carried_paths),
+            )
         ]
-        ways, quick = deque([direct, *others]), others[:2]
-        found, refused = False, None
-        while ways and not (found and time.search_deadline.has_passed):
-            way = ways.popleft()
-            try:
-                candidate, corner = next(way)
-            except StopIteration:
-                continue
-            except MhsbError as error:
-                refused = refused or (error if way is direct else None)
-                continue
-            if way in quick:
-                ways.insert(1 if time.has_motion else 0, way)
-            else:
-                ways.append(way)
+        found, schedule = False, schedule_in_turn(direct, others[:2], others[2:], progress)
+        for candidate in take_turns(schedule, progress):
             path = replace(candidate.path, lower_bound=bound)
             turning = find_clear_turning(self.machine, path, began, slew)
-            if turning is None:
-                continue
-            found, whole = True, combine_with_slew(self.machine, task, path, turning)
-            if (
-                way is direct
-                and whole.cost <= FREE_COST_FACTOR * self._turn_evenly(task, path, slew).cost
-            ):
-                ways = deque([direct])
-            yield candidate._replace(path=whole)
-            if corner is not None or REST_STEP in turning.step:
-                before, weights = find_rest_steps(turning, corner), task.options.weights
-                rested = insert_rests(self.machine, whole, before, weights)
-                yield candidate._replace(path=rested)
+            if turning is not None:
+                found, whole = True, combine_with_slew(self.machine, task, path, turning)
+                if (
+                    candidate is direct.last
+                    and whole.cost <= FREE_COST_FACTOR * self._turn_evenly(task, path, slew).cost
+                ):
+                    for other in others:
+                        other.has_ended = True
+                yield candidate._replace(path=whole)
+                if candidate.via_step is not None or REST_STEP in turning.step:
+                    before = find_rest_steps(turning, candidate.via_step)
+                    rested = insert_rests(self.machine, whole, before, task.options.weights)
+                    yield candidate._replace(path=rested)
+            if found and progress.search_deadline.has_passed:
+                return
         if not found:
-            raise self._create_error(task, refused, time)
+            raise self._create_error(task, direct.error, progress)
 
     def _create_error(
-        self, task: PathRequest, refused: MhsbError | None, time: SearchTime
+        self, task: PathRequest, refused: MhsbError | None, progress: Progress
     ) -> MhsbError:
         """Return the error to raise if no method has given a clear path.
 
         Args:
             task: Path request of the whole arm.
             refused: Error of the direct method, if it had one.
-            time: Time budget of the search.
+            progress: Progress of the plan, with the time limit of the search.
 
         Returns:
             DeadlineError if the time is up, else `refused`, else NoPathError.
         """
-        if time.search_deadline.has_passed:
+        if progress.search_deadline.has_passed:
             return DeadlineError(SEARCH_TASK)
         start = tuple(self.machine.tip_in_base(task.departure).tolist())
         return refused or NoPathError(start, task.goal, self.machine.obstacles.names)
@@ -314,30 +291,31 @@ class SlewingPaths:
         planner: PathPlanner,
         in_plane: PathRequest,
         slew_angles: tuple[float, float],
-        time: SearchTime,
-    ) -> Iterator[PlanarPath]:
+        progress: Progress,
+    ) -> Iterator[PathProposal]:
         """Yield planar paths on which the arm is clear at every slew angle (method "past shadows").
 
         Args:
             planner: Own planner or a baseline.
             in_plane: Path request in the arm's plane.
             slew_angles: Slew angles at start and goal [rad].
-            time: Time budget of the search.
+            progress: Progress of the plan, with the time limit of the search.
 
         Yields:
             Planar paths without a via point.
         """
-        for path in self._create_source_among_shadows(planner, *slew_angles).paths(in_plane, time):
-            for candidate in self._yield_proposals(planner, path, in_plane):
-                yield PlanarPath(candidate)
+        for path in self._create_source_among_shadows(planner, *slew_angles).paths(
+            in_plane, progress
+        ):
+            yield from self._yield_proposals(planner, path, in_plane)
 
     def _yield_carried_paths(
         self,
         planner: PathPlanner,
         in_plane: PathRequest,
         slew_angles: tuple[float, float],
-        time: SearchTime,
-    ) -> Iterator[PlanarPath]:
+        progress: Progress,
+    ) -> Iterator[PathProposal]:
         """Yield planar paths over a via point where the plane may turn (method "carried").
 
         Each via point is the tip in a posture of `yield_carrying_postures`. There are two rounds
@@ -348,7 +326,7 @@ class SlewingPaths:
             planner: Own planner or a baseline.
             in_plane: Path request in the arm's plane.
             slew_angles: Slew angles at start and goal [rad].
-            time: Time budget of the search.
+            progress: Progress of the plan, with the time limit of the search.
 
         Yields:
             Planar paths, each with the index of the step after its via point (`via_step`). A
@@ -364,12 +342,10 @@ class SlewingPaths:
         )
         for thorough in (False, True):
             for posture in postures:
-                with suppress(MhsbError):
-                    legs = self._plan_over_via_point(posture, ends, in_plane, time, thorough)
-                    for candidate in self._yield_proposals(
-                        planner, PathProposal(join_paths(legs)), in_plane
-                    ):
-                        yield PlanarPath(candidate, legs[0].steps)
+                with progress.log.record_failure(f"{planner.name}, carried"):
+                    legs = self._plan_over_via_point(posture, ends, in_plane, progress, thorough)
+                    path = PathProposal(join_paths(legs), via_step=legs[0].steps)
+                    yield from self._yield_proposals(planner, path, in_plane)
 
     def _yield_proposals(
         self, planner: PathPlanner, path: PathProposal, in_plane: PathRequest
@@ -388,6 +364,7 @@ class SlewingPaths:
         Yields:
             The path as one or two proposals.
         """
+        path = path._replace(proposer="")
         if planner is self.planner:
             yield path
         else:
@@ -398,7 +375,7 @@ class SlewingPaths:
         posture: FloatArray,
         ends: tuple[PlanePaths, PlanePaths],
         in_plane: PathRequest,
-        time: SearchTime,
+        progress: Progress,
         thorough: bool,
     ) -> tuple[DiscretePath, DiscretePath]:
         """Plan a path to the tip of a carrying posture, and from rest there on to the goal.
@@ -410,7 +387,7 @@ class SlewingPaths:
             posture: Carrying posture in the plane, float64[n], [rad or m].
             ends: Path sources among the shadows at the start's and at the goal's slew angle.
             in_plane: Path request in the arm's plane.
-            time: Time budget of the search.
+            progress: Progress of the plan, with the time limit of the search.
             thorough: Whether to take the cheapest path of each leg instead of the first.
 
         Returns:
@@ -425,9 +402,9 @@ class SlewingPaths:
         alike = (psi - NEAR_CARRYING, psi + NEAR_CARRYING)
         options = replace(in_plane.options.for_via_point, goal_psi=alike)
         leg = replace(in_plane, goal=(x, z), options=options, slew_demand=NOTHING_ELSE)
-        first = plan_leg(ends[0], leg, time, thorough)
+        first = plan_leg(ends[0], leg, progress, thorough)
         onward = replace(leg.continued_from(first), goal=in_plane.goal, options=in_plane.options)
-        return first, plan_leg(ends[1], onward, time, thorough)
+        return first, plan_leg(ends[1], onward, progress, thorough)
 
     def _create_source_among_shadows(
         self, planner: PathPlanner, start_angle: float, end_angle: float

@@ -10,7 +10,6 @@ from rclpy.parameter import Parameter
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.planner import Planner, PlanOptions, warm_up
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
@@ -21,6 +20,7 @@ from mhsb_planner.planners.registry import (
     planner_summaries,
 )
 from mhsb_planner.planners.table import yield_graph_paths
+from mhsb_planner.progress import Progress
 from mhsb_planner.ros import planner_parameters
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -39,14 +39,14 @@ class DetourPlanner:
         self.asked = 0
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, time: SearchTime
+        self, graph: StepGraph, task: PathRequest, progress: Progress
     ) -> Iterator[PathProposal]:
         """A path that costs too much, something impossible, then the table's."""
         self.asked += 1
-        [path] = yield_graph_paths(graph, task, time)
+        [path] = yield_graph_paths(graph, task, progress)
         again = np.concatenate([np.arange(path.steps), [path.steps - 1]])
         yield PathProposal(longer(path, again))
-        assert time.has_motion
+        assert progress.has_motion
         yield PathProposal(path)
         raise NoPathError(task.goal, task.goal)
 

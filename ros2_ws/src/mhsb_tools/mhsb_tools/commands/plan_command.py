@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from typing import Any
@@ -13,6 +14,7 @@ from tqdm import tqdm
 from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile
+from mhsb_model.errors import MhsbError
 from mhsb_model.files.output_folders import make_parent_folder
 from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine
@@ -22,6 +24,7 @@ from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.cavitation import find_cavitating_steps
+from mhsb_planner.plan_log import LogEntry, PlanLog
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.manipulability_loss import (
@@ -69,6 +72,7 @@ def plan(
     zones: ZoneArguments,
     plot: OptionalFile = None,
     json_: JsonFlag = False,
+    explain: bool = False,
 ) -> None:
     """Plan a motion from rest and print it: path, modes, energy, time.
 
@@ -86,6 +90,7 @@ def plan(
         plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
             pressures, energy.
         json_: Print one JSON object instead of text.
+        explain: Print also which paths were proposed, when, at which cost, and what became of each.
 
     Raises:
         UsageError: An option has no effect, or options exclude each other: `start_posture` with
@@ -111,7 +116,13 @@ def plan(
     if posture is None:
         base.check_in_workspace(asked.start)
         posture = asked.start_posture(suite.machine)
-    made, found = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_)
+    log = PlanLog()
+    try:
+        made, found = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_, log=log)
+    except MhsbError:
+        if explain:
+            print(log.format_table(), file=sys.stderr)
+        raise
     if found is None and time.perf_counter() - began < REPEATED_PLAN_TIME:
         began = time.perf_counter()  # loading kernels took most of it, so plan again
         made, _ = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_)
@@ -121,10 +132,16 @@ def plan(
         draw_move_page(move_of_plan(suite.machine, made, asked.goal, _title(asked)), plot)
     if json_:
         content = as_json(suite.machine, made, seconds) | area | operating_points_as_json(found)
-        print(json.dumps(content | {"case": move.case, "replaced": list_replaced_values(asked)}))
+        content |= {"case": move.case, "replaced": list_replaced_values(asked)}
+        if explain:
+            content["log"] = log_as_json(made.log)
+        print(json.dumps(content))
     else:
         lines = as_text(suite.machine, made, seconds)
-        print("\n".join([*case_line(asked), *lines, area_line(area), *point_lines(found)]))
+        lines += [area_line(area), *point_lines(found)]
+        if explain:
+            lines.append(PlanLog(list(made.log)).format_table())
+        print("\n".join([*case_line(asked), *lines]))
 
 
 def _make_plan(
@@ -135,6 +152,7 @@ def _make_plan(
     ranges: tuple[Range | None, Range | None],
     *,
     silent: bool,
+    log: PlanLog | None = None,
 ) -> tuple[Plan, OperatingPoint | None]:
     """Plan a motion from rest, at the best operating point if a range is given.
 
@@ -145,13 +163,14 @@ def _make_plan(
         options: Options of the plan.
         ranges: Ranges of supply pressure [Pa] and V_max [m/s]; None keeps the machine's value.
         silent: Whether to show no progress bar.
+        log: Log of a single plan, filled in place; None: it is not wanted.
 
     Returns:
         The plan, and the operating point; None without a range.
     """
     at_rest = MotionState.at_rest(posture)
     if not any(ranges):
-        return planner.plan(goal, at_rest, options=options), None
+        return planner.plan(goal, at_rest, options=options, log=log), None
     with tqdm(desc="operating points", unit="plan", disable=silent, delay=BAR_DELAY) as bar:
         found = best_operating_point(
             planner, goal, at_rest, options, *ranges, on_sample=lambda _: bar.update()
@@ -219,6 +238,30 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
         "out_of_time": path.statistics.out_of_time,
         "timings_ms": {name: 1e3 * value for name, value in seconds.items()},
     }
+
+
+def log_as_json(log: tuple[LogEntry, ...]) -> list[dict[str, Any]]:
+    """Return the log of a plan for JSON.
+
+    Args:
+        log: The entries.
+
+    Returns:
+        A dictionary for each entry, with the fields of `LogEntry`; `time_s` [s], and None for costs
+        that there are not.
+    """
+    return [
+        {
+            "time_s": entry.time,
+            "proposer": entry.proposer,
+            "outcome": entry.outcome.value,
+            "path_cost": None if math.isnan(entry.path_cost) else entry.path_cost,
+            "motion": entry.motion,
+            "motion_cost": None if math.isnan(entry.motion_cost) else entry.motion_cost,
+            "reason": entry.reason,
+        }
+        for entry in log
+    ]
 
 
 def as_text(machine: Machine, plan: Plan, seconds: dict[str, float]) -> list[str]:

@@ -1,18 +1,17 @@
-"""Plan making: a motion is fitted to each path (S3, S4), and the cheapest motion is kept."""
+"""The planning loop: fits motions to proposed paths (S3, S4) and keeps the cheapest."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Iterable
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import Trajectory, standstill
-from mhsb_planner.deadline import NO_DEADLINE, Deadline, SearchTime
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.motion.cavitation import find_cavitations
 from mhsb_planner.motion.energy import motion_energy
@@ -22,15 +21,20 @@ from mhsb_planner.motion.s3_trajectory import (
     FitMethod,
     FitRules,
     FittedMotion,
-    TrajectoryKind,
     fit_braking,
     fit_rest,
     fit_trajectory,
 )
 from mhsb_planner.plan import Plan
-from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.plan_log import Outcome, PlanLog
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
-from mhsb_planner.planners.registry import get_planner
+from mhsb_planner.planning.motion_rules import (
+    describe_rules,
+    fit_rules,
+    following_rules,
+    yield_variant_rules,
+)
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import area_along_motion
 
@@ -39,26 +43,10 @@ MIN_MOTION_COST_RATIO = 0.85
 skipped if this ratio times its cost without switches exceeds the incumbent's cost.
 """
 
-FASTER_RAMP_FACTORS = (0.72, 0.85)
-"""Factors on the duration of the shortest ramps that are tried in addition. The shortest ramps
-leave half of the acceleration and jerk to a simultaneous ramp; without one, ramps may be faster.
-"""
-
-LAST_RAMP_FACTOR = 0.72
-"""Factor on the duration of the last ramp alone. Braking needs no extra pressure, so the last ramp
-may be shorter than the others.
-"""
-
 NEAR_BEST_COST_FACTOR = 1.03
 """Largest ratio of a motion's cost to the incumbent's at which other motions along its path are
 tried.
 """
-
-SLOWER_RAMP_FACTORS = (1.5, 2.2, 3.4)
-"""Factors on the duration of the shortest ramps that are tried if inertia calls for boost."""
-
-VARIED_STRETCH = 1.2
-"""Largest stretch in time of a motion with other ramps; a longer one is seldom cheaper."""
 
 COMPARED_SHARE = 1.0 / 3.0
 """Share of the remaining time that fitting a path proposed for comparison may take before there is
@@ -68,75 +56,55 @@ a motion. If fitting takes long, the motion is long, and the own search will fin
 WORTH_LEAVING = 0.02
 """Relative gain in cost from which another motion replaces the rest of the plan in force."""
 
-SHORT_MOTION_TIME_FACTOR = 1.5
-"""Shortest duration of a motion that is to be followed by another, as a factor on the period."""
-
 ALLOWED_DELAY_SHARE = 0.1
 """Additional duration that a cheaper motion may have if another is to follow, as a share of the
 period.
 """
 
 
-def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
-    """Return the rules by which S3 fits a motion to a path.
-
-    The method of S3 (polynomial or following the path) is chosen by the options, else by `of_path`,
-    else by the planner. Polynomials may exceed V_max by `max_speed_excess` only if the options or
-    the planner ask for polynomials.
-
-    Args:
-        options: Options of the plan.
-        of_path: Method for this path if the options leave it open; None: the planner's method.
-
-    Returns:
-        The rules, with the via points as (coordinates, tolerance) [m] and the shortest duration
-        SHORT_MOTION_TIME_FACTOR · period [s].
-    """
-    own = options.trajectory or get_planner(options.planner).trajectory
-    rules = FitRules.create_following()
-    if (options.trajectory or of_path or own) == "polynomial":
-        asked = own == "polynomial"
-        rules = FitRules(max_excess=options.max_speed_excess if asked else rules.max_excess)
-    passing = tuple((*point, options.via_tolerance) for point in options.via)
-    return replace(
-        rules, min_duration=SHORT_MOTION_TIME_FACTOR * options.period, via_points=passing
-    )
-
-
-def _following_rules(rules: FitRules) -> FitRules:
-    """Return the rules for following the path, with the same shortest duration and via points."""
-    return replace(
-        FitRules.create_following(), min_duration=rules.min_duration, via_points=rules.via_points
-    )
-
-
-class PlanBuilder:
-    """Making of one plan: proposals come in, and the cheapest motion is kept as the incumbent.
+class PostponedVariants(NamedTuple):
+    """Other motions along the first path, which wait until the next path has its motion.
 
     Attributes:
-        time: Time limit that the search shares; this class sets its `has_motion` and `reserve`.
+        proposal: Proposal of the first path.
+        motion: Motion along it.
+        rules: Rules by which that was fitted.
+        cost: Cost of the incumbent then [-].
+    """
+
+    proposal: PathProposal
+    motion: FittedMotion
+    rules: FitRules
+    cost: float
+
+
+class PlanningLoop:
+    """Loop over the proposals for one request; the cheapest motion so far is the incumbent.
+
+    Attributes:
+        progress: Progress of the plan, which the proposers read. The loop sets its `has_motion` and
+            `reserve`.
     """
 
     def __init__(
-        self, machine: Machine, task: PathRequest, deadline: Deadline, began: float
+        self, machine: Machine, task: PathRequest, deadline: Deadline, log: PlanLog
     ) -> None:
-        """Prepare the making of a plan.
+        """Prepare the loop.
 
         Args:
             machine: The whole arm.
             task: The request.
             deadline: Instant at which the plan is due.
-            began: Time of the request by `time.perf_counter` [s].
+            log: Log, to which the loop and the proposers add entries.
         """
         self._machine, self._task = machine, task
-        self.time = SearchTime(deadline)
+        self.progress = Progress(deadline, log=log)
         self._best: Plan | None = None
         self._refused: FitError | None = None
         self._cut_short: DeadlineError | None = None
-        self._put_off: tuple[PathProposal, FittedMotion, FitRules] | None = None
-        self._first_cost = math.inf
+        self._postponed: PostponedVariants | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
-        self._began = self._since = began
+        self._since = log.began
 
     def start_with_rest(self, rest: Trajectory, lower_bound: float) -> None:
         """Make the rest of the plan in force the first incumbent, if it keeps all limits.
@@ -148,29 +116,31 @@ class PlanBuilder:
             rest: Rest of the plan in force, with stamp 0.
             lower_bound: Lower bound on the energy of every plan [J].
         """
-        task = self._task
+        task, log = self._task, self.progress.log
         rules = fit_rules(task.options)
-        with suppress(FitError, DeadlineError):
-            motion = fit_rest(self._machine, rest, task.modes, rules, self.time.deadline)
+        try:
+            motion = fit_rest(self._machine, rest, task.modes, rules, self.progress.deadline)
             tip, end = self._machine.tip_position(rest.position[-1]), rest.position[-1]
             path = DiscretePath.create_without_steps(tip, end, task.modes.modes, 0.0)
             self._best = self._assemble_plan(
                 replace(path, lower_bound=lower_bound), motion, NO_DEADLINE
             )
-            self.time.has_motion = True
+            self.progress.has_motion = True
+            cost = self._best.cost(task.options)
+            log.add("plan in force", Outcome.TAKEN, motion_cost=cost)
+        except (FitError, DeadlineError) as error:
+            log.add("plan in force", Outcome.REFUSED, reason=str(error))
         self._charge_time("fit")
-        self._seconds["first_motion"] = self._since - self._began
+        self._seconds["first_motion"] = self._since - log.began
 
-    def choose_best(self, candidates: Iterable[PathProposal]) -> Plan:
+    def choose_best(self, proposals: Iterable[PathProposal]) -> Plan:
         """Fit motions to proposed paths and return the plan with the cheapest one.
 
-        An error of the generator or of S3, or the deadline, ends the work. It is raised only if
-        there is no motion. The other motions along the first path are tried at the latest at the
-        end.
+        An error of the proposers, or the deadline, ends the loop. It is raised only if there is no
+        motion. The other motions along the first path are tried at the latest at the end.
 
         Args:
-            candidates: Path proposals, requested one after the other; the generator may read
-                `time`.
+            proposals: Path proposals, requested one after the other.
 
         Returns:
             The plan, with the times of its stages [s], its cavitations, and in its path's
@@ -180,13 +150,13 @@ class PlanBuilder:
             FitError: No path has a motion that keeps the limits; the error is the one for the first
                 path.
             DeadlineError: The time was up before there was a motion.
-            MhsbError: Errors of the generator.
+            MhsbError: Errors of the proposers.
         """
         in_time = True
         try:
-            for candidate in candidates:
-                self._charge_time("comparison" if candidate.for_comparison else "search")
-                self._consider(candidate)
+            for proposal in proposals:
+                self._charge_time("comparison" if proposal.for_comparison else "search")
+                self._consider(proposal)
             self._try_postponed_variants()
         except DeadlineError:
             if self._best is None:
@@ -199,13 +169,14 @@ class PlanBuilder:
         if self._best is None:
             raise self._no_motion_error()
         path = self._best.path
-        out_of_time = not in_time or self.time.search_deadline.has_passed
+        out_of_time = not in_time or self.progress.search_deadline.has_passed
         statistics = replace(path.statistics, out_of_time=out_of_time)
         return replace(
             self._best,
             path=replace(path, statistics=statistics),
             cavitations=find_cavitations(self._machine, self._best.motion.trajectory),
             seconds=MappingProxyType(self._seconds),
+            log=tuple(self.progress.log.entries),
         )
 
     def _no_motion_error(self) -> Exception:
@@ -217,13 +188,13 @@ class PlanBuilder:
             DeadlineError if the time was up, else the first FitError. ValueError if there was no
             path at all, which is a fault of the planner.
         """
-        if self._cut_short is None and self.time.search_deadline.has_passed:
+        if self._cut_short is None and self.progress.search_deadline.has_passed:
             return DeadlineError("making motions of paths")
         unsaid = ValueError("a planner that gives no path must say why")
         return self._cut_short or self._refused or unsaid
 
-    def _consider(self, candidate: PathProposal) -> None:
-        """Fit a motion to a path and keep it if it is the cheapest.
+    def _consider(self, proposal: PathProposal) -> None:
+        """Fit motions to a path, and keep the cheapest.
 
         A path is skipped if MIN_MOTION_COST_RATIO times its cost without switches exceeds the
         incumbent's cost. Other motions along a path are tried if its motion costs at most
@@ -239,28 +210,25 @@ class PlanBuilder:
         along that path and gain less.
 
         Args:
-            candidate: The proposal.
+            proposal: The proposal.
         """
-        path, options, best = candidate.path, self._task.options, self._best
-        promised = path.cost - options.weights.switches * path.switches
-        if best is not None and MIN_MOTION_COST_RATIO * promised > best.cost(options):
+        path, options, best = proposal.path, self._task.options, self._best
+        estimate = path.cost - options.weights.switches * path.switches
+        if best is not None and MIN_MOTION_COST_RATIO * estimate > best.cost(options):
+            self._log(proposal, Outcome.SKIPPED)
             return
-        rules, followed = fit_rules(options, candidate.trajectory), None
+        rules, followed = fit_rules(options, proposal.trajectory), None
         if best is None and self._may_follow_instead(path, rules):  # faster to fit
-            followed = self._fit_and_keep(candidate, _following_rules(rules))
+            followed = self._fit_and_keep(proposal, following_rules(rules))
             rules = replace(rules, polynomial_only=followed is not None)
-        motion = self._fit_and_keep(candidate, rules) or followed
-        if (
-            best is None
-            and self.time.has_deadline
-            and motion is not None
-            and self._best is not None
-        ):
-            self._put_off, self._first_cost = (candidate, motion, rules), self._best.cost(options)
+        motion = self._fit_and_keep(proposal, rules) or followed
+        if motion is not None and best is None and self.progress.has_deadline and self._best:
+            cost = self._best.cost(options)
+            self._postponed = PostponedVariants(proposal, motion, rules, cost)
             return
         self._try_postponed_variants()
         if motion is not None:
-            self._try_variants(candidate, motion, rules)
+            self._try_variants(proposal, motion, rules)
 
     def _try_postponed_variants(self) -> None:
         """Try the other motions along the first path, if they were postponed.
@@ -268,39 +236,32 @@ class PlanBuilder:
         They are dropped if the first motion costs more than NEAR_BEST_COST_FACTOR times as much as
         the incumbent.
         """
-        if self._put_off is None or self._best is None:
+        postponed, best = self._postponed, self._best
+        if postponed is None or best is None:
             return
-        (candidate, motion, rules), self._put_off = self._put_off, None
-        options, best = self._task.options, self._best
-        if self._first_cost <= NEAR_BEST_COST_FACTOR * best.cost(options):
-            self._try_variants(candidate, motion, rules)
+        self._postponed = None
+        if postponed.cost <= NEAR_BEST_COST_FACTOR * best.cost(self._task.options):
+            self._try_variants(postponed.proposal, postponed.motion, postponed.rules)
 
-    def _try_variants(self, candidate: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
+    def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
         """Fit other motions to the path of a motion, and keep those that are cheaper.
 
+        S3 records why it refused each curve that it tried. If another motion along the same path
+        becomes the incumbent, it takes over the first motion's reasons.
+
         Args:
-            candidate: Proposal with the path.
+            proposal: Proposal with the path.
             motion: Motion along the path.
             rules: Rules by which it was fitted.
         """
-        for other in self._variant_rules(candidate.path, motion, rules):
+        path, may_follow = proposal.path, self._may_follow_instead(proposal.path, rules)
+        for other in yield_variant_rules(
+            path, motion, rules, self._task.options, may_follow=may_follow
+        ):
             before = self._best
-            if self._fit_and_keep(candidate, other) is not None and self._best is not before:
-                self._prepend_refusals(motion)
-
-    def _prepend_refusals(self, motion: FittedMotion) -> None:
-        """Prepend an earlier motion's reasons for refused curves to those in the incumbent.
-
-        S3 records why it refused each curve that it tried. The incumbent is another motion along
-        the same path.
-
-        Args:
-            motion: The earlier motion.
-        """
-        best = self._best
-        if best is not None:
-            refused = motion.refused + best.motion.refused
-            self._best = replace(best, motion=replace(best.motion, refused=refused))
+            if self._fit_and_keep(proposal, other) is not None and self._best is not before:
+                assert self._best is not None
+                self._set_refused(motion.refused + self._best.motion.refused)
 
     def _may_follow_instead(self, path: DiscretePath, rules: FitRules) -> bool:
         """Return whether a path may be followed instead of a polynomial that the rules ask for.
@@ -323,17 +284,16 @@ class PlanBuilder:
         """True if the motion starts from a moving state and steers straight to its goal."""
         return isinstance(self._task.brake, Steering)
 
-    def _fit_and_keep(self, candidate: PathProposal, rules: FitRules) -> FittedMotion | None:
+    def _fit_and_keep(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path and make it the incumbent if it is better (`_replaces`).
 
-        Updates the times of the stages, `time.has_motion` and `time.reserve`. One kind of motion
-        replaces the incumbent whatever it costs: a polynomial by rules with `polynomial_only` that
-        need not be stretched. If S3 refuses such a polynomial, its reasons are added to the
-        incumbent. While there is no motion, a path proposed for comparison gets only COMPARED_SHARE
-        of the remaining time.
+        Updates the times of the stages, the log, and `has_motion` and `reserve` of the progress.
+        One kind of motion replaces the incumbent whatever it costs: a polynomial by rules with
+        `polynomial_only` that need not be stretched. If S3 refuses such a polynomial, its reasons
+        are added to the incumbent.
 
         Args:
-            candidate: Proposal with the path.
+            proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
@@ -346,43 +306,27 @@ class PlanBuilder:
             FitError: There is no motion yet, and the start steers: another way of coming to rest
                 will do better than another path.
         """
-        began, best, path = self._since, self._best, candidate.path
-        deadline = self.time.deadline
-        if best is None and candidate.for_comparison and self.time.has_deadline:
-            deadline = deadline.earlier_by((1.0 - COMPARED_SHARE) * deadline.remaining)
-        try:
-            motion = self._fit(path, rules, deadline)
-        except DeadlineError as error:
-            if deadline == self.time.deadline:
-                raise
-            self._cut_short = error
-            return None
-        except FitError as error:
-            self._refused = self._refused or error
-            if best is None and self._is_steering:
-                raise  # another way of coming to rest will help more than another path
-            if best is None or not rules.polynomial_only:
-                return None
-            refused = error.refused + best.motion.refused
-            self._best = replace(best, motion=replace(best.motion, refused=refused))
-            return self._best.motion
-        finally:
-            self._charge_time("comparison" if candidate.for_comparison else "fit")
+        began, best, options = self._since, self._best, self._task.options
+        motion = self._fit(proposal, rules)
+        if motion is None:
+            return best.motion if best is not None and rules.polynomial_only else None
         plan = self._assemble_plan(
-            path, motion, NO_DEADLINE if best is None else self.time.deadline
+            proposal.path, motion, NO_DEADLINE if best is None else self.progress.deadline
         )
-        self._charge_time("comparison" if candidate.for_comparison else "energy")
+        self._charge_time("comparison" if proposal.for_comparison else "energy")
         if best is None:
-            self._seconds["first_motion"] = self._since - self._began
-            self.time.has_motion = True
+            self._seconds["first_motion"] = self._since - self.progress.log.began
+            self.progress.has_motion = True
             took = (self._since - began) / (1 + len(motion.refused))
-            self.time.reserve = max(self.time.reserve, took)
+            self.progress.reserve = max(self.progress.reserve, took)
         published = rules.polynomial_only and motion.stretch <= 1.0
+        cost = plan.cost(options)
         if best is None or published or self._replaces(plan, best):
+            self._log(proposal, Outcome.TAKEN, rules, motion_cost=cost)
             self._best = plan
             return motion
-        options = self._task.options
-        return motion if plan.cost(options) <= NEAR_BEST_COST_FACTOR * best.cost(options) else None
+        self._log(proposal, Outcome.DEARER, rules, motion_cost=cost)
+        return motion if cost <= NEAR_BEST_COST_FACTOR * best.cost(options) else None
 
     def _replaces(self, plan: Plan, best: Plan) -> bool:
         """Return whether a plan is sufficiently better than the incumbent to replace it.
@@ -409,47 +353,45 @@ class PlanBuilder:
         share = WORTH_LEAVING if best.motion.method == FitMethod.CONTINUED else 0.0
         return plan.cost(options) <= (1.0 - share) * best.cost(options)
 
-    def _variant_rules(
-        self, path: DiscretePath, motion: FittedMotion, rules: FitRules
-    ) -> Iterator[FitRules]:
-        """Yield rules for other motions along a path that may be cheaper than a given one.
+    def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
+        """Fit a motion to a path, and log the reason if there is none.
 
-        - For a ramped motion without braking: faster ramps and, if time has a weight, a faster last
-          ramp.
-        - For a polynomial that V_max stretches in time: following the path, if that is allowed.
-        - For any motion but a polynomial that has more mode switches than its path: slower ramps,
-          since inertia then calls for boost.
-
-        If another motion is to follow, ramps are not varied.
+        While there is no motion, a path proposed for comparison gets only COMPARED_SHARE of the
+        remaining time.
 
         Args:
-            path: The path.
-            motion: Motion along the path.
-            rules: Rules by which it was fitted.
+            proposal: Proposal with the path.
+            rules: Rules for the fit.
 
-        Yields:
-            Rules for further fits.
+        Returns:
+            The motion; None if S3 refuses it or its share of the time is up.
+
+        Raises:
+            DeadlineError: The deadline of the plan passed.
+            FitError: There is no motion yet, and the start steers.
         """
-        followed = _following_rules(rules)
-        varied = replace(followed, stepped=False, max_stretch=VARIED_STRETCH)
-        stays = self._task.options.period == 0.0  # for a moving goal there is no time
-        if stays and motion.method == FitMethod.RAMPED and not motion.braked:
-            for faster in FASTER_RAMP_FACTORS:
-                yield replace(varied, ramp_factors=(faster,))
-            if self._task.options.weights.time > 0.0:
-                yield replace(varied, last_ramp_factor=LAST_RAMP_FACTOR)
-        if motion.method == FitMethod.POLYNOMIAL:
-            if (
-                motion.stretch > 1.0
-                and not rules.polynomial_only
-                and self._may_follow_instead(path, rules)
-            ):
-                yield followed
-        elif stays and motion.schedule.switch_count > path.switches:
-            for slower in SLOWER_RAMP_FACTORS:
-                yield replace(varied, ramp_factors=(slower,))
+        best, deadline = self._best, self.progress.deadline
+        if best is None and proposal.for_comparison and self.progress.has_deadline:
+            deadline = deadline.earlier_by((1.0 - COMPARED_SHARE) * deadline.remaining)
+        try:
+            return self._fit_by(proposal.path, rules, deadline)
+        except DeadlineError as error:
+            self._log(proposal, Outcome.TOO_LATE, rules, reason=str(error))
+            if deadline == self.progress.deadline:
+                raise
+            self._cut_short = error
+        except FitError as error:
+            self._log(proposal, Outcome.REFUSED, rules, reason=error.refused[-1])
+            self._refused = self._refused or error
+            if best is None and self._is_steering:
+                raise
+            if best is not None and rules.polynomial_only:
+                self._set_refused(error.refused + best.motion.refused)
+        finally:
+            self._charge_time("comparison" if proposal.for_comparison else "fit")
+        return None
 
-    def _fit(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
+    def _fit_by(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
         """Fit a motion to a path, or to coming to rest alone if the path has no steps.
 
         Args:
@@ -464,20 +406,12 @@ class PlanBuilder:
             FitError: No motion keeps the limits.
             DeadlineError: The deadline passed.
         """
-        task = self._task
+        task, machine = self._task, self._machine
         if path.steps == 0:
             brake = task.brake or standstill(task.start.position)
             brake = brake if isinstance(brake, Trajectory) else brake.trajectory
-            return fit_braking(self._machine, brake, task.modes)
-        return fit_trajectory(
-            self._machine,
-            path,
-            task.start,
-            task.modes,
-            task.brake,
-            rules,
-            deadline,
-        )
+            return fit_braking(machine, brake, task.modes)
+        return fit_trajectory(machine, path, task.start, task.modes, task.brake, rules, deadline)
 
     def _assemble_plan(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
         """Compute the energy and the area shortfall of a motion, and assemble its plan.
@@ -489,7 +423,7 @@ class PlanBuilder:
 
         Returns:
             Plan of path, motion, energy [J] and area shortfall [m]; without stage times,
-            cavitations and start problems.
+            cavitations, start problems and log.
 
         Raises:
             DeadlineError: The deadline passed.
@@ -501,6 +435,35 @@ class PlanBuilder:
             along = area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
             shortfall = along.compute_area_loss(area.reference)
         return Plan(path, motion, energy, area_shortfall=shortfall)
+
+    def _set_refused(self, refused: tuple[str, ...]) -> None:
+        """Replace the reasons for refused curves in the incumbent, which must exist.
+
+        Args:
+            refused: One sentence for each curve.
+        """
+        assert self._best is not None
+        motion = replace(self._best.motion, refused=refused)
+        self._best = replace(self._best, motion=motion)
+
+    def _log(
+        self,
+        proposal: PathProposal,
+        outcome: Outcome,
+        rules: FitRules | None = None,
+        **values: Any,
+    ) -> None:
+        """Add an entry on a proposal to the log.
+
+        Args:
+            proposal: The proposal.
+            outcome: Its outcome.
+            rules: Rules of the motion; None: no motion was fitted.
+            **values: Further fields of `LogEntry`.
+        """
+        motion = "" if rules is None else describe_rules(rules)
+        proposer = proposal.proposer or self._task.options.planner
+        self.progress.log.add(proposer, outcome, proposal.path.cost, motion, **values)
 
     def _charge_time(self, stage: str) -> None:
         """Add the time since the last call to the time of a stage.

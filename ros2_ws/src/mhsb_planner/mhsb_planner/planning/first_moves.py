@@ -10,7 +10,6 @@ no deeper into an obstacle than it is at the start. The trajectory is checked fo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 
@@ -20,13 +19,14 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
-from mhsb_planner.deadline import SearchTime
 from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.s3_limits import JOINT_TOLERANCE, joint_excess
+from mhsb_planner.plan_log import Outcome
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.planners.via_paths import PathSource, join_paths, paths_through_via_points
 from mhsb_planner.posture.s1_posture_table import PostureTable
+from mhsb_planner.progress import Progress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.goal_clearance import describe_start_contact
 from mhsb_planner.search.s2_step import step_costs
@@ -58,6 +58,9 @@ CLIMB_STEPS = 60
 
 SLOPE_STEP = 1e-4
 """Change of a joint by which the gradient of the clearance is computed [rad or its equivalent]."""
+
+FIRST_MOVE = "after a first move"
+"""Words of the log for paths that begin with a first move."""
 
 DIRECT_SHARE = 0.5
 """Share of the remaining time in which the planner searches directly from a start in an obstacle.
@@ -109,7 +112,7 @@ def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
 
 
 def paths_from_anywhere(
-    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, time: SearchTime
+    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
     """Yield paths from the departure to the goal, wherever the departure is.
 
@@ -123,7 +126,7 @@ def paths_from_anywhere(
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
         task: The request.
-        time: Time limit; `has_motion` is True once the consumer has a motion.
+        progress: Progress of the plan.
 
     Yields:
         Path proposals.
@@ -135,46 +138,45 @@ def paths_from_anywhere(
     """
     excess = float(joint_excess(machine.arrays, task.departure))
     if excess > START_NOISE:
-        yield from _paths_over_first_moves(machine, source, table, task, time)
+        yield from _paths_over_first_moves(machine, source, table, task, progress)
         return
     if excess <= JOINT_TOLERANCE and not describe_start_contact(machine, task.departure):
-        yield from paths_through_via_points(source, task, time)
+        yield from paths_through_via_points(source, task, progress)
         return
     refused = None
-    own = _limit_to_direct_share(time)
+    own = _limit_to_direct_share(progress)
     try:
         for candidate in paths_through_via_points(source, task, own):
             yield candidate
-            own.reserve, own.has_motion = time.reserve, time.has_motion
-            if time.has_motion:
-                own.deadline = time.deadline
+            own.reserve, own.has_motion = progress.reserve, progress.has_motion
+            if progress.has_motion:
+                own.deadline = progress.deadline
     except MhsbError as error:
         refused = error
-    if not time.has_motion and not time.search_deadline.has_passed:
-        with suppress(MhsbError):
-            yield from _paths_over_first_moves(machine, source, table, task, time)
-    if refused is not None and not time.has_motion:
+    if not progress.has_motion and not progress.search_deadline.has_passed:
+        with progress.log.record_failure(FIRST_MOVE):
+            yield from _paths_over_first_moves(machine, source, table, task, progress)
+    if refused is not None and not progress.has_motion:
         raise refused
 
 
-def _limit_to_direct_share(time: SearchTime) -> SearchTime:
-    """Return a time limit of DIRECT_SHARE of the remaining time.
+def _limit_to_direct_share(progress: Progress) -> Progress:
+    """Create a progress with the same log and a deadline after DIRECT_SHARE of the remaining time.
 
     Args:
-        time: Time limit of the whole search; without a deadline, the result has none either.
+        progress: Progress of the plan. Without a deadline, the result has none either.
 
     Returns:
-        A separate time limit, whose `has_motion` and `reserve` the caller must update.
+        The progress, whose `has_motion` and `reserve` the caller must update.
     """
-    if not time.has_deadline:
-        return SearchTime(time.deadline)
-    return SearchTime(
-        time.deadline.earlier_by((1.0 - DIRECT_SHARE) * max(0.0, time.deadline.remaining))
-    )
+    if not progress.has_deadline:
+        return Progress(progress.deadline, log=progress.log)
+    later = (1.0 - DIRECT_SHARE) * max(0.0, progress.deadline.remaining)
+    return Progress(progress.deadline.earlier_by(later), log=progress.log)
 
 
 def _paths_over_first_moves(
-    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, time: SearchTime
+    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
     """Yield paths that begin with a first move to an admissible posture.
 
@@ -187,7 +189,7 @@ def _paths_over_first_moves(
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
         task: The request.
-        time: Time limit; `has_motion` is True once the consumer has a motion.
+        progress: Progress of the plan.
 
     Yields:
         Path proposals.
@@ -201,11 +203,12 @@ def _paths_over_first_moves(
     for first in _first_moves(machine, table, task):
         bound = 0.0
         try:
-            for candidate in paths_through_via_points(source, task.continued_from(first), time):
+            for candidate in paths_through_via_points(source, task.continued_from(first), progress):
                 bound = candidate.path.lower_bound
                 whole = join_paths([replace(first, lower_bound=bound), candidate.path])
+                candidate = candidate._replace(proposer=f"{candidate.proposer} {FIRST_MOVE}")
                 yield candidate._replace(path=whole)
-                if not time.has_motion:
+                if not progress.has_motion:
                     before = np.array([first.steps])[: candidate.path.steps]
                     rested = insert_rests(machine, whole, before, task.options.weights)
                     yield candidate._replace(path=rested)
@@ -213,7 +216,8 @@ def _paths_over_first_moves(
             raise
         except MhsbError as error:
             refused = refused or error
-        if time.has_motion:
+            progress.log.add(FIRST_MOVE, Outcome.NO_PATH, reason=str(error))
+        if progress.has_motion:
             return
     if refused is not None:
         raise refused

@@ -1,0 +1,215 @@
+"""Order of work among proposers: the only place that decides whose turn it is.
+
+A schedule is a generator of proposers. `take_turns` asks each for one proposal before it asks the
+schedule for the next proposer. A schedule sees what the turns have brought: whether there is a
+motion by now (`Progress.has_motion`), and what each proposer did at its last turn.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from mhsb_model.errors import MhsbError
+from mhsb_planner.plan_log import Outcome
+from mhsb_planner.planners.path_planner import PathProposal
+from mhsb_planner.progress import Progress
+
+
+class Proposer:
+    """Named source of proposals, one at each turn.
+
+    Attributes:
+        name: Name of the proposer in the log.
+        last: Proposal of the last turn. None: there was no turn, or the proposer has paused before
+            work that takes long, or it has ended.
+        has_ended: True if it has no further proposals, or must have none.
+        error: Error by which it has ended; None: there was none.
+    """
+
+    def __init__(self, name: str, proposals: Iterator[PathProposal | None]) -> None:
+        """Store name and source; the source does nothing before the first turn.
+
+        Args:
+            name: Name of the proposer in the log.
+            proposals: Its proposals. None means that long work lies ahead, so that others may have
+                their turns first.
+        """
+        self.name = name
+        self.last: PathProposal | None = None
+        self.has_ended = False
+        self.error: MhsbError | None = None
+        self._proposals = proposals
+
+    def propose(self) -> PathProposal | None:
+        """Take a turn: ask for the next proposal and store it in `last`.
+
+        Returns:
+            The proposal, under the name of this proposer unless it has one; None as for `last`.
+
+        Raises:
+            MhsbError: The proposer has failed, and has ended thereby.
+        """
+        try:
+            proposal = next(self._proposals)
+        except StopIteration:
+            proposal, self.has_ended = None, True
+        except MhsbError as error:
+            self.last, self.has_ended, self.error = None, True, error
+            raise
+        if proposal is not None and not proposal.proposer:
+            proposal = proposal._replace(proposer=self.name)
+        self.last = proposal
+        return proposal
+
+
+def take_turns(
+    schedule: Iterator[Proposer], progress: Progress, main: Proposer | None = None
+) -> Iterator[PathProposal]:
+    """Give the proposers of a schedule their turns, and yield what they propose.
+
+    Args:
+        schedule: Proposers in the order of their turns.
+        progress: Progress of the plan, with the log.
+        main: Proposer whose failure ends everything; None: all failures are only logged.
+
+    Yields:
+        The proposals.
+
+    Raises:
+        MhsbError: The main proposer has failed.
+    """
+    for proposer in schedule:
+        try:
+            proposal = proposer.propose()
+        except MhsbError as error:
+            progress.log.add(proposer.name, Outcome.NO_PATH, reason=str(error))
+            if proposer is main:
+                raise
+            continue
+        if proposal is not None:
+            yield proposal
+
+
+@dataclass(frozen=True)
+class ProposerSet:
+    """Proposers of the integrated planner for one request.
+
+    Attributes:
+        own: The search whose paths the planner is for.
+        without_leakage: The same search, without leakage in the comparison of paths.
+        baselines: Proposers of paths for comparison, the quickest first.
+        later: Proposers that follow after all others.
+        slew_time: Least time of the slew [s]. `without_leakage` proposes its paths after the first
+            own path that takes less: leakage then flows equally long on every path.
+    """
+
+    own: Proposer
+    without_leakage: Proposer
+    baselines: Sequence[Proposer]
+    later: Sequence[Proposer]
+    slew_time: float
+
+    def turns_without_leakage(self) -> Iterator[Proposer]:
+        """Yield `without_leakage` until its end, if the last own path takes less than the slew."""
+        last = self.own.last
+        if last is not None and last.path.duration.sum() < self.slew_time:
+            yield from _until_end(self.without_leakage)
+
+    def remaining_turns(self) -> Iterator[Proposer]:
+        """Yield baselines and later proposers, each until its end."""
+        for proposer in (*self.baselines, *self.later):
+            yield from _until_end(proposer)
+
+
+def schedule_without_deadline(
+    proposers: ProposerSet, progress: Progress, *, all_at_once: bool
+) -> Iterator[Proposer]:
+    """Yield proposers in the order that suits a plan without a tight deadline.
+
+    After a turn of the own search, the next baseline proposes all its paths if there is no motion
+    yet, if the own search pauses, or if half of the time is gone.
+
+    Args:
+        proposers: The proposers.
+        progress: Progress of the plan.
+        all_at_once: Whether all baselines propose after the first turn of the own search. This
+            suits a search that takes long because its lower bounds are weak.
+
+    Yields:
+        The proposer whose turn it is.
+    """
+    own, left = proposers.own, list(proposers.baselines)
+    while not own.has_ended:
+        yield own
+        yield from proposers.turns_without_leakage()
+        is_due = own.last is None or not progress.has_motion or progress.is_half_over
+        count = len(left) if all_at_once else int(is_due)
+        for proposer in left[:count]:
+            yield from _until_end(proposer)
+        left = left[count:]
+    yield from proposers.remaining_turns()
+
+
+def schedule_for_deadline(proposers: ProposerSet, progress: Progress) -> Iterator[Proposer]:
+    """Yield proposers in the order that suits a deadline.
+
+    The first baseline has one turn right after the first turn of the own search. It takes a
+    millisecond or two, and no plan may cost more than its plan. The other turns of the baselines
+    come at the end of the own search. They come earlier if half of the time is gone without a
+    motion, and then until there is one.
+
+    Args:
+        proposers: The proposers.
+        progress: Progress of the plan.
+
+    Yields:
+        The proposer whose turn it is.
+    """
+    own = proposers.own
+    yield own
+    yield proposers.baselines[0]
+    yield from proposers.turns_without_leakage()
+    while not own.has_ended:
+        yield own
+        if not progress.has_motion and progress.is_half_over:
+            for proposer in proposers.baselines:
+                while not (proposer.has_ended or progress.has_motion):
+                    yield proposer
+        yield from proposers.turns_without_leakage()
+    yield from proposers.remaining_turns()
+
+
+def schedule_in_turn(
+    first: Proposer, quick: Sequence[Proposer], others: Sequence[Proposer], progress: Progress
+) -> Iterator[Proposer]:
+    """Yield proposers in turn, the quick ones more often than others.
+
+    While there is no motion, the turns after a quick proposer's turn belong to it, until it ends.
+    Later it has every second turn.
+
+    Args:
+        first: Proposer with the first turn.
+        quick: Proposers that follow, and come more often.
+        others: All other proposers.
+        progress: Progress of the plan.
+
+    Yields:
+        The proposer whose turn it is.
+    """
+    waiting = deque([first, *quick, *others])
+    while waiting:
+        proposer = waiting.popleft()
+        place = len(waiting)
+        if proposer in quick:
+            place = 1 if progress.has_motion else 0
+        if not proposer.has_ended:
+            yield proposer
+            waiting.insert(place, proposer)
+
+
+def _until_end(proposer: Proposer) -> Iterator[Proposer]:
+    """Yield a proposer until it has ended."""
+    while not proposer.has_ended:
+        yield proposer

@@ -1,0 +1,1 @@
+"""The planning loop: from a request to a plan."""

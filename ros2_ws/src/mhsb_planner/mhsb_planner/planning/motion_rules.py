@@ -1,0 +1,130 @@
+"""Rules by which motions are fitted to a path: which methods of S3 are tried, with which ramps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from mhsb_planner.motion.s3_trajectory import (
+    FitMethod,
+    FitRules,
+    FittedMotion,
+    TrajectoryKind,
+)
+from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.registry import get_planner
+from mhsb_planner.search.discrete_path import DiscretePath
+
+FASTER_RAMP_FACTORS = (0.72, 0.85)
+"""Factors on the duration of the shortest ramps that are tried in addition. The shortest ramps
+leave half of the acceleration and jerk to a simultaneous ramp; without one, ramps may be faster.
+"""
+
+LAST_RAMP_FACTOR = 0.72
+"""Factor on the duration of the last ramp alone. Braking needs no extra pressure, so the last ramp
+may be shorter than the others.
+"""
+
+SLOWER_RAMP_FACTORS = (1.5, 2.2, 3.4)
+"""Factors on the duration of the shortest ramps that are tried if inertia calls for boost."""
+
+VARIED_STRETCH = 1.2
+"""Largest stretch in time of a motion with other ramps; a longer one is seldom cheaper."""
+
+SHORT_MOTION_TIME_FACTOR = 1.5
+"""Shortest duration of a motion that is to be followed by another, as a factor on the period."""
+
+
+def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
+    """Return the rules by which S3 fits a motion to a path.
+
+    The method of S3 (polynomial or following the path) is chosen by the options, else by `of_path`,
+    else by the planner. Polynomials may exceed V_max by `max_speed_excess` only if the options or
+    the planner ask for polynomials.
+
+    Args:
+        options: Options of the plan.
+        of_path: Method for this path if the options leave it open; None: the planner's method.
+
+    Returns:
+        The rules, with the via points as (coordinates, tolerance) [m] and the shortest duration
+        SHORT_MOTION_TIME_FACTOR · period [s].
+    """
+    own = options.trajectory or get_planner(options.planner).trajectory
+    rules = FitRules.create_following()
+    if (options.trajectory or of_path or own) == "polynomial":
+        asked = own == "polynomial"
+        rules = FitRules(max_excess=options.max_speed_excess if asked else rules.max_excess)
+    passing = tuple((*point, options.via_tolerance) for point in options.via)
+    return replace(
+        rules, min_duration=SHORT_MOTION_TIME_FACTOR * options.period, via_points=passing
+    )
+
+
+def following_rules(rules: FitRules) -> FitRules:
+    """Return the rules for following the path, with the same shortest duration and via points."""
+    return replace(
+        FitRules.create_following(), min_duration=rules.min_duration, via_points=rules.via_points
+    )
+
+
+def yield_variant_rules(
+    path: DiscretePath,
+    motion: FittedMotion,
+    rules: FitRules,
+    options: PlanOptions,
+    *,
+    may_follow: bool,
+) -> Iterator[FitRules]:
+    """Yield rules for other motions along a path that may be cheaper than a given one.
+
+    - For a ramped motion without braking: faster ramps and, if time has a weight, a faster last
+      ramp.
+    - For a polynomial that V_max stretches in time: following the path, if that is allowed.
+    - For any motion but a polynomial that has more mode switches than its path: slower ramps,
+      since inertia then calls for boost.
+
+    If another motion is to follow, ramps are not varied.
+
+    Args:
+        path: The path.
+        motion: Motion along the path.
+        rules: Rules by which it was fitted.
+        options: Options of the plan.
+        may_follow: Whether the path may be followed instead of a polynomial.
+
+    Yields:
+        Rules for further fits.
+    """
+    followed = following_rules(rules)
+    varied = replace(followed, stepped=False, max_stretch=VARIED_STRETCH)
+    stays = options.period == 0.0  # for a moving goal there is no time
+    if stays and motion.method == FitMethod.RAMPED and not motion.braked:
+        for faster in FASTER_RAMP_FACTORS:
+            yield replace(varied, ramp_factors=(faster,))
+        if options.weights.time > 0.0:
+            yield replace(varied, last_ramp_factor=LAST_RAMP_FACTOR)
+    if motion.method == FitMethod.POLYNOMIAL:
+        if motion.stretch > 1.0 and not rules.polynomial_only and may_follow:
+            yield followed
+    elif stays and motion.schedule.switch_count > path.switches:
+        for slower in SLOWER_RAMP_FACTORS:
+            yield replace(varied, ramp_factors=(slower,))
+
+
+def describe_rules(rules: FitRules) -> str:
+    """Return the words of the log for a motion by some rules.
+
+    Args:
+        rules: The rules.
+
+    Returns:
+        Method of S3, and the factor on the ramps if there is one only, such as
+        `followed, ramps x 0.72`.
+    """
+    words: str = rules.trajectory
+    if len(rules.ramp_factors) == 1 and rules.ramp_factors != (1.0,):
+        words += f", ramps x {rules.ramp_factors[0]:g}"
+    if rules.last_ramp_factor != 1.0:
+        words += f", last ramp x {rules.last_ramp_factor:g}"
+    return words

@@ -1,0 +1,45 @@
+"""Progress of the making of one plan, which searches read while the planning loop updates it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mhsb_planner.deadline import NO_DEADLINE, Deadline, now
+from mhsb_planner.plan_log import PlanLog
+
+
+@dataclass
+class Progress:
+    """What searches may know of the plan that is being made.
+
+    The planning loop (`planning.loop`) updates it; everything else only reads it and adds to the
+    log.
+
+    Attributes:
+        deadline: Deadline of the whole plan.
+        reserve: Time to keep for turning a path into a motion: the longest that one curve has taken
+            so far [s].
+        has_motion: True if a motion has been found already.
+        log: Log of proposals.
+    """
+
+    deadline: Deadline = NO_DEADLINE
+    reserve: float = 0.0
+    has_motion: bool = False
+    log: PlanLog = field(default_factory=PlanLog)
+    _began: float = field(default_factory=now, init=False)
+
+    @property
+    def has_deadline(self) -> bool:
+        """True if there is a deadline."""
+        return self.deadline != NO_DEADLINE
+
+    @property
+    def is_half_over(self) -> bool:
+        """True if less time is left until `search_deadline` than has passed since creation."""
+        return now() - self._began > self.search_deadline.remaining
+
+    @property
+    def search_deadline(self) -> Deadline:
+        """Deadline of the search: a path found later can no longer be made a motion in time."""
+        return self.deadline.earlier_by(self.reserve)

@@ -1,0 +1,141 @@
+"""The order of work among proposers, with scripted proposers and no hydraulics."""
+
+import numpy as np
+import pytest
+
+from mhsb_planner.deadline import NO_DEADLINE, Deadline
+from mhsb_planner.errors import NoPathError
+from mhsb_planner.planners.path_planner import PathProposal
+from mhsb_planner.planners.schedule import (
+    Proposer,
+    ProposerSet,
+    schedule_for_deadline,
+    schedule_in_turn,
+    schedule_without_deadline,
+    take_turns,
+)
+from mhsb_planner.progress import Progress
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+
+FAILS = "fails"
+"""Entry of a script at which the proposer fails."""
+
+
+def path_of(duration):
+    """A path of one step that lasts for a duration."""
+    return DiscretePath(
+        tip=np.zeros((2, 2)),
+        posture=np.zeros((2, 3)),
+        modes=np.zeros((1, 3), dtype=np.uint8),
+        duration=np.array([duration]),
+        energy=np.ones(1),
+        energy_series=np.ones(1),
+        cost=1.0,
+        start_modes=np.zeros(3, dtype=np.uint8),
+        lower_bound=0.0,
+        statistics=SearchStatistics(0, 0, 0.0),
+    )
+
+
+def scripted(name, *script):
+    """A proposer that does as scripted: a path's duration, None for a pause, or FAILS."""
+
+    def proposals():
+        for each in script:
+            if each == FAILS:
+                raise NoPathError((0.0, 0.0), (1.0, 1.0))
+            yield None if each is None else PathProposal(path_of(each))
+
+    return Proposer(name, proposals())
+
+
+def turns(schedule, progress, main=None, motion_at=None):
+    """Names of the proposals in their order; a motion is there from the numbered one on."""
+    names = []
+    for proposal in take_turns(schedule, progress, main):
+        names.append(proposal.proposer)
+        progress.has_motion = motion_at is not None and len(names) >= motion_at
+    return " ".join(names)
+
+
+def proposers(own, *, leak_free=(), slew_time=0.0):
+    return ProposerSet(
+        scripted("own", *own),
+        scripted("leakfree", *leak_free),
+        [scripted("table", 1, 1), scripted("fixed", 1)],
+        [scripted("later", 1)],
+        slew_time,
+    )
+
+
+@pytest.mark.parametrize(
+    ("own", "motion_at", "all_at_once", "order"),
+    [
+        ((1, 1, 1), 1, False, "own own own table table fixed later"),
+        ((1, 1, 1), None, False, "own table table own fixed own later"),
+        ((1, None, 1), 1, False, "own table table own fixed later"),
+        ((1, 1), 1, True, "own table table fixed own later"),
+    ],
+    ids=["with a motion", "without any motion", "own search pauses", "weak bounds"],
+)
+def test_without_deadline_a_baseline_has_its_turns_when_the_own_search_does_not_help(
+    own, motion_at, all_at_once, order
+):
+    progress = Progress(NO_DEADLINE)
+    schedule = schedule_without_deadline(proposers(own), progress, all_at_once=all_at_once)
+    # the pause at the end of the own search lets one more baseline in, which then comes anyway
+    assert turns(schedule, progress, motion_at=motion_at) == order
+
+
+def test_with_a_deadline_the_quickest_baseline_has_one_turn_second():
+    progress = Progress(Deadline.after(3600.0))
+    schedule = schedule_for_deadline(proposers((1, 1, 1)), progress)
+    assert turns(schedule, progress, motion_at=1) == "own table own own table fixed later"
+
+
+def test_with_half_of_the_time_gone_baselines_propose_until_there_is_a_motion():
+    progress = Progress(Deadline.after(-1.0))
+    schedule = schedule_for_deadline(proposers((1, 1, 1)), progress)
+    assert turns(schedule, progress, motion_at=4) == "own table own table own fixed later"
+
+
+@pytest.mark.parametrize("deadline", [NO_DEADLINE, Deadline.after(3600.0)])
+def test_leakage_is_left_out_after_the_first_own_path_that_is_shorter_than_the_slew(deadline):
+    progress = Progress(deadline)
+    every = proposers((3, 1, 1), leak_free=(1, 1), slew_time=2.0)
+    if deadline is NO_DEADLINE:
+        schedule, first = schedule_without_deadline(every, progress, all_at_once=False), "own"
+    else:
+        schedule, first = schedule_for_deadline(every, progress), "own table"
+    order = turns(schedule, progress, motion_at=1)
+    assert order.startswith(f"{first} own leakfree leakfree own table")
+
+
+def test_zones_give_the_quick_ones_every_turn_until_there_is_a_motion_and_then_every_second():
+    progress = Progress()
+    quick = [scripted("quick", 1, 1, 1, 1)]
+    others = [scripted("slow", 1, 1), scripted("last", 1)]
+    schedule = schedule_in_turn(scripted("direct", 1, 1, 1), quick, others, progress)
+    order = turns(schedule, progress, motion_at=3)
+    assert order == "direct quick quick quick slow quick last direct slow direct"
+
+
+def test_a_failure_is_logged_with_its_reason_and_others_go_on():
+    progress = Progress()
+    every = [scripted("one", 1, FAILS, 1), scripted("two", 1)]
+    schedule = schedule_in_turn(every[0], [], every[1:], progress)
+    assert turns(schedule, progress) == "one two"
+    [entry] = progress.log.entries
+    assert (entry.proposer, entry.outcome) == ("one", "no path")
+    assert "no sequence of admissible steps" in entry.reason
+    assert every[0].error is not None
+    assert every[1].error is None
+
+
+def test_the_main_proposer_s_failure_ends_the_plan():
+    progress = Progress()
+    every = proposers((1, FAILS))
+    schedule = schedule_for_deadline(every, progress)
+    with pytest.raises(NoPathError):
+        turns(schedule, progress, every.own)
+    assert [entry.proposer for entry in progress.log.entries] == ["own"]

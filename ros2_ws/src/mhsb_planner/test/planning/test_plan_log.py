@@ -1,0 +1,78 @@
+"""The log of a plan: every proposal has its fate, and the plan is what was taken last."""
+
+import math
+
+import pytest
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.deadline import Deadline
+from mhsb_planner.errors import DeadlineError
+from mhsb_planner.plan_log import Outcome, PlanLog
+from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
+
+GOAL = (0.55, 0.60)
+
+
+@pytest.fixture(scope="module")
+def planner(machine, table) -> Planner:
+    return Planner(machine, table)
+
+
+@pytest.fixture
+def start(planner) -> MotionState:
+    node = planner.graph.grid.node_at(0.55, -0.05)
+    return MotionState.at_rest(planner.graph.table.posture[node, 0])
+
+
+@pytest.mark.parametrize("kind", PLANNER_KINDS)
+def test_costs_of_motions_that_were_taken_fall_to_that_of_the_plan(planner, start, kind):
+    options = PlanOptions(planner=kind, trajectory="followed")
+    plan = planner.plan(GOAL, start, options=options)
+    taken = [each.motion_cost for each in plan.log if each.outcome == Outcome.TAKEN]
+    assert taken == sorted(taken, reverse=True)
+    assert taken[-1] == plan.cost(options)
+    assert plan.log[0].proposer == kind
+    times = [each.time for each in plan.log]
+    assert times == sorted(times)
+    assert times[-1] <= plan.planning_time
+    for each in plan.log:
+        assert math.isnan(each.motion_cost) == (each.outcome not in ("taken", "dearer"))
+        assert bool(each.reason) == (each.outcome in ("refused", "no path", "too late"))
+
+
+def test_all_baselines_of_the_integrated_planner_are_in_the_log(planner, start):
+    plan = planner.plan(GOAL, start, options=PlanOptions(planner="integrated"))
+    names = {each.proposer for each in plan.log}
+    assert names >= {"integrated", "table", "fixed", "integrated with a price on time"}
+
+
+def test_a_search_that_fails_has_its_reason_in_the_log(planner, start):
+    hindered = Planner(planner.machine.changed(payload=200.0), planner.graph.table)
+    log = PlanLog()
+    with pytest.raises(MhsbError) as error:
+        hindered.plan(GOAL, start, options=PlanOptions(planner="integrated"), log=log)
+    assert {each.outcome for each in log.entries} == {Outcome.NO_PATH}
+    assert log.entries[-1].proposer == "integrated"
+    assert log.entries[-1].reason in str(error.value)
+
+
+def test_a_log_that_is_given_is_filled_even_if_the_time_is_up(planner, start, looks):
+    log = PlanLog()
+    with pytest.raises(DeadlineError):
+        planner.plan(
+            GOAL,
+            start,
+            options=PlanOptions(planner="integrated"),
+            deadline=looks.deadline_after(6),
+            log=log,
+        )
+    assert all(each.outcome != Outcome.TAKEN for each in log.entries)
+
+
+def test_the_table_has_a_line_for_each_entry(planner, start):
+    log = PlanLog()
+    plan = planner.plan(GOAL, start, options=PlanOptions(), deadline=Deadline.after(60.0), log=log)
+    lines = log.format_table().splitlines()
+    assert len(lines) == 1 + len(plan.log)
+    assert "taken" in lines[1]
