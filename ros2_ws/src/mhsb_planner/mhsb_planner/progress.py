@@ -20,12 +20,15 @@ class Progress:
         reserve: Time to keep for turning a path into a motion: the longest that one curve has taken
             so far [s].
         has_motion: True if a motion has been found already.
+        is_held_back: True if motions cannot keep up with their paths: S3 has refused a path that
+            costs less than the incumbent, or the incumbent takes much longer than its path.
         log: Log of proposals.
     """
 
     deadline: Deadline = NO_DEADLINE
     reserve: float = 0.0
     has_motion: bool = False
+    is_held_back: bool = False
     log: PlanLog = field(default_factory=PlanLog)
     _began: float = field(default_factory=now, init=False)
 

@@ -11,6 +11,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.planners.resting import insert_rests
+from mhsb_planner.planners.slower_paths import paths_at_falling_speeds
 from mhsb_planner.progress import Progress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
@@ -52,8 +53,8 @@ class PlanePaths:
         return task.energy_lower_bound(self.graph)
 
     def paths(self, task: PathRequest, progress: Progress) -> Iterator[PathProposal]:
-        """Return the planner's paths."""
-        return self.planner.paths(self.graph, task, progress)
+        """Yield the planner's paths, at V_max first (`slower_paths`)."""
+        return paths_at_falling_speeds(self.planner, self.graph, task, progress)
 
 
 def paths_through_via_points(

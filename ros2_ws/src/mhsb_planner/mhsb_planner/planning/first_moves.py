@@ -149,6 +149,7 @@ def paths_from_anywhere(
         for candidate in paths_through_via_points(source, task, own):
             yield candidate
             own.reserve, own.has_motion = progress.reserve, progress.has_motion
+            own.is_held_back = progress.is_held_back
             if progress.has_motion:
                 own.deadline = progress.deadline
     except MhsbError as error:

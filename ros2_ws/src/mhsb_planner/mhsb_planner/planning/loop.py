@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from time import perf_counter
@@ -56,6 +57,12 @@ a motion. If fitting takes long, the motion is long, and the own search will fin
 WORTH_LEAVING = 0.02
 """Relative gain in cost from which another motion replaces the rest of the plan in force."""
 
+MIN_REFUSED_COST_RATIO = 0.8
+"""Ratio of a path's cost to the incumbent's below which it matters that S3 refused the path [-]."""
+
+MAX_SLOWDOWN = 1.25
+"""Largest ratio of a motion's duration to its path's at which it counts as keeping up [-]."""
+
 ALLOWED_DELAY_SHARE = 0.1
 """Additional duration that a cheaper motion may have if another is to follow, as a share of the
 period.
@@ -101,6 +108,8 @@ class PlanningLoop:
         self.progress = Progress(deadline, log=log)
         self._best: Plan | None = None
         self._refused: FitError | None = None
+        self._refused_path: DiscretePath | None = None
+        self._refused_cost = math.inf
         self._cut_short: DeadlineError | None = None
         self._postponed: PostponedVariants | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
@@ -222,6 +231,7 @@ class PlanningLoop:
             followed = self._fit_and_keep(proposal, following_rules(rules))
             rules = replace(rules, polynomial_only=followed is not None)
         motion = self._fit_and_keep(proposal, rules) or followed
+        self._judge_speed(path, motion)
         if motion is not None and best is None and self.progress.has_deadline and self._best:
             cost = self._best.cost(options)
             self._postponed = PostponedVariants(proposal, motion, rules, cost)
@@ -229,6 +239,27 @@ class PlanningLoop:
         self._try_postponed_variants()
         if motion is not None:
             self._try_variants(proposal, motion, rules)
+
+    def _judge_speed(self, path: DiscretePath, motion: FittedMotion | None) -> None:
+        """Update `progress.is_held_back` after the fits to a path.
+
+        Motions are held back if S3 has refused to follow a path that costs less than
+        MIN_REFUSED_COST_RATIO times the incumbent, or if the incumbent takes longer than
+        MAX_SLOWDOWN times its path's duration.
+
+        Args:
+            path: The path.
+            motion: Its motion; None if there is none that is nearly as cheap as the incumbent.
+        """
+        if motion is None and self._refused_path is path:
+            self._refused_cost = min(self._refused_cost, path.cost)
+        best, options = self._best, self._task.options
+        if best is None:
+            self.progress.is_held_back = self._refused_cost < math.inf
+            return
+        is_slow = best.duration > MAX_SLOWDOWN * float(best.path.duration.sum())
+        is_dear = self._refused_cost < MIN_REFUSED_COST_RATIO * best.cost(options)
+        self.progress.is_held_back = is_dear or (is_slow and best.path.steps > 0)
 
     def _try_postponed_variants(self) -> None:
         """Try the other motions along the first path, if they were postponed.
@@ -383,6 +414,8 @@ class PlanningLoop:
         except FitError as error:
             self._log(proposal, Outcome.REFUSED, rules, reason=error.refused[-1])
             self._refused = self._refused or error
+            if rules.trajectory == "followed":
+                self._refused_path = proposal.path
             if best is None and self._is_steering:
                 raise
             if best is not None and rules.polynomial_only:

@@ -188,8 +188,9 @@ class SlewingPaths:
                 time.
         """
         in_plane, slew = self._convert_to_plane(task)
+        in_the_plane = PlanePaths(self.planner, self.graph)
         if not self.machine.obstacles.is_in_space.any():
-            for candidate in self.planner.paths(self.graph, in_plane, progress):
+            for candidate in in_the_plane.paths(in_plane, progress):
                 yield candidate._replace(path=self._turn_evenly(task, candidate.path, slew))
             return
         check_tip_clearance(self.machine, task.goal)
@@ -236,7 +237,8 @@ class SlewingPaths:
             MhsbError: No method has given a clear path; `_create_error` chooses the error.
         """
         began, bound = float(task.departure[0]), in_plane.energy_lower_bound(self.graph)
-        direct = Proposer(self.planner.name, self.planner.paths(self.graph, in_plane, progress))
+        paths = PlanePaths(self.planner, self.graph).paths(in_plane, progress)
+        direct = Proposer(self.planner.name, paths)
         baselines, turn = self.planner.baselines, (began, slew)
         others = [
             Proposer(f"{planner.name}, {name}", find_paths(planner, in_plane, turn, progress))

@@ -1,0 +1,80 @@
+"""Paths at lower piston speeds, for requests whose motions cannot keep up with their paths.
+
+A search takes the speed of each step as V_max, or as what pumps and pressures admit. On an arm with
+very different moment arms, ramps and mode switches may then take so long that S3 refuses the best
+path, or stretches its motion to several times its duration. A path that is slower from the
+beginning has modes that suit its speed, and mostly costs less than a stretched one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import frozen
+from mhsb_planner.errors import NoPathError
+from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
+from mhsb_planner.progress import Progress
+from mhsb_planner.search.s2_graph import StepGraph
+
+SPEED_FACTORS = (0.5, 0.25)
+"""Factors on V_max, in the order of trial [-]."""
+
+
+def paths_at_falling_speeds(
+    planner: PathPlanner, graph: StepGraph, task: PathRequest, progress: Progress
+) -> Iterator[PathProposal]:
+    """Yield a planner's paths, then its paths at lower V_max while the motions are held back.
+
+    Lower speeds are also tried if there is no path at V_max, since pressures may suffice then.
+
+    Args:
+        planner: The planner.
+        graph: Step graph of the machine.
+        task: The request.
+        progress: Progress of the plan; `is_held_back` decides whether the next speed is tried.
+
+    Yields:
+        Path proposals, all with the lower bound of the first one.
+
+    Raises:
+        MhsbError: The planner has failed at V_max, and there is no path at a lower one.
+    """
+    lower_bound: float | None = None
+    refused: NoPathError | None = None
+    try:
+        for proposal in planner.paths(graph, task, progress):
+            lower_bound = proposal.path.lower_bound
+            yield proposal
+    except NoPathError as error:
+        refused = error
+    for factor in SPEED_FACTORS:
+        is_needed = progress.is_held_back if lower_bound is not None else refused is not None
+        if not is_needed or progress.search_deadline.has_passed:
+            break
+        name = f"at {factor:g} V_max"
+        with progress.log.record_failure(f"{planner.name} {name}"):
+            slower = graph.create_for(limit_speeds(graph.machine, factor))
+            for proposal in planner.paths(slower, task, progress):
+                if lower_bound is None:
+                    lower_bound = task.energy_lower_bound(graph)
+                path = replace(proposal.path, lower_bound=lower_bound)
+                proposer = f"{proposal.proposer or planner.name} {name}"
+                yield proposal._replace(path=path, proposer=proposer)
+    if lower_bound is None and refused is not None:
+        raise refused
+
+
+def limit_speeds(machine: Machine, factor: float) -> Machine:
+    """Return a machine with lower limits of all piston speeds.
+
+    Args:
+        machine: The arm in its plane.
+        factor: Factor on V_max of each actuator [-].
+
+    Returns:
+        The machine, for searches only: its configuration states the old limits.
+    """
+    speed = frozen(factor * machine.arrays.max_piston_speed)
+    return replace(machine, arrays=machine.arrays._replace(max_piston_speed=speed))
