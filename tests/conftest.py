@@ -208,11 +208,11 @@ def observer(ros_domain: int) -> Iterator[Observer]:
 
 
 @pytest.fixture
-def start_planner(start: Callable[..., Any]) -> Callable[..., Any]:
+def start_planner(start_node: Callable[..., Any]) -> Callable[..., Any]:
     """Function (arguments...) that starts a planner and waits until it is ready."""
 
     def run(*arguments: object) -> Any:
-        child = start("mhsb_planner", "planner_node", *arguments)
+        child = start_node("mhsb_planner", "planner_node", *arguments)
         child.wait_for("ready", READY_TIMEOUT)
         return child
 
@@ -220,11 +220,11 @@ def start_planner(start: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @pytest.fixture
-def start_simulator(start: Callable[..., Any]) -> Callable[..., Any]:
+def start_simulator(start_node: Callable[..., Any]) -> Callable[..., Any]:
     """Function (arguments...) that starts a simulator and waits until it is ready."""
 
     def run(*arguments: object) -> Any:
-        child = start("mhsb_sim", "sim_node", *arguments)
+        child = start_node("mhsb_sim", "sim_node", *arguments)
         child.wait_for("ready", READY_TIMEOUT)
         return child
 
@@ -276,6 +276,11 @@ class Nodes:
 
 
 NODES = Nodes()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Bring tests that share both nodes together, then those that share the simulator alone."""
+    items.sort(key=lambda item: [each in item.fixturenames for each in ("arm", "nodes")])
 
 
 @pytest.hookimpl(trylast=True)

@@ -176,16 +176,16 @@ UNUSABLE = [
 
 
 @pytest.fixture
-def told(start, monkeypatch, capfd):
+def told(start_node, monkeypatch, capfd):
     """Function (package, name, arguments ...) to the exit code and the output of a command.
 
-    Nodes leave their process at the end, and get one. The others run in this one, from their entry
-    point on: a start takes longer than all that they do here.
+    Nodes leave their process at the end, and get a fork. The others run in this one, from their
+    entry point on: a start takes longer than all that they do here.
     """
 
     def run(package, name, *arguments):
         if name in NODES:
-            child = start(package, name, *arguments)
+            child = start_node(package, name, *arguments)
             return child.wait(120), child.output
         monkeypatch.setattr(sys, "argv", [name, *arguments])
         entry = getattr(importlib.import_module(f"{package}.executables"), name)
