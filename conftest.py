@@ -318,8 +318,11 @@ def start(start_process: Callable[..., Child]) -> Callable[..., Child]:
 
 
 @pytest.fixture(scope="session")
-def node_of(ros_domain: int) -> Callable[..., Child]:
-    """Function (package, executable, arguments...) that starts a node in a fork, not ended here."""
+def fork_of(ros_domain: int) -> Callable[..., Child]:
+    """Function (package, executable, arguments...) that starts a `Child` in a fork.
+
+    Whoever calls it ends the child.
+    """
     from tests.forks.forked_process import ForkedProcess
 
     def start(package: str, executable: str, *arguments: object) -> Child:
@@ -330,9 +333,9 @@ def node_of(ros_domain: int) -> Callable[..., Child]:
 
 
 @pytest.fixture
-def start_node(node_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
+def start_fork(fork_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
     """The same for the length of a test."""
-    yield from children_by(node_of)
+    yield from children_by(fork_of)
 
 
 def installed_executable(package: str, executable: str) -> Path:
