@@ -280,7 +280,7 @@ NODES = Nodes()
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Bring tests that share both nodes together, then those that share the simulator alone."""
-    items.sort(key=lambda item: [each in item.fixturenames for each in ("arm", "nodes")])
+    items.sort(key=lambda item: [each in item.fixturenames for each in ("simulator", "nodes")])
 
 
 @pytest.hookimpl(trylast=True)
