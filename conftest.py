@@ -209,17 +209,9 @@ def ros_context(ros_domain: int) -> Iterator[object]:
 class Child:
     """A child process, in a session of its own; what it prints is kept."""
 
-    def __init__(self, command: list[str], environment: dict[str, str] | None = None) -> None:
-        self.name = Path(command[0]).name
-        self.process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **(environment or {})},
-        )
+    def __init__(self, name: str, process: Any) -> None:
+        self.name = name
+        self.process = process
         self._lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -282,7 +274,16 @@ def child_of(ros_domain: int) -> Callable[..., Child]:
     """
 
     def start(*command: object, environment: dict[str, str] | None = None) -> Child:
-        return Child([str(word) for word in command], environment)
+        process = subprocess.Popen(
+            [str(word) for word in command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **(environment or {})},
+        )
+        return Child(Path(str(command[0])).name, process)
 
     return start
 
@@ -290,10 +291,15 @@ def child_of(ros_domain: int) -> Callable[..., Child]:
 @pytest.fixture
 def start_process(child_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
     """The same for the length of a test."""
+    yield from children_by(child_of)
+
+
+def children_by(make: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
+    """Yield a function that makes children; those that are alive afterwards are ended."""
     children: list[Child] = []
 
-    def start(*command: object, **options: Any) -> Child:
-        children.append(child_of(*command, **options))
+    def start(*words: object, **options: Any) -> Child:
+        children.append(make(*words, **options))
         return children[-1]
 
     yield start
@@ -312,9 +318,24 @@ def start(start_process: Callable[..., Child]) -> Callable[..., Child]:
 
 
 @pytest.fixture(scope="session")
-def node_of(child_of: Callable[..., Child]) -> Callable[..., Child]:
-    """Function (package, executable) that starts a node with default settings, not ended here."""
-    return lambda package, name: child_of(installed_executable(package, name))
+def fork_of(ros_domain: int) -> Callable[..., Child]:
+    """Function (package, executable, arguments...) that starts a `Child` in a fork.
+
+    Whoever calls it ends the child.
+    """
+    from tests.forks.forked_process import ForkedProcess
+
+    def start(package: str, executable: str, *arguments: object) -> Child:
+        words = [executable, *map(str, arguments)]
+        return Child(executable, ForkedProcess(package, words, dict(os.environ)))
+
+    return start
+
+
+@pytest.fixture
+def start_fork(fork_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
+    """The same for the length of a test."""
+    yield from children_by(fork_of)
 
 
 def installed_executable(package: str, executable: str) -> Path:

@@ -208,11 +208,11 @@ def observer(ros_domain: int) -> Iterator[Observer]:
 
 
 @pytest.fixture
-def start_planner(start: Callable[..., Any]) -> Callable[..., Any]:
+def start_planner(start_fork: Callable[..., Any]) -> Callable[..., Any]:
     """Function (arguments...) that starts a planner and waits until it is ready."""
 
     def run(*arguments: object) -> Any:
-        child = start("mhsb_planner", "planner_node", *arguments)
+        child = start_fork("mhsb_planner", "planner_node", *arguments)
         child.wait_for("ready", READY_TIMEOUT)
         return child
 
@@ -220,11 +220,11 @@ def start_planner(start: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @pytest.fixture
-def start_simulator(start: Callable[..., Any]) -> Callable[..., Any]:
+def start_simulator(start_fork: Callable[..., Any]) -> Callable[..., Any]:
     """Function (arguments...) that starts a simulator and waits until it is ready."""
 
     def run(*arguments: object) -> Any:
-        child = start("mhsb_sim", "sim_node", *arguments)
+        child = start_fork("mhsb_sim", "sim_node", *arguments)
         child.wait_for("ready", READY_TIMEOUT)
         return child
 
@@ -243,12 +243,12 @@ class Nodes:
     def __init__(self) -> None:
         self.children: dict[str, Any] = {}
 
-    def serve(self, wanted: set[str], node_of: Callable[..., Any], observer: Observer) -> None:
+    def serve(self, wanted: set[str], fork_of: Callable[..., Any], observer: Observer) -> None:
         """Have these run, ready, at rest in the start posture, and no others."""
         self.end(set(self.children) - wanted)
         going_on = set(self.children)
         for package in wanted - going_on:
-            self.children[package] = node_of(package, self.EXECUTABLES[package])
+            self.children[package] = fork_of(package, self.EXECUTABLES[package])
         for child in self.children.values():
             child.wait_for("ready", READY_TIMEOUT)
         if "mhsb_sim" in going_on:
@@ -278,6 +278,11 @@ class Nodes:
 NODES = Nodes()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Bring tests that share both nodes together, then those that share the simulator alone."""
+    items.sort(key=lambda item: [each in item.fixturenames for each in ("simulator", "nodes")])
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
     """Nodes that the next test does not use would take its time, or its names."""
@@ -292,11 +297,11 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 
 @pytest.fixture
-def nodes(observer: Observer, node_of: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+def nodes(observer: Observer, fork_of: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
     """Function (packages...) that has these nodes run, and no others; their `Child`s by package."""
 
     def serve(*packages: str) -> dict[str, Any]:
-        NODES.serve(set(packages), node_of, observer)
+        NODES.serve(set(packages), fork_of, observer)
         return NODES.children
 
     yield serve

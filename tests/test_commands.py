@@ -176,16 +176,16 @@ UNUSABLE = [
 
 
 @pytest.fixture
-def told(start, monkeypatch, capfd):
+def told(start_fork, monkeypatch, capfd):
     """Function (package, name, arguments ...) to the exit code and the output of a command.
 
-    Nodes leave their process at the end, and get one. The others run in this one, from their entry
-    point on: a start takes longer than all that they do here.
+    Nodes leave their process at the end, and get a fork. The others run in this one, from their
+    entry point on: a start takes longer than all that they do here.
     """
 
     def run(package, name, *arguments):
         if name in NODES:
-            child = start(package, name, *arguments)
+            child = start_fork(package, name, *arguments)
             return child.wait(120), child.output
         monkeypatch.setattr(sys, "argv", [name, *arguments])
         entry = getattr(importlib.import_module(f"{package}.executables"), name)
@@ -270,11 +270,11 @@ def test_a_goal_that_nobody_hears_is_told_as_json_with_what_to_do(start):
     assert "ros2 run mhsb_planner planner_node" in told["trouble"]
 
 
-def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start):
+def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start_fork):
     arguments = ("mhsb_tools", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
     zones = ("--zone-box", "0.65", "0.1", "0.9", "0.3", "--zone-circle", "0.2", "-0.6", "0.1")
-    around = start(*arguments, *zones, "--json")
-    inside = start(*arguments, *zones, "--zone-box", "0.7", "0.8", "0.5", "0.5")
+    around = start_fork(*arguments, *zones, "--json")
+    inside = start_fork(*arguments, *zones, "--zone-box", "0.7", "0.8", "0.5", "0.5")
     assert around.wait(180) == 0, around.output
     path = json.loads(around.output)["path"]
     assert not any(0.65 < x < 0.9 and 0.1 < z < 0.3 for x, z in path)
@@ -282,9 +282,9 @@ def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start):
     assert "0.05 m deep in the keep-out box (0.5, 0.5) … (0.7, 0.8) m" in inside.output
 
 
-def test_a_case_of_the_paper_brings_its_weights(start):
+def test_a_case_of_the_paper_brings_its_weights(start_fork):
     hurried, saving = (
-        start("mhsb_tools", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
+        start_fork("mhsb_tools", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
     )
     assert hurried.wait(180) == saving.wait(180) == 0
     hurried, saving = json.loads(hurried.output), json.loads(saving.output)
@@ -317,8 +317,8 @@ def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
     assert (tmp_path / "samples.csv").read_text().startswith("time,reference_1,reference_2")
 
 
-def test_an_arm_that_does_not_get_there_is_told_and_fails(start, tmp_path):
-    child = start(
+def test_an_arm_that_does_not_get_there_is_told_and_fails(start_fork, tmp_path):
+    child = start_fork(
         *("mhsb_tools", "simulate", "--goal", "0.55", "0.6", "8", "--vary", "payload=5"),
         *("--output", tmp_path, "--json"),
     )

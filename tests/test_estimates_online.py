@@ -1,10 +1,21 @@
 """What the arm learns, over real DDS: published, and planned with."""
 
+import pytest
+
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.verdict import Verdict
 from mhsb_msgs_py import estimates, topics
 
 UP = (0.55, 0.60)
+
+
+@pytest.fixture
+def arm(observer, start_simulator, start_planner):
+    """Nodes of which none has learnt anything yet."""
+    start_simulator()
+    start_planner()
+    observer.until(lambda: observer.is_matched and len(observer.references) > 2)
+    return observer
 
 
 def test_what_the_arm_has_learnt_is_told_and_planned_with_once_it_is_known_well(arm):

@@ -31,14 +31,14 @@ def moving(arm):
     return move
 
 
-def repaired(start, folder):
-    child = start("mhsb_tools", "record", "--repair", folder)
+def repaired(start_fork, folder):
+    child = start_fork("mhsb_tools", "record", "--repair", folder)
     assert child.wait() == 0, child.output
     return read_recording(folder)
 
 
-def test_a_killed_recorder_loses_no_more_than_its_last_chunk(arm, moving, start, tmp_path):
-    recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag")
+def test_a_killed_recorder_loses_no_more_than_its_last_chunk(arm, moving, start_fork, tmp_path):
+    recorder = start_fork("mhsb_tools", "record", "--output", tmp_path / "bag")
     recorder.wait_for("ready")
 
     def kill():
@@ -47,7 +47,7 @@ def test_a_killed_recorder_loses_no_more_than_its_last_chunk(arm, moving, start,
 
     last_before = arm.references[-1].stamp_ns
     moving(kill)
-    recording = repaired(start, tmp_path / "bag")
+    recording = repaired(start_fork, tmp_path / "bag")
     heard = [each.stamp_ns for each in arm.references if each.stamp_ns > last_before]
     # A chunk of 32 KiB and a flush every 0.25 s, at more than 100 KiB a second.
     assert (recording.references.time_ns > heard[0]).sum() > 200
@@ -55,7 +55,7 @@ def test_a_killed_recorder_loses_no_more_than_its_last_chunk(arm, moving, start,
 
 
 def test_a_full_disk_ends_the_recorder_with_a_sentence_and_nobody_else(
-    arm, moving, start, start_process, tmp_path
+    arm, moving, start_fork, start_process, tmp_path
 ):
     limited = f'ulimit -f {SMALL_DISK}; exec "$0" "$@"'
     command = (sys.executable, *RECORDER, "--output", tmp_path / "bag")
@@ -66,7 +66,7 @@ def test_a_full_disk_ends_the_recorder_with_a_sentence_and_nobody_else(
     assert "cannot" in recorder.output.splitlines()[-1]
     assert str(tmp_path / "bag") in recorder.output.splitlines()[-1]
     assert "Traceback" not in recorder.output
-    recording = repaired(start, tmp_path / "bag")
+    recording = repaired(start_fork, tmp_path / "bag")
     assert len(recording.references.time_ns) > 10
 
 
@@ -93,7 +93,7 @@ def test_a_file_that_is_no_recording_stays_as_it_is_and_every_reader_says_so(sta
     assert (bag / "bag_0.mcap").read_bytes() == bytes(range(256)) * 400
 
 
-def test_a_bad_sector_is_told_by_report_and_repaired_with_the_original_kept(start, tmp_path):
+def test_a_bad_sector_is_told_by_report_and_repaired_with_the_original_kept(start_fork, tmp_path):
     bag = tmp_path / "bag"
     with BagWriter(bag) as writer:
         topic = topics.MODES
@@ -105,15 +105,15 @@ def test_a_bad_sector_is_told_by_report_and_repaired_with_the_original_kept(star
     damaged[len(damaged) // 2] ^= 0xFF
     path.write_bytes(damaged)
     report = ("report", bag, "--output", tmp_path / "report")
-    refused = start("mhsb_sim", *report)
+    refused = start_fork("mhsb_tools", *report)
     assert refused.wait() == 1
     assert "the checksum of a chunk is wrong" in refused.output
-    repaired = start("mhsb_tools", "record", "--repair", bag, "--json")
+    repaired = start_fork("mhsb_tools", "record", "--repair", bag, "--json")
     assert repaired.wait() == 0
     told = json.loads(repaired.output)
     assert told["messages"] + told["lost_messages"] == 3000
     assert told["lost_is_exact"]
     assert (bag / "bag_0.mcap.torn").read_bytes() == damaged
-    again = start("mhsb_tools", "record", "--repair", bag)
+    again = start_fork("mhsb_tools", "record", "--repair", bag)
     assert again.wait() == 0
     assert again.output.startswith(f"{bag} is complete with {told['messages']} messages; nothing")

@@ -112,6 +112,7 @@ def test_goals_that_stream_are_each_answered_once_and_the_arm_rests_at_the_last(
     assert codes[-1] is Verdict.OK
     assert codes.count(Verdict.OK) > 5
     assert arm.executions[sent[-1]].outcome is Outcome.REACHED
+    arm.until(lambda: not arm.references[-1].state.velocity.any())
     assert arm.largest_reference_step() < 1e-3
     tip = arm.machine.tip_position(arm.references[-1].state.position)
     assert np.hypot(*(tip - (0.6, 0.199))) < 1e-3

@@ -36,12 +36,11 @@ def addresses_of(process: int) -> list[ipaddress.IPv4Address | ipaddress.IPv6Add
     return found
 
 
-def test_every_socket_of_the_nodes_is_bound_to_the_loopback_interface(
-    observer, start, start_planner, start_simulator, tmp_path
-):
+def test_every_socket_of_the_nodes_is_bound_to_the_loopback_interface(observer, start, tmp_path):
     recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag")
-    nodes = [start_simulator(), start_planner(), recorder]
-    recorder.wait_for("ready")
+    nodes = [start("mhsb_sim", "sim_node"), start("mhsb_planner", "planner_node"), recorder]
+    for node in nodes:
+        node.wait_for("ready", 180.0)
     observer.until(lambda: observer.is_matched and len(observer.references) > 0)
     for node in nodes:
         addresses = addresses_of(node.process.pid)

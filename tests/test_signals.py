@@ -61,10 +61,10 @@ def test_a_signal_while_kernels_are_compiled_ends_a_node_with_code_0(trouble_at,
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda each: each.name)
-def test_a_signal_while_a_plan_is_made_ends_both_nodes_with_code_0(
-    observer, start_planner, start_simulator, number
-):
-    simulator, planner = start_simulator(), start_planner()
+def test_a_signal_while_a_plan_is_made_ends_both_nodes_with_code_0(observer, start, number):
+    simulator, planner = start("mhsb_sim", "sim_node"), start("mhsb_planner", "planner_node")
+    for child in (simulator, planner):
+        child.wait_for("ready", 180.0)
     observer.until(lambda: observer.is_matched and len(observer.references) > 0)
     assert observer.request_verdict(0.55, 0.60).code is Verdict.OK
     observer.send(0.55, -0.60)

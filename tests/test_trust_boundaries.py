@@ -281,7 +281,7 @@ def test_a_clock_with_negative_seconds_is_logged_and_the_nodes_go_on(
     for name, child in nodes.items():
         assert child.process.poll() is None
         assert observer.ask_node(ListParameters, f"{name}/list_parameters").result.names
-        assert "(fault 1; the node goes on)" in child.output
+        child.wait_for(r"\(fault 1; the node goes on\)")
 
 
 def test_a_deleted_zone_is_no_zone_and_no_other_parameter_can_be_deleted(arm):

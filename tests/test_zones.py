@@ -78,13 +78,17 @@ class ZoneSetter:
         return future.result()
 
 
+@pytest.fixture
+def setter(arm):
+    yield (setter := ZoneSetter(arm))
+    assert setter.set(zone_boxes=(), tip_zone_circles=(), tip_zone_boxes=())[0]
+
+
 def clearance_of(machine, postures):
     return min(machine.clearance(q)[0] for q in postures)
 
 
-def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm):
-    setter = ZoneSetter(arm)
-
+def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm, setter):
     # Both or neither.
     taken, reason = setter.set(zone_boxes=BOX, zone_circles=(0.5, 0.8, -0.1))
     assert not taken

@@ -12,10 +12,9 @@ PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")
 
 
 @pytest.mark.parametrize("name", ["mhsb_arm4", "telescope_arm"])
-def test_the_view_shows_the_arm_and_where_it_needs_boost(start, opened, name):
+def test_the_view_shows_the_arm_and_where_it_needs_boost(start_simulator, opened, name):
     machine = find_config_file(f"{name}.yaml")
-    simulator = start("mhsb_sim", "sim_node", "--ros-args", "-p", f"machine:={machine}")
-    simulator.wait_for("ready", timeout=60.0)
+    simulator = start_simulator("--ros-args", "-p", f"machine:={machine}")
     viewer, page = opened("--machine", machine)
     with page:
         page.until_says("tip at")
