@@ -94,9 +94,10 @@ def motion_profile(
     """
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     q = as_frozen(position)
-    return MotionProfile(
-        *compute_profile_arrays(machine.arrays, q, as_frozen(velocity), as_frozen(qdd)), q
+    speed, force, tip, inertia = compute_profile_arrays(
+        machine.arrays, q, as_frozen(velocity), as_frozen(qdd)
     )
+    return MotionProfile(speed, force, tip, inertia, q)
 
 
 @kernel

@@ -69,7 +69,6 @@ from mhsb_sim.circuit.quantities import (
     SERVO_PUMP,
     SERVO_VALVE,
     CircuitElement,
-    CircuitEnergies,
     CircuitVolumes,
 )
 from mhsb_sim.circuit.valves.registry import (
@@ -149,7 +148,7 @@ class Circuit(NamedTuple):
     actuators: Records[ActuatorState]  # [n]
     modules: Records[ModuleState]  # [m]
     valves: PlacedValves
-    energy: Records[CircuitEnergies]  # [1]
+    energy: Records[EnergyCounters]  # [1]
     counters: FloatArray  # [energies], the memory of `energy`
     volume: Records[CircuitVolumes]  # [1]
     net: Records[CircuitElement]  # […], working memory like the next two

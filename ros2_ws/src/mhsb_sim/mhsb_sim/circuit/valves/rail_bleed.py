@@ -23,7 +23,7 @@ def compute_bleed_flow(numbers: FloatArray, drop: float) -> tuple[float, float]:
 
 def _list_places(site: CircuitSite, section: None) -> list[ValvePlace]:
     """Return the bleed valve between rail and tank."""
-    return [ValvePlace(site.rail, site.tank, site.constants["bleed_conductance"])]
+    return [ValvePlace(site.rail, site.tank, [float(site.constants["bleed_conductance"][0])])]
 
 
 RAIL_BLEED = ValveKind(name="bleed", list_places=_list_places, compute_flow=compute_bleed_flow)
