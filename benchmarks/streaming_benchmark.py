@@ -33,8 +33,11 @@ from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.limits.holding_pressure import HOLDING_PRESSURE_LIMIT
+from mhsb_planner.motion.limits.node_set import NODE_SET_LIMIT
+from mhsb_planner.motion.limits.usage import USAGE_LIMIT
 from mhsb_planner.motion.motion_profile import motion_profile
-from mhsb_planner.motion.s3_limits import Demand
+from mhsb_planner.motion.s3_limits import LimitValues
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
@@ -288,10 +291,10 @@ def _can_follow(machine: Machine, line: Line, speed: float) -> bool:
             continue
         velocity = np.asarray(np.gradient(q, time, axis=0))
         profile = motion_profile(machine, q, velocity)
-        demand = Demand.from_profile(machine, profile, modes)
+        values = LimitValues.from_profile(machine, profile, modes)
         fastest = (np.abs(profile.speed) / arrays.max_piston_speed).max()
-        usage = max(fastest, demand.usage.max(), demand.pressure.max())
-        if usage <= AT_MOST and demand.outside.max() < 0.0:
+        usage = max(fastest, values.of(USAGE_LIMIT).max(), values.of(HOLDING_PRESSURE_LIMIT).max())
+        if usage <= AT_MOST and values.of(NODE_SET_LIMIT).max() < 0.0:
             return True
     return False
 

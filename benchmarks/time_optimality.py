@@ -37,8 +37,9 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.cases.moves import Move
+from mhsb_planner.motion.limits.usage import speed_limit
+from mhsb_planner.motion.motion_profile import DEAD_BAND
 from mhsb_planner.motion.piston_motion import compute_cylinder_lengths, convert_to_joints
-from mhsb_planner.motion.s3_limits import DEAD_BAND, speed_limit
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 

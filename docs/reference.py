@@ -154,6 +154,8 @@ def _values(field: dict[str, Any]) -> str:
         return ", ".join(_code(each) for each in field["enum"])
     if field.get("type") == "array":
         return f"list of: {_values(field.get('items') or field['prefixItems'][0])}"
+    if field.get("type") == "object":
+        return "a section for each name"
     low, high = field.get("minimum"), field.get("maximum")
     bounds = []
     if "exclusiveMinimum" in field:

@@ -40,6 +40,8 @@ Gain = Annotated[float, Field(ge=1e-4, le=1e4)]
 ValveFlow = Annotated[float, Field(ge=1e-10, le=0.1)]
 ValveDrop = Annotated[float, Field(ge=1, le=5e7)]
 PistonSpeed = Annotated[float, Field(ge=1e-4, le=1)]
+ValveName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
+ValveNumber = Annotated[float, Field(ge=-1e12, le=1e12)]
 Weight = Annotated[float, Field(ge=0, le=1e6)]
 """Weight of energy [1/J], time [1/s] or mode switches [-] in the cost of a plan."""
 
@@ -483,6 +485,11 @@ class CircuitDynamics(Section):
     viscous_friction: NonNegative = Field(le=1e9, description="of a cylinder [N s/m]")
     friction_speed: float = Field(
         ge=1e-7, le=10, description="piston speed at which 3/4 of the Coulomb friction acts [m/s]"
+    )
+    valves: dict[ValveName, dict[ValveName, ValveNumber]] = Field(
+        default={},
+        exclude_if=lambda given: not given,
+        description="further valves, by the names of their kinds; the simulator checks them",
     )
 
 

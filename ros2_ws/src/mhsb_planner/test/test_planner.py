@@ -8,7 +8,7 @@ from mhsb_model.modes import modules_in_use
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.cases.moves import random_moves
 from mhsb_planner.errors import NoPathError
-from mhsb_planner.motion.s3_limits import joint_excess
+from mhsb_planner.motion.limits.joint_range import joint_excess
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.planning import motion_rules
 from mhsb_planner.search.s2_search import Weights

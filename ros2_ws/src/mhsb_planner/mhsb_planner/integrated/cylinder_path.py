@@ -69,7 +69,7 @@ margin.
 
 REST_SPEED = 2e-4
 """Piston speed below which a cylinder holds its load [m/s]. S3 and S4 use the same value,
-`motion.s3_limits.DEAD_BAND`.
+`motion.motion_profile.DEAD_BAND`.
 """
 
 HALF_WAY = 2

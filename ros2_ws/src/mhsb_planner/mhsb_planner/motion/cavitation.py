@@ -10,8 +10,7 @@ import numpy as np
 from mhsb_model.feasibility.cavitation import Cavitation, find_cavitating, summarize_cavitation
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.motion.motion_profile import motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.motion_profile import DEAD_BAND, motion_profile
 from mhsb_planner.search.discrete_path import DiscretePath
 
 

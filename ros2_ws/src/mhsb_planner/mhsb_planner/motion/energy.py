@@ -38,8 +38,8 @@ from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.motion.charging import charging_energy
-from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats_previous_row
+from mhsb_planner.motion.motion_profile import DEAD_BAND, MotionProfile, Profiles, motion_profile
+from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,9 @@ from mhsb_model.statics import INERTIA_WORK, chain_gravity_torques, chain_of, in
 from mhsb_model.trajectory import JointMotion
 from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
+DEAD_BAND = 2e-4
+"""Piston speed up to which a cylinder counts as held by its valve [m/s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class MotionProfile:
@@ -29,12 +32,14 @@ class MotionProfile:
         tip: Tip positions (x, z), shape (k, 2) [m].
         inertia: Piston forces from inertia (M q̈ + C q̇)/r, which add to F, shape (k, n) [N]. All 0
             if accelerations were not given.
+        position: Joint positions, shape (k, n) [rad or m].
     """
 
     speed: FloatArray
     force: FloatArray
     tip: FloatArray
     inertia: FloatArray
+    position: FloatArray
 
     def __getitem__(self, rows: slice) -> MotionProfile:
         """Return the profile of a slice of the instants.
@@ -45,7 +50,13 @@ class MotionProfile:
         Returns:
             Profile whose arrays are views of this profile's arrays.
         """
-        return MotionProfile(self.speed[rows], self.force[rows], self.tip[rows], self.inertia[rows])
+        return MotionProfile(
+            self.speed[rows],
+            self.force[rows],
+            self.tip[rows],
+            self.inertia[rows],
+            self.position[rows],
+        )
 
 
 class Profiles(NamedTuple):
@@ -82,11 +93,11 @@ def motion_profile(
         and tip positions [m].
     """
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
-    return MotionProfile(
-        *compute_profile_arrays(
-            machine.arrays, as_frozen(position), as_frozen(velocity), as_frozen(qdd)
-        )
+    q = as_frozen(position)
+    speed, force, tip, inertia = compute_profile_arrays(
+        machine.arrays, q, as_frozen(velocity), as_frozen(qdd)
     )
+    return MotionProfile(speed, force, tip, inertia, q)
 
 
 @kernel

@@ -16,8 +16,7 @@ from mhsb_model.hydraulics import required_pressure, required_pressures
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.motion.motion_profile import MotionProfile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.motion_profile import DEAD_BAND, MotionProfile
 
 
 @dataclass(frozen=True)

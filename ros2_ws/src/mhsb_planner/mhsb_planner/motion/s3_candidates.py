@@ -16,10 +16,10 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
+from mhsb_planner.motion.limits.limit import TimeScaling
 from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_following import compute_followed_path
-from mhsb_planner.motion.s3_limits import Limit
 from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
 from mhsb_planner.motion.s3_state_to_rest import Steering, compute_steered_motion
 from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
@@ -189,7 +189,8 @@ class CurveCandidate:
         furthest_travel: Largest travel of each joint in its first direction, shape (n,) [rad or m].
             None means that it is not checked.
         coasts: True if the curve begins with a moving start that coasts or steers.
-        stretchable: Limits for which the curve is stretched; any other limit refuses it.
+        stretchable: Time scalings of the limits for which the curve is stretched; any other limit
+            refuses it.
         max_stretch: Largest factor on the first stretch [-]; None means that of the rules.
         only_after_thrust_lack: True if the curve is tried only if the one before lacked pressure.
     """
@@ -202,7 +203,7 @@ class CurveCandidate:
     stretch: float = 1.0
     furthest_travel: FloatArray | None = None
     coasts: bool = False
-    stretchable: tuple[Limit, ...] = (Limit.USAGE, Limit.THRUST)
+    stretchable: tuple[TimeScaling, ...] = (TimeScaling.SPEED, TimeScaling.INERTIA)
     max_stretch: float | None = None
     only_after_thrust_lack: bool = False
 
@@ -304,7 +305,7 @@ def _iterate_ramped(
             lead_in,
             coasts=coast is not None,
             only_after_thrust_lack=slower != rules.ramp_factors[0],
-            stretchable=(Limit.USAGE, Limit.THRUST) if last else (Limit.USAGE,),
+            stretchable=(TimeScaling.SPEED, TimeScaling.INERTIA) if last else (TimeScaling.SPEED,),
         )
 
 

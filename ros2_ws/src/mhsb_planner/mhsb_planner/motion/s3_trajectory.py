@@ -43,6 +43,12 @@ from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion import s3_clearance, s3_limits
 from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.limits.joint_range import (
+    JOINT_TOLERANCE,
+    compute_outward_excess,
+    joint_excess,
+)
+from mhsb_planner.motion.limits.limit import TimeScaling, Violation
 from mhsb_planner.motion.motion_profile import MotionProfile, Profiles
 from mhsb_planner.motion.overloads import Overload, find_overloads
 from mhsb_planner.motion.ramped_motion import RampedMotion
@@ -58,16 +64,7 @@ from mhsb_planner.motion.s3_candidates import (
     compute_furthest_travel,
     iterate_candidates,
 )
-from mhsb_planner.motion.s3_limits import (
-    JOINT_TOLERANCE,
-    EndDemands,
-    Limit,
-    Violation,
-    compute_outward_excess,
-    find_first_violation,
-    joint_excess,
-    middle_profile,
-)
+from mhsb_planner.motion.s3_limits import EndValues, find_first_violation, middle_profile
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s4_mode_schedule import N, StartModes, keeps_dwell
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
@@ -213,7 +210,9 @@ def fit_trajectory(
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused)) if refused else outcome
         refused.append(f"{candidate.name}: {outcome}")
-        lacked = isinstance(outcome, Violation) and outcome.limit == Limit.THRUST
+        lacked = (
+            isinstance(outcome, Violation) and outcome.limit.time_scaling is TimeScaling.INERTIA
+        )
     raise FitError(tuple(refused))
 
 
@@ -480,8 +479,8 @@ def _fit_candidate(
         if candidate.coasts:  # stretching cannot slow a start that is too fast
             fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
         quasi_static = (1.0 + _speed_excess(machine, after)) / fastest
-        ends = EndDemands.from_profile(machine, profile, scheduled.intervals)
-        used = max(ends.largest_usage(first), quasi_static, slowing)
+        ends = EndValues.from_profile(machine, profile, scheduled.intervals)
+        used = max(ends.compute_stretch(first), quasi_static, slowing)
         deadline.check(FIT_TASK)
         needed = USAGE_RESERVE * used
         stuck, before = used == before, used
@@ -493,9 +492,10 @@ def _fit_candidate(
                 return _assemble_motion(
                     machine, path, candidate, curve, scheduled, middles, stretch
                 )
-            if violation.limit not in candidate.stretchable or violation.time < time[first]:
+            scaling = violation.limit.time_scaling
+            if scaling not in candidate.stretchable or violation.time < time[first]:
                 return violation
-            if violation.limit == Limit.THRUST:
+            if scaling is TimeScaling.INERTIA:
                 needed = THRUST_STRETCH
             else:
                 needed = USAGE_RESERVE * (1.0 + violation.amount)

@@ -32,8 +32,8 @@ from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
 from mhsb_model.modes import BOOSTED_MODES, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND, repeats_previous_row
+from mhsb_planner.motion.motion_profile import DEAD_BAND, MotionProfile, motion_profile
+from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 NEED_FACTOR = 1.005
 """Factor on speeds and forces when needs are judged, so that they hold between the points [-]."""

@@ -20,9 +20,10 @@ from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, frozen
+from mhsb_planner.motion.limits.obstacles import OBSTACLE_LIMIT
 from mhsb_planner.motion.s3_clearance import find_contact_ahead
 from mhsb_planner.motion.s3_hard_braking import iterate_harder_brakings
-from mhsb_planner.motion.s3_limits import Limit, find_first_violation
+from mhsb_planner.motion.s3_limits import find_first_violation
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.online.hand_over import choose_hand_over_times, join_commands
@@ -241,7 +242,7 @@ def _generate_brakings(machine: Machine, in_force: Command, at_ns: int) -> Itera
 def _keeps_limits(machine: Machine, command: Command) -> bool:
     """Return whether a command breaks no limit other than obstacles."""
     broken = find_first_violation(machine, command.trajectory, command.schedule)
-    return broken is None or broken.limit is Limit.OBSTACLE
+    return broken is None or broken.limit is OBSTACLE_LIMIT
 
 
 def _compute_clearances(

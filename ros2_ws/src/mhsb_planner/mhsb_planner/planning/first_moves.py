@@ -4,7 +4,7 @@ Planners look for paths within the joint limits and clear of obstacles. From any
 first straight move leads to a nearby posture from which they can plan; their own path follows. On
 the first move, a joint beyond its limits moves back towards them and never out again. The arm gets
 no deeper into an obstacle than it is at the start. The trajectory is checked for both
-(`motion.s3_limits.compute_outward_excess`, `motion.s3_clearance`).
+(`motion.limits.joint_range.compute_outward_excess`, `motion.s3_clearance`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import DeadlineError, StartError
-from mhsb_planner.motion.s3_limits import JOINT_TOLERANCE, joint_excess
+from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
 from mhsb_planner.plan_log import Outcome
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.resting import insert_rests

@@ -16,7 +16,7 @@ from mhsb_planner.integrated.cylinder_path import (
     price_path,
     to_discrete_path,
 )
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.motion_profile import DEAD_BAND
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.search.discrete_path import SearchStatistics
 from mhsb_planner.search.lower_bound import energy_lower_bound

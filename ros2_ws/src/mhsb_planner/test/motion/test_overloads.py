@@ -17,7 +17,9 @@ def profile(force, speed):
     """Of actuator 1; the others stand still without a load."""
     rows = np.zeros((2, len(TIME), 3))
     rows[0, :, 0], rows[1, :, 0] = force, speed
-    return MotionProfile(rows[1], rows[0], np.zeros((len(TIME), 2)), np.zeros_like(rows[0]))
+    return MotionProfile(
+        rows[1], rows[0], np.zeros((len(TIME), 2)), np.zeros_like(rows[0]), np.zeros_like(rows[0])
+    )
 
 
 @pytest.fixture

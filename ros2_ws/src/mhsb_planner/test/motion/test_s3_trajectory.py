@@ -15,6 +15,7 @@ from mhsb_model.types import frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.motion import piston_motion, ramped_motion, s3_limits, s4_mode_schedule
 from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.limits import joint_range
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
     FitMethod,
@@ -289,8 +290,8 @@ def test_an_end_that_too_few_modules_can_hold_is_refused_but_a_stop_there_is_not
 def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
     warm_up(machine)
     kernels = [
-        s3_limits._demand,
-        s3_limits._joint_bound,
+        s3_limits._measure_states,
+        joint_range.bound_joint_excess,
         piston_motion.convert_to_joints,
         ramped_motion._sample_pistons,
         s4_mode_schedule._interval_modes,

@@ -34,7 +34,7 @@ def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)
         np.broadcast_to(f(time) if callable(f) else f, (len(time), 3)).copy()
         for f in (speed, force, inertia)
     )
-    return time, MotionProfile(speeds, forces, np.zeros((len(time), 2)), inertias)
+    return time, MotionProfile(speeds, forces, np.zeros((len(time), 2)), inertias, 0.0 * speeds)
 
 
 def scheduled(machine, time, motion, start, preferred=None, rules=None):
@@ -250,7 +250,11 @@ def random_motion(seed):
         if modes.sum() <= 4:  # modules
             break
     start = StartModes(modes, random.choice([0.0, 0.1, 0.25, 5.0], 3))
-    return time, MotionProfile(speed, force, np.zeros((len(time), 2)), 0.0 * force), start
+    return (
+        time,
+        MotionProfile(speed, force, np.zeros((len(time), 2)), 0.0 * force, 0.0 * force),
+        start,
+    )
 
 
 @settings(max_examples=150)

@@ -10,6 +10,7 @@ from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.quantities import (
     ANTI_CAVITATION,
     CHECK_VALVE,
+    FIRST_VALVE,
     JOIN_VALVE,
     LEAKAGE_PATH,
     RELIEF_VALVE,
@@ -34,6 +35,7 @@ def audit_elements(
     change: FloatArray,
     c: CircuitConstants,
     e: CircuitEnergies,
+    counters: FloatArray,
     volume: CircuitVolumes,
 ) -> None:
     """Add the energy that each element of the circuit has turned over in a substep to its counter.
@@ -51,6 +53,7 @@ def audit_elements(
         c: Constants of the circuit, CircuitConstants. Uses the length `substep` [s] and
             the efficiency of the servo pumps.
         e: Energy counters [J], updated in place.
+        counters: Memory of the same counters as an array, for valves of the registry.
         volume: Oil counters [m³], updated in place.
     """
     tank, dt = len(pressure) - 1, c.substep
@@ -77,7 +80,7 @@ def audit_elements(
         elif element.kind == ANTI_CAVITATION:
             e.anti_cavitation += work
         else:
-            e.bleed += work
+            counters[element.kind - FIRST_VALVE] += work
         if j == tank or i == tank:
             returned = flow * dt if j == tank else -flow * dt
             e.return_oil += returned * pressure[tank]

@@ -12,7 +12,7 @@ the tank (constant). Between them:
     line → tank                              the servo valve's leakage
     manifold, each line, rail, p_A, p_B → tank    relief valves
     tank → p_A, tank → p_B                   anti-cavitation valves
-    rail → tank                              bleed
+    further valves                           kinds of `valves.registry`, such as the rail's bleed
 
 Module j feeds actuator j's line directly, or the rail if it is lent. Modules beyond the actuators
 feed the rail. An actuator in SB has its join valve open.
@@ -61,17 +61,23 @@ from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_sim.circuit.audit import audit_drag, audit_elements, audit_main_pump, audit_node
 from mhsb_sim.circuit.quantities import (
     ANTI_CAVITATION,
-    BLEED_VALVE,
     CHECK_VALVE,
+    FIRST_VALVE,
     JOIN_VALVE,
     LEAKAGE_PATH,
     RELIEF_VALVE,
     SERVO_PUMP,
     SERVO_VALVE,
     CircuitElement,
-    CircuitEnergies,
     CircuitVolumes,
 )
+from mhsb_sim.circuit.valves.registry import (
+    EnergyCounters,
+    PlacedValves,
+    compute_valve_flow,
+    place_valves,
+)
+from mhsb_sim.circuit.valves.valve_kind import CircuitSite
 
 
 @kernel(inline="always")
@@ -141,7 +147,9 @@ class Circuit(NamedTuple):
     cavity: FloatArray  # [3 n + 3] m³ of vapour at each node
     actuators: Records[ActuatorState]  # [n]
     modules: Records[ModuleState]  # [m]
-    energy: Records[CircuitEnergies]  # [1]
+    valves: PlacedValves
+    energy: Records[EnergyCounters]  # [1]
+    counters: FloatArray  # [energies], the memory of `energy`
     volume: Records[CircuitVolumes]  # [1]
     net: Records[CircuitElement]  # […], working memory like the next two
     conductance: FloatArray  # [nodes, nodes]
@@ -185,6 +193,9 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     parts = describe_components(machine, substep)
     pressure = np.full(nodes, arrays.supply_pressure)
     pressure[-1] = arrays.tank_pressure
+    valves = place_valves(CircuitSite(machine, parts.constants))
+    energy = create_records(EnergyCounters, 1)
+    net_size = 3 + len(valves.records) + 2 * module_count + 10 * actuator_count
     return Circuit(
         cylinders=parts.cylinders,
         constants=parts.constants,
@@ -193,9 +204,11 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         cavity=np.zeros(nodes),
         actuators=parts.actuators,
         modules=parts.modules,
-        energy=create_records(CircuitEnergies, 1),
+        valves=valves,
+        energy=energy,
+        counters=np.asarray(energy).view(np.float64),
         volume=create_records(CircuitVolumes, 1),
-        net=create_records(CircuitElement, 4 + 2 * module_count + 10 * actuator_count),
+        net=create_records(CircuitElement, net_size),
         conductance=np.zeros((nodes, nodes)),
         nodes=np.zeros((3, nodes)),
     )
@@ -348,7 +361,7 @@ def update_friction(
 
 @kernel(inline="always")
 def connect_supply(circuit: Circuit, count: int) -> int:
-    """Add the elements between manifold, rail and tank to the list of this substep.
+    """Add the elements between manifold, rail and tank, and the valves of the registry.
 
     Args:
         circuit: The circuit. Writes into `net` in place.
@@ -363,9 +376,13 @@ def connect_supply(circuit: Circuit, count: int) -> int:
     drop = pressure[manifold] - pressure[rail]
     flow, slope = compute_check_valve_flow(c.check_coefficient, drop, c.laminar_pressure)
     count = add_element(net, count, CHECK_VALVE, manifold, rail, flow, slope)
+    for k in range(len(circuit.valves.records)):
+        valve, numbers = circuit.valves.records[k], circuit.valves.numbers[k]
+        drop = pressure[valve.start] - pressure[valve.end]
+        flow, slope = compute_valve_flow(valve.kind, numbers, drop)
+        kind = FIRST_VALVE + valve.counter
+        count = add_element(net, count, kind, valve.start, valve.end, flow, slope)
     drop = pressure[rail] - pressure[tank]
-    flow = c.bleed_conductance * drop
-    count = add_element(net, count, BLEED_VALVE, rail, tank, flow, c.bleed_conductance)
     flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
     count = add_element(net, count, RELIEF_VALVE, rail, tank, flow, slope)
     drop = pressure[manifold] - pressure[tank]
@@ -580,7 +597,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         audit_main_pump(mean_flow, pressure[manifold] + 0.5 * change[manifold], c, e, v)
         if c.servo_pump_drag > 0.0:
             audit_drag(circuit.modules, c, e)
-        audit_elements(circuit.net, count, pressure, change, c, e, v)
+        audit_elements(circuit.net, count, pressure, change, c, e, circuit.counters, v)
         for j in range(n):
             force = cylinders[j].cap_area * (pressure[3 * j] + 0.5 * change[3 * j])
             force -= cylinders[j].rod_area * (pressure[3 * j + 1] + 0.5 * change[3 * j + 1])

@@ -65,15 +65,16 @@ class CircuitVolumes(Record):
     SERVO_PUMP,
     RELIEF_VALVE,
     ANTI_CAVITATION,
-    BLEED_VALVE,
+    FIRST_VALVE,
 ) = range(8)
+"""Kinds of elements. FIRST_VALVE + i is a valve of the registry with the energy counter i."""
 
 
 class CircuitElement(Record):
     """One element of the circuit between two nodes, in the present substep."""
 
     kind: int
-    """One of the kinds above, SERVO_VALVE …."""
+    """One of the kinds above, SERVO_VALVE …, or FIRST_VALVE and more."""
     start: int
     """Node from which the flow is counted."""
     end: int

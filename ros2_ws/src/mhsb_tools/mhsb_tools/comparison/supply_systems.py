@@ -32,8 +32,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_planner.motion.motion_profile import motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.motion_profile import DEAD_BAND, motion_profile
 
 LOAD_SENSING_MARGINS = (1e6, 2e6)
 """Pressure margins Δp of load sensing [Pa], the low and the high end of what is usual."""

@@ -19,8 +19,7 @@ from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.motion.energy import Energy
-from mhsb_planner.motion.motion_profile import motion_profile
-from mhsb_planner.motion.s3_limits import DEAD_BAND
+from mhsb_planner.motion.motion_profile import DEAD_BAND, motion_profile
 from mhsb_planner.plan import Plan
 
 SAMPLE_COUNT = 601

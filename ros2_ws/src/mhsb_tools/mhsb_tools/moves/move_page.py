@@ -25,7 +25,7 @@ from mhsb_model.hydraulics import get_shared_hydraulics
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.motion.s3_limits import speed_limit
+from mhsb_planner.motion.limits.usage import speed_limit
 from mhsb_tools.moves.energy_flow import draw_energy_flow
 from mhsb_tools.moves.move import MoveRecord
 from mhsb_tools.moves.workspace_drawing import (
@@ -235,8 +235,8 @@ def mode_limits(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the range of piston speeds that a mode allows at given piston forces.
 
-    Valve, pressure and servo pumps limit the speed (`s3_limits.speed_limit`). The main pump's flow,
-    which all actuators share, is not considered.
+    Valve, pressure and servo pumps limit the speed (`limits.usage.speed_limit`). The main pump's
+    flow, which all actuators share, is not considered.
 
     Args:
         machine: The arm.

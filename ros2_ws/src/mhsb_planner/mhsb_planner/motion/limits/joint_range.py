@@ -1,0 +1,120 @@
+"""Limit of the joint positions.
+
+    q_min ≤ q ≤ q_max
+
+Between two points a joint is bounded by the control points of its quintic (`bound_joint_excess`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
+
+JOINT_TOLERANCE = 1e-6
+"""Excess beyond a joint limit that counts as rounding of table and interpolation [rad]."""
+
+
+@kernel(inline="always")
+def measure_joint_excess(m: MachineArrays, state: LimitInputs) -> float:
+    """Return how far the worst joint lies beyond its limits; negative within them [rad or m]."""
+    excess = -math.inf
+    for j in range(len(state.position)):
+        q = state.position[j]
+        excess = max(excess, m.joint_min[j] - q, q - m.joint_max[j])
+    return excess
+
+
+JOINT_LIMIT = StateLimit(
+    name="joint range",
+    describe=lambda broken: f"a joint limit is passed by {broken.amount:.3g} rad",
+    measure=measure_joint_excess,
+    limit=0.0,
+    broken_above=JOINT_TOLERANCE,
+    proven_below=math.inf,
+    clear_below=math.inf,
+)
+"""Limit of the joints [rad or m]. `bound_joint_excess` proves intervals instead of a parabola."""
+
+
+def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
+    """Compute how far the worst joint lies beyond its limits.
+
+    Args:
+        m: Arrays of the machine.
+        q: Joint positions, shape (…, n) [rad or m].
+
+    Returns:
+        Excess of the worst joint, shape (…) [rad or m]; negative if all joints are within their
+        limits.
+    """
+    return np.maximum(m.joint_min - q, q - m.joint_max).max(axis=-1)
+
+
+@kernel(borrows=True)
+def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
+    """Compute how far a joint moves outwards beyond its limits.
+
+    A joint that starts beyond a limit may return. Therefore only the increase over its least excess
+    so far counts; that least excess is 0 once the joint is within its limits.
+
+    Args:
+        m: Arrays of the machine.
+        position: Joint positions in time order, shape (k, n) [rad or m].
+
+    Returns:
+        Largest such increase over joints and instants [rad or m]; negative if all joints stay
+        within their limits; 0 if joints only return.
+    """
+    farthest = -math.inf
+    for j in range(position.shape[1]):
+        least = math.inf
+        for k in range(len(position)):
+            excess = max(m.joint_min[j] - position[k, j], position[k, j] - m.joint_max[j])
+            least = min(least, max(excess, 0.0))
+            farthest = max(farthest, excess - least)
+    return farthest
+
+
+@kernel
+def bound_joint_excess(
+    m: MachineArrays,
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+) -> FloatArray:
+    """Bound how far joints get beyond their limits within each interval of a trajectory.
+
+    A quintic stays within the hull of its six control points. Three of them belong to each end:
+    q, q + q̇h/5 and q + 2q̇h/5 + q̈h²/20, with h < 0 at the interval's end.
+
+    Args:
+        m: Arrays of the machine.
+        time: Times of the points, shape (k,) [s].
+        position: Joint positions at the points, shape (k, n) [rad or m].
+        velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
+
+    Returns:
+        Upper bound on the excess of the worst joint beyond its limits, shape (k - 1,) [rad or m];
+        negative if all joints stay within them.
+    """
+    rows, n = position.shape
+    bound = np.empty(rows - 1)
+    for i in range(rows - 1):
+        highest = -math.inf
+        for k, h in ((i, time[i + 1] - time[i]), (i + 1, time[i] - time[i + 1])):
+            for j in range(n):
+                q, turn = position[k, j], 0.2 * h * velocity[k, j]
+                bent = q + 2.0 * turn + 0.05 * h * h * acceleration[k, j]
+                above = max(q, q + turn, bent) - m.joint_max[j]
+                below = m.joint_min[j] - min(q, q + turn, bent)
+                highest = max(highest, above, below)
+        bound[i] = highest
+    return bound

@@ -1,0 +1,35 @@
+"""Limit of the booster modules that the modes of all actuators use.
+
+    Σ_j n(mode_j) ≤ n_fitted
+
+n is the number of modules that a mode uses.
+
+Source: paper, Section 3.
+"""
+
+from __future__ import annotations
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
+from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
+
+
+@kernel(inline="always")
+def measure_module_excess(m: MachineArrays, state: LimitInputs) -> float:
+    """Return the number of modules used less those fitted."""
+    beyond = -m.module_count
+    for mode in state.modes:
+        beyond += m.modules_per_mode[mode]
+    return float(beyond)
+
+
+MODULE_LIMIT = StateLimit(
+    name="module budget",
+    describe=lambda broken: f"{broken.amount:.0f} booster modules more than fitted are needed",
+    measure=measure_module_excess,
+    limit=0.0,
+    broken_above=0.0,
+    proven_below=0.5,
+    clear_below=0.5,
+)
+"""Limit of the modules [number of modules]."""

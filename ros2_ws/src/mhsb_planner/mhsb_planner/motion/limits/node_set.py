@@ -1,0 +1,37 @@
+"""Limit of the tip: it stays in the node set, the workspace.
+
+x ≥ x_min,   r_min ≤ √(x² + z²) ≤ r_max
+"""
+
+from __future__ import annotations
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.workspace import compute_region_excess
+from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
+
+TIP_TOLERANCE = 1e-4
+"""Distance out of the node set that is accepted [m].
+
+The search checks a step at some instants; between them the tip may be so far outside."""
+
+CLEAR_DISTANCE = 2e-3
+"""Distance of the tip inside the node set that is a reserve [m]."""
+
+
+@kernel(inline="always")
+def measure_tip_excess(m: MachineArrays, state: LimitInputs) -> float:
+    """Return the distance of the tip out of the node set; negative inside [m]."""
+    return compute_region_excess(m.min_x, m.min_radius, m.max_radius, state.tip[0], state.tip[1])
+
+
+NODE_SET_LIMIT = StateLimit(
+    name="node set",
+    describe=lambda broken: f"the tip leaves the workspace by {broken.amount:.3g} m",
+    measure=measure_tip_excess,
+    limit=0.0,
+    broken_above=TIP_TOLERANCE,
+    proven_below=0.0,
+    clear_below=-CLEAR_DISTANCE,
+)
+"""Limit of the tip [m]."""

@@ -1,0 +1,26 @@
+"""Limit of the clearance from obstacles, checked along the whole motion (`s3_clearance`).
+
+The clearance c of the arm, without margin, stays positive: c > 0. A motion that starts in an
+obstacle may leave it.
+"""
+
+from __future__ import annotations
+
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import Trajectory
+from mhsb_planner.motion.limits.limit import Limit, Violation
+from mhsb_planner.motion.s3_clearance import find_first_contact
+
+OBSTACLE_LIMIT = Limit(
+    name="obstacles",
+    describe=lambda broken: f"the arm gets to {broken.name}",
+)
+"""Limit of the clearance. The amount is the depth [m], negative if some clearance is left."""
+
+
+def find_obstacle_violation(machine: Machine, trajectory: Trajectory) -> Violation | None:
+    """Find the first obstacle that a trajectory touches; None if it touches none."""
+    contact = find_first_contact(machine, trajectory)
+    if contact is None:
+        return None
+    return Violation(OBSTACLE_LIMIT, contact.time, -contact.clearance, contact.name)

@@ -1,0 +1,48 @@
+"""Limit of the pressure that moving cylinders take against gravity and inertia.
+
+    thrust = max_j (p_L(F + (M q̈ + C q̇)/r) + m(v) + margin) / p_max,j ≤ 1
+
+p_L is the load pressure, m(v) the drop over the valve, and `margin` the part of the boost margin
+that inertia must leave. p_max,j is the highest supply pressure of the actuator's mode. Cylinders
+count that move against their load.
+
+Source: paper, Section 2.1, with inertia added.
+"""
+
+from __future__ import annotations
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import (
+    compute_inertia_margin,
+    compute_pressure_with_margin,
+    get_max_supply_pressure,
+    get_shared_hydraulics,
+    opposes_motion,
+)
+from mhsb_model.kernels.kernel import kernel
+from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScaling
+from mhsb_planner.motion.motion_profile import DEAD_BAND
+
+
+@kernel(inline="always")
+def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
+    """Return the largest share of its highest supply pressure that a moving cylinder takes [-]."""
+    oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
+    hardest = 0.0
+    for j in range(len(state.speed)):
+        v, load = state.speed[j], state.force[j] + state.inertia[j]
+        if abs(v) > DEAD_BAND and opposes_motion(load, v):
+            needed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
+            needed -= compute_inertia_margin(oil)
+            highest = get_max_supply_pressure(oil, m.modules_per_mode[state.modes[j]])
+            hardest = max(hardest, needed / highest)
+    return hardest
+
+
+THRUST_LIMIT = StateLimit(
+    name="thrust",
+    describe=lambda broken: f"it takes {100 * broken.amount:.3g} % more pressure than there is",
+    time_scaling=TimeScaling.INERTIA,
+    measure=measure_thrust,
+)
+"""Limit of the pressure of moving cylinders, a share of the highest supply pressure [-]."""

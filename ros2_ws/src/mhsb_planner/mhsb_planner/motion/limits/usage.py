@@ -1,0 +1,113 @@
+"""Limit of what main pump, servo pumps and valves can do.
+
+    usage = max( Σ_j A_dir|v_j| / (Q_MP − Σ_j q_leak), max_j |v_j| / v_max,j ) ≤ 1
+
+A_dir is the area that the supply fills, v_j a piston speed and v_max,j its limit under its load
+(`speed_limit`). Q_MP is the main pump's flow and q_leak the leakage of a valve at its supply
+pressure. Cylinders in the dead band have no speed limit, since their closed valves carry the load.
+A motion that is slower by the factor `usage` keeps the limit.
+
+Source: paper, Section 2.1, with leakage and modes worked out.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mhsb_model.arrays import MachineArrays
+from mhsb_model.hydraulics import (
+    SharedHydraulics,
+    boosted_supply,
+    compute_piston_flow_budget,
+    compute_speed_from_drop,
+    extension_speed,
+    get_max_servo_pump_flow,
+    get_max_supply_pressure,
+    get_shared_hydraulics,
+    inlet_area,
+    load_pressure,
+    opposes_motion,
+    retraction_speed,
+)
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.modes import BOOSTED_MODES
+from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScaling
+from mhsb_planner.motion.motion_profile import DEAD_BAND
+
+
+@kernel
+def speed_limit(
+    oil: SharedHydraulics,
+    k: float,
+    cap: float,
+    rod: float,
+    force: float,
+    direction: float,
+    modules: int,
+) -> float:
+    """Compute the largest speed of a piston under a load.
+
+    Against the load the pressure limits it, with p = P_S without modules and p the highest boost
+    pressure with them:
+
+        v = K √((p − margin − p_L) A_dir/(A³ + a³))
+
+    With the load the valve at P_S limits it, and the filling of the inlet chamber, K √P_S/A_dir. In
+    boost the flow of n modules, n Q_SP/A_dir, is a further limit.
+
+    Args:
+        oil: Hydraulic numbers that all actuators share.
+        k: Flow coefficient K of the valve [m³/(s √Pa)].
+        cap: Cap-side piston area A [m²].
+        rod: Rod-side piston area a [m²].
+        force: Piston force, positive if it resists extension [N].
+        direction: Positive for extension, negative for retraction.
+        modules: Number n of booster modules; 0 means mode N.
+
+    Returns:
+        Largest speed as a magnitude [m/s]; 0 if the pressure does not suffice.
+    """
+    inlet = inlet_area(cap, rod, direction)
+    if opposes_motion(force, direction):
+        drive = get_max_supply_pressure(oil, modules) - oil.boost_margin
+        drive -= load_pressure(cap, rod, oil.tank_pressure, force, direction)
+        speed = compute_speed_from_drop(k, cap, rod, drive, direction)
+    else:
+        if direction > 0.0:
+            speed = extension_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
+        else:
+            speed = retraction_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
+        speed = min(speed, k * math.sqrt(oil.supply_pressure) / inlet)
+    return min(speed, get_max_servo_pump_flow(oil, modules) / inlet)
+
+
+@kernel(inline="always")
+def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
+    """Return the share of what pumps and valves can do; inf if no speed is possible [-].
+
+    Writes the boosted supply pressure of each actuator [Pa] into the working memory.
+    """
+    oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
+    own, modes = state.scratch, state.modes
+    flow = fastest = 0.0
+    for j in range(len(own)):
+        v, f, modules = state.speed[j], state.force[j], m.modules_per_mode[modes[j]]
+        flow += inlet_area(cap[j], rod[j], v) * abs(v)
+        if BOOSTED_MODES[modes[j]]:
+            own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
+        if abs(v) > DEAD_BAND:
+            limit = speed_limit(oil, valve[j], cap[j], rod[j], f, v, modules)
+            fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
+    shared = compute_piston_flow_budget(oil, own, modes)
+    return max(fastest, flow / shared) if shared > 0.0 else math.inf
+
+
+USAGE_LIMIT = StateLimit(
+    name="usage",
+    describe=lambda broken: (
+        f"valves and pumps would have to give {1 + broken.amount:.3g} times as much"
+    ),
+    time_scaling=TimeScaling.SPEED,
+    measure=measure_usage,
+)
+"""Limit of pumps and valves, a share of what they can do [-]."""

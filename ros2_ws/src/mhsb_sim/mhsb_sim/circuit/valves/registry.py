@@ -1,0 +1,138 @@
+"""Registry of the kinds of valves, and the valves that a machine has.
+
+A new kind is one module and three lines here: an import, its place in `VALVE_KINDS`, and its branch
+in `compute_valve_flow` with the index of that place.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from mhsb_model.errors import MachineFileError
+from mhsb_model.files.schema_problems import describe_validation_errors
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.records import Record, Records, create_records
+from mhsb_model.types import FloatArray
+from mhsb_sim.circuit.quantities import CircuitEnergies
+from mhsb_sim.circuit.valves import rail_bleed
+from mhsb_sim.circuit.valves.valve_kind import CircuitSite, ValveKind
+
+VALVE_KINDS: tuple[ValveKind, ...] = (
+    rail_bleed.RAIL_BLEED,
+)  # fmt: skip
+"""Kinds of valves, in the order in which their flows are added."""
+
+
+@kernel(inline="always")
+def compute_valve_flow(kind: int, numbers: FloatArray, drop: float) -> tuple[float, float]:
+    """Compute the flow [m³/s] of a valve and its slope dQ/dΔp [m³/(s Pa)].
+
+    Args:
+        kind: Index in `VALVE_KINDS`.
+        numbers: Numbers of the valve.
+        drop: Pressure drop Δp from its start to its end [Pa].
+
+    Returns:
+        Flow from start to end, and its slope; both are 0 for an index without a branch.
+    """
+    if kind == 0:
+        return rail_bleed.compute_bleed_flow(numbers, drop)
+    return 0.0, 0.0
+
+
+class PlacedValve(Record):
+    """A valve between two nodes."""
+
+    kind: int
+    """Index in `VALVE_KINDS`."""
+    start: int
+    """Node from which its flow is counted."""
+    end: int
+    """Node to which its flow is counted."""
+    counter: int
+    """Index of its energy counter among the fields of `EnergyCounters`."""
+
+
+class EnergyCounters(CircuitEnergies):
+    """Counters of energy [J], with one for each kind of valve."""
+
+
+EnergyCounters.__annotations__ = CircuitEnergies.__annotations__ | {
+    kind.name: "float" for kind in VALVE_KINDS
+}
+
+
+class PlacedValves(NamedTuple):
+    """All valves of a circuit.
+
+    Attributes:
+        records: Kind, nodes and energy counter of each of k valves.
+        numbers: Numbers of each valve, filled up with zeros, shape (k, most numbers).
+    """
+
+    records: Records[PlacedValve]
+    numbers: FloatArray
+
+
+def place_valves(site: CircuitSite) -> PlacedValves:
+    """Place the valves of all kinds in a circuit, in the order of `VALVE_KINDS`.
+
+    Kinds with a section are left out if the machine file does not have it.
+
+    Args:
+        site: Circuit of a machine.
+
+    Returns:
+        Records and numbers of the valves.
+
+    Raises:
+        MachineFileError: A section names no kind, has an unknown key or a wrong value.
+    """
+    given = site.machine.config.circuit.valves
+    sections = _read_sections(site.machine.name, given)
+    names = list(EnergyCounters.__annotations__)
+    placed = [
+        (k, names.index(kind.name), place)
+        for k, kind in enumerate(VALVE_KINDS)
+        if kind.section is None or kind.name in given
+        for place in kind.list_places(site, sections.get(kind.name))
+    ]
+    records = create_records(PlacedValve, len(placed))
+    numbers = np.zeros((len(placed), max(len(place.numbers) for _, _, place in placed)))
+    for row, (k, counter, place) in enumerate(placed):
+        records[row : row + 1] = (k, place.start, place.end, counter)
+        numbers[row, : len(place.numbers)] = place.numbers
+    return PlacedValves(records, numbers)
+
+
+def _read_sections(machine: str, given: dict[str, dict[str, float]]) -> dict[str, Any]:
+    """Check the sections of valves and return them by the names of their kinds.
+
+    Args:
+        machine: Name of the machine, for the error.
+        given: Content of `circuit.valves` of its file.
+
+    Returns:
+        Instance of the schema of each kind. Keys that the file leaves out have their defaults.
+
+    Raises:
+        MachineFileError: A section names no kind, has an unknown key or a wrong value.
+    """
+    schemas = {kind.name: kind.section for kind in VALVE_KINDS if kind.section is not None}
+    sections, problems = {}, []
+    for name, content in given.items():
+        schema = schemas.get(name)
+        if schema is None:
+            known = ", ".join(sorted(schemas)) or "none"
+            problems.append(f"circuit.valves.{name}: no such kind of valve, there are: {known}")
+            continue
+        try:
+            sections[name] = schema.model_validate(content)
+        except ValidationError as error:
+            problems += describe_validation_errors(error, schema, f"circuit.valves.{name}")
+    if problems:
+        raise MachineFileError(machine, problems)
+    return sections
