@@ -86,7 +86,7 @@ class SharedGains(Record):
     """Lag of a spool behind its command [s]."""
     supply_margin: float
     """Boost margin of the plan plus that of the servo [Pa]."""
-    spared: float
+    inertia_margin: float
     """Part of the margin that inertia forces may use up [Pa]."""
     max_boost_pressure: float
     """Highest pressure that boost may supply [Pa]."""
@@ -167,31 +167,31 @@ class ControlAxis(Record):
     """Position gain k_p [1/s]."""
     force_bandwidth: float
     """Bandwidth ω_F of the force loop [rad/s]."""
-    fastest_force: float
+    max_force_bandwidth: float
     """ω_F if commands acted without delay [rad/s]."""
-    fastest_position: float
+    max_position_gain: float
     """k_p if commands acted without delay [1/s]."""
     bias_time: float
     """Time constant τ of the bias d [s]."""
     length: float
     """Length of the cylinder in the present reference [m]."""
-    radian: float
+    radian_equivalent: float
     """Joint travel that counts as one radian [rad or m]."""
     arm: float
     """Moment arm in the present reference [m]."""
     speed: float
     """Piston speed in the present reference [m/s]."""
-    fastest: float
+    max_speed_at_rest: float
     """Largest |u| at rest [m/s]; inf while the reference moves."""
     force: float
     """Torque of the present reference over its moment arm, without friction [N]."""
-    hold: float
+    holding_force: float
     """Force that a closed valve would have to carry now [N]."""
     speed_ahead: float
     """Piston speed at point PREVIEW_POINT of the reference [m/s]."""
     force_ahead: float
     """Force at point PREVIEW_POINT, without friction [N]."""
-    hold_ahead: float
+    holding_force_ahead: float
     """Force that a closed valve would have to carry at point PREVIEW_POINT [N]."""
     arm_ahead: float
     """Moment arm at point PREVIEW_POINT [m]."""
@@ -203,13 +203,13 @@ class ControlAxis(Record):
     """Integral gain k_i [1/s²]."""
     integral: float
     """Integral w [m/s]."""
-    largest_integral: float
+    integral_limit: float
     """Limit of |w| [m/s]."""
     friction: float
     """Friction at the reference speed, by the machine file [N]."""
     friction_share: float
     """Factor on that friction which the feedforward contained in the last step."""
-    bound: float
+    is_saturated: float
     """1 if the valve cannot produce the demanded speed, else 0."""
     stiffness: float
     """Stiffness k_h of the oil [N/m]."""
@@ -217,7 +217,7 @@ class ControlAxis(Record):
     """Stiffness β/V_A of the oil on the cap side [Pa/m³]."""
     rod_stiffness: float
     """Stiffness β/V_B of the oil on the rod side [Pa/m³]."""
-    deliverable: float
+    deliverable_speed: float
     """Largest |u| that the servo pumps can supply [m/s]; inf without boost."""
     demand: float
     """Demanded piston speed u [m/s]."""
@@ -283,7 +283,7 @@ def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records[S
     gains["step"] = config.simulation.step
     gains["valve_lag"] = config.circuit.valve_damping / (math.pi * config.circuit.valve_frequency)
     gains["supply_margin"] = arrays.boost_margin + supply_margin
-    gains["spared"] = compute_inertia_margin(get_shared_hydraulics(arrays))
+    gains["inertia_margin"] = compute_inertia_margin(get_shared_hydraulics(arrays))
     gains["max_boost_pressure"] = arrays.max_boost_pressure
     return gains
 
@@ -320,15 +320,18 @@ def build_axis_records(machine: Machine, gains: CascadeGains) -> Records[Control
     axes["position_gain"] = np.minimum(
         gains.position_gain * frequency, MAX_POSITION_GAIN_RATIO * axes["force_bandwidth"]
     )
-    axes["fastest_force"], axes["fastest_position"] = axes["force_bandwidth"], axes["position_gain"]
+    axes["max_force_bandwidth"], axes["max_position_gain"] = (
+        axes["force_bandwidth"],
+        axes["position_gain"],
+    )
     axes["integral_gain"] = gains.integral_gain * axes["position_gain"] ** 2
-    axes["largest_integral"] = machine.arrays.max_piston_speed / INTEGRAL_LIMIT_RATIO
+    axes["integral_limit"] = machine.arrays.max_piston_speed / INTEGRAL_LIMIT_RATIO
     axes["bias_time"] = np.maximum(
         config.servo.force_bias_time, MIN_BIAS_TIME_RATIO * axes["force_bandwidth"] / frequency**2
     )
-    axes["radian"] = machine.radian_equivalents
+    axes["radian_equivalent"] = machine.radian_equivalents
     axes["bias"] = np.nan
-    axes["deliverable"] = np.inf
+    axes["deliverable_speed"] = np.inf
     axes["friction_share"] = 1.0
     return axes
 
@@ -423,7 +426,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
             steady = min(axis.speed_ahead, axis.speed) > STEADY
             steady = steady or max(axis.speed_ahead, axis.speed) < -STEADY
             calm = abs(torque[j] - weight[j]) < MAX_INERTIA_SHARE * abs(weight[j])
-            weighs = steady and calm and axis.bound == 0.0
+            weighs = steady and calm and axis.is_saturated == 0.0
             accumulate_load_window(load, j, weighs, axis.arm * (force - known), axis.arm * friction)
         axis.bias += (force - known - axis.bias) * g.step / axis.bias_time
         demand_speed(axis, known, force, axis.length - sensor.length, g)
@@ -441,15 +444,15 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
 
     The force is the torque of inverse dynamics over the moment arm, without friction. The force
     that a closed valve would have to hold is that of gravity, or the whole force if the whole force
-    is smaller in magnitude. `fastest` is the speed of REST_SPEED at the joint if the reference has
-    no speed now and at the preview point. Otherwise `fastest` is inf.
+    is smaller in magnitude. `max_speed_at_rest` is the speed of REST_SPEED at the joint if the
+    reference has no speed now and at the preview point. Otherwise it is inf.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`, `chain` and
-            `linkage`. Writes fields of `axes` in place: length, arm, speed, fastest, force, hold,
-            speed_ahead, force_ahead, hold_ahead, arm_ahead and arm_slope_ahead. Overwrites
-            `scratch`; rows MOTION_WORK and MOTION_WORK + 1 then hold the torques and the gravity
-            torques of the present reference [N m or N].
+            `linkage`. Writes fields of `axes` in place: length, arm, speed, max_speed_at_rest,
+            force, holding_force, speed_ahead, force_ahead, holding_force_ahead, arm_ahead and
+            arm_slope_ahead. Overwrites `scratch`; rows MOTION_WORK and MOTION_WORK + 1 then hold
+            the torques and the gravity torques of the present reference [N m or N].
         payload: Payload for the dynamics [kg].
     """
     axes, chain = s.axes, replace_payload(s.chain, payload)
@@ -464,15 +467,17 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
             if k == PREVIEW_POINT:
                 axis.speed_ahead = arm * qd[j]
                 axis.force_ahead = torque[j] / arm
-                axis.hold_ahead = held / arm
+                axis.holding_force_ahead = held / arm
                 axis.arm_ahead, axis.arm_slope_ahead = arm, slope
             else:
                 axis.length, axis.arm = length, arm
                 axis.speed = arm * qd[j]
                 rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
-                axis.fastest = REST_SPEED * abs(arm) * axis.radian if rests else math.inf
+                axis.max_speed_at_rest = (
+                    REST_SPEED * abs(arm) * axis.radian_equivalent if rests else math.inf
+                )
                 axis.force = torque[j] / arm
-                axis.hold = held / arm
+                axis.holding_force = held / arm
 
 
 @kernel(inline="always")
@@ -510,9 +515,10 @@ def demand_speed(
 
         u = v_ref + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
 
-    |u| is limited to `fastest`, the speed limit at rest, and to `deliverable`, what the pumps can
-    supply. The integral w stays constant while the valve is saturated (anti-windup). While the
-    reference rests, w changes only if the joint error is between MIN_REST_ERROR and MAX_REST_ERROR.
+    |u| is limited to `max_speed_at_rest`, the speed limit at rest, and to `deliverable_speed`, what
+    the pumps can supply. The integral w stays constant while the valve is saturated (anti-windup).
+    While the reference rests, w changes only if the joint error is between MIN_REST_ERROR and
+    MAX_REST_ERROR.
 
     Args:
         axis: State of the cylinder's control axis. Writes `integral` (w) and
@@ -525,13 +531,13 @@ def demand_speed(
     """
     pull = axis.force_bandwidth / axis.stiffness
     force_reference = known + axis.bias + axis.position_gain / pull * error
-    off = abs(error / (axis.arm * axis.radian))
-    acts = axis.fastest == math.inf or MIN_REST_ERROR < off < MAX_REST_ERROR
-    if axis.bound == 0.0 and acts:
+    off = abs(error / (axis.arm * axis.radian_equivalent))
+    acts = axis.max_speed_at_rest == math.inf or MIN_REST_ERROR < off < MAX_REST_ERROR
+    if axis.is_saturated == 0.0 and acts:
         w = axis.integral + axis.integral_gain * error * gains.step
-        axis.integral = min(max(w, -axis.largest_integral), axis.largest_integral)
+        axis.integral = min(max(w, -axis.integral_limit), axis.integral_limit)
     demand = axis.speed + pull * (force_reference - force) + axis.integral
-    most = min(axis.fastest, axis.deliverable)
+    most = min(axis.max_speed_at_rest, axis.deliverable_speed)
     axis.demand = min(max(demand, -most), most)
 
 
@@ -548,11 +554,11 @@ def compute_supply_need(
 
     It is the greatest of three pressures plus the supply margin, limited to the range from P_S to
     the maximum boost pressure. p_L is the load pressure, and m(v) the drop over the fully open
-    valve at the speed v. `spared` is the part of the boost margin that inertia may use up.
+    valve at the speed v. `inertia_margin` is the part of the boost margin that inertia may use up.
 
         p_L(F_hold)                      holding
         p_L(F_hold) + m(v)               moving the held load
-        p_L(F) + m(v) − spared           moving it with inertia
+        p_L(F) + m(v) − inertia_margin           moving it with inertia
 
     The force that brakes a falling load does not raise the need. The valve's edge to the tank
     brakes the load, not a pump.
@@ -574,7 +580,8 @@ def compute_supply_need(
     need = max(
         compute_pressure_without_margin(k, cap, rod, c.tank_pressure, hold, 0.0),
         compute_pressure_without_margin(k, cap, rod, c.tank_pressure, hold, speed),
-        compute_pressure_without_margin(k, cap, rod, c.tank_pressure, force, speed) - g.spared,
+        compute_pressure_without_margin(k, cap, rod, c.tank_pressure, force, speed)
+        - g.inertia_margin,
     )
     return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 
@@ -601,14 +608,21 @@ def set_supply_targets(
         gains: Quantities that all axes share, SharedGains[1].
     """
     d = axis.bias
-    now = compute_supply_need(axis.hold + d, axis.force + d, axis.speed, cylinder, constants, gains)
+    now = compute_supply_need(
+        axis.holding_force + d, axis.force + d, axis.speed, cylinder, constants, gains
+    )
     if axis.speed * axis.speed_ahead < 0.0:
         now = max(
             now,
             compute_supply_need(axis.force + d, axis.force + d, 0.0, cylinder, constants, gains),
         )
     axis.target_ahead = compute_supply_need(
-        axis.hold_ahead + d, axis.force_ahead + d, axis.speed_ahead, cylinder, constants, gains
+        axis.holding_force_ahead + d,
+        axis.force_ahead + d,
+        axis.speed_ahead,
+        cylinder,
+        constants,
+        gains,
     )
     axis.supply_target = max(now, axis.target_ahead)
 

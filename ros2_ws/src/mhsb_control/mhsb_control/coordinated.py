@@ -117,7 +117,7 @@ class CoordinatedController:
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
         pumps = build_pump_state(machine, signals, gains)
         valves = build_valve_estimates(machine.joint_count)
-        self._learnt = machine.actuator_names, cascade.load, valves, pumps.lines, pumps.drives
+        self._estimators = machine.actuator_names, cascade.load, valves, pumps.lines, pumps.drives
         self._control = bind_kernel(run_coordinated_step, cascade, valves, pumps)
 
     def update(self) -> None:
@@ -127,7 +127,7 @@ class CoordinatedController:
     @property
     def estimates(self) -> list[Estimate]:
         """All estimates of the machine's parameters so far."""
-        return collect_estimates(*self._learnt)
+        return collect_estimates(*self._estimators)
 
 
 @kernel(borrows=True)
@@ -191,9 +191,9 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState) -> None:
     most = MAX_PHASE_LAG * min(p.lines.estimate[0], 1.0) / late
     for j in range(len(s.axes)):
         axis = s.axes[j]
-        axis.force_bandwidth = min(axis.fastest_force, most)
+        axis.force_bandwidth = min(axis.max_force_bandwidth, most)
         axis.position_gain = min(
-            axis.fastest_position, MAX_POSITION_GAIN_RATIO * axis.force_bandwidth
+            axis.max_position_gain, MAX_POSITION_GAIN_RATIO * axis.force_bandwidth
         )
 
 
@@ -223,9 +223,9 @@ def compute_valve_command(
     than the line; this does not shut the valve.
 
     Args:
-        axis: State of the cylinder's control axis, with u and stiffnesses.
-            Writes `bound` in place: 1 if the valve is shut by the load, fully open, or its demand
-            is limited by the pumps.
+        axis: State of the cylinder's control axis, with u and stiffnesses. Writes `is_saturated` in
+            place: 1 if the valve is shut by the load, fully open, or its demand is limited by the
+            pumps.
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient K of the cylinder's valve.
         constants: Constants of the circuit, one record.
@@ -257,8 +257,8 @@ def compute_valve_command(
     gate = min(max((sensor.line_pressure - carried) / c.laminar_pressure, 0.0), 1.0)
     actuator.valve_command = gate * min(max(opening, -1.0), 1.0)
     valve.opening = actuator.valve_command if gate == 1.0 else 0.0
-    held = gate < 1.0 or abs(opening) >= 1.0 or abs(axis.demand) >= axis.deliverable
-    axis.bound = 1.0 if held else 0.0
+    held = gate < 1.0 or abs(opening) >= 1.0 or abs(axis.demand) >= axis.deliverable_speed
+    axis.is_saturated = 1.0 if held else 0.0
 
 
 @kernel(borrows=True)
@@ -303,8 +303,8 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState) -> None:
     at full speed and overshoot when the piston has caught up.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `deliverable` of all axes [m/s]
-            in place.
+        s: Signals, circuit, axes and estimates of the servo. Writes `deliverable_speed` of all axes
+            [m/s] in place.
         p: State of the pumps. Reads the leakage estimates in `lines`.
     """
     axes, full = s.axes, s.constants[0].servo_pump_flow
@@ -321,13 +321,13 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState) -> None:
     for j in range(len(axes)):
         axis, cylinder = axes[j], s.cylinders[j]
         if axis.line_flow == 0.0:
-            axis.deliverable = math.inf
+            axis.deliverable_speed = math.inf
             continue
         left = full - p.lines.estimate[1 + j] * axis.leakage
         if axis.joined > 0.0:
             left = pumps * full - shared + compute_reference_flow(axis, cylinder)
         area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
-        axis.deliverable = max(left / area, MIN_SPEED_RATIO * abs(axis.speed))
+        axis.deliverable_speed = max(left / area, MIN_SPEED_RATIO * abs(axis.speed))
 
 
 @kernel
@@ -391,9 +391,9 @@ def control_join_valves(s: ServoArguments, p: PumpState) -> None:
         if shed:
             drop = axis.supply_target - c.tank_pressure
             leakage, _ = compute_orifice_flow(c.leakage_coefficient, drop, c.laminar_pressure)
-            more = p.lines.estimate[1 + j] * (axis.leakage - leakage)
+            excess_leakage = p.lines.estimate[1 + j] * (axis.leakage - leakage)
             most = EARLY_LEAVE_FLOW_SHARE if axis.joined > 0.0 else 1.0
-            shed = axis.line_flow - more < most * c.servo_pump_flow
+            shed = axis.line_flow - excess_leakage < most * c.servo_pump_flow
         leaves = leaves or shed
         if leaves and (shed or not coasting):
             axis.joined = 0.0

@@ -34,9 +34,9 @@ class DrawObserver(Record):
 
     pressure: float
     """Pressure in the last step [Pa]."""
-    told: float
+    delayed_command: float
     """Commanded flow, delayed as it acts [m³/s]."""
-    more: float
+    excess_flow: float
     """Drawn flow less commanded flow, d [m³/s]."""
 
 
@@ -93,11 +93,11 @@ def update_draw_observer(
     """
     pressure = line.pressure
     drawn = line.supplied - capacity * (pressure - draw.pressure) / step
-    draw.more += step / OBSERVATION_DELAY * (drawn - draw.told - draw.more)
+    draw.excess_flow += step / OBSERVATION_DELAY * (drawn - draw.delayed_command - draw.excess_flow)
     if not line.fed_by_pumps_only:
-        draw.more = 0.0
+        draw.excess_flow = 0.0
     draw.pressure = pressure
-    draw.told += step / (lag + step) * (commanded - draw.told)
+    draw.delayed_command += step / (lag + step) * (commanded - draw.delayed_command)
 
 
 @kernel
@@ -114,8 +114,8 @@ def compute_draw_shortfall(draw: DrawObserver, target: float) -> float:
     Returns:
         Shortfall [m³/s], at least 0.
     """
-    share = min(
+    weight = min(
         max((draw.pressure - target + PRESSURE_SHORTFALL_SCALE) / PRESSURE_SHORTFALL_SCALE, 0.0),
         1.0,
     )
-    return share * max(-draw.more, 0.0)
+    return weight * max(-draw.excess_flow, 0.0)

@@ -45,7 +45,8 @@ def collect_estimates(
     spread, oil = np.sqrt(np.diag(load.covariance)), np.sqrt(np.diag(lines.covariance))
     first = PAYLOAD_DEVIATION * float(load.file_payload[0])
     lag, deviation, delay, latest, step = (
-        drives.record[name][0] for name in ("lag", "deviation", "delay", "latest", "step")
+        drives.record[name][0]
+        for name in ("lag", "deviation", "delay", "max_plausible_delay", "step")
     )
     squeeze = lines.estimate[0]
     of_bulk = oil[0] / squeeze**2

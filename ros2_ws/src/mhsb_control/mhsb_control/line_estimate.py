@@ -67,7 +67,7 @@ class OilBalance(Record):
     """Number of steps in the present window."""
     members: int
     """Bit j is set if line j belongs to the balance."""
-    open: int
+    manifold_feeds: int
     """1 if the manifold may feed the lines as well."""
     supplied: float
     """Oil delivered by pumps [m³]."""
@@ -242,8 +242,16 @@ def accumulate_balance(
     Returns:
         True in the last step of a window. `row` and `oil_balance` then hold its balance.
     """
-    if members == 0 or oil_balance.members != members or oil_balance.open != manifold_feeds:
-        oil_balance.members, oil_balance.open, oil_balance.steps = members, manifold_feeds, 0
+    if (
+        members == 0
+        or oil_balance.members != members
+        or oil_balance.manifold_feeds != manifold_feeds
+    ):
+        oil_balance.members, oil_balance.manifold_feeds, oil_balance.steps = (
+            members,
+            manifold_feeds,
+            0,
+        )
         if members == 0:
             return False
     if oil_balance.steps == 0:

@@ -73,9 +73,9 @@ class ModeGuard:
 
         The counts of interventions and the accumulated delay of the reference stay.
         """
-        self._state.totals["awake"] = 0.0
-        self._state.actuators["wanted"] = 0
-        self._state.actuators["lasting"] = 0.0
+        self._state.totals["is_initialized"] = 0.0
+        self._state.actuators["requested_mode"] = 0
+        self._state.actuators["condition_time"] = 0.0
         self._state.totals["held"] = 0.0
         self._state.speed_scaling["rate"] = 1.0
         self._state.speed_scaling["change"] = 0.0
@@ -94,11 +94,11 @@ class ModeGuard:
             boost and the modules suffice.
         """
         actuators, per_mode = self._state.actuators, self._per_mode
-        asked = actuators["wanted"].astype(np.uint8)
-        if not asked.any() and modules_in_use(scheduled, per_mode) <= modules:
+        requested = actuators["requested_mode"].astype(np.uint8)
+        if not requested.any() and modules_in_use(scheduled, per_mode) <= modules:
             return scheduled
-        reserve = actuators["unboosted"]
-        return combine_modes(scheduled, asked, reserve, RELEASE_ABOVE, modules, per_mode)
+        reserve = actuators["reserve_in_n"]
+        return combine_modes(scheduled, requested, reserve, RELEASE_ABOVE, modules, per_mode)
 
     def record_modes(self, scheduled: ModeArray, prepared: ModeArray, in_force: ModeArray) -> None:
         """Record the modes of the plan, and count each time that the modes in force leave them.
@@ -147,9 +147,9 @@ class ModeGuard:
         rate, delay = scaling["rate"][0], scaling["delay"][0]
         sentences = [self._deviation_text] if self._deviation_text else []
         if rate < 1.0:
-            lacking = int(np.argmin(self._state.actuators["share"]))
+            lacking = int(np.argmin(self._state.actuators["allowed_rate"]))
             why = f"the tip is {1e3 * self._state.totals['error'][0]:.0f} mm off its reference"
-            if self._state.actuators["share"][lacking] < 1.0:
+            if self._state.actuators["allowed_rate"][lacking] < 1.0:
                 left = self._state.actuators["reserve"][lacking] / 1e6
                 why = f"{self._names[lacking]} has {left:.2f} MPa in reserve"
             sentences.append(f"the plan runs at {rate:.2f} of its pace: {why}")

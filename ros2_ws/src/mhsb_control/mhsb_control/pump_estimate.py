@@ -65,7 +65,7 @@ class PumpDynamics(Record):
     """Largest flow of a pump [m³/s]."""
     largest_change: float
     """Largest change of flow in a step [m³/s]."""
-    file: float
+    file_theta: float
     """θ by the machine file."""
     theta: float
     """Estimate of θ."""
@@ -75,7 +75,7 @@ class PumpDynamics(Record):
     """Standard deviation of τ, as a share of it."""
     delay: int
     """Estimated delay, in steps."""
-    latest: int
+    max_plausible_delay: int
     """Longest plausible delay, in steps."""
     steps: int
     """Number of steps in the present window."""
@@ -85,9 +85,12 @@ class DriveEstimates(NamedTuple):
     """Estimates of how m servo pumps follow their commands."""
 
     record: Records[PumpDynamics]  # [1]
-    sent: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, commands of the last steps, the newest first
-    before: FloatArray  # [m, 2] m³/s, flow in the last step, and at the start of the window
-    driven: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
+    commands: (
+        FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, commands of the last steps, the newest first
+    )
+    previous_flow: FloatArray  # [m, 2] m³/s, flow in the last step, and at the start of the window
+    # [m, MAX_DELAY_STEPS + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
+    flow_errors: FloatArray
     # [4, MAX_DELAY_STEPS + 1] Σ x², Σ x y, Σ y² of all windows, in full flows; residual
     squares: FloatArray
     flow: FloatArray  # [m] m³/s, flow at the instant when the next command begins to act
@@ -111,13 +114,17 @@ def build_drive_estimates(
     """
     record = create_records(PumpDynamics, 1)
     record["step"], record["full_flow"], record["largest_change"] = step, full_flow, slew * step
-    record["file"] = record["theta"] = -math.expm1(-step / lag)
-    record["lag"], record["deviation"], record["latest"] = lag, INITIAL_DEVIATION, MAX_DELAY_STEPS
+    record["file_theta"] = record["theta"] = -math.expm1(-step / lag)
+    record["lag"], record["deviation"], record["max_plausible_delay"] = (
+        lag,
+        INITIAL_DEVIATION,
+        MAX_DELAY_STEPS,
+    )
     return DriveEstimates(
         record=record,
-        sent=np.zeros((count, MAX_DELAY_STEPS + 1)),
-        before=np.zeros((count, 2)),
-        driven=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        commands=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        previous_flow=np.zeros((count, 2)),
+        flow_errors=np.zeros((count, MAX_DELAY_STEPS + 1)),
         squares=np.zeros((4, MAX_DELAY_STEPS + 1)),
         flow=np.zeros(count),
         pending=np.zeros(count),
@@ -143,33 +150,33 @@ def update_drive_estimates(d: DriveEstimates, modules: Records[ModuleState]) -> 
     own = d.record[0]
     reach = own.largest_change / own.theta
     for k in range(len(modules)):
-        flow, sent, last = modules[k].flow, d.sent[k], d.before[k, 0]
+        flow, commands, last = modules[k].flow, d.commands[k], d.previous_flow[k, 0]
         for i in range(MAX_DELAY_STEPS, 0, -1):
-            sent[i] = sent[i - 1]
-        sent[0] = modules[k].flow_command
+            commands[i] = commands[i - 1]
+        commands[0] = modules[k].flow_command
         if own.steps == 0:
-            d.before[k, 1] = last
-            d.driven[k] = 0.0
+            d.previous_flow[k, 1] = last
+            d.flow_errors[k] = 0.0
         for i in range(MAX_DELAY_STEPS + 1):
-            d.driven[k, i] += min(max(sent[i] - last, -reach), reach)
-        d.before[k, 0] = flow
+            d.flow_errors[k, i] += min(max(commands[i] - last, -reach), reach)
+        d.previous_flow[k, 0] = flow
     own.steps += 1
-    learnt = False
+    updated = False
     if own.steps == WINDOW_STEPS:
         own.steps = 0
         for k in range(len(modules)):
-            rise = (d.before[k, 0] - d.before[k, 1]) / own.full_flow
-            learnt = accumulate_pump_window(d.squares, d.driven[k], rise, own) or learnt
-        if learnt:
+            rise = (d.previous_flow[k, 0] - d.previous_flow[k, 1]) / own.full_flow
+            updated = accumulate_pump_window(d.squares, d.flow_errors[k], rise, own) or updated
+        if updated:
             estimate_lag_and_delay(own, d.squares)
     for k in range(len(modules)):
-        d.flow[k], d.pending[k] = predict_pump_flow(own, modules[k].flow, d.sent[k])
-    return learnt
+        d.flow[k], d.pending[k] = predict_pump_flow(own, modules[k].flow, d.commands[k])
+    return updated
 
 
 @kernel(borrows=True)
 def accumulate_pump_window(
-    squares: FloatArray, driven: FloatArray, rise: float, own: PumpDynamics
+    squares: FloatArray, flow_errors: FloatArray, rise: float, own: PumpDynamics
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is discarded.
 
@@ -180,7 +187,8 @@ def accumulate_pump_window(
     Args:
         squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4,
             MAX_DELAY_STEPS + 1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both in full flows.
-        driven: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS + 1].
+        flow_errors: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS +
+            1].
         rise: ΔQ of the window, in full flows.
         own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow`
             and `file`.
@@ -188,17 +196,17 @@ def accumulate_pump_window(
     Returns:
         True if the window was used.
     """
-    x = driven[own.delay] / own.full_flow
+    x = flow_errors[own.delay] / own.full_flow
     if abs(x) < MIN_EXCITATION:
         return False
     least, most = (
-        -math.expm1(math.log1p(-own.file) / PLAUSIBLE_LAG_RATIOS[1]),
+        -math.expm1(math.log1p(-own.file_theta) / PLAUSIBLE_LAG_RATIOS[1]),
         PLAUSIBLE_LAG_RATIOS[0],
     )
-    if not least < rise / x < -math.expm1(math.log1p(-own.file) / most):
+    if not least < rise / x < -math.expm1(math.log1p(-own.file_theta) / most):
         return False
     for i in range(MAX_DELAY_STEPS + 1):
-        x = driven[i] / own.full_flow
+        x = flow_errors[i] / own.full_flow
         squares[0, i] = FORGETTING_FACTOR * squares[0, i] + x * x
         squares[1, i] = FORGETTING_FACTOR * squares[1, i] + x * rise
         squares[2, i] = FORGETTING_FACTOR * squares[2, i] + rise * rise
@@ -215,35 +223,35 @@ def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray) -> None:
         θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (FLOW_DEVIATION / (INITIAL_DEVIATION θ_file))²
         residual = Σ (y − θ x)² + w (θ − θ_file)²,   τ = −h / ln(1 − θ)
 
-    The delay with the least residual wins. `latest` becomes the longest delay whose residual
-    exceeds the least one by less than PLAUSIBLE_EXCESS · FLOW_DEVIATION².
+    The delay with the least residual wins. `max_plausible_delay` becomes the longest delay whose
+    residual exceeds the least one by less than PLAUSIBLE_EXCESS · FLOW_DEVIATION².
 
     Args:
-        own: Estimates of the pumps' dynamics. Writes in place `delay` and
-            `latest` [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard
-            deviation of τ as a share of τ, at least MIN_LAG_DEVIATION.
+        own: Estimates of the pumps' dynamics. Writes in place `delay` and `max_plausible_delay`
+            [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard deviation
+            of τ as a share of τ, at least MIN_LAG_DEVIATION.
         squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, MAX_DELAY_STEPS + 1]. The
             last row is written in place.
     """
-    prior = (FLOW_DEVIATION / (INITIAL_DEVIATION * own.file)) ** 2
+    prior = (FLOW_DEVIATION / (INITIAL_DEVIATION * own.file_theta)) ** 2
     least = math.inf
     left = squares[3]
     for i in range(MAX_DELAY_STEPS + 1):
         weight = squares[0, i] + prior
-        theta = (squares[1, i] + prior * own.file) / weight
+        theta = (squares[1, i] + prior * own.file_theta) / weight
         left[i] = squares[2, i] - 2.0 * theta * squares[1, i] + theta * theta * squares[0, i]
-        left[i] += prior * (theta - own.file) ** 2
+        left[i] += prior * (theta - own.file_theta) ** 2
         if left[i] < least:
             least, own.delay, own.theta = left[i], i, theta
             own.deviation = max(FLOW_DEVIATION / math.sqrt(weight) / theta, MIN_LAG_DEVIATION)
     for i in range(MAX_DELAY_STEPS + 1):
         if left[i] < least + PLAUSIBLE_EXCESS * FLOW_DEVIATION * FLOW_DEVIATION:
-            own.latest = i
+            own.max_plausible_delay = i
     own.lag = -own.step / math.log1p(-own.theta)
 
 
 @kernel(borrows=True)
-def predict_pump_flow(own: PumpDynamics, flow: float, sent: FloatArray) -> tuple[float, float]:
+def predict_pump_flow(own: PumpDynamics, flow: float, commands: FloatArray) -> tuple[float, float]:
     """Predict a pump's flow at the instant when the next command begins to act.
 
     That instant is the estimated delay ahead of now. The commands that have been sent but do not
@@ -252,14 +260,15 @@ def predict_pump_flow(own: PumpDynamics, flow: float, sent: FloatArray) -> tuple
     Args:
         own: Estimates of the pumps' dynamics.
         flow: Present flow [m³/s].
-        sent: Commands of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1], [m³/s].
+        commands: Commands of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1],
+            [m³/s].
 
     Returns:
         Flow at that instant [m³/s], and oil delivered until then [m³].
     """
     volume = 0.0
     for i in range(own.delay - 1, -1, -1):
-        change = own.theta * (sent[i] - flow)
+        change = own.theta * (commands[i] - flow)
         change = min(max(change, -own.largest_change), own.largest_change)
         volume += own.step * (flow + 0.5 * change)
         flow += change

@@ -107,19 +107,19 @@ class GovernedActuator(Record):
     """Filtered line pressure [Pa]."""
     force: float
     """Filtered cylinder force [N]."""
-    off: float
+    deviation: float
     """Deviation of the joint from its reference [rad or m]."""
     opening: float
     """Filtered |valve command|."""
     reserve: float
     """Reserve of the line as it is supplied [Pa]."""
-    share: float
+    allowed_rate: float
     """Rate of the speed scaling that this actuator allows, 0 … 1."""
-    unboosted: float
+    reserve_in_n: float
     """Reserve that it has, or would have, in mode N [Pa]."""
-    lasting: float
+    condition_time: float
     """Time for which the condition for a change of the request has lasted [s]."""
-    wanted: int
+    requested_mode: int
     """Mode that the governor requests: N or DB."""
 
 
@@ -136,9 +136,9 @@ class GovernorTotals(Record):
     """Rate of change of `supply` [Pa/s]."""
     error: float
     """Distance of the tip from its reference [m]."""
-    behind: float
+    error_behind: float
     """That distance without the part by which the tip is ahead [m]."""
-    awake: float
+    is_initialized: float
     """0 until the filters are initialised, then 1."""
     slowings: float
     """Number of times that the rate began to fall."""
@@ -205,10 +205,10 @@ def build_governor_state(
 def run_governor_step(g: GovernorState) -> bool:
     """Run one step of the governor: compute the reserves, request boost, and set the speed scaling.
 
-    The wanted rate is the smallest that the tip error, the reserves and the valve openings allow.
-    By the tip error it is 1 up to one usual error, and falls linearly to 0 at HOLD_ERROR_RATIO
-    usual errors. `update_rate` moves the rate towards it. The kernel also counts how often and how
-    long the plan is slowed, and how long it is held.
+    The requested rate is the smallest that the tip error, the reserves and the valve openings
+    allow. By the tip error it is 1 up to one usual error, and falls linearly to 0 at
+    HOLD_ERROR_RATIO usual errors. `update_rate` moves the rate towards it. The kernel also counts
+    how often and how long the plan is slowed, and how long it is held.
 
     Args:
         g: State of the governor. Writes `actuators`, `totals` and `speed_scaling` in place.
@@ -217,22 +217,22 @@ def run_governor_step(g: GovernorState) -> bool:
         True if the requested modes have changed.
     """
     compute_reserves(g)
-    pace, o, changed = g.speed_scaling[0], g.totals[0], False
-    share = max((HOLD_ERROR_RATIO - o.behind / o.usual_error) / (HOLD_ERROR_RATIO - 1.0), 0.0)
+    scaling, o, changed = g.speed_scaling[0], g.totals[0], False
+    rate = max((HOLD_ERROR_RATIO - o.error_behind / o.usual_error) / (HOLD_ERROR_RATIO - 1.0), 0.0)
     for j in range(len(g.actuators)):
         actuator = g.actuators[j]
         changed = update_boost_request(actuator, BOOSTED_MODES[g.scheduled[j]], o.step) or changed
         actuator.opening += (
             o.step / OPENING_FILTER_TIME * (abs(g.commands[j].valve_command) - actuator.opening)
         )
-        actuator.share = compute_allowed_rate(actuator, BOOSTED_MODES[g.modes[j]])
-        share = min(share, actuator.share)
-    before = pace.rate
-    update_rate(pace, min(share, 1.0), o.step)
-    if pace.rate < 1.0:
+        actuator.allowed_rate = compute_allowed_rate(actuator, BOOSTED_MODES[g.modes[j]])
+        rate = min(rate, actuator.allowed_rate)
+    before = scaling.rate
+    update_rate(scaling, min(rate, 1.0), o.step)
+    if scaling.rate < 1.0:
         o.slowed += o.step
         o.slowings += 1.0 if before == 1.0 else 0.0
-    o.held = o.held + o.step if pace.rate < HELD_RATE else 0.0
+    o.held = o.held + o.step if scaling.rate < HELD_RATE else 0.0
     return changed
 
 
@@ -246,10 +246,10 @@ def compute_reserves(g: GovernorState) -> None:
     stop needs 0, too. If the tip error exceeds LIFT_ERROR_RATIO usual errors, an actuator that has
     yielded to its load needs at least the holding pressure plus LIFTING_PRESSURE.
 
-    `unboosted` is the lowest line pressure of the actuators in mode N, filtered and predicted by
+    `reserve_in_n` is the lowest line pressure of the actuators in mode N, filtered and predicted by
     PREDICTION_TIME while it falls, less the greater of both needs. In mode N `reserve` equals
-    `unboosted`. In DB and SB `reserve` is the actuator's own line pressure less its present need,
-    filtered with BOOSTED_SMOOTHING.
+    `reserve_in_n`. In DB and SB `reserve` is the actuator's own line pressure less its present
+    need, filtered with BOOSTED_SMOOTHING.
 
     Args:
         g: State of the governor. Writes `actuators` (reserves [Pa], deviations [rad or m]) and
@@ -260,7 +260,7 @@ def compute_reserves(g: GovernorState) -> None:
     for j in range(len(g.actuators)):
         if not BOOSTED_MODES[g.modes[j]]:
             supply = min(supply, g.sensors[j].line_pressure)
-    if o.awake == 0.0:
+    if o.is_initialized == 0.0:
         o.supply = min(supply, c.supply_pressure)
     if supply < math.inf:
         o.supply, o.supply_rate = update_alpha_beta_filter(o.supply, o.supply_rate, supply, o.step)
@@ -268,13 +268,13 @@ def compute_reserves(g: GovernorState) -> None:
         actuator, sensor, cylinder = g.actuators[j], g.sensors[j], g.cylinders[j]
         cap, rod = cylinder.cap_area, cylinder.rod_area
         force = cap * sensor.cap_pressure - rod * sensor.rod_pressure
-        if o.awake == 0.0:
+        if o.is_initialized == 0.0:
             actuator.line, actuator.force = sensor.line_pressure, force
         actuator.line += FILTER_GAIN * (sensor.line_pressure - actuator.line)
         actuator.force += FILTER_GAIN * (force - actuator.force)
         length, arm, _ = evaluate_linkage(g.linkage[j], g.reference[0, 0, j])
         away = sensor.length - length
-        actuator.off = away / arm
+        actuator.deviation = away / arm
         speed, ahead = arm * g.full_speed_velocity[j], arm * g.reference[START_PREVIEW_POINT, 1, j]
         k, tank, needed, soon = cylinder.valve_coefficient, c.tank_pressure, 0.0, 0.0
         if (
@@ -288,16 +288,16 @@ def compute_reserves(g: GovernorState) -> None:
                 held = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, 0.0)
                 needed = max(needed, held + LIFTING_PRESSURE)
         least = max(0.0, needed, soon)
-        actuator.unboosted = o.supply + PREDICTION_TIME * min(o.supply_rate, 0.0) - least
+        actuator.reserve_in_n = o.supply + PREDICTION_TIME * min(o.supply_rate, 0.0) - least
         if BOOSTED_MODES[g.modes[j]]:
             lasting = actuator.line - max(0.0, needed) - actuator.reserve
             actuator.reserve += o.step / BOOSTED_SMOOTHING * lasting
         else:
-            actuator.reserve = actuator.unboosted
-    o.error, o.behind = compute_tip_errors(
+            actuator.reserve = actuator.reserve_in_n
+    o.error, o.error_behind = compute_tip_errors(
         g.chain, g.reference[0, 0], g.full_speed_velocity, g.actuators
     )
-    o.awake = 1.0
+    o.is_initialized = 1.0
 
 
 @kernel
@@ -329,7 +329,7 @@ def update_alpha_beta_filter(
 def update_boost_request(actuator: GovernedActuator, scheduled: bool, step: float) -> bool:
     """Request boost for an actuator or end the request, according to its reserve in mode N.
 
-    The reserve in mode N is `actuator.unboosted`. Boost is requested (mode DB) after the reserve
+    The reserve in mode N is `actuator.reserve_in_n`. Boost is requested (mode DB) after the reserve
     has been below BOOST_BELOW for BOOST_AFTER. The request ends (mode N) after the reserve has been
     above RELEASE_ABOVE for RELEASE_AFTER. If the plan boosts the actuator itself, the threshold is
     KEPT_BELOW in both directions, and a request ends at once. Pressure that is needed only to start
@@ -337,25 +337,25 @@ def update_boost_request(actuator: GovernedActuator, scheduled: bool, step: floa
 
     Args:
         actuator: State of the governor for one actuator. Writes
-            `wanted` (the requested mode) and `lasting` [s] in place.
+            `requested_mode` (the requested mode) and `condition_time` [s] in place.
         scheduled: Whether the plan boosts this actuator at present, or prepares to.
         step: Control period [s].
 
     Returns:
         True if the request has changed.
     """
-    boosts, reserve = actuator.wanted != Mode.N, actuator.unboosted
+    boosts, reserve = actuator.requested_mode != Mode.N, actuator.reserve_in_n
     if boosts:
         due = reserve > (KEPT_BELOW if scheduled else RELEASE_ABOVE)
         after = 0.0 if scheduled else RELEASE_AFTER
     else:
         due = reserve < (KEPT_BELOW if scheduled else BOOST_BELOW)
         after = BOOST_AFTER
-    actuator.lasting = actuator.lasting + step if due else 0.0
-    if not due or actuator.lasting < after:
+    actuator.condition_time = actuator.condition_time + step if due else 0.0
+    if not due or actuator.condition_time < after:
         return False
-    actuator.lasting = 0.0
-    actuator.wanted = Mode.N if boosts else Mode.DB
+    actuator.condition_time = 0.0
+    actuator.requested_mode = Mode.N if boosts else Mode.DB
     return True
 
 
@@ -387,46 +387,46 @@ def compute_allowed_rate(actuator: GovernedActuator, boosted: bool) -> float:
 def compute_tip_errors(
     c: Chain, q: FloatArray, speed: FloatArray, actuators: Records[GovernedActuator]
 ) -> tuple[float, float]:
-    """Compute the distance of the tip from its reference, in total and without the tip's lead.
+    """Compute the distance of the tip from its reference, in total and without the part ahead.
 
     The first value is |J Δq|, to first order in the deviations Δq of the joints. If joint 1 slews,
-    it contains the direction across the arm's plane. The lead is the part of J Δq along the
-    reference's velocity, if the tip is ahead. The second value omits the lead, since slowing the
+    it contains the direction across the arm's plane. The part ahead is that of J Δq along the
+    reference's velocity, if the tip is ahead. The second value omits it, since slowing the
     plan would not reduce it.
 
     Args:
         c: Links of the arm.
         q: Joint positions of the reference, float64[n], [rad or m].
         speed: Joint velocities of the reference at full speed, float64[n], [rad/s or m/s].
-        actuators: GovernedActuator[n]. Reads `off`, the deviation Δq of each joint [rad or m].
+        actuators: GovernedActuator[n]. Reads `deviation` (Δq) [rad or m].
 
     Returns:
-        Total distance [m], and distance without the lead [m]. Both are equal if the tip is not
-        ahead.
+        Total distance [m], and distance without the part ahead [m]. Both are equal if the tip is
+        not ahead.
     """
-    angle = off = turning = x = z = along = across = 0.0
+    angle = deviation = turning = x = z = along = across = 0.0
     distance = c.slew_offset  # from the slew's axis
     for j in range(len(q)):
         angle += get_turn_angle(c.turns, q, j)
         cosine, sine = math.cos(angle), math.sin(angle)
         if c.slides[j]:
-            x += actuators[j].off * cosine
-            z += actuators[j].off * sine
+            x += actuators[j].deviation * cosine
+            z += actuators[j].deviation * sine
             along += speed[j] * cosine
             across += speed[j] * sine
         elif c.turns[j]:
-            off += actuators[j].off
+            deviation += actuators[j].deviation
             turning += speed[j]
         reach = add_extension(c.slides, c.length, q, j)
         distance += reach * cosine
         right, up = -reach * sine, reach * cosine
-        x += right * off
-        z += up * off
+        x += right * deviation
+        z += up * deviation
         along += right * turning
         across += up * turning
     error, fast, ahead = math.hypot(x, z), math.hypot(along, across), x * along + z * across
     if c.slews:
-        y, aside = distance * actuators[0].off, distance * speed[0]
+        y, aside = distance * actuators[0].deviation, distance * speed[0]
         error, fast, ahead = math.hypot(error, y), math.hypot(fast, aside), ahead + y * aside
     if ahead <= 0.0:
         return error, error

@@ -202,7 +202,7 @@ def predict_coasting(p: PumpState) -> None:
             `coasting_times`, in place.
     """
     own = p.drives.record[0]
-    delay, later = own.delay * own.step, (own.latest - own.delay) * own.step
+    delay, later = own.delay * own.step, (own.max_plausible_delay - own.delay) * own.step
     compute_coasting_volumes(own.lag, delay, 0.0, p.coasting_times, p.coasting)
     compute_coasting_volumes(
         (1.0 + CAUTION_SIGMAS * own.deviation) * own.lag,
@@ -549,7 +549,8 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `flow_command` [m³/s] and
-            `lend` (1: switch the module to the rail, 0: to its own line) of all modules in place.
+            `to_rail_command` (1: switch the module to the rail, 0: to its own line) of all modules
+            in place.
         p: State of the pumps. Updates `drives` in place. If lag and delay were estimated anew, it
             also writes `coasting` and `cautious_coasting`.
     """
@@ -575,11 +576,11 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
         rail_command = (shared + lead * (demand - shared - reaching)) / sharing
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
-        module.lend = 1.0 if user >= 0 and module_home[k] != user else 0.0
+        module.to_rail_command = 1.0 if user >= 0 and module_home[k] != user else 0.0
         command = 0.0
         if user >= 0 and feeds_rail(module, module_home[k], user, axes):
             command = rail_command
-        elif user >= 0 and module.lend == 0.0:
+        elif user >= 0 and module.to_rail_command == 0.0:
             axis = axes[user]
             demand = compute_pump_demand(
                 user,

@@ -32,7 +32,7 @@ class SpeedScaling(Record):
 
 
 RATE_BANDWIDTH = 40.0
-"""Natural frequency ω with which the rate approaches the wanted one, without overshoot [rad/s]."""
+"""Natural frequency ω of the rate's approach to the requested one, without overshoot [rad/s]."""
 
 FASTEST_SLOWING = 8.0
 """Largest −ṡ [1/s]: a piston at 12 mm/s is decelerated by less than 0.1 m/s²."""
@@ -53,16 +53,16 @@ def build_full_speed_scaling() -> Records[SpeedScaling]:
     Returns:
         SpeedScaling[1] with rate 1 and no delay.
     """
-    pace = create_records(SpeedScaling, 1)
-    pace["rate"] = 1.0
-    return pace
+    scaling = create_records(SpeedScaling, 1)
+    scaling["rate"] = 1.0
+    return scaling
 
 
 @kernel
-def update_rate(scaling: SpeedScaling, wanted_rate: float, step: float) -> None:
-    """Move the rate towards the wanted one over a step, with continuous change.
+def update_rate(scaling: SpeedScaling, requested_rate: float, step: float) -> None:
+    """Move the rate towards the requested one over a step, with continuous change.
 
-        s̈ = ω² (s_wanted − s) − 2 ω ṡ
+        s̈ = ω² (s_req − s) − 2 ω ṡ
 
     ω is RATE_BANDWIDTH. |s̈| stays within FASTEST_TURN, ṡ within −FASTEST_SLOWING …
     FASTEST_RECOVERY, and s within 0 … 1. The delay grows by (1 − s) times the step. If the plan has
@@ -71,10 +71,10 @@ def update_rate(scaling: SpeedScaling, wanted_rate: float, step: float) -> None:
     Args:
         scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ)
             [1/s] and `delay` [ns] in place.
-        wanted_rate: Wanted rate, 0 … 1.
+        requested_rate: Requested rate, 0 … 1.
         step: Control period [s].
     """
-    before, goal = scaling.rate, wanted_rate
+    before, goal = scaling.rate, requested_rate
     if scaling.rests > 0.0:
         scaling.rate, scaling.change = 1.0, 0.0
         scaling.delay = max(0.0, scaling.delay - step * SECOND_NS)

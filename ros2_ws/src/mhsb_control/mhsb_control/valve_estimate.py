@@ -78,11 +78,11 @@ class EstimatedValve(Record):
     """Sign of the motion in the window, or of the opening if the reference rests."""
     moves: int
     """1 if the reference moves in the window."""
-    opened: float
+    opening_integral: float
     """∫ G |x| dt [m]."""
-    open: float
+    gain_integral: float
     """∫ G dt [m]."""
-    wanted: float
+    reference_stroke: float
     """∫ |v_ref| dt [m]."""
     length: float
     """Cylinder length at the start of the window [m]."""
@@ -171,12 +171,12 @@ def accumulate_valve_window(
         return
     if valve.steps == 0:
         valve.sign, valve.moves, valve.length, valve.force = sign, moves, length, force
-        valve.opened = valve.open = valve.wanted = 0.0
+        valve.opening_integral = valve.gain_integral = valve.reference_stroke = 0.0
         valve.steps = 1
         return
-    valve.opened += gain * abs(opening) * step
-    valve.open += gain * step
-    valve.wanted += abs(speed) * step
+    valve.opening_integral += gain * abs(opening) * step
+    valve.gain_integral += gain * step
+    valve.reference_stroke += abs(speed) * step
     valve.steps += 1
     if valve.steps <= WINDOW_STEPS:
         return
@@ -185,15 +185,19 @@ def accumulate_valve_window(
     squeezed = sign * (force - valve.force) / stiffness
     estimate, covariance = valves.estimate[j], valves.covariance[j]
     if moves:
-        if way < MIN_STROKE_SHARE * valve.wanted:
+        if way < MIN_STROKE_SHARE * valve.reference_stroke:
             return
-        update_valve_filter(estimate, covariance, way, valve.opened, -valve.open, -squeezed)
+        update_valve_filter(
+            estimate, covariance, way, valve.opening_integral, -valve.gain_integral, -squeezed
+        )
     else:
-        passed = estimate[0] * valve.opened
-        unexplained = passed - estimate[1] * valve.open - estimate[2] * squeezed
+        passed = estimate[0] * valve.opening_integral
+        unexplained = passed - estimate[1] * valve.gain_integral - estimate[2] * squeezed
         if unexplained < max(way, 0.0) + MIN_STROKE_LAG:
             return
-        update_valve_filter(estimate, covariance, way - passed, 0.0, -valve.open, -squeezed)
+        update_valve_filter(
+            estimate, covariance, way - passed, 0.0, -valve.gain_integral, -squeezed
+        )
     a, b = estimate[0], estimate[1]
     valve.gain = min(max(a, GAIN_RANGE[0]), GAIN_RANGE[1])
     valve.overlap = min(max(b / valve.gain, 0.0), LARGEST_OVERLAP)

@@ -64,7 +64,9 @@ class SilentSensor:
         """
         silent = sample.sensed.silent
         k = int(np.argmax(silent))
-        return Finding(float(silent[k]), f"{self._names[k]} has told nothing for {silent[k]:.3f} s")
+        return Finding(
+            float(silent[k]), f"{self._names[k]} has given no reading for {silent[k]:.3f} s"
+        )
 
 
 class FrozenPressure:
@@ -105,7 +107,7 @@ class FrozenPressure:
         self._same = np.where(changed, 0.0, self._same + float(changed.any()) * WATCH_PERIOD)
         k = int(np.argmax(self._same))
         time = float(self._same.flat[k])
-        return Finding(time, f"{self._names[k]} has told the very same for {time:.2f} s")
+        return Finding(time, f"{self._names[k]} has repeated its reading for {time:.2f} s")
 
 
 class FrozenLength:
@@ -121,8 +123,8 @@ class FrozenLength:
             machine: The machine.
         """
         self._machine = machine
-        self._told = np.full(machine.joint_count, np.nan)
-        self._wanted = np.zeros(machine.joint_count)
+        self._reading = np.full(machine.joint_count, np.nan)
+        self._reference_length = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the piston whose reference has moved furthest since its length reading changed.
@@ -136,14 +138,14 @@ class FrozenLength:
         """
         now = sample.sensed.length
         wanted = self._machine.cylinder_lengths(sample.reference.position)
-        self._wanted = np.where(now != self._told, wanted, self._wanted)
-        self._told = now
-        way = np.abs(wanted - self._wanted)
+        self._reference_length = np.where(now != self._reading, wanted, self._reference_length)
+        self._reading = now
+        way = np.abs(wanted - self._reference_length)
         j = int(np.argmax(way))
         return Finding(
             float(way[j]),
-            f"the length sensor of {self._machine.actuator_names[j]} has told the very same while "
-            f"its piston was to go {1e3 * way[j]:.2f} mm",
+            f"the length sensor of {self._machine.actuator_names[j]} has repeated its reading "
+            f"while its piston was to move {1e3 * way[j]:.2f} mm",
         )
 
 
@@ -306,7 +308,7 @@ class DisagreeingValve:
         return Finding(
             far,
             f"the valve or the length sensor of {self._names[j]} fails: its piston has gone "
-            f"{1e3 * far:.2f} mm otherwise than the valve was told to open",
+            f"{1e3 * far:.2f} mm that the opening of its valve does not explain",
         )
 
     def _compute_explained_speeds(
@@ -338,7 +340,9 @@ class DisagreeingValve:
         slack = np.array([-self.OPENING, 0.0, self.OPENING])
         speeds = []
         for area, side, stroke, sign in chambers:
-            capacity = (own["dead_volume"] + own["swept"] * area * stroke) / oil.bulk_modulus
+            capacity = (
+                own["dead_volume"] + own["swept_volume_factor"] * area * stroke
+            ) / oil.bulk_modulus
             fed = np.maximum(pressure[:, LINE_SENSOR] - pressure[:, side], 0.0)
             emptied = np.maximum(pressure[:, side] - arrays.tank_pressure, 0.0)
             for each in (opening[:, None, :] + slack[:, None]).reshape(-1, len(area)):
@@ -433,4 +437,4 @@ class ServoPumpMonitor:
             if share < STOPPED_FLOW_SHARE
             else f"runs at {share:.2f} of its full speed"
         )
-        return f"servo pump {k + 1} {does}, told to run at {commanded:.2f}"
+        return f"servo pump {k + 1} {does}, commanded to run at {commanded:.2f}"

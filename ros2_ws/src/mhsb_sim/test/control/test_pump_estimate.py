@@ -40,7 +40,7 @@ def test_commands_and_flows_tell_the_lag_and_the_delay(
     machine: Machine, lag: float, delay: int
 ) -> None:
     own = drive(machine, lag, delay, noise=1e-3)[0].record[0]
-    assert own["delay"] == own["latest"] == delay
+    assert own["delay"] == own["max_plausible_delay"] == delay
     assert own["lag"] == pytest.approx(lag, rel=0.05)
     assert own["deviation"] < 0.1 * INITIAL_DEVIATION
 
@@ -56,8 +56,8 @@ def test_a_pump_that_does_not_move_tells_nothing(machine: Machine) -> None:
 def test_the_flow_that_is_foreseen_is_the_one_that_comes(machine: Machine) -> None:
     lag, delay = 0.05, 4
     drives, _ = drive(machine, lag, delay, noise=0.0)
-    flow = drives.before[0, 0]
-    waiting = drives.sent[0, :delay][::-1]
+    flow = drives.previous_flow[0, 0]
+    waiting = drives.commands[0, :delay][::-1]
     flows = solve_ivp(
         lambda t, y: [(waiting[min(int(t / STEP), delay - 1)] - y[0]) / lag, y[0]],
         (0.0, delay * STEP), [flow, 0.0], max_step=1e-4,

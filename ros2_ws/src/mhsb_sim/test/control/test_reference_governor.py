@@ -36,7 +36,7 @@ def test_the_reserve_is_the_pressure_beyond_load_and_valve(machine: Machine) -> 
             states.force[j], speed,
         )  # fmt: skip
         in_n = states.supply_pressure.min() - max(needed, 0.0)
-        assert state.actuators["unboosted"][j] == pytest.approx(in_n, abs=6e4)
+        assert state.actuators["reserve_in_n"][j] == pytest.approx(in_n, abs=6e4)
         if simulator.modes[j] != Mode.N:
             own = states.supply_pressure[j] - max(needed, 0.0)
             assert state.actuators["reserve"][j] == pytest.approx(own, abs=6e4)
@@ -54,7 +54,7 @@ def test_a_piston_that_stalls_below_its_reference_with_all_pressure_there_is_get
         state.sensors["length"][0] -= sagged
         for _ in range(300):
             reference_governor.run_governor_step(state)
-        assert state.actuators["wanted"][0] == asked_for
+        assert state.actuators["requested_mode"][0] == asked_for
 
 
 def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
@@ -63,7 +63,7 @@ def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
     for _ in range(50):
         q = random.uniform(machine.arrays.joint_min, machine.arrays.joint_max)
         off = random.normal(0.0, 1e-4, 3)
-        actuators["off"] = off
+        actuators["deviation"] = off
         exact = machine.tip_position(q + off) - machine.tip_position(q)
         speed = random.normal(0.0, 0.1, 3)
         way = machine.tip_position(q + 1e-6 * speed) - machine.tip_position(q)
@@ -85,10 +85,10 @@ def asked(reserves: list[tuple[float, float]], scheduled: bool = False) -> list[
     """What is asked for after each of these reserves [Pa], that last so long [s]."""
     actuators, modes = create_records(GovernedActuator, 1), []
     for reserve, time in reserves:
-        actuators["unboosted"] = reserve
+        actuators["reserve_in_n"] = reserve
         for _ in range(round(time / STEP)):
             update_boost_request(actuators[0], scheduled, STEP)
-        modes.append(int(actuators["wanted"][0]))
+        modes.append(int(actuators["requested_mode"][0]))
     return modes
 
 
