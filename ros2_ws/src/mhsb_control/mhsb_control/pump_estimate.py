@@ -17,6 +17,7 @@ of which the best is taken).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,34 +27,51 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 
-WINDOW_STEPS = 10
-"""Number of steps in a window."""
-
 MAX_DELAY_STEPS = 6
-"""Longest delay that is considered, in steps."""
+"""Longest delay that is considered, in steps. One model is compared for each delay."""
 
-INITIAL_DEVIATION = 0.6
-"""Initial standard deviation of θ, as a share of the machine file's value."""
 
-FLOW_DEVIATION = 4e-3
-"""Standard deviation of a window's ΔQ, as a share of full flow.
+@dataclass(frozen=True)
+class DriveSettings(Record):
+    """Tuned numbers of the estimates of the pumps' lag and delay."""
 
-It covers readings and what a first-order lag does not describe."""
+    window_steps: int = 10
+    """Number of steps in a window, 2 … 100.
 
-MIN_EXCITATION = 0.3
-"""Smallest Σ (Q_cmd − Q) of a window that is used, in full flows."""
+    Origin: half the lag of the suite's own pumps, so that a window sees a part of each
+    transient."""
+    initial_deviation: float = 0.6
+    """Initial standard deviation of θ, as a share of the machine file's value, above 0 … 10.
 
-FORGETTING_FACTOR = 0.995
-"""Factor by which each new window reduces the weight of those before."""
+    Origin: config/variations.yaml, a lag of 0.5 … 3 times the file's."""
+    flow_deviation: float = 4e-3
+    """Standard deviation of a window's ΔQ, as a share of full flow, above 0 … 1.
 
-PLAUSIBLE_LAG_RATIOS = (0.2, 8.0)
-"""Smallest and largest lag of a healthy pump, in multiples of the machine file's."""
+    It covers readings and what a first-order lag does not describe. Origin: chosen."""
+    min_excitation: float = 0.3
+    """Smallest Σ (Q_cmd − Q) of a window that is used, in full flows, 0 … 10.
 
-PLAUSIBLE_EXCESS = 9.0
-"""Residual beyond the least one, in FLOW_DEVIATION², up to which a delay is still plausible."""
+    Origin: chosen; a tenth of what a step to full flow gives in one window."""
+    forgetting_factor: float = 0.995
+    """Factor by which each new window reduces the weight of those before, above 0 … 1.
 
-MIN_LAG_DEVIATION = 0.03
-"""Smallest standard deviation of the lag, as a share of it, however much data there is."""
+    Origin: L. Ljung recommends 0.98 … 0.995 for plants that change slowly."""
+    min_lag_ratio: float = 0.2
+    """Smallest lag of a healthy pump, in multiples of the machine file's, above 0 … 1.
+
+    Origin: plausibility; config/variations.yaml has 0.5."""
+    max_lag_ratio: float = 8.0
+    """Largest lag of a healthy pump, in multiples of the machine file's, 1 … 1000.
+
+    Origin: plausibility; config/variations.yaml has 3."""
+    plausible_excess: float = 9.0
+    """Residual beyond the least one up to which a delay is plausible [`flow_deviation`²], 0 … 1e4.
+
+    Origin: three standard deviations."""
+    min_lag_deviation: float = 0.03
+    """Smallest standard deviation of the lag, as a share of it, 0 … 1.
+
+    It remains however much data there is. Origin: chosen."""
 
 
 class PumpDynamics(Record):
@@ -98,7 +116,12 @@ class DriveEstimates(NamedTuple):
 
 
 def build_drive_estimates(
-    lag: float, step: float, full_flow: float, slew: float, count: int
+    lag: float,
+    step: float,
+    full_flow: float,
+    slew: float,
+    count: int,
+    settings: DriveSettings = DriveSettings(),
 ) -> DriveEstimates:
     """Build the initial estimates of pumps from the machine file's values.
 
@@ -108,6 +131,7 @@ def build_drive_estimates(
         full_flow: Largest flow of a pump [m³/s].
         slew: Largest rate of change of the flow [m³/s²].
         count: Number m of pumps.
+        settings: Tuned numbers.
 
     Returns:
         The estimates: lag of the file, delay 0, longest plausible delay MAX_DELAY_STEPS.
@@ -115,11 +139,8 @@ def build_drive_estimates(
     record = create_records(PumpDynamics, 1)
     record["step"], record["full_flow"], record["largest_change"] = step, full_flow, slew * step
     record["file_theta"] = record["theta"] = -math.expm1(-step / lag)
-    record["lag"], record["deviation"], record["max_plausible_delay"] = (
-        lag,
-        INITIAL_DEVIATION,
-        MAX_DELAY_STEPS,
-    )
+    record["lag"], record["deviation"] = lag, settings.initial_deviation
+    record["max_plausible_delay"] = MAX_DELAY_STEPS
     return DriveEstimates(
         record=record,
         commands=np.zeros((count, MAX_DELAY_STEPS + 1)),
@@ -132,17 +153,20 @@ def build_drive_estimates(
 
 
 @kernel(borrows=True)
-def update_drive_estimates(d: DriveEstimates, modules: Records[ModuleState]) -> bool:
+def update_drive_estimates(
+    d: DriveEstimates, modules: Records[ModuleState], settings: DriveSettings
+) -> bool:
     """Add one step of all pumps to the window, and predict each pump's flow.
 
     The flow is predicted for the instant when the next command begins to act, see
-    `predict_pump_flow`. The kernel runs before the pumps get new commands. Every WINDOW_STEPS
+    `predict_pump_flow`. The kernel runs before the pumps get new commands. Every `window_steps`
     steps, the windows that `accumulate_pump_window` accepts give new estimates of lag and delay.
 
     Args:
         d: Estimates, updated in place. `flow` [m³/s] and `pending` [m³] are written in every step.
         modules: Records of the circuit's modules, [m], with measured flows and the commands of the
             last step.
+        settings: Tuned numbers.
 
     Returns:
         True if lag and delay were estimated anew in this step.
@@ -162,13 +186,14 @@ def update_drive_estimates(d: DriveEstimates, modules: Records[ModuleState]) -> 
         d.previous_flow[k, 0] = flow
     own.steps += 1
     updated = False
-    if own.steps == WINDOW_STEPS:
+    if own.steps == settings.window_steps:
         own.steps = 0
         for k in range(len(modules)):
             rise = (d.previous_flow[k, 0] - d.previous_flow[k, 1]) / own.full_flow
-            updated = accumulate_pump_window(d.squares, d.flow_errors[k], rise, own) or updated
+            used = accumulate_pump_window(d.squares, d.flow_errors[k], rise, own, settings)
+            updated = used or updated
         if updated:
-            estimate_lag_and_delay(own, d.squares)
+            estimate_lag_and_delay(own, d.squares, settings)
     for k in range(len(modules)):
         d.flow[k], d.pending[k] = predict_pump_flow(own, modules[k].flow, d.commands[k])
     return updated
@@ -176,13 +201,18 @@ def update_drive_estimates(d: DriveEstimates, modules: Records[ModuleState]) -> 
 
 @kernel(borrows=True)
 def accumulate_pump_window(
-    squares: FloatArray, flow_errors: FloatArray, rise: float, own: PumpDynamics
+    squares: FloatArray,
+    flow_errors: FloatArray,
+    rise: float,
+    own: PumpDynamics,
+    settings: DriveSettings,
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is discarded.
 
     A window is discarded in two cases, judged at the present estimate of the delay. |Σ (Q_cmd − Q)|
-    is below MIN_EXCITATION full flows. Or ΔQ corresponds to a lag outside PLAUSIBLE_LAG_RATIOS
-    times the machine file's. Earlier windows are weighted down by FORGETTING_FACTOR.
+    is below `min_excitation` full flows. Or ΔQ corresponds to a lag outside `min_lag_ratio` …
+    `max_lag_ratio` times the machine file's. Earlier windows are weighted down by
+    `forgetting_factor`.
 
     Args:
         squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4,
@@ -190,50 +220,51 @@ def accumulate_pump_window(
         flow_errors: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS +
             1].
         rise: ΔQ of the window, in full flows.
-        own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow`
-            and `file`.
+        own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow` and `file_theta`.
+        settings: Tuned numbers.
 
     Returns:
         True if the window was used.
     """
     x = flow_errors[own.delay] / own.full_flow
-    if abs(x) < MIN_EXCITATION:
+    if abs(x) < settings.min_excitation:
         return False
-    least, most = (
-        -math.expm1(math.log1p(-own.file_theta) / PLAUSIBLE_LAG_RATIOS[1]),
-        PLAUSIBLE_LAG_RATIOS[0],
-    )
-    if not least < rise / x < -math.expm1(math.log1p(-own.file_theta) / most):
+    decay = math.log1p(-own.file_theta)
+    least = -math.expm1(decay / settings.max_lag_ratio)
+    most = -math.expm1(decay / settings.min_lag_ratio)
+    if not least < rise / x < most:
         return False
     for i in range(MAX_DELAY_STEPS + 1):
         x = flow_errors[i] / own.full_flow
-        squares[0, i] = FORGETTING_FACTOR * squares[0, i] + x * x
-        squares[1, i] = FORGETTING_FACTOR * squares[1, i] + x * rise
-        squares[2, i] = FORGETTING_FACTOR * squares[2, i] + rise * rise
+        squares[0, i] = settings.forgetting_factor * squares[0, i] + x * x
+        squares[1, i] = settings.forgetting_factor * squares[1, i] + x * rise
+        squares[2, i] = settings.forgetting_factor * squares[2, i] + rise * rise
     return True
 
 
 @kernel(borrows=True)
-def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray) -> None:
+def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: DriveSettings) -> None:
     """Estimate delay, θ and lag of the pumps by least squares with a prior, for each delay.
 
     Each window gives x = Σ (Q_cmd − Q) and y = ΔQ, both in full flows. θ_file is the prior, w its
-    weight, and h the control period:
+    weight, h the control period, and σ `flow_deviation`:
 
-        θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (FLOW_DEVIATION / (INITIAL_DEVIATION θ_file))²
+        θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (σ / (`initial_deviation` θ_file))²
         residual = Σ (y − θ x)² + w (θ − θ_file)²,   τ = −h / ln(1 − θ)
 
     The delay with the least residual wins. `max_plausible_delay` becomes the longest delay whose
-    residual exceeds the least one by less than PLAUSIBLE_EXCESS · FLOW_DEVIATION².
+    residual exceeds the least one by less than `plausible_excess` σ².
 
     Args:
         own: Estimates of the pumps' dynamics. Writes in place `delay` and `max_plausible_delay`
             [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard deviation
-            of τ as a share of τ, at least MIN_LAG_DEVIATION.
+            of τ as a share of τ, at least `min_lag_deviation`.
         squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, MAX_DELAY_STEPS + 1]. The
             last row is written in place.
+        settings: Tuned numbers.
     """
-    prior = (FLOW_DEVIATION / (INITIAL_DEVIATION * own.file_theta)) ** 2
+    deviation = settings.flow_deviation
+    prior = (deviation / (settings.initial_deviation * own.file_theta)) ** 2
     least = math.inf
     left = squares[3]
     for i in range(MAX_DELAY_STEPS + 1):
@@ -243,9 +274,9 @@ def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray) -> None:
         left[i] += prior * (theta - own.file_theta) ** 2
         if left[i] < least:
             least, own.delay, own.theta = left[i], i, theta
-            own.deviation = max(FLOW_DEVIATION / math.sqrt(weight) / theta, MIN_LAG_DEVIATION)
+            own.deviation = max(deviation / math.sqrt(weight) / theta, settings.min_lag_deviation)
     for i in range(MAX_DELAY_STEPS + 1):
-        if left[i] < least + PLAUSIBLE_EXCESS * FLOW_DEVIATION * FLOW_DEVIATION:
+        if left[i] < least + settings.plausible_excess * deviation * deviation:
             own.max_plausible_delay = i
     own.lag = -own.step / math.log1p(-own.theta)
 

@@ -13,9 +13,34 @@ Source: path-velocity decomposition, Siciliano et al., Robotics, Section 4.3.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.trajectory import SECOND_NS
+
+
+@dataclass(frozen=True)
+class ScalingSettings(Record):
+    """Tuned numbers of the speed scaling."""
+
+    rate_bandwidth: float = 40.0
+    """Natural frequency ω of the rate's approach to the requested one [rad/s], 1 … 1000.
+
+    Origin: chosen; 25 ms, about what a servo pump takes to change its flow."""
+    max_slowing: float = 8.0
+    """Largest −ṡ [1/s], 0.1 … 1000.
+
+    Origin: a piston at 12 mm/s is decelerated by less than 0.1 m/s²."""
+    max_recovery: float = 2.0
+    """Largest ṡ [1/s], 0.1 … 1000.
+
+    Origin: chosen; a quarter of `max_slowing`, so that a reserve that has just returned lasts."""
+    max_turn: float = 200.0
+    """Largest |s̈| [1/s²], 1 … 1e5.
+
+    Origin: `max_slowing` is reached in 40 ms, in which the pumps follow the lower need while
+    braking."""
 
 
 class SpeedScaling(Record):
@@ -30,18 +55,6 @@ class SpeedScaling(Record):
     rests: float
     """1 if the plan has ended, else 0."""
 
-
-RATE_BANDWIDTH = 40.0
-"""Natural frequency ω of the rate's approach to the requested one, without overshoot [rad/s]."""
-
-FASTEST_SLOWING = 8.0
-"""Largest −ṡ [1/s]: a piston at 12 mm/s is decelerated by less than 0.1 m/s²."""
-
-FASTEST_RECOVERY = 2.0
-"""Largest ṡ [1/s]."""
-
-FASTEST_TURN = 200.0
-"""Largest |s̈| [1/s²]. The pumps then have 40 ms to follow the lower need while braking."""
 
 NEARLY_FULL, NEARLY_NONE = 1e-3, 1e-4
 """Tolerances at which the rate is set exactly: 1 − s towards 1, and s towards 0."""
@@ -59,13 +72,15 @@ def build_full_speed_scaling() -> Records[SpeedScaling]:
 
 
 @kernel
-def update_rate(scaling: SpeedScaling, requested_rate: float, step: float) -> None:
+def update_rate(
+    scaling: SpeedScaling, requested_rate: float, step: float, settings: ScalingSettings
+) -> None:
     """Move the rate towards the requested one over a step, with continuous change.
 
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
-    ω is RATE_BANDWIDTH. |s̈| stays within FASTEST_TURN, ṡ within −FASTEST_SLOWING …
-    FASTEST_RECOVERY, and s within 0 … 1. The delay grows by (1 − s) times the step. If the plan has
+    ω is `rate_bandwidth`. |s̈| stays within `max_turn`, ṡ within −`max_slowing` …
+    `max_recovery`, and s within 0 … 1. The delay grows by (1 − s) times the step. If the plan has
     ended, the rate becomes 1 at once, and the delay decreases by the step, down to 0.
 
     Args:
@@ -73,6 +88,7 @@ def update_rate(scaling: SpeedScaling, requested_rate: float, step: float) -> No
             [1/s] and `delay` [ns] in place.
         requested_rate: Requested rate, 0 … 1.
         step: Control period [s].
+        settings: Tuned numbers.
     """
     before, goal = scaling.rate, requested_rate
     if scaling.rests > 0.0:
@@ -84,10 +100,11 @@ def update_rate(scaling: SpeedScaling, requested_rate: float, step: float) -> No
     elif goal == 0.0 and before < NEARLY_NONE:
         scaling.rate = scaling.change = 0.0
     else:
-        jerk = RATE_BANDWIDTH * (RATE_BANDWIDTH * (goal - before) - 2.0 * scaling.change)
-        jerk = min(max(jerk, -FASTEST_TURN), FASTEST_TURN)
+        omega = settings.rate_bandwidth
+        jerk = omega * (omega * (goal - before) - 2.0 * scaling.change)
+        jerk = min(max(jerk, -settings.max_turn), settings.max_turn)
         change = scaling.change + step * jerk
-        scaling.change = min(max(change, -FASTEST_SLOWING), FASTEST_RECOVERY)
+        scaling.change = min(max(change, -settings.max_slowing), settings.max_recovery)
         rate = before + step * scaling.change
         scaling.rate = min(max(rate, 0.0), 1.0)
         if scaling.rate != rate:
