@@ -85,31 +85,48 @@ class CascadeSettings(Record):
     """Smallest τ ω²/ω_F of a joint, 1 … 100.
 
     Origin: the characteristic equation of the module's text. With 1, the lowest mode of the joint
-    would be at the limit of stability; 3 is a margin of 9.5 dB."""
+    would be at the limit of stability; 3 is a margin of 9.5 dB.
+
+    30 % smaller and larger, N = 5: RMS error −13.9 and −0.5 % (mhsb_arm3; overshoot −0.05 and
+    +0.10 MPa), +4.4 and −7.3 % (excavator; overshoot −0.20 and −0.57 MPa)."""
     max_position_gain_ratio: float = 2.0 / 3.0
     """Largest k_p/ω_F, above 0 … 1.
 
     Origin: the characteristic equation of the module's text. With 1, the fastest oscillation would
-    be at the limit of stability; ⅔ is a margin of 3.5 dB."""
+    be at the limit of stability; ⅔ is a margin of 3.5 dB.
+
+    30 % smaller and larger, N = 5: RMS error −2.1 and −5.6 % (mhsb_arm3; overshoot −0.01 and
+    +0.11 MPa), +3.6 and +2.0 % (excavator; overshoot −3.54 and −1.45 MPa)."""
     rest_speed: float = 0.02
     """Largest joint speed that |u| may demand while the joint's reference rests [rad/s], 0.001 … 1.
 
     An arm that has sagged then returns at less than 0.05 rad/s after its fault is cleared. A nearly
     closed valve holds the load by the stiffness of the oil. For a prismatic joint, here and below,
     `Machine.radian_equivalents` is the travel that counts as one radian. Origin: chosen as a speed
-    that does not surprise a person beside the arm."""
+    that does not surprise a person beside the arm.
+
+    30 % smaller and larger, N = 5: RMS error −0.2 and −4.4 % (mhsb_arm3), +0.8 and −0.4 %
+    (excavator)."""
     min_rest_error: float = 1e-4
     """Joint error from which the integral acts while the reference rests [rad], 0 … 0.01.
 
-    Smaller errors are not worth the wear of the valve. Origin: one step of a 16-bit encoder."""
+    Smaller errors are not worth the wear of the valve. Origin: one step of a 16-bit encoder.
+
+    30 % smaller and larger, N = 5: RMS error −1.3 and −3.6 % (mhsb_arm3), −2.7 and +1.0 %
+    (excavator; overshoot −0.19 and −2.35 MPa)."""
     max_rest_error: float = 1e-3
     """Joint error up to which the integral acts while the reference rests [rad], 1e-4 … 0.1.
 
-    Larger ones are an oscillation or a sag, which the force loop corrects. Origin: chosen."""
+    Larger ones are an oscillation or a sag, which the force loop corrects. Origin: chosen.
+
+    30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), +0.1 and +0.3 %
+    (excavator)."""
     integral_limit_ratio: float = 6.0
     """Ratio of the speed limit V_max to the largest |w|, 1 … 1000.
 
-    Origin: chosen; w replaces an unmodelled flow of at most a sixth of the piston's."""
+    Origin: chosen; w replaces an unmodelled flow of at most a sixth of the piston's.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     load: LoadSettings = field(default_factory=LoadSettings)
     """Tuned numbers of the estimates of payload and friction."""
 

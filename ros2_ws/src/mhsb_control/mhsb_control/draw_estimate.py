@@ -31,11 +31,17 @@ class DrawSettings(Record):
     observation_delay: float = 0.02
     """Time constant τ [s], 0.001 … 1.
 
-    Origin: longer than the delay of commands (5 ms), shorter than a piston takes to start."""
+    Origin: longer than the delay of commands (5 ms), shorter than a piston takes to start.
+
+    30 % smaller and larger, N = 5: RMS error −5.4 and −5.8 % (mhsb_arm3), −4.3 and −1.2 %
+    (excavator; overshoot −2.51 and −2.35 MPa)."""
     pressure_shortfall_scale: float = 2e5
     """Pressure below its target over which a shortfall's weight falls from 1 to 0 [Pa], 1e3 … 1e7.
 
-    Origin: chosen; below it a line needs oil whatever its piston draws."""
+    Origin: chosen; below it a line needs oil whatever its piston draws.
+
+    30 % smaller and larger, N = 5: RMS error +2.3 and −3.5 % (mhsb_arm3), −3.5 and −5.6 %
+    (excavator; overshoot −0.62 and −1.24 MPa)."""
 
 
 class DrawObserver(Record):

@@ -27,20 +27,32 @@ class ScalingSettings(Record):
     rate_bandwidth: float = 40.0
     """Natural frequency ω of the rate's approach to the requested one [rad/s], 1 … 1000.
 
-    Origin: chosen; 25 ms, about what a servo pump takes to change its flow."""
+    Origin: chosen; 25 ms, about what a servo pump takes to change its flow.
+
+    30 % smaller and larger, N = 5: RMS error −2.3 and −5.9 % (mhsb_arm3), −3.6 and +8.1 %
+    (excavator; overshoot −3.32 and −0.30 MPa, falls +0 and +1)."""
     max_slowing: float = 8.0
     """Largest −ṡ [1/s], 0.1 … 1000.
 
-    Origin: a piston at 12 mm/s is decelerated by less than 0.1 m/s²."""
+    Origin: a piston at 12 mm/s is decelerated by less than 0.1 m/s².
+
+    30 % smaller and larger, N = 5: RMS error −3.0 and −4.0 % (mhsb_arm3; overshoot +0.19 and
+    −0.04 MPa), −2.2 and +2.9 % (excavator; overshoot −3.52 and +0.68 MPa)."""
     max_recovery: float = 2.0
     """Largest ṡ [1/s], 0.1 … 1000.
 
-    Origin: chosen; a quarter of `max_slowing`, so that a reserve that has just returned lasts."""
+    Origin: chosen; a quarter of `max_slowing`, so that a reserve that has just returned lasts.
+
+    30 % smaller and larger, N = 5: RMS error −6.1 and −3.1 % (mhsb_arm3), +0.4 and +9.1 %
+    (excavator; overshoot −2.03 and −1.31 MPa, falls +1 and +0)."""
     max_turn: float = 200.0
     """Largest |s̈| [1/s²], 1 … 1e5.
 
     Origin: `max_slowing` is reached in 40 ms, in which the pumps follow the lower need while
-    braking."""
+    braking.
+
+    30 % smaller and larger, N = 5: RMS error −5.7 and −4.9 % (mhsb_arm3; overshoot −0.21 and
+    +0.10 MPa), +8.0 and +12.1 % (excavator; overshoot −0.65 and −0.38 MPa, falls +0 and +1)."""
 
 
 class SpeedScaling(Record):

@@ -63,7 +63,10 @@ class SupervisionLimits:
 
 @dataclass(frozen=True)
 class DetectionSettings:
-    """Tuned numbers of the symptoms of this module, beside their limits."""
+    """Tuned numbers of the symptoms of this module, beside their limits.
+
+    Their sensitivity has not been measured: draws of random plants run without supervision.
+    """
 
     min_duration_samples: int = 5
     """Number of samples, one every WATCH_PERIOD_NS, for which a pressure must last, 1 … 100.

@@ -31,7 +31,10 @@ PRESSURE_NAMES = "cap pressure", "rod pressure", "line pressure"
 
 @dataclass(frozen=True)
 class IsolationSettings:
-    """Tolerances of the symptoms that name a failed part."""
+    """Tolerances of the symptoms that name a failed part.
+
+    Their sensitivity has not been measured: draws of random plants run without supervision.
+    """
 
     stopped_flow_share: float = 0.05
     """Share of its full flow up to which a servo pump counts as stopped, 0 … 1.

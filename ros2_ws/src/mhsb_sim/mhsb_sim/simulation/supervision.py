@@ -36,7 +36,10 @@ from mhsb_sim.simulation.simulator import Simulator
 
 @dataclass(frozen=True)
 class SupervisionSettings:
-    """Tuned numbers of how an arm is stopped and released."""
+    """Tuned numbers of how an arm is stopped and released.
+
+    Their sensitivity has not been measured: draws of random plants run without supervision.
+    """
 
     closing_error_factor: float = 2.0
     """Following error at which the valves of a stopping arm close [its limit], 1 … 10.
