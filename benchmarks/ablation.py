@@ -15,9 +15,11 @@ changes against the servo as it is, by machine.
 from __future__ import annotations
 
 import json
+import math
 import pickle
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -164,13 +166,12 @@ def list_variants() -> dict[str, ServoSettings]:
 
 
 def load_draw(
-    machine: Machine, study: DrawStudy, draw: int, file: Path
+    make_study: Callable[[], DrawStudy], draw: int, file: Path
 ) -> tuple[PlannedSequence, Machine]:
     """Load the plans and the plant of a draw, or make them and keep them in a file.
 
     Args:
-        machine: The machine that planner and servo know.
-        study: Study that makes draws.
+        make_study: Makes the study that makes draws; called if the file does not exist.
         draw: Number of the draw.
         file: File of this draw.
 
@@ -182,7 +183,7 @@ def load_draw(
     """
     if not file.exists():
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(pickle.dumps(study.draw_plant(draw)))
+        file.write_bytes(pickle.dumps(make_study().draw_plant(draw)))
     sequence, plant, _ = pickle.loads(file.read_bytes())
     return sequence, plant
 
@@ -205,8 +206,8 @@ def simulate(machine: Machine, plant: Machine, sequence: PlannedSequence, draw: 
         run = replay(
             Simulator(machine, seed=draw, plant=plant), sequence.commands, sequence.duration
         )
-    except MhsbError as error:
-        return {"failure": str(error)}
+    except MhsbError as reason:
+        return {"failure": str(reason)}
     error = 1e3 * run.tip_error(plant)
     return {
         "rms": float(np.sqrt(np.mean(error**2))),
@@ -237,20 +238,20 @@ def run(
     """
     found = json.loads(output.read_text()) if output.exists() else {}
     variants = {k: v for k, v in list_variants().items() if only in k or k == AS_IT_IS}
-    known: dict[str, Machine] = {}
-    studies: dict[str, DrawStudy] = {}
+    known = {name: load_machine(find_config_file(f"{name}.yaml")) for name in machines}
+
+    @cache
+    def make_study(name: str) -> DrawStudy:
+        return DrawStudy(known[name], load_variations(known[name]), seed)
+
     for draw in range(draws):
-        for name in machines:
+        for name, machine in known.items():
             results = found.setdefault(name, {}).setdefault(str(draw), {})
             missing = [variant for variant in variants if variant not in results]
             if not missing:
                 continue
-            if name not in known:
-                known[name] = load_machine(find_config_file(f"{name}.yaml"))
-            machine, file = known[name], plans / f"{name}_{seed}_{draw}.pkl"
-            if not file.exists() and name not in studies:
-                studies[name] = DrawStudy(machine, load_variations(machine), seed)
-            sequence, plant = load_draw(machine, studies.get(name), draw, file)
+            file = plans / f"{name}_{seed}_{draw}.pkl"
+            sequence, plant = load_draw(partial(make_study, name), draw, file)
             for variant in tqdm(missing, desc=f"{name}, draw {draw}"):
                 variants[variant].apply()
                 results[variant] = simulate(machine, plant, sequence, draw)
@@ -302,7 +303,7 @@ def compare(results: Mapping[str, Mapping[str, Result]], variant: str) -> Effect
     falls = sum(has_fallen(new) - has_fallen(old) for old, new in pairs)
     both = [pair for pair in pairs if not any("failure" in each for each in pair)]
     if not both:
-        return Effect(len(pairs), *[float("nan")] * 4, falls=falls)
+        return Effect(len(pairs), math.nan, math.nan, math.nan, math.nan, falls)
     old, new = (np.array([float(pair[i]["rms"]) for pair in both]) for i in range(2))
     peaks = [np.quantile([float(pair[i]["overshoot"]) for pair in both], 0.95) for i in range(2)]
     return Effect(
